@@ -1,0 +1,81 @@
+"""lagrange: state kinetic and potential energy, get checked, compiled equations of motion and trajectories.
+
+Names are loaded when they are first used, so that importing the package costs nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from lagrange import methods as methods
+    from lagrange.errors import LagrangeError, RunError, SceneError, StatementError
+    from lagrange.machine.model import Model
+    from lagrange.run import flow, integrate
+    from lagrange.show.solution import Solution
+    from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
+    from lagrange.statement.energy import gravity, kinetic_energy, rotational_energy, spring
+    from lagrange.system import System, scene, scenes
+    from lagrange.trajectory.integrator import Claims, Integrator, Problem
+    from lagrange.trajectory.trajectory import Status, Trajectory
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "lagrange.errors": ("LagrangeError", "RunError", "SceneError", "StatementError"),
+    "lagrange.machine.model": ("Model",),
+    "lagrange.run": ("flow", "integrate"),
+    "lagrange.show.solution": ("Solution",),
+    "lagrange.statement.coordinate": ("coordinate", "coordinates", "parameters", "t"),
+    "lagrange.statement.energy": ("gravity", "kinetic_energy", "rotational_energy", "spring"),
+    "lagrange.system": ("System", "scene", "scenes"),
+    "lagrange.trajectory.integrator": ("Claims", "Integrator", "Problem"),
+    "lagrange.trajectory.trajectory": ("Status", "Trajectory"),
+}
+
+_HOME = {name: home for home, names in _HOMES.items() for name in names}
+
+__all__ = [
+    "Claims",
+    "Integrator",
+    "LagrangeError",
+    "Model",
+    "Problem",
+    "RunError",
+    "SceneError",
+    "Solution",
+    "StatementError",
+    "Status",
+    "System",
+    "Trajectory",
+    "__version__",
+    "coordinate",
+    "coordinates",
+    "flow",
+    "gravity",
+    "integrate",
+    "kinetic_energy",
+    "methods",
+    "parameters",
+    "rotational_energy",
+    "scene",
+    "scenes",
+    "spring",
+    "t",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name from the module it lives in (PEP 562)."""
+    if name == "methods":
+        return import_module("lagrange.methods")
+    if name not in _HOME:
+        raise AttributeError(f"module 'lagrange' has no attribute {name!r}")
+    value = getattr(import_module(_HOME[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

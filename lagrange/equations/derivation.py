@@ -1,0 +1,236 @@
+"""The equations of motion as a textbook derives them, for people to read; independent of the compiled graph."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any, TypeVar
+
+from sympy import Dummy, Eq, Float, ImmutableDenseMatrix, Rational, S
+
+from lagrange.equations.collect import Collector
+from lagrange.equations.solve import NestedCofactors, coupled_blocks, expanded_cofactors
+from lagrange.equations.terms import Algebra, Terms, TooLargeError, differentiable, printable
+from lagrange.errors import StatementError, listing
+from lagrange.statement.coordinate import acceleration_of, t
+from lagrange.statement.statement import Statement
+
+Part = TypeVar("Part")
+
+BUDGET = 300_000
+"""Monomials that one part may make, 3 to 4 s of them; the equations of a 30-link chain take 150,000."""
+EXPANDED_BLOCK = 3
+"""Up to this many coupled coordinates are solved with the determinants multiplied out and merged."""
+LONGEST_FORMULA = 20_000
+"""Operations in one acceleration above which it is refused, some 50 printed pages."""
+LARGEST_FRACTION = 10**6
+"""Fractions with larger numbers are shown as decimals, where the statement has decimals."""
+
+ACCELERATIONS = "the solved accelerations"
+
+
+def derive(statement: Statement) -> Derivation:
+    """Return the derivation of the statement's equations of motion, each part computed when first read."""
+    return Derivation(statement, _Page(statement))
+
+
+@dataclass(frozen=True, eq=False)
+class Derivation:
+    """L = T - V, p = dL/dv, and d/dt dL/dv - dL/dq + dD/dv = Q for every coordinate, in SymPy.
+
+    Expressions are in q(t), Derivative(q(t), t), Derivative(q(t), (t, 2)), the parameters and t. They are expanded,
+    their sines and cosines merged by the addition theorems, and collected. Every part raises StatementError when it
+    is too large to be written out. Source: Goldstein, Classical Mechanics, chapters 1 and 2.
+    """
+
+    statement: Statement
+    _page: _Page
+
+    @cached_property
+    def lagrangian(self) -> Any:
+        """L = T - V, merged and collected."""
+        return self._written("the Lagrangian", lambda page: page.show(page.lagrangian))
+
+    @cached_property
+    def momenta(self) -> Mapping[Any, Any]:
+        """{coordinate: dL/dv}."""
+        return self._written("the momenta", lambda page: page.by_coordinate(map(page.show, page.momenta)))
+
+    @cached_property
+    def equations(self) -> tuple[Any, ...]:
+        """One Eq per coordinate; generalized forces stand on the right, as they were stated."""
+        lefts = self._written("the equations of motion", lambda page: [page.show(left) for left in page.left_sides])
+        return tuple(Eq(left, force, evaluate=False) for left, force in zip(lefts, self.statement.forces, strict=True))
+
+    @cached_property
+    def mass_matrix(self) -> Any:
+        """M = d2L/dv2, an immutable Matrix (n, n)."""
+        entries = self._written("the mass matrix", lambda page: [[page.show(entry) for entry in row] for row in page.mass])
+        return ImmutableDenseMatrix(entries)
+
+    @cached_property
+    def energy(self) -> Any:
+        """The Jacobi integral v . p - L; T + V where T is quadratic in the velocities."""
+        return self._written("the energy", lambda page: page.show(page.energy))
+
+    @cached_property
+    def accelerations(self) -> Mapping[Any, Any]:
+        """{coordinate: acceleration}, solved by cofactors: the only denominators are determinants of coupled blocks.
+
+        Raises StatementError for a singular mass matrix and for formulas that are too long to print.
+        """
+        return self._written(ACCELERATIONS, lambda page: page.by_coordinate(page.accelerations))
+
+    def _written(self, what: str, part: Callable[[_Page], Part]) -> Part:
+        self._page.algebra.budget = BUDGET
+        try:
+            return part(self._page)
+        except (TooLargeError, RecursionError):
+            raise StatementError(
+                f"{self.statement.name} is too large for {what} to be written out in symbols"
+                f" ({len(self.statement.coordinates)} coordinates: {listing(self.statement.names[:8])}"
+                f"{', ...' if len(self.statement.names) > 8 else ''}). compile() gives the same as numbers, of any size"
+                + ("; equations() gives the equations before they are solved." if what == ACCELERATIONS else ".")
+            ) from None
+
+
+class _Page:
+    """The derivation in `Terms`, each part computed once; coordinates and velocities are plain real symbols here.
+
+    The symbols are dummies, so that a parameter or coordinate named like a velocity cannot be taken for it.
+    """
+
+    def __init__(self, statement: Statement) -> None:
+        self.statement = statement
+        self.q, self.v, self.a = (
+            tuple(Dummy(name + ending, real=True) for name in statement.names) for ending in ("", "_dot", "_ddot")
+        )
+        self.time = Dummy("t", real=True)
+        self.plain: dict[Any, Any] = {t: self.time}
+        for i, coordinate in enumerate(statement.coordinates):
+            self.plain[coordinate] = self.q[i]
+            self.plain[statement.velocities[i]] = self.v[i]
+            self.plain[acceleration_of(coordinate)] = self.a[i]
+        self.stated = {symbol: expression for expression, symbol in self.plain.items()}
+        self.decimal = False
+        self.algebra = Algebra(BUDGET)
+        self.collector = Collector(self.algebra, frozenset(self.q), frozenset((*self.q, *self.v, *self.a, self.time)))
+
+    @cached_property
+    def lagrangian(self) -> Terms:
+        return self.algebra.merge_angles(self.read(self.statement.lagrangian))
+
+    @cached_property
+    def momenta(self) -> list[Terms]:
+        return [self.algebra.differentiate(self.lagrangian, v) for v in self.v]
+
+    @cached_property
+    def mass(self) -> list[list[Terms]]:
+        """M = dp/dv, merged."""
+        upper = {
+            (i, j): self.algebra.merge_angles(self.algebra.differentiate(p, self.v[j]))
+            for i, p in enumerate(self.momenta)
+            for j in range(i, len(self.v))
+        }
+        return [[upper[min(i, j), max(i, j)] for j in range(len(self.v))] for i in range(len(self.v))]
+
+    @cached_property
+    def remainders(self) -> list[Terms]:
+        """What stands beside M a on the left: (dp/dq) v + dp/dt - dL/dq + dD/dv, for each coordinate."""
+        algebra = self.algebra
+        dissipation = self.read(self.statement.dissipation)
+        remainders = []
+        for i, p in enumerate(self.momenta):
+            drift = (algebra.multiply(algebra.differentiate(p, q), self.symbol(v)) for q, v in zip(self.q, self.v, strict=True))
+            pull = algebra.scale(algebra.differentiate(self.lagrangian, self.q[i]), S.NegativeOne)
+            drag = algebra.differentiate(dissipation, self.v[i])
+            remainders.append(algebra.merge_angles(algebra.add({}, *drift, algebra.differentiate(p, self.time), pull, drag)))
+        return remainders
+
+    @cached_property
+    def left_sides(self) -> list[Terms]:
+        """M a + remainder."""
+        return [
+            self.algebra.add({}, *(self.algebra.multiply(m, self.symbol(a)) for m, a in zip(row, self.a, strict=True)), rest)
+            for row, rest in zip(self.mass, self.remainders, strict=True)
+        ]
+
+    @cached_property
+    def energy(self) -> Terms:
+        work = (self.algebra.multiply(p, self.symbol(v)) for p, v in zip(self.momenta, self.v, strict=True))
+        return self.algebra.merge_angles(self.algebra.add(self.algebra.scale(self.lagrangian, S.NegativeOne), *work))
+
+    @cached_property
+    def accelerations(self) -> list[Any]:
+        """M^-1 (Q - remainder), block by block."""
+        forces = [self.read(force) for force in self.statement.forces]
+        bias = [
+            self.algebra.add(force, self.algebra.scale(rest, S.NegativeOne))
+            for force, rest in zip(forces, self.remainders, strict=True)
+        ]
+        solved: dict[int, Any] = {}
+        for block in coupled_blocks([[bool(entry) for entry in row] for row in self.mass]):
+            matrix = [[self.mass[i][j] for j in block] for i in block]
+            solve = self.solve_expanded if len(block) <= EXPANDED_BLOCK else self.solve_nested
+            solved.update(zip(block, solve(block, matrix, [bias[i] for i in block]), strict=True))
+        return [solved[i] for i in range(len(solved))]
+
+    def solve_expanded(self, block: list[int], matrix: list[list[Terms]], bias: list[Terms]) -> list[Any]:
+        above, determinant = expanded_cofactors(self.algebra, matrix, bias)
+        if not determinant:
+            raise self.singular(block)
+        return [self.finish(self.collector.quotient(terms, determinant)) for terms in above]
+
+    def solve_nested(self, block: list[int], matrix: list[list[Terms]], bias: list[Terms]) -> list[Any]:
+        entries = [[self.collector.write(entry) for entry in row] for row in matrix]
+        right = [self.collector.write(entry) for entry in bias]
+        solution = NestedCofactors(entries, right, LONGEST_FORMULA).solution()
+        if solution is None:
+            raise self.singular(block)
+        return [self.finish(expression) for expression in solution]
+
+    def singular(self, block: list[int]) -> StatementError:
+        names = [self.statement.names[i] for i in block]
+        return StatementError(
+            f"the mass matrix of {listing(names)} is singular at every state, so the accelerations are not determined: "
+            "give each coordinate inertia of its own in the kinetic energy, or state fewer coordinates."
+        )
+
+    def read(self, expression: Any) -> Terms:
+        """Return a stated expression as terms, its decimals exact: 0.1 is one tenth."""
+        plain = expression.xreplace(self.plain)
+        decimals = plain.atoms(Float)
+        if decimals:
+            self.decimal = True
+            plain = plain.xreplace({number: Rational(repr(float(number))) for number in decimals})
+        return self.algebra.read(differentiable(plain))
+
+    def symbol(self, symbol: Any) -> Terms:
+        return self.algebra.read(symbol)
+
+    def show(self, terms: Terms) -> Any:
+        return self.finish(self.collector.write(terms))
+
+    def finish(self, expression: Any) -> Any:
+        """Return the expression in the stated symbols, with decimals again where a fraction is no help."""
+        expression = printable(expression).xreplace(self.stated)
+        if not self.decimal:
+            return expression
+        return expression.xreplace({number: Float(float(number)) for number in expression.atoms(Rational) if _unreadable(number)})
+
+    def by_coordinate(self, parts: Iterable[Any]) -> Mapping[Any, Any]:
+        return MappingProxyType(dict(zip(self.statement.coordinates, parts, strict=True)))
+
+
+def _unreadable(number: Any) -> bool:
+    """Whether a fraction that came from decimals is better shown as one: 981/100 is, 1/2 and 1/3 are not."""
+    numerator, denominator = abs(int(number.p)), int(number.q)
+    if max(numerator, denominator) > LARGEST_FRACTION:
+        return True
+    while denominator % 2 == 0:
+        denominator //= 2
+    while denominator % 5 == 0:
+        denominator //= 5
+    return denominator == 1 and int(number.q) > 8

@@ -1,0 +1,145 @@
+"""The laws of motion as graph nodes: p = dL/dv, f = dL/dq + Q - dD/dv, M a = h.
+
+M = d2L/dv2 and h = f - (d2L/dv dq) v - d2L/dv dt. The bias in h is one forward sweep over p along (v, 0, 1);
+nothing is expanded and nothing is simplified beyond what the graph does by itself.
+Source: H. Goldstein, C. Poole, J. Safko, Classical Mechanics, 3rd ed., 2002, sections 1.4, 1.5 and 2.7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from lagrange.equations.structure import Structure, find_structure, mass_blocks
+from lagrange.graph.differentiate import gradient, tangents
+from lagrange.graph.from_sympy import Translator
+from lagrange.graph.node import Binding, Graph, Node
+from lagrange.graph.share import share_sums
+from lagrange.statement.coordinate import acceleration_of, t
+from lagrange.statement.statement import Statement
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """Every law of one system, as nodes of one graph.
+
+    `q`, `v` and `parameters` are the symbols, n, n and k of them; `momenta`, `forces`, `bias` and
+    `accelerations` have n entries, `mass` n rows; `leaves` maps the statement's SymPy leaves to symbols.
+    """
+
+    graph: Graph
+    q: tuple[Node, ...]
+    v: tuple[Node, ...]
+    time: Node
+    parameters: tuple[Node, ...]
+    leaves: Mapping[Any, Node]
+    lagrangian: Node
+    momenta: tuple[Node, ...]
+    forces: tuple[Node, ...]
+    mass: tuple[tuple[Node, ...], ...]
+    bias: tuple[Node, ...]
+    energy: Node
+    accelerations: tuple[Node, ...]
+    structure: Structure
+
+    def translate(self, expression: Any) -> Node:
+        """Return the node of a SymPy expression in q, v, accelerations, parameters and t."""
+        return Translator(self.graph, self.leaves)(expression)
+
+
+def euler_lagrange(statement: Statement) -> Equations:
+    """Form the equations of motion of a statement."""
+    graph = Graph()
+    q, v, time, parameters = _symbols(graph, statement)
+    leaves = dict(zip((*statement.coordinates, *statement.velocities), (*q, *v), strict=True))
+    leaves |= {t: time, **dict(zip(statement.parameters, parameters, strict=True))}
+    translate = Translator(graph, leaves)
+    stated = [translate(e) for e in (statement.kinetic, statement.potential, statement.dissipation, *statement.forces)]
+    kinetic, potential, dissipation, *applied = share_sums(graph, stated)
+    lagrangian = kinetic - potential
+
+    momenta = conjugate_momenta(lagrangian, v)
+    extra = applied_forces(applied, dissipation, v)
+    forces = generalized_forces(lagrangian, q, extra)
+    mass = mass_matrix(momenta, v)
+    bias = bias_forces(forces, momenta, q, v, time)
+    accelerations = solve_accelerations(graph, mass, bias)
+    structure = find_structure(graph, statement.names, q, time, lagrangian, momenta, extra, mass, accelerations)
+    known = dict(zip(map(acceleration_of, statement.coordinates), accelerations, strict=True))
+    return Equations(
+        graph=graph,
+        q=q,
+        v=v,
+        time=time,
+        parameters=parameters,
+        leaves=leaves | known,
+        lagrangian=lagrangian,
+        momenta=tuple(momenta),
+        forces=tuple(forces),
+        mass=mass,
+        bias=tuple(bias),
+        energy=jacobi_integral(lagrangian, momenta, v),
+        accelerations=tuple(accelerations),
+        structure=structure,
+    )
+
+
+def conjugate_momenta(lagrangian: Node, v: Sequence[Node]) -> list[Node]:
+    """Return p = dL/dv."""
+    return gradient(lagrangian, v)
+
+
+def applied_forces(forces: Sequence[Node], dissipation: Node, v: Sequence[Node]) -> list[Node]:
+    """Return Q - dD/dv."""
+    return [force - drag for force, drag in zip(forces, gradient(dissipation, v), strict=True)]
+
+
+def generalized_forces(lagrangian: Node, q: Sequence[Node], applied: Sequence[Node]) -> list[Node]:
+    """Return f = dL/dq + Q - dD/dv."""
+    return [slope + force for slope, force in zip(gradient(lagrangian, q), applied, strict=True)]
+
+
+def mass_matrix(momenta: Sequence[Node], v: Sequence[Node]) -> tuple[tuple[Node, ...], ...]:
+    """Return M = dp/dv, n rows; the upper triangle mirrors the lower."""
+    n = len(v)
+    rows: list[list[Node]] = [[] for _ in range(n)]
+    for j in range(n):
+        column = tangents(momenta[j:], {v[j]: v[j].graph.one})
+        for i in range(j, n):
+            rows[i].append(column(momenta[i]))
+    return tuple(tuple(rows[max(i, j)][min(i, j)] for j in range(n)) for i in range(n))
+
+
+def bias_forces(
+    forces: Sequence[Node], momenta: Sequence[Node], q: Sequence[Node], v: Sequence[Node], time: Node
+) -> list[Node]:
+    """Return h = f - (dp/dq) v - dp/dt, so that M a = h."""
+    along = tangents(momenta, {**dict(zip(q, v, strict=True)), time: time.graph.one})
+    return [force - along(momentum) for force, momentum in zip(forces, momenta, strict=True)]
+
+
+def jacobi_integral(lagrangian: Node, momenta: Sequence[Node], v: Sequence[Node]) -> Node:
+    """Return v.p - L, which is T + V where T is quadratic in the velocities and V free of them."""
+    graph = lagrangian.graph
+    powers = [(1, graph.product(pair)) for pair in zip(v, momenta, strict=True)]
+    return graph.sum([*powers, (-1, lagrangian)])
+
+
+def solve_accelerations(graph: Graph, mass: Sequence[Sequence[Node]], bias: Sequence[Node]) -> list[Node]:
+    """Return a of M a = h, block by block of the mass matrix."""
+    found: dict[int, Node] = {}
+    for block in mass_blocks(mass):
+        solution = graph.solve([[mass[i][j] for j in block] for i in block], [bias[i] for i in block])
+        found.update(zip(block, solution, strict=True))
+    return [found[i] for i in range(len(bias))]
+
+
+def _symbols(
+    graph: Graph, statement: Statement
+) -> tuple[tuple[Node, ...], tuple[Node, ...], Node, tuple[Node, ...]]:
+    parameters = tuple(graph.symbol(f"parameter {p.name}", Binding.PARAMETER) for p in statement.parameters)
+    time = graph.symbol("t", Binding.TIME)
+    q = tuple(graph.symbol(name, Binding.CONFIGURATION) for name in statement.names)
+    v = tuple(graph.symbol(f"{name}.dot", Binding.VELOCITY) for name in statement.names)
+    return q, v, time, parameters

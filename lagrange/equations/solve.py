@@ -1,0 +1,108 @@
+"""Solve M a = h in symbols by cofactors, so that only the determinant is ever divided by.
+
+Elimination divides by pivots. A pivot is a function of the state; it can vanish at a state where M is regular, and
+then the formula is wrong exactly there, at theta = pi/2 or with straight arms. det M vanishes only where M is singular.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from sympy import Add, Mul, S
+
+from lagrange.equations.terms import ONE, Algebra, Terms, TooLargeError
+
+
+def coupled_blocks(nonzero: Sequence[Sequence[bool]]) -> list[list[int]]:
+    """Return the index sets, each sorted, into which a symmetric matrix falls."""
+    blocks: list[list[int]] = []
+    left = dict.fromkeys(range(len(nonzero)))
+    while left:
+        block, frontier = [], [next(iter(left))]
+        del left[frontier[0]]
+        while frontier:
+            i = frontier.pop()
+            block.append(i)
+            reached = [j for j in left if nonzero[i][j]]
+            for j in reached:
+                del left[j]
+            frontier += reached
+        blocks.append(sorted(block))
+    return blocks
+
+
+def expanded_cofactors(algebra: Algebra, matrix: Sequence[Sequence[Terms]], bias: Sequence[Terms]) -> tuple[list[Terms], Terms]:
+    """Return the numerators of M^-1 h and the determinant, multiplied out and merged."""
+    n = len(matrix)
+    cofactors = [[_minor(algebra, matrix, _without(n, i), _without(n, j), (-1) ** (i + j)) for j in range(n)] for i in range(n)]
+    determinant = algebra.add({}, *(algebra.multiply(matrix[0][j], cofactors[0][j]) for j in range(n)))
+    above = [algebra.add({}, *(algebra.multiply(bias[i], cofactors[i][j]) for i in range(n))) for j in range(n)]
+    return [algebra.merge_angles(terms) for terms in above], algebra.merge_angles(determinant)
+
+
+def _without(n: int, left_out: int) -> tuple[int, ...]:
+    return tuple(k for k in range(n) if k != left_out)
+
+
+def _minor(algebra: Algebra, matrix: Sequence[Sequence[Terms]], rows: tuple[int, ...], columns: tuple[int, ...], sign: int) -> Terms:
+    if not rows:
+        return {ONE: S(sign)}
+    total: Terms = {}
+    for place, column in enumerate(columns):
+        entry = matrix[rows[0]][column]
+        if entry:
+            rest = columns[:place] + columns[place + 1 :]
+            total = algebra.add(total, algebra.multiply(entry, _minor(algebra, matrix, rows[1:], rest, sign * (-1) ** place)))
+    return algebra.merge_angles(total)
+
+
+class NestedCofactors:
+    """M^-1 h with the entries left as they are: one expression per minor, shared wherever it occurs.
+
+    `longest` bounds the operations of each formula as it would be printed; TooLargeError above it.
+    """
+
+    def __init__(self, matrix: Sequence[Sequence[Any]], bias: Sequence[Any], longest: int) -> None:
+        self._matrix = matrix
+        self._bias = bias
+        self._longest = longest
+        self._entry_sizes = [[entry.count_ops() + 1 for entry in row] for row in matrix]
+        self._minors: dict[tuple[tuple[int, ...], tuple[int, ...]], tuple[Any, int]] = {}
+
+    def solution(self) -> list[Any]:
+        """Return M^-1 h, n expressions over one determinant."""
+        n = len(self._matrix)
+        everything = tuple(range(n))
+        determinant, below = self._minor(everything, everything)
+        solution = []
+        for j in range(n):
+            parts, size = [], below
+            for i in range(n):
+                cofactor, length = self._minor(_without(n, i), _without(n, j))
+                if cofactor != 0 and self._bias[i] != 0:
+                    parts.append(Mul((-1) ** (i + j), cofactor, self._bias[i]))
+                    size = self._bounded(size + length + self._bias[i].count_ops() + 1)
+            solution.append(Add(*parts) / determinant)
+        return solution
+
+    def _minor(self, rows: tuple[int, ...], columns: tuple[int, ...]) -> tuple[Any, int]:
+        if not rows:
+            return S.One, 0
+        key = (rows, columns)
+        if key not in self._minors:
+            parts, size = [], 0
+            for place, column in enumerate(columns):
+                entry = self._matrix[rows[0]][column]
+                if entry != 0:
+                    minor, length = self._minor(rows[1:], columns[:place] + columns[place + 1 :])
+                    if minor != 0:
+                        parts.append(Mul((-1) ** place, entry, minor))
+                        size = self._bounded(size + length + self._entry_sizes[rows[0]][column])
+            self._minors[key] = Add(*parts), size
+        return self._minors[key]
+
+    def _bounded(self, size: int) -> int:
+        if size > self._longest:
+            raise TooLargeError
+        return size

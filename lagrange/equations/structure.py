@@ -1,0 +1,107 @@
+"""What kind of system it is: findings that choose code, allow methods, and are told to the user in words.
+
+A finding is made from the expressions as they stand, so it is never wrong but can be missed: a Lagrangian
+that depends on a coordinate only through sin(q)**2 + cos(q)**2 counts as depending on it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from lagrange.errors import listing
+from lagrange.graph.node import Binding, Graph, Node
+
+
+@dataclass(frozen=True)
+class Structure:
+    """The findings; `blocks` are the groups of coordinates that the mass matrix couples."""
+
+    names: tuple[str, ...]
+    blocks: tuple[tuple[int, ...], ...]
+    constant_mass: bool
+    separable: bool
+    autonomous: bool
+    forced: bool
+    cyclic: tuple[int, ...]
+    position_only: bool
+
+    @property
+    def conservative(self) -> bool:
+        """Whether the energy v.p - L is conserved: no explicit time, no forces, no dissipation."""
+        return self.autonomous and not self.forced
+
+    def sentences(self) -> list[str]:
+        """Return the findings in words, one sentence each."""
+        return [
+            self._mass(),
+            "The kinetic energy depends on velocities alone, and the potential on coordinates alone."
+            if self.separable
+            else "The Lagrangian does not separate into a kinetic part in the velocities and a potential in the coordinates.",
+            self._energy(),
+            *self._momenta(),
+        ]
+
+    def _mass(self) -> str:
+        kind = "constant" if self.constant_mass else "changes along the motion"
+        if len(self.blocks) == len(self.names):
+            return f"The mass matrix is diagonal and {kind}."
+        if len(self.blocks) == 1:
+            return f"The mass matrix couples all coordinates and {kind.replace('constant', 'is constant')}."
+        groups = listing("(" + ", ".join(self.names[i] for i in block) + ")" for block in self.blocks)
+        return f"The mass matrix falls into blocks {groups} and {kind.replace('constant', 'is constant')}."
+
+    def _energy(self) -> str:
+        if self.conservative:
+            return "Nothing depends on time explicitly and no force acts beside the potential: the energy is conserved."
+        causes = ["the Lagrangian depends on time"] * (not self.autonomous) + ["forces or dissipation act"] * self.forced
+        return f"The energy is not conserved: {listing(causes)}."
+
+    def _momenta(self) -> list[str]:
+        return [
+            f"{self.names[i]} does not appear in the Lagrangian: its conjugate momentum is conserved." for i in self.cyclic
+        ]
+
+
+def mass_blocks(mass: Sequence[Sequence[Node]]) -> tuple[tuple[int, ...], ...]:
+    """Return the groups of indices that the non-zero entries of a symmetric matrix connect, each sorted."""
+    n = len(mass)
+    label = list(range(n))
+    for i in range(n):
+        for j in range(i):
+            if mass[i][j] is not mass[i][j].graph.zero and label[i] != label[j]:
+                old, new = max(label[i], label[j]), min(label[i], label[j])
+                label = [new if entry == old else entry for entry in label]
+    return tuple(tuple(i for i in range(n) if label[i] == root) for root in dict.fromkeys(label))
+
+
+def find_structure(
+    graph: Graph,
+    names: tuple[str, ...],
+    q: Sequence[Node],
+    time: Node,
+    lagrangian: Node,
+    momenta: Sequence[Node],
+    extra: Sequence[Node],
+    mass: Sequence[Sequence[Node]],
+    accelerations: Sequence[Node],
+) -> Structure:
+    """Find the structure; `extra` are the generalized forces less dissipation, Q - dD/dv."""
+    free = [force is graph.zero for force in extra]
+    return Structure(
+        names=names,
+        blocks=mass_blocks(mass),
+        constant_mass=all(entry.binding <= Binding.PARAMETER for row in mass for entry in row),
+        separable=not any(p.binding in (Binding.TIME, Binding.CONFIGURATION) or _mixed(p, q, time) for p in momenta),
+        autonomous=not lagrangian.depends & time.depends,
+        forced=not all(free),
+        cyclic=tuple(i for i, x in enumerate(q) if not lagrangian.depends & x.depends and free[i]),
+        position_only=all(a.binding <= Binding.CONFIGURATION for a in accelerations),
+    )
+
+
+def _mixed(momentum: Node, q: Sequence[Node], time: Node) -> bool:
+    mask = time.depends
+    for x in q:
+        mask |= x.depends
+    return bool(momentum.depends & mask)

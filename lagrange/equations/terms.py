@@ -1,0 +1,384 @@
+"""Sums of monomials in sines, cosines, powers and symbols: the small algebra in which a textbook derivation is done.
+
+A book expands products, uses sin^2 + cos^2 = 1 and cos(a - b) = cos a cos b + sin a sin b, and collects. That is all
+that happens here, so that the cost is bounded and known. A global ``simplify`` is neither: it needs minutes for
+equations that these rules bring into the same form in milliseconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+from math import gcd, lcm
+from typing import Any
+
+import sympy
+from sympy import Add, Expr, Function, Mul, Pow, S
+
+Monomial = tuple[tuple[int, Any], ...]
+"""Factor numbers with their exponents (int or Rational), sorted by number."""
+
+Terms = dict[Monomial, Any]
+"""A sum: its monomials, each with a SymPy number."""
+
+ONE: Monomial = ()
+WIDEST_PRODUCT = 2000
+"""Sums whose product has more terms than this stay factors; a 30-link chain needs 900."""
+HIGHEST_POWER = 6
+
+_CO = {sympy.sin: sympy.cos, sympy.cos: sympy.sin}
+
+
+class TooLargeError(Exception):
+    """The sum has outgrown what a person could read; callers turn this into words."""
+
+
+class Magnitude(Function):
+    """|x| of a real x. SymPy's own differentiates to Derivative(re(x)) where it cannot prove that x is real."""
+
+    is_real = True
+
+    def fdiff(self, argindex: int = 1) -> Any:
+        """Return the derivative, sign(x)."""
+        return Direction(self.args[0])
+
+
+class Direction(Function):
+    """The sign of a real x, constant on either side of zero: no Dirac delta reaches an equation of motion."""
+
+    is_real = True
+
+    def fdiff(self, argindex: int = 1) -> Any:
+        """Return the derivative, zero."""
+        return S.Zero
+
+
+def differentiable(expression: Any) -> Any:
+    """Return the expression with |x|, sign, Min and Max in forms that differentiate to ordinary functions."""
+    return _exchange(expression, {sympy.Abs: Magnitude, sympy.sign: Direction, sympy.Max: _maximum, sympy.Min: _minimum})
+
+
+def printable(expression: Any) -> Any:
+    """Return the expression with the usual |x| and sign."""
+    return _exchange(expression, {Magnitude: sympy.Abs, Direction: sympy.sign})
+
+
+def _exchange(expression: Any, table: Mapping[Any, Any]) -> Any:
+    if not expression.has(*table):
+        return expression
+    return expression.replace(lambda node: node.func in table, lambda node: table[node.func](*node.args))
+
+
+def _maximum(first: Any, *rest: Any) -> Any:
+    for other in rest:
+        first = sympy.Piecewise((first, first >= other), (other, True))
+    return first
+
+
+def _minimum(first: Any, *rest: Any) -> Any:
+    for other in rest:
+        first = sympy.Piecewise((first, first <= other), (other, True))
+    return first
+
+
+class Algebra:
+    """Arithmetic on `Terms` over one growing table of factors. `budget` bounds the monomials ever made.
+
+    Every operation raises TooLargeError when the budget is spent.
+    """
+
+    def __init__(self, budget: int) -> None:
+        self.budget = budget
+        self.factors: list[Any] = []
+        self._numbers: dict[Any, int] = {}
+        self._numeric: list[int] = []
+        self._angles: dict[int, tuple[Any, Any]] = {}
+        self._circle: dict[tuple[Any, Any], int] = {}
+        self._directions: dict[int, tuple[int, int]] = {}
+        self._sizes: list[int] = []
+        self._free: list[frozenset[Any]] = []
+        self._read: dict[Any, Terms] = {}
+        self._slopes: dict[tuple[int, Any], Terms] = {}
+
+    def read(self, expression: Any) -> Terms:
+        """Return the expression as a sum of monomials, expanded as far as that stays small."""
+        known = self._read.get(expression)
+        if known is None:
+            known = self._read[expression] = self._read_new(expression)
+        return known
+
+    def write(self, terms: Terms) -> Any:
+        """Return the plain, ungrouped SymPy sum."""
+        return Add(*(Mul(number, self.power(monomial)) for monomial, number in terms.items()))
+
+    def power(self, monomial: Monomial) -> Any:
+        """Return the SymPy product of a monomial."""
+        return Mul(*(Pow(self.factors[k], e) for k, e in monomial))
+
+    def size(self, monomial: Monomial) -> int:
+        """Return how many operations stand inside the factors of a monomial."""
+        return sum(self._sizes[k] for k, _ in monomial)
+
+    def free(self, number: int) -> frozenset[Any]:
+        """Return the symbols that a factor contains."""
+        return self._free[number]
+
+    def add(self, *sums: Terms) -> Terms:
+        """Return the sum."""
+        total = dict(sums[0])
+        for terms in sums[1:]:
+            for monomial, number in terms.items():
+                _accumulate(total, monomial, number)
+        return total
+
+    def scale(self, terms: Terms, number: Any) -> Terms:
+        """Return the sum times a SymPy number other than zero."""
+        return {monomial: number * value for monomial, value in terms.items()}
+
+    def multiply(self, a: Terms, b: Terms) -> Terms:
+        """Return the expanded product."""
+        self.spend(len(a) * len(b))
+        product: Terms = {}
+        for left, x in a.items():
+            for right, y in b.items():
+                monomial, number = self._join(left, right)
+                _accumulate(product, monomial, x * y * number)
+        return product
+
+    def differentiate(self, terms: Terms, symbol: Any) -> Terms:
+        """Return the partial derivative with respect to a symbol."""
+        result: Terms = {}
+        for monomial, number in terms.items():
+            for k, e in monomial:
+                if symbol in self._free[k]:
+                    rest, _ = self._join(monomial, ((k, -1),))
+                    for inner, slope in self._slope(k, symbol).items():
+                        self.spend(1)
+                        joined, scale = self._join(rest, inner)
+                        _accumulate(result, joined, number * e * slope * scale)
+        return result
+
+    def divide(self, terms: Terms, divisor: Terms) -> Terms:
+        """Return the sum divided by a sum of one term."""
+        ((monomial, number),) = divisor.items()
+        return self.multiply(terms, {tuple((k, -e) for k, e in monomial): 1 / number})
+
+    def spend(self, amount: int) -> None:
+        """Take that many monomials off the budget."""
+        self.budget -= amount
+        if self.budget < 0:
+            raise TooLargeError
+
+    def unfold(self, terms: Terms) -> Terms:
+        """Expand sums that have become whole positive powers, such as the square of a root."""
+        result: Terms = {}
+        for monomial, number in terms.items():
+            sums = [(k, e) for k, e in monomial if isinstance(e, int) and 0 < e <= HIGHEST_POWER and self.factors[k].is_Add]
+            product: Terms = {tuple(factor for factor in monomial if factor not in sums): number}
+            for k, e in sums:
+                for _ in range(e):
+                    product = self.multiply(product, self.read(self.factors[k]))
+            result = self.add(result, product)
+        return result
+
+    def merge_angles(self, terms: Terms) -> Terms:
+        """Use sin^2 + cos^2 = 1 and the addition theorems wherever they make the sum shorter or lower its degree.
+
+        It ends: every replacement lowers the number of terms, or keeps it and lowers the degree.
+        """
+        terms = dict(terms)
+        changed = True
+        while changed:
+            changed = False
+            for monomial in list(terms):
+                if monomial in terms:
+                    changed |= self._merge(terms, monomial)
+        return terms
+
+    def _merge(self, terms: Terms, monomial: Monomial) -> bool:
+        number = terms[monomial]
+        for partner, sign, (rest, merged), exact in self._identities(monomial):
+            other = terms.get(partner)
+            if other is None or (other.is_negative == number.is_negative) != (sign > 0) or (exact and other * sign != number):
+                continue
+            self.spend(1)
+            amount = number if abs(number) <= abs(other) else other * sign
+            _accumulate(terms, monomial, -amount)
+            _accumulate(terms, partner, -amount * sign)
+            for new, value in self.multiply({rest: amount}, self.read(merged)).items():
+                _accumulate(terms, new, value)
+            return True
+        return False
+
+    def _identities(self, monomial: Monomial) -> Iterator[tuple[Monomial, int, tuple[Monomial, Any], bool]]:
+        """Yield (partner, sign, (rest, expression), exact): monomial + sign * partner = rest * expression.
+
+        `exact` asks for equal coefficients, where a remainder would leave the sum no shorter.
+        """
+        circular = [(k, self._angles[k]) for k, e in monomial if k in self._angles and isinstance(e, int) and e > 0]
+        exponents = dict(monomial)
+        for place, (k, (kind, a)) in enumerate(circular):
+            co = self._circle.get((_CO[kind], a))
+            if exponents[k] >= 2:
+                rest, _ = self._join(monomial, ((k, -2),))
+                yield rest, -1, (rest, -(_CO[kind](a) ** 2)), True
+                if co is not None:
+                    yield self._join(rest, ((co, 2),))[0], 1, (rest, S.One), False
+            for other, (other_kind, b) in circular[place + 1 :]:
+                other_co = self._circle.get((_CO[other_kind], b))
+                if co is not None and other_co is not None and other != co:
+                    rest, _ = self._join(monomial, ((k, -1), (other, -1)))
+                    partner, _ = self._join(rest, ((co, 1), (other_co, 1)))
+                    for sign in (1, -1):
+                        yield partner, sign, (rest, _addition_theorem(kind, other_kind, a, b, sign)), False
+
+    def _join(self, left: Monomial, right: Monomial) -> tuple[Monomial, Any]:
+        """Return the product of two monomials, and the number that powers such as sqrt(2) sqrt(2) leave."""
+        powers = dict(left)
+        for k, e in right:
+            _raise(powers, k, e)
+        number = S.One
+        if self._directions:
+            self._absorb_directions(powers)
+        for k in self._numeric:
+            if isinstance(powers.get(k), int):
+                number *= self.factors[k] ** powers.pop(k)
+        return tuple(sorted(powers.items())), number
+
+    def _absorb_directions(self, powers: dict[int, Any]) -> None:
+        """Write sign(x) x as |x|."""
+        for direction, (plain, magnitude) in self._directions.items():
+            if direction in powers and isinstance(powers.get(plain), int) and powers[plain] > 0:
+                _raise(powers, direction, -1)
+                _raise(powers, plain, -1)
+                _raise(powers, magnitude, 1)
+
+    def _slope(self, number: int, symbol: Any) -> Terms:
+        key = (number, symbol)
+        if key not in self._slopes:
+            factor = self.factors[number]
+            self._slopes[key] = {ONE: S.One} if factor == symbol else self.read(factor.diff(symbol))
+        return self._slopes[key]
+
+    def _factor(self, base: Any, exponent: Any = 1) -> Terms:
+        return {((self._number(base), exponent),): S.One}
+
+    def _number(self, base: Any) -> int:
+        number = self._numbers.get(base)
+        if number is None:
+            size = 0 if base.is_Atom else int(base.count_ops())
+            self.spend(size)
+            number = self._numbers[base] = len(self.factors)
+            self.factors.append(base)
+            self._sizes.append(size)
+            self._free.append(frozenset(base.free_symbols))
+            if base.is_Rational:
+                self._numeric.append(number)
+            if isinstance(base, (sympy.sin, sympy.cos)):
+                self._angles[number] = (base.func, base.args[0])
+                self._circle[self._angles[number]] = number
+            if isinstance(base, Direction) and base.args[0].is_Symbol:
+                self._directions[number] = (self._number(base.args[0]), self._number(Magnitude(base.args[0])))
+        return number
+
+    def _read_new(self, node: Any) -> Terms:
+        if node.is_Number:
+            return {ONE: node} if node != 0 else {}
+        if node.is_Add:
+            self.spend(len(node.args))
+            return self.add({}, *(self.read(part) for part in node.args))
+        if node.is_Mul:
+            return self._read_product(node)
+        if node.is_Pow:
+            return self._read_power(node)
+        if isinstance(node, Function) and not isinstance(node, sympy.Piecewise):
+            tidy = node.func(*(self._tidy(part) for part in node.args))
+            return self._factor(node) if tidy == node else self._factor(tidy) if tidy.func == node.func else self.read(tidy)
+        return self._factor(node)
+
+    def _read_product(self, node: Any) -> Terms:
+        parts = [self.read(part) for part in node.args]
+        width = 1
+        for terms in parts:
+            width *= max(len(terms), 1)
+        if width > WIDEST_PRODUCT:
+            parts = [terms if len(terms) < 2 else self._factor(self._tidy(part)) for terms, part in zip(parts, node.args, strict=True)]
+        product: Terms = {ONE: S.One}
+        for terms in parts:
+            product = self.multiply(product, terms)
+        return product
+
+    def _read_power(self, node: Any) -> Terms:
+        base, exponent = node.as_base_exp()
+        if not exponent.is_Rational:
+            return self._factor(Pow(self._tidy(base), exponent))
+        terms = self.read(base)
+        if exponent.is_Integer and len(terms) == 1:
+            ((monomial, number),) = terms.items()
+            joined, scale = self._join((), tuple((k, e * int(exponent)) for k, e in monomial))
+            return {joined: scale * number**exponent}
+        if exponent.is_Integer and 0 < exponent <= HIGHEST_POWER and len(terms) ** int(exponent) <= WIDEST_PRODUCT:
+            product = terms
+            for _ in range(int(exponent) - 1):
+                product = self.multiply(product, terms)
+            return product
+        tidy = Pow(self._tidy(base), exponent)
+        if tidy != node and not (tidy.is_Pow and tidy.exp.is_Rational):
+            return self.read(tidy)
+        return self._factor(tidy.base, int(tidy.exp) if tidy.exp.is_Integer else tidy.exp)
+
+    def _tidy(self, expression: Any) -> Any:
+        """Return what stands inside a root or a function, merged and with its common factor taken out."""
+        if not isinstance(expression, Expr) or not expression.is_Add:
+            return expression
+        number, monomial, rest = common_factor(self.merge_angles(self.read(expression)))
+        tidy = Mul(number, self.power(monomial), self.write(rest))
+        return tidy if tidy.count_ops() < expression.count_ops() else expression
+
+
+def _raise(powers: dict[int, Any], factor: int, by: Any) -> None:
+    total = powers.get(factor, 0) + by
+    if total == 0:
+        del powers[factor]
+    else:
+        powers[factor] = int(total) if total == int(total) else total
+
+
+def _accumulate(terms: Terms, monomial: Monomial, number: Any) -> None:
+    total = terms.get(monomial, S.Zero) + number
+    if total == 0:
+        terms.pop(monomial, None)
+    else:
+        terms[monomial] = total
+
+
+@lru_cache(maxsize=10_000)
+def _addition_theorem(first: Any, second: Any, a: Any, b: Any, sign: int) -> Any:
+    """Return first(a) second(b) + sign * cofirst(a) cosecond(b) as one sine or cosine."""
+    if first is not second:
+        return sympy.sin(a + sign * b) if first is sympy.sin else sympy.sin(b + sign * a)
+    if sign > 0:
+        return sympy.cos(a - b)
+    return sympy.cos(a + b) if first is sympy.cos else -sympy.cos(a + b)
+
+
+def common_factor(terms: Terms) -> tuple[Any, Monomial, Terms]:
+    """Return (number, monomial, rest) with terms = number * monomial * rest, the rest in smallest integers."""
+    if not terms:
+        return S.One, ONE, terms
+    number = S(gcd(*(int(value.p) for value in terms.values()))) / lcm(*(int(value.q) for value in terms.values()))
+    if all(value.is_negative for value in terms.values()):
+        number = -number
+    monomials = iter(terms)
+    lowest = dict(next(monomials))
+    for monomial in monomials:
+        powers = dict(monomial)
+        lowest = {k: min(lowest.get(k, 0), powers.get(k, 0)) for k in {**lowest, **powers}}
+    shared = tuple(sorted((k, e) for k, e in lowest.items() if e != 0))
+    rest: Terms = {}
+    for monomial, value in terms.items():
+        powers = dict(monomial)
+        for k, e in shared:
+            powers[k] = powers.get(k, 0) - e
+        rest[tuple(sorted((k, e) for k, e in powers.items() if e != 0))] = value / number
+    return number, shared, rest

@@ -1,0 +1,1 @@
+"""Is it right? Compiled quantities against numerical differentiation of the energies as stated."""

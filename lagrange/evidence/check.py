@@ -1,0 +1,215 @@
+"""`check`: every compiled quantity against numerical differentiation of the user's own energies."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any
+
+from lagrange.errors import StatementError, listing
+from lagrange.evidence.compare import LIMIT, Comparison, accelerations_of, batch_of, computed, entry_labels, is_finite
+from lagrange.evidence.operations import BeyondDoubles, OutsideDomain
+from lagrange.evidence.precise import Precise
+from lagrange.evidence.quick import quick_check
+from lagrange.evidence.reference import DIGITS, Entries, Reference
+from lagrange.evidence.report import Report
+from lagrange.evidence.sample import KINDS, PATIENCE, Point, Sampler
+from lagrange.evidence.switches import all_ways, describe_way
+from lagrange.machine.model import Model
+from lagrange.statement.coordinate import acceleration_of
+from lagrange.statement.statement import Statement
+
+__all__ = ["check", "quick_check", "textbook_tape"]
+
+FAR_POINTS = 300
+"""Points tried in search of branches of the energies that no other point has taken."""
+
+MOST_FAR_POINTS = 6
+"""Points that may be added for them."""
+
+COSTLY_REFUSALS = 25
+"""Points that may turn out useless (a singular mass matrix, no derivative) only after the differencing is done."""
+
+QUANTITIES = {
+    "lagrangian": "L",
+    "momenta": "momenta dL/dv",
+    "forces": "forces dL/dq + Q - dD/dv",
+    "mass_matrix": "mass matrix d2L/dv2",
+    "bias": "bias h of M a = h",
+    "energy": "energy v.p - L",
+    "accelerations": "accelerations",
+    "jacobian": "Jacobian of the rhs",
+}
+TEXTBOOK = "textbook accelerations"
+BATCH = "batch against single"
+
+
+def check(
+    model: Model, textbook: Mapping[Any, Any] | None = None, other: Model | None = None, points: int = 5, seed: int = 0
+) -> Report:
+    """Hold every quantity of a compiled model against its definition, at random points inside the domain.
+
+    The reference is numerical differentiation of the stated energies at 90 digits; nothing compiled enters it.
+    `textbook` maps each coordinate to its acceleration as a SymPy expression, derived in another way, and adds a
+    row; so does `other`, the same system on another target. The same `seed` gives the same points. Raises
+    StatementError for fewer than one point, and for a textbook without some coordinate.
+    """
+    if points < 1:
+        raise StatementError(f"points is {points}: give a whole number from 1 up.")
+    session = _Session(model, textbook, other, points, seed)
+    for k in range(points):
+        session.take(k)
+    session.cover_branches()
+    return session.report()
+
+
+class _Session:
+    """One check under way."""
+
+    def __init__(
+        self, model: Model, textbook: Mapping[Any, Any] | None, other: Model | None, points: int, seed: int
+    ) -> None:
+        self.started = time.perf_counter()
+        self.model = model
+        self.other = other
+        self.statement = model.statement
+        self.wanted = points
+        self.reference = Reference(self.statement)
+        self.textbook = None if textbook is None else textbook_tape(textbook, self.statement)
+        self.sampler = Sampler(self.statement, seed)
+        self.used: list[Point] = []
+        self.outside: Counter[str] = Counter()
+        self.costly = 0
+        self.ways: set[tuple[Any, int]] = set()
+        rows = [*QUANTITIES.values(), BATCH]
+        rows += [TEXTBOOK] if self.textbook else []
+        rows += [self._other_label()] if other is not None else []
+        self.comparison = Comparison(self.statement.names, rows)
+
+    def take(self, k: int) -> None:
+        """Use one more point, going on until one lies inside the domain or patience ends."""
+        for attempt in range(PATIENCE * len(KINDS)):
+            if self.costly > COSTLY_REFUSALS:
+                return
+            kind = KINDS[(k + attempt // PATIENCE) % len(KINDS)]
+            if self._use(self.sampler.point(kind, attempt % PATIENCE)):
+                return
+
+    def cover_branches(self) -> None:
+        """Use a few more points where a condition, Abs, sign, Min or Max goes a way that it has not gone yet."""
+        added = 0
+        for _ in range(FAR_POINTS):
+            if added == MOST_FAR_POINTS or not self._missing():
+                return
+            point = self.sampler.far()
+            try:
+                fresh = self._ways_at(point) - self.ways
+            except OutsideDomain:
+                continue
+            added += bool(fresh) and self._use(point)
+
+    def report(self) -> Report:
+        """Return what was found."""
+        return Report(
+            system=self.statement.name,
+            target=self.model.target,
+            rows=self.comparison.rows() if self.used else (),
+            points=tuple(point.describe(self.statement.names) for point in self.used),
+            outside=dict(self.outside),
+            unexplained=tuple(self.comparison.unexplained),
+            notes=tuple(
+                f"Not covered: no point was found where {describe_way(switch, way, self.statement)}."
+                for switch, way in self._missing()
+            ),
+            limit=LIMIT,
+            seconds=time.perf_counter() - self.started,
+        )
+
+    def _use(self, point: Point) -> bool:
+        columns = self._columns()
+        try:
+            ways = self._ways_at(point)
+            self.costly += 1
+            entries = self.reference.at(point, columns)
+            self.costly -= 1
+        except OutsideDomain as reason:
+            self.outside[str(reason)] += 1
+            self._compare_absence(point)
+            return False
+        self.used.append(point)
+        self.ways |= ways
+        self.comparison.start(point, len(self.used))
+        self._compare(self.model, point, entries, columns)
+        if self.other is not None:
+            self._compare(self.other, point, entries, columns)
+        self._compare_batch(point, entries, columns)
+        if self.textbook is not None:
+            self._compare_textbook(self.textbook, point, entries["accelerations"])
+        return True
+
+    def _columns(self) -> list[int]:
+        """Return the columns of the Jacobian to look at next: all of them when few, else in turn."""
+        width = 2 * len(self.statement.coordinates)
+        share = min(width, max(8, math.ceil(width / self.wanted)))
+        start = len(self.used) * share
+        return [(start + i) % width for i in range(share)]
+
+    def _compare(self, model: Model, point: Point, entries: Mapping[str, Entries], columns: list[int]) -> None:
+        for name, part in entries.items():
+            row = QUANTITIES[name] if model is self.model else self._other_label()
+            labels = entry_labels(name, self.statement.names, columns)
+            for values in computed(model, name, point, columns):
+                self.comparison.add(row, labels, values, part)
+
+    def _compare_batch(self, point: Point, entries: Mapping[str, Entries], columns: list[int]) -> None:
+        for name, part in entries.items():
+            labels = entry_labels(name, self.statement.names, columns)
+            for many, single in batch_of(self.model, name, point, columns):
+                self.comparison.add(BATCH, labels, many, part.around(single))
+
+    def _compare_textbook(self, tape: Precise, point: Point, part: Entries) -> None:
+        try:
+            expected = tape(point.q, point.v, point.t, point.parameters)
+        except OutsideDomain as reason:
+            self.comparison.report_unexplained(f"The textbook accelerations have no value ({reason})")
+            return
+        labels = entry_labels("accelerations", self.statement.names, [])
+        self.comparison.add(TEXTBOOK, labels, accelerations_of(self.model, point), part.around(expected))
+
+    def _compare_absence(self, point: Point) -> None:
+        """Where L has no value the compiled L must have none: a number in its place would be made up."""
+        try:
+            self.reference.lagrangian(point.q, point.v, point.t, point.parameters)
+        except BeyondDoubles:
+            return
+        except OutsideDomain as reason:
+            self.comparison.start(point, 0)
+            (value,) = next(computed(self.model, "lagrangian", point, []))
+            if is_finite(value):
+                self.comparison.report_unexplained(f"L has no value ({reason}), but the compiled one is {value:.17g}")
+
+    def _ways_at(self, point: Point) -> set[tuple[Any, int]]:
+        ways = zip(self.reference.switches, self.reference.inspect(point), strict=True)
+        return {(switch, way) for switch, way in ways if way is not None}
+
+    def _missing(self) -> list[tuple[Any, int]]:
+        every = dict.fromkeys((switch, way) for switch in self.reference.switches for way in all_ways(switch))
+        return [pair for pair in every if pair not in self.ways]
+
+    def _other_label(self) -> str:
+        return f"{self.other.target} target" if self.other is not None else ""
+
+
+def textbook_tape(textbook: Mapping[Any, Any], statement: Statement) -> Precise:
+    """Return the accelerations given for each coordinate, ready to be evaluated. Raises StatementError for a gap."""
+    table = {**textbook}
+    missing = [
+        name
+        for q, name in zip(statement.coordinates, statement.names, strict=True)
+        if q not in table and acceleration_of(q) not in table
+    ]
+    if missing:
+        raise StatementError(f"the textbook has no acceleration of {listing(missing)}: give one for every coordinate.")
+    return Precise([table.get(q, table.get(acceleration_of(q))) for q in statement.coordinates], statement, DIGITS)

@@ -1,0 +1,58 @@
+"""Derivatives by central differences, with Richardson extrapolation and an error estimate.
+
+Functions map mpmath numbers (displacements from the point of interest) to lists of mpmath numbers. Central
+differences have an error series in even powers of the step [1], so two steps, h and h/2, remove its first
+term, and what the extrapolation moves is an estimate of the error before it: a cautious one of the error after.
+
+[1] L. F. Richardson, Phil. Trans. R. Soc. A 210 (1911) 307-357.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+Numbers = list[Any]
+
+
+class Estimate(NamedTuple):
+    """Numbers, and for each of them a bound on its error that holds in practice."""
+
+    value: Numbers
+    error: Numbers
+
+
+def central(function: Callable[[Any], Sequence[Any]], step: Any) -> Numbers:
+    """Return df/dx at 0, from two evaluations."""
+    ahead, behind = function(step), function(-step)
+    return [(a - b) / (2 * step) for a, b in zip(ahead, behind, strict=True)]
+
+
+def central_mixed(function: Callable[[Any, Any], Sequence[Any]], step_x: Any, step_y: Any) -> Numbers:
+    """Return d2f/dx dy at (0, 0), from four evaluations."""
+
+    def slope(x: Any) -> Numbers:
+        return central(lambda y: function(x, y), step_y)
+
+    return central(slope, step_x)
+
+
+def extrapolate(rule: Callable[[Any], Sequence[Any]], scale: Any = 1) -> Estimate:
+    """Return the limit at 0 of a rule whose error is a series in even powers of its argument.
+
+    The rule is called with `scale` and half of it; the argument may scale several steps at once, so nested
+    differences and what is computed from them (the solution of a linear system) extrapolate together.
+    """
+    coarse, fine = rule(scale), rule(scale / 2)
+    value = [(4 * f - c) / 3 for f, c in zip(fine, coarse, strict=True)]
+    return Estimate(value, [abs(x - f) for x, f in zip(value, fine, strict=True)])
+
+
+def derivative(function: Callable[[Any], Sequence[Any]], step: Any) -> Estimate:
+    """Return df/dx at 0 with its error, from four evaluations with steps `step` and `step`/2."""
+    return extrapolate(lambda h: central(function, h), step)
+
+
+def mixed_derivative(function: Callable[[Any, Any], Sequence[Any]], step_x: Any, step_y: Any) -> Estimate:
+    """Return d2f/dx dy at (0, 0) with its error, from eight evaluations."""
+    return extrapolate(lambda s: central_mixed(function, s * step_x, s * step_y), step_x / step_x)

@@ -1,0 +1,210 @@
+"""The laws of motion by numerical differentiation of a Lagrangian, written as the definitions read.
+
+With L, the forces Q and the dissipation D as functions of (q, v, t) [1, chapters 1 and 2]:
+
+    p = dL/dv    f = dL/dq + Q - dD/dv    M = d2L/dv2    energy = v.p - L    h = f - (dp/dq v + dp/dt)    M a = h
+
+[1] H. Goldstein, C. Poole, J. Safko, Classical Mechanics, 3rd edition, 2002.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from lagrange.evidence.differences import Numbers, central, central_mixed
+from lagrange.evidence.operations import OutsideDomain
+
+Function = Callable[[Sequence[Any], Sequence[Any], Any], Any]
+Nudge = Callable[[str, int], Any]
+
+
+def exactly(_name: str, _index: int) -> int:
+    """Return 1, the nudge that changes nothing."""
+    return 1
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Steps of the differences: one per coordinate and velocity, and one along the motion."""
+
+    q: Numbers
+    v: Numbers
+    motion: Any
+
+    def times(self, scale: Any) -> Steps:
+        """Return all steps multiplied by `scale`, so that differences of differences extrapolate together."""
+        return Steps([scale * h for h in self.q], [scale * h for h in self.v], scale * self.motion)
+
+
+@dataclass(frozen=True)
+class Sources:
+    """L, Q and D as functions of (q, v, t).
+
+    L stands three times, for p, for dL/dq and for M, because the perturbed copies that measure rounding must be
+    independent where a program computes independently: in h, say, parts of dL/dq and of dp/dt can cancel.
+    `nudge` gives the factors, 1 or nearly, of the terms of the sums that are formed here, by name and index: always
+    the same for the same term, or differencing would blow the changes up.
+    """
+
+    for_momenta: Function
+    for_forces: Function
+    for_mass: Function
+    forces: Function
+    dissipation: Function | None
+    nudge: Nudge
+
+
+TRUSTED = 1e-12
+"""A pivot below this fraction of its diagonal entry calls for row exchanges."""
+
+
+class Singular(OutsideDomain):
+    """The mass matrix has no inverse at the point asked for."""
+
+
+def momenta(source: Sources, q: Numbers, v: Numbers, t: Any, steps: Steps) -> Numbers:
+    """Return p = dL/dv, n numbers."""
+    return _gradient(lambda x: source.for_momenta(q, x, t), v, steps.v)
+
+
+def forces(source: Sources, q: Numbers, v: Numbers, t: Any, steps: Steps) -> Numbers:
+    """Return f = dL/dq + Q - dD/dv, n numbers."""
+    total = _gradient(lambda x: source.for_forces(x, v, t), q, steps.q)
+    total = [a + b for a, b in zip(total, source.forces(q, v, t), strict=True)]
+    if source.dissipation is None:
+        return total
+    dissipation = source.dissipation
+    return [a - b for a, b in zip(total, _gradient(lambda x: dissipation(q, x, t), v, steps.v), strict=True)]
+
+
+def mass_matrix(source: Sources, q: Numbers, v: Numbers, t: Any, steps: Steps) -> list[Numbers]:
+    """Return M = d2L/dv2, n rows of n numbers."""
+    n = len(q)
+    rows: list[Numbers] = [[0] * n for _ in range(n)]
+    for i in range(n):
+        for j in range(i + 1):
+
+            def at(x: Any, y: Any, i: int = i, j: int = j) -> Numbers:
+                return [source.for_mass(q, _moved(_moved(v, i, x), j, y), t)]
+
+            rows[i][j] = rows[j][i] = central_mixed(at, steps.v[i], steps.v[j])[0]
+    return rows
+
+
+def momentum_rate(source: Sources, q: Numbers, v: Numbers, a: Numbers, t: Any, steps: Steps) -> Numbers:
+    """Return dp/dt along the motion with velocities v and accelerations a, n numbers."""
+    v_along = [x * source.nudge("velocity", i) for i, x in enumerate(v)]
+    a_along = [x * source.nudge("acceleration", i) for i, x in enumerate(a)]
+    t_along = source.nudge("time", 0)
+
+    def momenta_at(s: Any) -> Numbers:
+        return momenta(source, along(q, v_along, s), along(v, a_along, s), t + s * t_along, steps)
+
+    return central(momenta_at, steps.motion)
+
+
+def residual(source: Sources, q: Numbers, v: Numbers, a: Numbers, t: Any, steps: Steps) -> Numbers:
+    """Return dp/dt - f, which vanishes when a is the acceleration."""
+    rate = momentum_rate(source, q, v, a, t, steps)
+    return [b - f for b, f in zip(rate, forces(source, q, v, t, steps), strict=True)]
+
+
+def energy(source: Sources, v: Numbers, p: Numbers, lagrangian: Any) -> Any:
+    """Return v.p - L."""
+    return sum((source.nudge("energy", i) * x * y for i, (x, y) in enumerate(zip(v, p, strict=True))), -lagrangian)
+
+
+def residual_slopes(
+    source: Sources, q: Numbers, v: Numbers, a: Numbers, t: Any, steps: Steps, columns: Sequence[int]
+) -> list[Numbers]:
+    """Return d(dp/dt - f)/dy_j at fixed accelerations for each j in `columns`, y = (q, v).
+
+    Differencing M a = h says M da/dy_j = -d(dp/dt - f)/dy_j: the Jacobian of the accelerations without solving
+    for them at every displaced state, at a fraction of the evaluations.
+    """
+    n = len(q)
+    slopes = []
+    for j in columns:
+
+        def at(x: Any, j: int = j) -> Numbers:
+            if j < n:
+                return residual(source, _moved(q, j, x), v, a, t, steps)
+            return residual(source, q, _moved(v, j - n, x), a, t, steps)
+
+        slopes.append(central(at, steps.q[j] if j < n else steps.v[j - n]))
+    return slopes
+
+
+def solve(matrix: Sequence[Numbers], right: Sequence[Numbers], threshold: Any) -> list[Numbers]:
+    """Return the solutions of matrix x = r for each r in `right`, by elimination with partial pivoting.
+
+    Raises Singular when a pivot is at most `threshold` times the largest entry of its row.
+    """
+    n = len(matrix)
+    rows = [list(row) + [r[i] for r in right] for i, row in enumerate(matrix)]
+    sizes = [max(map(abs, row)) for row in matrix]
+    for k in range(n):
+        best = max(range(k, n), key=lambda i: abs(rows[i][k]) / sizes[i] if sizes[i] else 0)
+        rows[k], rows[best], sizes[k], sizes[best] = rows[best], rows[k], sizes[best], sizes[k]
+        if abs(rows[k][k]) <= threshold * sizes[k]:
+            raise Singular("the mass matrix is singular")
+        for i in range(k + 1, n):
+            factor = rows[i][k] / rows[k][k]
+            if factor:
+                rows[i] = [x - factor * y for x, y in zip(rows[i], rows[k], strict=True)]
+    solutions = []
+    for column in range(n, n + len(right)):
+        x: Numbers = [0] * n
+        for i in reversed(range(n)):
+            x[i] = (rows[i][column] - sum(rows[i][j] * x[j] for j in range(i + 1, n))) / rows[i][i]
+        solutions.append(x)
+    return solutions
+
+
+def factorization_sizes(matrix: Sequence[Numbers]) -> list[Numbers]:
+    """Return how large the numbers are that a factorization of a symmetric matrix works with, n rows of n.
+
+    For M = L D L^T with positive pivots that is |L| |D| |L^T|: to solve with the factors in floating point is to
+    solve exactly with M off by a few roundings of these numbers (N. J. Higham, Accuracy and Stability of Numerical
+    Algorithms, 2nd edition, 2002, theorem 10.3). Other matrices need row exchanges, and then the rows' largest
+    entries stand in.
+    """
+    n = len(matrix)
+    sizes = [[abs(x) for x in row] for row in matrix]
+    rest = [list(row) for row in matrix]
+    for k in range(n):
+        pivot = rest[k][k]
+        if pivot <= TRUSTED * sizes[k][k]:
+            largest = [max(map(abs, row)) for row in matrix]
+            return [
+                [max(abs(x), (a * b) ** 0.5) for x, b in zip(row, largest, strict=True)]
+                for row, a in zip(matrix, largest, strict=True)
+            ]
+        for i in range(k + 1, n):
+            factor = rest[i][k] / pivot
+            for j in range(k + 1, i + 1):
+                term = factor * rest[j][k]
+                rest[i][j] -= term
+                sizes[i][j] += abs(term)
+                sizes[j][i] = sizes[i][j]
+    return sizes
+
+
+def along(x: Sequence[Any], direction: Sequence[Any], s: Any) -> Numbers:
+    """Return x + s direction."""
+    return [a + s * b for a, b in zip(x, direction, strict=True)]
+
+
+def _gradient(function: Callable[[Numbers], Any], x: Numbers, steps: Numbers) -> Numbers:
+    def along_axis(i: int) -> Callable[[Any], Numbers]:
+        return lambda h: [function(_moved(x, i, h))]
+
+    return [central(along_axis(i), step)[0] for i, step in enumerate(steps)]
+
+
+def _moved(x: Sequence[Any], i: int, distance: Any) -> Numbers:
+    y = list(x)
+    y[i] = y[i] + distance
+    return y

@@ -1,0 +1,227 @@
+"""Evaluate a statement's SymPy expressions with mpmath, to as many digits as asked, and nothing else of this package.
+
+The expressions become a tape, a flat list of instructions on mpmath's raw numbers, in which every distinct
+subexpression stands once. This is the reference that compiled code is held against, so it shares nothing with the
+graph: no derivative rules, no simplification, no generated code.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import sympy
+from mpmath import MPContext, libmp
+from sympy.core.function import AppliedUndef
+
+from lagrange.evidence.operations import (
+    BOOLEAN,
+    BeyondDoubles,
+    Operation,
+    OutsideDomain,
+    numeric_operation,
+    switch_outcome,
+)
+from lagrange.statement.coordinate import t as time
+from lagrange.statement.statement import Statement
+
+Inputs = Sequence[Any]
+
+
+class _Instruction(NamedTuple):
+    out: int
+    operation: Operation
+    arguments: tuple[int, ...]
+    numeric: bool
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """What one evaluation passed through.
+
+    `outcomes` says for each switch (see `Precise.switches`) which way it went, None for undefined; `largest` is
+    the greatest binary exponent among all intermediate values.
+    """
+
+    outcomes: tuple[int | None, ...]
+    largest: int
+
+
+class Precise:
+    """Expressions of a statement, ready to be evaluated at `digits` significant digits.
+
+    Calling it with q and v (n numbers each), t and a value for every parameter returns one mpmath number per
+    expression. Python floats are taken as the exact doubles that they are, so are SymPy Floats; fractions and
+    constants such as pi are taken to all digits. Of a Piecewise, only the branch taken matters. Raises
+    OutsideDomain where an expression has no real, finite value.
+    """
+
+    def __init__(self, expressions: Iterable[Any], statement: Statement, digits: int = 50) -> None:
+        self.context: Any = MPContext()
+        self.context.dps = digits
+        tape = _Recorder(statement, self.context.prec)
+        self._outputs = tuple(tape.record(e) for e in expressions)
+        self._template = tape.constants
+        self._code = tuple(tape.code)
+        self._load = tuple(tape.inputs.items())
+        self.uses_time = any(kind == "t" for kind, _ in tape.inputs.values())
+        self.switches = tuple(tape.switches)
+        self._switch_code = tuple(tape.switches.values())
+
+    def __call__(self, q: Inputs, v: Inputs, t: Any, parameters: Mapping[Any, Any]) -> list[Any]:
+        """Return the values. Raises OutsideDomain."""
+        values = self._run(q, v, t, parameters)
+        for slot in self._outputs:
+            if isinstance(values[slot], OutsideDomain):
+                raise values[slot]
+        make = self.context.make_mpf
+        return [make(values[slot]) for slot in self._outputs]
+
+    def inspect(self, q: Inputs, v: Inputs, t: Any, parameters: Mapping[Any, Any]) -> Inspection:
+        """Evaluate once and report which way every switch went. Raises OutsideDomain as a call does."""
+        values = self._run(q, v, t, parameters)
+        for slot in self._outputs:
+            if isinstance(values[slot], OutsideDomain):
+                raise values[slot]
+        outcomes = tuple(
+            switch_outcome(node, values[out], [values[i] for i in arguments])
+            for node, (out, arguments) in zip(self.switches, self._switch_code, strict=True)
+        )
+        exponents = [value[2] + value[3] for value in values if isinstance(value, tuple) and value[1]]
+        return Inspection(outcomes, max(exponents, default=0))
+
+    def perturbed(self, size: float, seed: int) -> Precise:
+        """Return a copy in which every computed number is off by its own fixed factor, 1 + O(size).
+
+        This is what rounding does to a computation, made large enough to measure and smooth enough to be
+        differentiated: the change that it makes in any derivative shows how large that derivative's rounding
+        error may honestly be, cancellation included.
+        """
+        draw = random.Random(seed)
+        copy = object.__new__(Precise)
+        copy.__dict__.update(self.__dict__)
+        code = []
+        for step in self._code:
+            delta = size * draw.uniform(0.5, 1.0) * draw.choice((-1, 1))
+            factor = (1 + self.context.mpf(delta))._mpf_
+            operation = _scaled(step.operation, factor, self.context.prec) if step.numeric else step.operation
+            code.append(_Instruction(step.out, operation, step.arguments, step.numeric))
+        copy._code = tuple(code)
+        return copy
+
+    def _run(self, q: Inputs, v: Inputs, t: Any, parameters: Mapping[Any, Any]) -> list[Any]:
+        values = self._template.copy()
+        number = self.context.mpf
+        for slot, (kind, key) in self._load:
+            given = q[key] if kind == "q" else v[key] if kind == "v" else t if kind == "t" else parameters[key]
+            values[slot] = given._mpf_ if isinstance(given, number) else number(given)._mpf_
+        fetch = values.__getitem__
+        for out, operation, arguments, _ in self._code:
+            try:
+                values[out] = operation(*map(fetch, arguments))
+            except OverflowError as error:
+                values[out] = BeyondDoubles(str(error))
+            except (ArithmeticError, ValueError) as error:
+                values[out] = OutsideDomain(str(error) or "division by zero")
+            except TypeError:
+                # An argument without a value stands as an OutsideDomain in its slot, which no operation accepts:
+                # the result has no value either, and a Piecewise that does not take this branch never asks.
+                broken = [a for a in map(fetch, arguments) if isinstance(a, OutsideDomain)]
+                if not broken:
+                    raise
+                values[out] = broken[0]
+        return values
+
+
+def _scaled(operation: Operation, factor: Any, prec: int) -> Operation:
+    multiply: Callable[..., Any] = libmp.mpf_mul
+
+    def scaled(*arguments: Any) -> Any:
+        return multiply(operation(*arguments), factor, prec, "n")
+
+    return scaled
+
+
+class _Recorder:
+    """Turns expressions into instructions, children first; equal subexpressions share a slot."""
+
+    def __init__(self, statement: Statement, prec: int) -> None:
+        self.prec = prec
+        self.code: list[_Instruction] = []
+        self.constants: list[Any] = []
+        self.inputs: dict[int, tuple[str, Any]] = {}
+        self.switches: dict[Any, tuple[int, tuple[int, ...]]] = {}
+        self._slots: dict[Any, int] = {}
+        self._leaves: dict[Any, tuple[str, Any]] = {time: ("t", None)}
+        self._leaves.update((p, ("p", p)) for p in statement.parameters)
+        self._leaves.update((q, ("q", i)) for i, q in enumerate(statement.coordinates))
+        self._leaves.update((v, ("v", i)) for i, v in enumerate(statement.velocities))
+
+    def record(self, expression: Any) -> int:
+        """Return the slot that holds the expression's value."""
+        stack = [(expression, False)]
+        while stack:
+            node, ready = stack.pop()
+            if node in self._slots:
+                continue
+            if ready or not _children(node):
+                self._slots[node] = self._add(node)
+            else:
+                stack.append((node, True))
+                stack.extend((child, False) for child in _children(node))
+        return self._slots[expression]
+
+    def _add(self, node: Any) -> int:
+        slot = len(self.constants)
+        if node in self._leaves:
+            self.inputs[slot] = self._leaves[node]
+            self.constants.append(None)
+        elif not _children(node):
+            self.constants.append(_constant(node, self.prec))
+        else:
+            self.constants.append(None)
+            arguments = tuple(self._slots[child] for child in _children(node))
+            operation = BOOLEAN.get(type(node))
+            numeric = operation is None
+            self.code.append(_Instruction(slot, operation or numeric_operation(node, self.prec), arguments, numeric))
+            if isinstance(node, _SWITCHES):
+                self.switches[node] = (slot, arguments)
+        return slot
+
+
+_SWITCHES = (
+    sympy.StrictLessThan, sympy.LessThan, sympy.StrictGreaterThan, sympy.GreaterThan,
+    sympy.Abs, sympy.sign, sympy.Min, sympy.Max,
+)  # fmt: skip
+
+
+def _children(node: Any) -> tuple[Any, ...]:
+    """Return what must be computed before the node: nothing for leaves; a Piecewise's values and conditions in turn."""
+    if isinstance(node, (AppliedUndef, sympy.Derivative, sympy.Symbol)):
+        return ()
+    if isinstance(node, sympy.Piecewise):
+        return tuple(part for pair in node.args for part in (pair.expr, pair.cond))
+    return tuple(node.args)
+
+
+_NAMED: dict[Any, Callable[[int], Any]] = {
+    sympy.pi: lambda prec: libmp.mpf_pi(prec, "n"),
+    sympy.E: lambda prec: libmp.mpf_e(prec, "n"),
+    sympy.GoldenRatio: lambda prec: libmp.mpf_phi(prec, "n"),
+    sympy.EulerGamma: lambda prec: libmp.mpf_euler(prec, "n"),
+    sympy.Catalan: lambda prec: libmp.mpf_catalan(prec, "n"),
+}
+
+
+def _constant(node: Any, prec: int) -> Any:
+    if node in (sympy.true, sympy.false):
+        return bool(node)
+    if isinstance(node, sympy.Rational):
+        return libmp.from_rational(int(node.p), int(node.q), prec, "n")
+    if isinstance(node, sympy.Float):
+        return tuple(node._mpf_)
+    if node in _NAMED:
+        return _NAMED[node](prec)
+    raise OutsideDomain(f"{node} has no value here: it is no coordinate, velocity, parameter or number of this system")

@@ -1,0 +1,144 @@
+"""`quick_check`: one look at what was just compiled, cheap enough for every compile.
+
+The accelerations that were compiled are put into the Euler-Lagrange equations as they were stated, projected on a
+random direction w:
+
+    w . (d/dt dL/dv - dL/dq - Q + dD/dv) = 0    along    q + v s + a s^2/2
+
+With the direction random, a fault in any entry shows with probability one. The derivatives are central differences
+of the stated L at 50 digits: four evaluations of L for the first term, two for the second, and the same again
+with every intermediate number put off a little, which tells how large the left-hand side may honestly be (see
+`lagrange.evidence.reference`).
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Sequence
+from typing import Any
+
+from lagrange.errors import RunError
+from lagrange.evidence.compare import LIMIT, TINY, accelerations_of, relative_error
+from lagrange.evidence.laws import along
+from lagrange.evidence.operations import OutsideDomain
+from lagrange.evidence.precise import Precise
+from lagrange.evidence.reference import Reference
+from lagrange.evidence.sample import KINDS, Point, Sampler
+from lagrange.machine.model import Model
+from lagrange.statement.statement import Statement
+
+DIGITS = 50
+STEP = "1e-12"
+PERTURBATION = 1e-15
+SUSPICIOUS = 1e-12
+"""Residual, relative to its size, from which the accelerations are looked at one by one."""
+
+ATTEMPTS = 24
+"""Random points to try before the initial state itself, which comes last: at rest and upright, terms vanish."""
+
+CONFIRMATIONS = 3
+"""Suspicions to look into before giving up; each costs as much as a point of `check`."""
+
+
+def quick_check(model: Model) -> None:
+    """Hold the compiled accelerations against the stated energies at one random point, in one random direction.
+
+    Raises RunError, with the entry, the place and the two values, if they disagree. A system without a usable point
+    even at its initial state is let pass: nothing is known to be wrong with it.
+    """
+    probe = _Probe(model.statement)
+    sampler = Sampler(model.statement, seed=0)
+    confirmations = 0
+    for attempt in range(ATTEMPTS + 1):
+        point = sampler.initial() if attempt == ATTEMPTS else sampler.point(KINDS[(attempt + 1) % 4], attempt)
+        if not probe.has_value(point):
+            continue
+        a = accelerations_of(model, point)
+        if all(map(math.isfinite, a)) and not probe.suspects(point, a):
+            return
+        # That is not yet a fault: the mass matrix may be singular here, a number too large, a kink too near.
+        if _confirm(model, point, a) or (confirmations := confirmations + 1) == CONFIRMATIONS:
+            return
+
+
+def _confirm(model: Model, point: Point, a: Sequence[float]) -> bool:
+    """Return True if the accelerations are right after all, False if the point is of no use.
+
+    Raises RunError if they are wrong.
+    """
+    statement = model.statement
+    try:
+        part = Reference(statement).at(point, [])["accelerations"]
+    except OutsideDomain:
+        return False
+    for name, value, expected, error, size in zip(statement.names, a, part.value, part.error, part.size, strict=True):
+        off = relative_error(abs(expected - value), size, error)
+        if not off <= LIMIT:
+            raise RunError(
+                f"the compiled accelerations of {statement.name} are wrong: {name}_ddot is {value:.17g} where the "
+                f"energies as stated give {float(expected):.17g} (relative error {off:.1e}), at "
+                f"{point.describe(statement.names)}. This is a fault of lagrange, please report it with this message."
+            )
+    return True
+
+
+class _Probe:
+    """The projected Euler-Lagrange equation of a statement, as stated and with its numbers put off a little."""
+
+    def __init__(self, statement: Statement) -> None:
+        self.plain = Precise([statement.lagrangian], statement, DIGITS)
+        self.number = self.plain.context.mpf
+        loaded = any(force != 0 for force in statement.forces)
+        self.forces = Precise(statement.forces, statement, DIGITS) if loaded else None
+        self.dissipation = Precise([statement.dissipation], statement, DIGITS) if statement.dissipation != 0 else None
+        self.draw = random.Random(0)
+        self.direction = [self.number(self._factor(0.5)) for _ in statement.coordinates]
+
+    def has_value(self, point: Point) -> bool:
+        """Return whether the energies and forces have values at the point."""
+        try:
+            for tape in (self.plain, self.forces, self.dissipation):
+                if tape is not None:
+                    tape(point.q, point.v, point.t, point.parameters)
+        except OutsideDomain:
+            return False
+        return True
+
+    def suspects(self, point: Point, a: Sequence[float]) -> bool:
+        """Return whether the residual is larger than rounding explains, or cannot be had."""
+        try:
+            q, v, exact = [[self.number(x) for x in numbers] for numbers in (point.q, point.v, a)]
+            residual = self._residual(self.plain, self.plain, point, q, v, exact)
+            off = [x * (1 + self.number(PERTURBATION) * self._factor(1.0)) for x in exact]
+            tapes = [self.plain.perturbed(PERTURBATION, seed) for seed in (1, 2)]
+            moved = self._residual(tapes[0], tapes[1], point, q, v, off)
+        except OutsideDomain:
+            return True
+        size = abs(moved - residual) / self.number(PERTURBATION)
+        return bool(abs(residual) > SUSPICIOUS * size + TINY)
+
+    def _residual(self, for_rate: Precise, for_force: Precise, point: Point, q: Any, v: Any, a: Any) -> Any:
+        parameters = {p: self.number(x) for p, x in point.parameters.items()}
+        t, step, w = self.number(point.t), self.number(STEP), self.direction
+
+        def slope(tape: Precise, at_q: Any, at_v: Any, at_t: Any, dq: Any, dv: Any) -> Any:
+            ahead = tape(along(at_q, dq, step), along(at_v, dv, step), at_t, parameters)[0]
+            behind = tape(along(at_q, dq, -step), along(at_v, dv, -step), at_t, parameters)[0]
+            return (ahead - behind) / (2 * step)
+
+        still = [0] * len(q)
+
+        def momentum(s: Any) -> Any:
+            return slope(for_rate, along(q, v, s), along(v, a, s), t + s, still, w)
+
+        total = (momentum(step) - momentum(-step)) / (2 * step) - slope(for_force, q, v, t, w, still)
+        if self.forces is not None:
+            loads = self.forces(q, v, t, parameters)
+            total -= sum(x * force for x, force in zip(w, loads, strict=True))
+        if self.dissipation is not None:
+            total += slope(self.dissipation, q, v, t, still, w)
+        return total
+
+    def _factor(self, least: float) -> float:
+        return self.draw.uniform(least, 1.5) * self.draw.choice((-1, 1))

@@ -1,0 +1,203 @@
+"""What every compiled quantity should be at one point, with how far rounding may honestly take it.
+
+The rounding allowance has no model of the compiled program. It is measured: every intermediate number of L, Q and
+D is put off by its own factor 1 + O(1e-20), the laws are differenced again, and the change is scaled up to what
+factors of 1 + O(1) would do. That number, the *size* of an entry, is about the sum of the magnitudes of the terms
+that the entry is made of. An error is judged relative to the size: dividing by the entry itself alarms at honest
+cancellation (1 - cos x near 0), and dividing by the largest entry is blind to a wrong small one.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import chain
+from typing import Any
+
+from lagrange.evidence import laws
+from lagrange.evidence.differences import Numbers, extrapolate
+from lagrange.evidence.laws import Sources, Steps
+from lagrange.evidence.operations import BeyondDoubles, OutsideDomain
+from lagrange.evidence.precise import Precise
+from lagrange.evidence.sample import Point
+from lagrange.statement.statement import Statement
+
+DIGITS = 90
+"""Digits of the evaluations: third differences with steps of 1e-18 leave 36 of them."""
+
+STEP = "1e-18"
+"""Step of the differences, relative to the argument: their error is about 1e-36 before extrapolation."""
+
+PERTURBATION = 1e-20
+"""Relative perturbation of every intermediate number: far above the errors, far below anything non-linear."""
+
+SAMPLES = 2
+"""Perturbed copies. One sample of a sum with random signs may be accidentally small; two hardly are both."""
+
+SMOOTHNESS = 1e-14
+"""Error of the differencing, relative to the size, above which a point is of no use."""
+
+SINGULAR = 2.0**-42
+"""Pivot, relative to its row, from which a mass matrix counts as singular: in double precision four digits of the
+accelerations are left there, and compiled code may refuse it a little later."""
+
+EXPONENT_LIMIT = 450
+"""Largest binary exponent of an intermediate value: squares of it, as derivatives form them, still fit a double."""
+
+
+@dataclass(frozen=True)
+class Entries:
+    """One quantity's entries in a row: values, error bounds of the differencing, and sizes (see the module)."""
+
+    value: Numbers
+    error: Numbers
+    size: Numbers
+
+    def around(self, values: Sequence[Any]) -> Entries:
+        """Return entries of the same sizes with other, exact values."""
+        return Entries(list(values), [0.0] * len(self.size), self.size)
+
+    def check_smooth(self) -> None:
+        """Raise OutsideDomain if differencing did not converge: there is a kink or a jump within its steps."""
+        floor = max(self.size, default=0) * SMOOTHNESS
+        if any(error > SMOOTHNESS * (size + floor) for error, size in zip(self.error, self.size, strict=True)):
+            raise OutsideDomain("the energies have no derivative here")
+
+
+class Reference:
+    """The quantities of a statement by numerical differentiation. Nothing compiled is used."""
+
+    def __init__(self, statement: Statement) -> None:
+        self.statement = statement
+        self.lagrangian = Precise([statement.lagrangian], statement, DIGITS)
+        self.loads = Precise([*statement.forces, statement.dissipation], statement, DIGITS)
+        self.number = self.lagrangian.context.mpf
+        self._dissipative = statement.dissipation != 0
+        self._samples = [
+            [source.perturbed(PERTURBATION, 4 * k + i) for i, source in enumerate([self.lagrangian] * 3 + [self.loads])]
+            for k in range(SAMPLES)
+        ]
+
+    def at(self, point: Point, columns: Sequence[int]) -> dict[str, Entries]:
+        """Return lagrangian, momenta, forces, mass_matrix, bias, energy, accelerations and jacobian.
+
+        mass_matrix has its rows one after another; jacobian has those columns of d(accelerations)/d(q, v) that
+        `columns` lists, one after another. Raises OutsideDomain where the point is of no use: L, Q or D has no
+        real, finite value or no derivative there, or M is singular.
+        """
+        self.inspect(point)
+        steps = self._steps(point)
+        plain = self._sources(point, [self.lagrangian] * 3 + [self.loads], None)
+        lengths: dict[str, int] = {}
+
+        def rule(scale: Any) -> Numbers:
+            found = self._laws(plain, point, steps.times(scale), columns)
+            lengths.update((name, len(numbers)) for name, numbers in found.items())
+            return list(chain.from_iterable(found.values()))
+
+        estimate = extrapolate(rule)
+        perturbed = [self._perturbed(k, point, steps, columns) for k in range(SAMPLES)]
+        sizes = [
+            max(abs(x), *(abs(sample[i] - x) / self.number(PERTURBATION) for sample in perturbed))
+            for i, x in enumerate(estimate.value)
+        ]
+        entries, start = {}, 0
+        for name, length in lengths.items():
+            part = slice(start, start + length)
+            entries[name] = Entries(estimate.value[part], estimate.error[part], sizes[part])
+            entries[name].check_smooth()
+            start += length
+        return entries
+
+    @property
+    def switches(self) -> tuple[Any, ...]:
+        """The conditions, Abs, sign, Min and Max in L, Q and D: what changes the formulas from place to place."""
+        return self.lagrangian.switches + self.loads.switches
+
+    def inspect(self, point: Point) -> tuple[int | None, ...]:
+        """Return which way each switch goes, None for one that does not matter there.
+
+        Raises OutsideDomain where L, Q or D has no value, or one that double precision cannot work with.
+        """
+        outcomes: tuple[int | None, ...] = ()
+        for source in (self.lagrangian, self.loads):
+            found = source.inspect(point.q, point.v, point.t, point.parameters)
+            if found.largest > EXPONENT_LIMIT:
+                raise BeyondDoubles("a number beyond the range of double precision")
+            outcomes += found.outcomes
+        return outcomes
+
+    def _perturbed(self, k: int, point: Point, steps: Steps, columns: Sequence[int]) -> Numbers:
+        draw = random.Random(k)
+        factors: dict[tuple[str, int], Any] = {}
+
+        def nudge(name: str, index: int) -> Any:
+            if (name, index) not in factors:
+                factors[name, index] = 1 + self.number(PERTURBATION) * draw.choice((-1, 1)) * draw.uniform(0.5, 1.0)
+            return factors[name, index]
+
+        found = self._laws(self._sources(point, self._samples[k], nudge), point, steps, columns)
+        return list(chain.from_iterable(found.values()))
+
+    def _sources(self, point: Point, tapes: Sequence[Precise], nudge: laws.Nudge | None) -> Sources:
+        parameters = {p: self.number(x) for p, x in point.parameters.items()}
+        for_momenta, for_forces, for_mass, loads = tapes
+
+        def scalar(tape: Precise) -> laws.Function:
+            return lambda q, v, t: tape(q, v, t, parameters)[0]
+
+        return Sources(
+            for_momenta=scalar(for_momenta),
+            for_forces=scalar(for_forces),
+            for_mass=scalar(for_mass),
+            forces=lambda q, v, t: loads(q, v, t, parameters)[:-1],
+            dissipation=(lambda q, v, t: loads(q, v, t, parameters)[-1]) if self._dissipative else None,
+            nudge=nudge or laws.exactly,
+        )
+
+    def _steps(self, point: Point) -> Steps:
+        step = self.number(STEP)
+        sizes_q = [abs(self.number(x)) or self.number(1) for x in point.q]
+        sizes_v = [abs(self.number(x)) or self.number(1) for x in point.v]
+        # Along the motion a step must change no argument by more than its own step: in SI units a second is nothing
+        # to a planet, and all the digits would be lost in it.
+        times = [size / abs(x) for size, x in zip(sizes_q, point.v, strict=True) if x]
+        if self.lagrangian.uses_time or not times:
+            times.append(abs(self.number(point.t)) or self.number(1))
+        return Steps([step * x for x in sizes_q], [step * x for x in sizes_v], step * min(times))
+
+    def _laws(self, source: Sources, point: Point, steps: Steps, columns: Sequence[int]) -> dict[str, Numbers]:
+        q, v = [list(map(self.number, x)) for x in (point.q, point.v)]
+        t, n, zero = self.number(point.t), len(point.q), self.number(0)
+        lagrangian = source.for_forces(q, v, t)
+        p = laws.momenta(source, q, v, t, steps)
+        f = laws.forces(source, q, v, t, steps)
+        mass = laws.mass_matrix(source, q, v, t, steps)
+        rate = laws.momentum_rate(source, q, v, [zero] * n, t, steps)
+        nudge = source.nudge
+        bias = [nudge("force", i) * x - nudge("rate", i) * y for i, (x, y) in enumerate(zip(f, rate, strict=True))]
+        solver = mass if nudge is laws.exactly else self._as_factored(mass, nudge)
+        a = laws.solve(solver, [bias], SINGULAR)[0]
+        slopes = laws.residual_slopes(source, q, v, a, t, steps, columns)
+        jacobian = laws.solve(solver, slopes, SINGULAR) if slopes else []
+        return {
+            "lagrangian": [lagrangian],
+            "momenta": p,
+            "forces": f,
+            "mass_matrix": list(chain.from_iterable(mass)),
+            "bias": bias,
+            "energy": [laws.energy(source, v, p, lagrangian)],
+            "accelerations": a,
+            "jacobian": [-x for column in jacobian for x in column],
+        }
+
+    def _as_factored(self, mass: Sequence[Numbers], nudge: laws.Nudge) -> list[Numbers]:
+        """Return the mass matrix as the solve sees it, off by what its factorization may lose."""
+        sizes = laws.factorization_sizes(mass)
+        off = [list(row) for row in mass]
+        for i, row in enumerate(sizes):
+            for j in range(i + 1):
+                off[i][j] += row[j] * (nudge("factor", i * len(mass) + j) - 1)
+                off[j][i] = off[i][j]
+        return off

@@ -1,0 +1,111 @@
+"""What a check found: a table for a person, a verdict for a program."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Row:
+    """One compiled quantity against its reference.
+
+    `error` is the worst error found, relative to the size of the terms that the entry is made of; `entry` and
+    `point` (1, 2, ...) say where that was. `compiled` and `reference` are the two values there.
+    """
+
+    quantity: str
+    error: float
+    entry: str
+    point: int
+    points: int
+    compiled: float
+    reference: float
+    holds: bool
+
+    def cells(self) -> tuple[str, str, str, str, str, str]:
+        """Return the row as the table shows it."""
+        where = self.entry, str(self.point) if self.point else "-"
+        return self.quantity, f"{self.error:.1e}", *where, str(self.points), "holds" if self.holds else "FAILS"
+
+
+HEADINGS = ("quantity", "worst error", "entry", "at point", "points", "verdict")
+
+
+@dataclass(frozen=True)
+class Report:
+    """The result of `system.check()`: true when everything holds.
+
+    `rows` has one row per quantity; `points` describes the points used; `outside` counts, by reason, the points that
+    were drawn and put aside because the statement has no value or no derivative there; `unexplained` lists points
+    where the statement has a value and the compiled code none, or the other way round; `notes` says what was not
+    covered; `limit` is the largest error that holds.
+    """
+
+    system: str
+    target: str
+    rows: tuple[Row, ...]
+    points: tuple[str, ...]
+    outside: Mapping[str, int]
+    unexplained: tuple[str, ...]
+    notes: tuple[str, ...]
+    limit: float
+    seconds: float
+
+    def __bool__(self) -> bool:
+        return not self.failures
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """What does not hold, one sentence each; empty when everything does."""
+        found = []
+        if not self.points:
+            found.append(
+                f"no usable point was found: {self._reasons()}. Give an initial state and parameter values at which "
+                "the energies have finite values and the mass matrix an inverse."
+            )
+        found.extend(
+            f"{row.quantity}, entry {row.entry}: compiled {row.compiled:.17g}, expected {row.reference:.17g} (error "
+            f"{row.error:.1e}, limit {self.limit:.1e}) at {self._point(row.point)}"
+            for row in self.rows
+            if not row.holds
+        )
+        return (*found, *self.unexplained)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything as plain data, ready for JSON."""
+        return {**asdict(self), "outside": dict(self.outside), "holds": bool(self), "failures": list(self.failures)}
+
+    def __str__(self) -> str:
+        table = [HEADINGS, *(row.cells() for row in self.rows)]
+        widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+        padded = [[cell.ljust(width) for cell, width in zip(line, widths, strict=True)] for line in table]
+        lines = ["  ".join(line).rstrip() for line in padded]
+        lines.insert(1, "-" * len(max(lines, key=len)))
+        return "\n".join([self._title(), "", *lines, "", *self._remarks()])
+
+    def __rich__(self) -> Any:
+        from rich.console import Group
+        from rich.table import Table
+
+        table = Table(*HEADINGS, title=self._title(), title_justify="left")
+        for row in self.rows:
+            table.add_row(*row.cells(), style=None if row.holds else "bold red")
+        return Group(table, *self._remarks())
+
+    def _title(self) -> str:
+        used = f"{len(self.points)} point" + "s" * (len(self.points) != 1)
+        return f"check of {self.system} ({self.target}): {used}, {self.seconds:.1f} s"
+
+    def _remarks(self) -> Sequence[str]:
+        verdict = "Everything holds." if self else f"{len(self.failures)} found wrong:"
+        aside = f"Points put aside, being outside the domain: {self._reasons()}."
+        put_aside = [aside] if self.outside and self.points else []
+        return [verdict, *(f"  {failure}" for failure in self.failures), *put_aside, *self.notes]
+
+    def _reasons(self) -> str:
+        return ", ".join(f"{count} x {reason}" for reason, count in self.outside.items())
+
+    def _point(self, number: int) -> str:
+        return self.points[number - 1]

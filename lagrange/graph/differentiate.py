@@ -1,0 +1,169 @@
+"""Derivatives as graph transformations: reverse mode for gradients, forward mode along a direction.
+
+Both modes read the same local rules, `PARTIALS`. A piecewise expression is differentiated branch by branch and
+the choice is made last: pushing a zero through the branch not taken would multiply it by that branch's
+infinities.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+
+from lagrange.graph.functions import FUNCTIONS
+from lagrange.graph.node import Graph, Kind, Node, exact, reachable
+
+Partial = tuple[int, Node]
+"""Position of an argument, and the derivative of the node in it."""
+
+
+def _sum(node: Node) -> list[Partial]:
+    graph = node.graph
+    return [(i, graph.constant(c)) for i, c in enumerate(node.data[1])]
+
+
+def _product(node: Node) -> list[Partial]:
+    graph = node.graph
+    return [(i, graph.product(node.args[:i] + node.args[i + 1 :])) for i in range(len(node.args))]
+
+
+def _power(node: Node) -> list[Partial]:
+    graph, exponent = node.graph, node.data
+    return [(0, graph.sum(((exponent, graph.power(node.args[0], exact(exponent - 1))),)))]
+
+
+def _call(node: Node) -> list[Partial]:
+    return [(i, rule(node, *node.args)) for i, rule in enumerate(FUNCTIONS[node.data].partials)]
+
+
+PARTIALS: dict[Kind, Callable[[Node], list[Partial]]] = {
+    Kind.SUM: _sum,
+    Kind.PRODUCT: _product,
+    Kind.POWER: _power,
+    Kind.CALL: _call,
+}
+
+
+def gradient(output: Node, symbols: Sequence[Node]) -> list[Node]:
+    """Return the derivative of `output` in each symbol, by one reverse sweep."""
+    graph = output.graph
+    mask = _mask(symbols)
+    order = reachable([output], mask)
+    inner: dict[Node, dict[Node, Node]] = {}
+    for node in order:
+        if _is_piecewise(node):
+            inner[node] = _piecewise_gradient(node, symbols, inner)
+    table = _sweep(graph, output, order, mask, inner)
+    return [table.get(symbol, graph.zero) for symbol in symbols]
+
+
+def tangents(
+    outputs: Iterable[Node], direction: Mapping[Node, Node], held: Collection[Node] = ()
+) -> Callable[[Node], Node]:
+    """Return a function giving the derivative of each output along the direction {symbol: component}.
+
+    Nodes that are `held` count as constants.
+    """
+    outputs = list(outputs)
+    table: dict[Node, Node] = dict(direction)
+    for node in reachable(outputs, _mask(direction), held):
+        if node not in table and node.kind is not Kind.SYMBOL:
+            _push(node, table)
+    return lambda node: table.get(node, node.graph.zero)
+
+
+def _push(node: Node, table: dict[Node, Node]) -> None:
+    """Enter the tangents of one node (of a solved system: of all its unknowns) from those of its arguments."""
+    graph = node.graph
+    if node.kind is Kind.COMPONENT:
+        _push_component(node, table)
+    elif _is_piecewise(node):
+        table[node] = _branchwise(node, [table.get(value, graph.zero) for value in _values(node)])
+    elif node.kind is Kind.SUM:
+        coefficients = node.data[1]
+        table[node] = graph.sum([(c, table[a]) for c, a in zip(coefficients, node.args, strict=True) if a in table])
+    elif node.kind in PARTIALS:
+        moving = [(table[node.args[i]], partial) for i, partial in PARTIALS[node.kind](node) if node.args[i] in table]
+        table[node] = graph.sum([(1, graph.product(pair)) for pair in moving])
+
+
+def _push_component(node: Node, table: dict[Node, Node]) -> None:
+    """Differentiate M x = b: dx solves M dx = db - dM x with the factors of M at hand."""
+    graph, solution = node.graph, node.args[0]
+    factor, right = solution.args[0], solution.args[1:]
+    n = solution.data
+    x = graph.components(solution)
+    moved = []
+    for i in range(n):
+        terms = [(1, table.get(right[i], graph.zero))]
+        for j in range(n):
+            entry = factor.args[max(i, j) * (max(i, j) + 1) // 2 + min(i, j)]
+            if entry in table:
+                terms.append((-1, graph.product((table[entry], x[j]))))
+        moved.append(graph.sum(terms))
+    for unknown, tangent in zip(x, graph.solve_with(factor, moved), strict=True):
+        table[unknown] = tangent
+
+
+def _sweep(
+    graph: Graph, output: Node, order: list[Node], mask: int, inner: Mapping[Node, Mapping[Node, Node]]
+) -> dict[Node, Node]:
+    """Return the adjoint of every symbol of the mask; `inner` has the gradients of piecewise nodes."""
+    incoming: dict[Node, list[tuple[int, Node]]] = {output: [(1, graph.one)]}
+    adjoints: dict[Node, Node] = {}
+    for node in reversed(order):
+        if node not in incoming:
+            continue
+        adjoint = graph.sum(incoming.pop(node))
+        if node.kind is Kind.SYMBOL:
+            adjoints[node] = adjoint
+        elif node in inner:
+            for symbol, partial in inner[node].items():
+                incoming.setdefault(symbol, []).append((1, graph.product((adjoint, partial))))
+        elif node.kind is Kind.SUM:
+            for coefficient, arg in zip(node.data[1], node.args, strict=True):
+                if arg.depends & mask:
+                    incoming.setdefault(arg, []).append((coefficient, adjoint))
+        else:
+            for i, partial in PARTIALS[node.kind](node):
+                if node.args[i].depends & mask:
+                    incoming.setdefault(node.args[i], []).append((1, graph.product((adjoint, partial))))
+    return adjoints
+
+
+def _piecewise_gradient(
+    node: Node, symbols: Sequence[Node], inner: Mapping[Node, Mapping[Node, Node]]
+) -> dict[Node, Node]:
+    graph, mask = node.graph, _mask(symbols)
+    branches = [_sweep(graph, value, reachable([value], mask), mask, inner) for value in _values(node)]
+    found: dict[Node, Node] = {}
+    for symbol in symbols:
+        chosen = _branchwise(node, [branch.get(symbol, graph.zero) for branch in branches])
+        if chosen is not graph.zero:
+            found[symbol] = chosen
+    return found
+
+
+def _branchwise(node: Node, derivatives: list[Node]) -> Node:
+    """Return the piecewise node with a derivative in place of each value; undefined where it is undefined."""
+    last = node.args[-1]
+    otherwise = last if last.data == "nan" else derivatives[-1]
+    return node.graph.piecewise(list(zip(_conditions(node), derivatives, strict=False)), otherwise)
+
+
+def _is_piecewise(node: Node) -> bool:
+    return node.kind is Kind.CALL and node.data == "piecewise"
+
+
+def _conditions(node: Node) -> list[Node]:
+    return list(node.args[:-1:2])
+
+
+def _values(node: Node) -> list[Node]:
+    return [*node.args[1::2], node.args[-1]]
+
+
+def _mask(symbols: Iterable[Node]) -> int:
+    mask = 0
+    for symbol in symbols:
+        mask |= symbol.depends
+    return mask

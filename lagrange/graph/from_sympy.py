@@ -1,0 +1,142 @@
+"""SymPy in: translate an expression into graph nodes, each distinct subexpression once, without recursion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from fractions import Fraction
+from functools import reduce
+from typing import Any
+
+import sympy
+from sympy.core.function import AppliedUndef
+
+from lagrange.errors import StatementError
+from lagrange.graph.node import Graph, Node
+
+
+class Translator:
+    """Translates into one graph; `leaves` says which node stands for each symbol, coordinate and velocity."""
+
+    def __init__(self, graph: Graph, leaves: Mapping[Any, Node]) -> None:
+        self.graph = graph
+        self._done: dict[Any, Node] = dict(leaves)
+
+    def __call__(self, expression: Any) -> Node:
+        """Return the node of a SymPy expression. Raises StatementError for what the graph has no node for."""
+        done = self._done
+        stack = [expression]
+        while stack:
+            top = stack[-1]
+            if top in done:
+                stack.pop()
+                continue
+            waiting = [arg for arg in _operands(top) if arg not in done]
+            if waiting:
+                stack.extend(waiting)
+            else:
+                stack.pop()
+                done[top] = _translate(self.graph, top, [done[arg] for arg in _operands(top)])
+        return done[expression]
+
+
+def _operands(expression: Any) -> tuple[Any, ...]:
+    if isinstance(expression, (AppliedUndef, sympy.Derivative)):
+        raise StatementError(f"{expression} stands for nothing that this system declares.")
+    if isinstance(expression, sympy.Piecewise):
+        return tuple(part for pair in expression.args for part in pair.args)
+    if isinstance(expression, (sympy.And, sympy.Or)):
+        return tuple(sorted(expression.args, key=sympy.default_sort_key))
+    return tuple(expression.args)
+
+
+def _translate(graph: Graph, expression: Any, args: list[Node]) -> Node:
+    if isinstance(expression, sympy.Number):
+        return graph.constant(_number(expression))
+    build = _BUILD.get(type(expression)) or _BUILD.get(expression.func)
+    if build is None:
+        raise StatementError(f"{type(expression).__name__} in {str(expression)[:80]!r} is not supported.")
+    return build(graph, *args)
+
+
+def _number(number: Any) -> int | Fraction:
+    if isinstance(number, sympy.Rational):
+        return Fraction(int(number.p), int(number.q))
+    if not number.is_finite:
+        raise StatementError(f"the expression contains {number}, which is not a finite number.")
+    negative, mantissa, exponent, _ = number._mpf_
+    value = Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
+    return -value if negative else value
+
+
+def _add(graph: Graph, *args: Node) -> Node:
+    return graph.sum([(1, arg) for arg in args])
+
+
+def _mul(graph: Graph, *args: Node) -> Node:
+    return graph.product(args)
+
+
+def _pow(graph: Graph, base: Node, exponent: Node) -> Node:
+    return graph.call("pow", base, exponent)
+
+
+def _piecewise(graph: Graph, *args: Node) -> Node:
+    branches = []
+    for value, condition in zip(args[::2], args[1::2], strict=True):
+        if condition is graph.one:
+            return graph.piecewise(branches, value)
+        if condition is not graph.zero:
+            branches.append((condition, value))
+    return graph.piecewise(branches)
+
+
+def _call(name: str) -> Callable[..., Node]:
+    return lambda graph, *args: graph.call(name, *args)
+
+
+def _fold(name: str) -> Callable[..., Node]:
+    return lambda graph, *args: reduce(lambda a, b: graph.call(name, a, b), args)
+
+
+def _swapped(name: str) -> Callable[..., Node]:
+    return lambda graph, a, b: graph.call(name, b, a)
+
+
+_BUILD: dict[Any, Callable[..., Node]] = {
+    sympy.Add: _add,
+    sympy.Mul: _mul,
+    sympy.Pow: _pow,
+    sympy.Piecewise: _piecewise,
+    sympy.sin: _call("sin"),
+    sympy.cos: _call("cos"),
+    sympy.tan: _call("tan"),
+    sympy.cot: lambda graph, a: graph.call("cos", a) / graph.call("sin", a),
+    sympy.sec: lambda graph, a: 1 / graph.call("cos", a),
+    sympy.csc: lambda graph, a: 1 / graph.call("sin", a),
+    sympy.asin: _call("asin"),
+    sympy.acos: _call("acos"),
+    sympy.atan: _call("atan"),
+    sympy.atan2: _call("atan2"),
+    sympy.exp: _call("exp"),
+    sympy.log: _call("log"),
+    sympy.sinh: _call("sinh"),
+    sympy.cosh: _call("cosh"),
+    sympy.tanh: _call("tanh"),
+    sympy.Abs: _call("abs"),
+    sympy.sign: _call("sign"),
+    sympy.Min: _fold("min"),
+    sympy.Max: _fold("max"),
+    sympy.StrictLessThan: _call("less"),
+    sympy.LessThan: _call("less_equal"),
+    sympy.StrictGreaterThan: _swapped("less"),
+    sympy.GreaterThan: _swapped("less_equal"),
+    sympy.Equality: _call("equal"),
+    sympy.Unequality: lambda graph, a, b: graph.call("not", graph.call("equal", a, b)),
+    sympy.And: _fold("and"),
+    sympy.Or: _fold("or"),
+    sympy.Not: _call("not"),
+    type(sympy.true): lambda graph: graph.one,
+    type(sympy.false): lambda graph: graph.zero,
+    type(sympy.pi): _call("pi"),
+    type(sympy.E): _call("e"),
+}

@@ -1,0 +1,122 @@
+"""The function table: everything the graph knows of each elementary function.
+
+`partials` holds one rule per argument, giving the derivative from the value and the arguments. How a target
+computes a function stands with that target.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from lagrange.graph.node import Node
+
+Rule = Callable[..., "Node"]
+
+
+@dataclass(frozen=True)
+class Function:
+    """One elementary function: its name, number of arguments (None: any) and derivative rules."""
+
+    name: str
+    arity: int | None
+    partials: tuple[Rule, ...] = ()
+
+
+def _apply(name: str) -> Rule:
+    return lambda *args: args[0].graph.call(name, *args)
+
+
+sin, cos, tan, sinh, cosh, tanh, exp, log, sign, pow_ = map(
+    _apply, ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp", "log", "sign", "pow")
+)
+
+
+def _sqrt(a: Node) -> Node:
+    return a ** Fraction(1, 2)
+
+
+def _chosen(condition: Node) -> Node:
+    """Return 1 where the condition holds and 0 elsewhere."""
+    graph = condition.graph
+    return graph.piecewise([(condition, graph.one)], graph.zero)
+
+
+FUNCTIONS: dict[str, Function] = {
+    function.name: function
+    for function in (
+        Function("sin", 1, (lambda y, a: cos(a),)),
+        Function("cos", 1, (lambda y, a: -sin(a),)),
+        Function("tan", 1, (lambda y, a: 1 + y**2,)),
+        Function("asin", 1, (lambda y, a: 1 / _sqrt(1 - a**2),)),
+        Function("acos", 1, (lambda y, a: -1 / _sqrt(1 - a**2),)),
+        Function("atan", 1, (lambda y, a: 1 / (1 + a**2),)),
+        Function("atan2", 2, (lambda y, a, b: b / (a**2 + b**2), lambda y, a, b: -a / (a**2 + b**2))),
+        Function("exp", 1, (lambda y, a: y,)),
+        Function("log", 1, (lambda y, a: 1 / a,)),
+        Function("sinh", 1, (lambda y, a: cosh(a),)),
+        Function("cosh", 1, (lambda y, a: sinh(a),)),
+        Function("tanh", 1, (lambda y, a: 1 - y**2,)),
+        Function("abs", 1, (lambda y, a: sign(a),)),
+        Function("sign", 1, (lambda y, a: a.graph.zero,)),
+        Function(
+            "min",
+            2,
+            (
+                lambda y, a, b: _chosen(a.graph.call("less_equal", a, b)),
+                lambda y, a, b: _chosen(a.graph.call("less", b, a)),
+            ),
+        ),
+        Function(
+            "max",
+            2,
+            (
+                lambda y, a, b: _chosen(a.graph.call("less_equal", b, a)),
+                lambda y, a, b: _chosen(a.graph.call("less", a, b)),
+            ),
+        ),
+        Function("pow", 2, (lambda y, a, b: b * pow_(a, b - 1), lambda y, a, b: y * log(a))),
+        Function("pi", 0),
+        Function("e", 0),
+        Function("nan", 0),
+        Function("less", 2),
+        Function("less_equal", 2),
+        Function("equal", 2),
+        Function("and", 2),
+        Function("or", 2),
+        Function("not", 1),
+        Function("piecewise", None),
+    )
+}
+
+CONDITIONS = frozenset(("less", "less_equal", "equal", "and", "or", "not"))
+"""The functions whose value is true or false."""
+
+ODD = frozenset(("sin", "tan", "asin", "atan", "sinh", "tanh", "sign"))
+EVEN = frozenset(("cos", "cosh", "abs"))
+
+EXACT: dict[tuple[Any, ...], int] = {
+    ("sin", 0): 0,
+    ("cos", 0): 1,
+    ("tan", 0): 0,
+    ("asin", 0): 0,
+    ("acos", 1): 0,
+    ("atan", 0): 0,
+    ("exp", 0): 1,
+    ("log", 1): 0,
+    ("sinh", 0): 0,
+    ("cosh", 0): 1,
+    ("tanh", 0): 0,
+}
+"""Values that are exact, so that they fold."""
+
+FOLDS: dict[str, Callable[..., Any]] = {
+    "abs": abs,
+    "sign": lambda a: (a > 0) - (a < 0),
+    "min": min,
+    "max": max,
+}
+"""Functions of exact numbers that give exact numbers."""

@@ -1,0 +1,339 @@
+"""Interned expression nodes: what is being computed, once each.
+
+A `Graph` owns its nodes. Constructors simplify locally (fold constants, drop zeros, merge equal terms and
+factors, take out a common factor) and return an existing node wherever one fits, so equal expressions are
+the same object. Arguments are always older than the node that uses them: sorting by `id` is a topological
+order, and no walk needs recursion.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Collection, Iterable, Sequence
+from fractions import Fraction
+from typing import Any, TypeAlias
+
+from lagrange.errors import StatementError
+from lagrange.graph.functions import EVEN, EXACT, FOLDS, FUNCTIONS, ODD
+
+Exact: TypeAlias = int | Fraction
+
+LARGEST_POWER = 4096
+"""Largest exponent that is folded into an exact constant; beyond it the number would not fit a double anyway."""
+
+
+class Binding(enum.IntEnum):
+    """The latest thing that a node depends on; it decides what is computed once per run."""
+
+    CONSTANT = 0
+    PARAMETER = 1
+    TIME = 2
+    CONFIGURATION = 3
+    VELOCITY = 4
+    ACCELERATION = 5
+
+
+class Kind(enum.Enum):
+    """The node kinds; `data` of a node is given behind each."""
+
+    CONSTANT = "constant"  # the exact value
+    SYMBOL = "symbol"  # its name
+    SUM = "sum"  # (constant, coefficients), one coefficient per argument
+    PRODUCT = "product"  # None
+    POWER = "power"  # the exact exponent
+    CALL = "call"  # the function's name
+    FACTOR = "factor"  # n: a symmetric matrix, lower triangle by rows, ready for solving
+    SOLVE = "solve"  # n: (factor, right-hand side) -> solution
+    COMPONENT = "component"  # i: one entry of a SOLVE
+
+
+class Node:
+    """One interned expression. Never built directly: ask its `Graph`."""
+
+    __slots__ = ("args", "binding", "data", "depends", "graph", "id", "kind")
+
+    def __init__(self, graph: Graph, kind: Kind, args: tuple[Node, ...], data: Any, binding: Binding, depends: int):
+        self.graph = graph
+        self.id = len(graph.nodes)
+        self.kind = kind
+        self.args = args
+        self.data = data
+        self.binding = binding
+        self.depends = depends
+
+    def __repr__(self) -> str:
+        shown = "" if self.data is None else f" {self.data}"
+        return f"<%{self.id} {self.kind.value}{shown} {[arg.id for arg in self.args]}>"
+
+    def __add__(self, other: Node | Exact | float) -> Node:
+        return self.graph.sum(((1, self), (1, self.graph.node(other))))
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Node | Exact | float) -> Node:
+        return self.graph.sum(((1, self), (-1, self.graph.node(other))))
+
+    def __rsub__(self, other: Exact | float) -> Node:
+        return self.graph.sum(((-1, self), (1, self.graph.node(other))))
+
+    def __mul__(self, other: Node | Exact | float) -> Node:
+        return self.graph.product((self, self.graph.node(other)))
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Node | Exact | float) -> Node:
+        return self.graph.product((self, self.graph.power(self.graph.node(other), -1)))
+
+    def __rtruediv__(self, other: Exact | float) -> Node:
+        return self.graph.product((self.graph.node(other), self.graph.power(self, -1)))
+
+    def __pow__(self, exponent: Node | Exact | float) -> Node:
+        if isinstance(exponent, Node):
+            return self.graph.call("pow", self, exponent)
+        return self.graph.power(self, exact(exponent))
+
+    def __neg__(self) -> Node:
+        return self.graph.sum(((-1, self),))
+
+
+def exact(value: Exact | float) -> Exact:
+    """Return the value as an int where it is one, else as a Fraction; a float is taken at its exact binary value."""
+    if isinstance(value, int):
+        return value
+    if isinstance(value, float) and not math.isfinite(value):
+        raise StatementError(f"the expression contains {value}, which is not a finite number.")
+    fraction = Fraction(value)
+    return fraction.numerator if fraction.denominator == 1 else fraction
+
+
+class Graph:
+    """A hash-consed expression graph and the only maker of its nodes."""
+
+    def __init__(self) -> None:
+        self.nodes: list[Node] = []
+        self._table: dict[tuple[Any, ...], Node] = {}
+        self._symbols = 0
+        self.zero = self.constant(0)
+        self.one = self.constant(1)
+
+    def _intern(self, kind: Kind, args: tuple[Node, ...], data: Any) -> Node:
+        key = (kind, data, *map(id, args))
+        found = self._table.get(key)
+        if found is not None:
+            return found
+        depends = 0
+        binding = Binding.CONSTANT
+        for arg in args:
+            depends |= arg.depends
+            if arg.binding > binding:
+                binding = arg.binding
+        node = Node(self, kind, args, data, binding, depends)
+        self._table[key] = node
+        self.nodes.append(node)
+        return node
+
+    def node(self, value: Node | Exact | float) -> Node:
+        """Return the value itself if it is a node, else the constant."""
+        return value if isinstance(value, Node) else self.constant(value)
+
+    def constant(self, value: Exact | float) -> Node:
+        """Return an exact constant."""
+        return self._intern(Kind.CONSTANT, (), exact(value))
+
+    def symbol(self, name: str, binding: Binding) -> Node:
+        """Return a new symbol of that binding time, or the existing one of that name."""
+        key = (Kind.SYMBOL, name)
+        if key not in self._table:
+            node = Node(self, Kind.SYMBOL, (), name, binding, 1 << self._symbols)
+            self._symbols += 1
+            self._table[key] = node
+            self.nodes.append(node)
+        return self._table[key]
+
+    def sum(self, terms: Iterable[tuple[Exact, Node]], constant: Exact = 0) -> Node:
+        """Return constant + sum of coefficient * node."""
+        merged: dict[Node, Exact] = {}
+        for coefficient, node in terms:
+            if node.kind is Kind.CONSTANT:
+                constant = constant + coefficient * node.data
+                continue
+            if node.kind is Kind.SUM and len(node.args) == 1 and not node.data[0]:
+                coefficient, node = coefficient * node.data[1][0], node.args[0]
+            merged[node] = merged[node] + coefficient if node in merged else coefficient
+        items = sorted(((node.id, node, exact(c)) for node, c in merged.items() if c), key=_first)
+        constant = exact(constant)
+        if not items:
+            return self.constant(constant)
+        if constant == 0 and len(items) > 1:
+            return self._factored([(node, c) for _, node, c in items])
+        if constant == 0 and items[0][2] == 1:
+            return items[0][1]
+        return self._intern(
+            Kind.SUM, tuple(node for _, node, _ in items), (constant, tuple(c for _, _, c in items))
+        )
+
+    def _factored(self, items: list[tuple[Node, Exact]]) -> Node:
+        """Return the sum with a scale that all terms share, and factors that all terms share, taken out."""
+        first = items[0][1]
+        scale: Exact = first if all(abs(c) == abs(first) for _, c in items) else 1
+        common = list(_factors(items[0][0]))
+        for node, _ in items[1:]:
+            factors = _factors(node)
+            common = [factor for factor in common if factor in factors]
+            if not common:
+                break
+        if common:
+            rest = [(c, self.product([f for f in _factors(node) if f not in common])) for node, c in items]
+            return self.product([*common, self.sum(rest)])
+        coefficients = tuple(c if scale == 1 else exact(Fraction(c) / scale) for _, c in items)
+        node = self._intern(Kind.SUM, tuple(node for node, _ in items), (0, coefficients))
+        return node if scale == 1 else self._intern(Kind.SUM, (node,), (0, (scale,)))
+
+    def product(self, factors: Iterable[Node]) -> Node:
+        """Return the product of the nodes."""
+        coefficient: Exact = 1
+        exponents: dict[Node, Exact] = {}
+        stack = list(factors)
+        while stack:
+            node = stack.pop()
+            if node.kind is Kind.CONSTANT:
+                coefficient = coefficient * node.data
+            elif node.kind is Kind.PRODUCT:
+                stack.extend(node.args)
+            elif node.kind is Kind.SUM and len(node.args) == 1 and not node.data[0]:
+                coefficient = coefficient * node.data[1][0]
+                stack.append(node.args[0])
+            else:
+                base, exponent = (node.args[0], node.data) if node.kind is Kind.POWER else (node, 1)
+                exponents[base] = exponents[base] + exponent if base in exponents else exponent
+        if coefficient == 0:
+            return self.zero
+        args = [self.power(base, exact(e)) for base, e in exponents.items() if e]
+        if any(not _irreducible(arg) for arg in args):
+            return self.product([self.constant(coefficient), *args])
+        args.sort(key=_by_binding)
+        if not args:
+            return self.constant(coefficient)
+        whole = args[0] if len(args) == 1 else self._intern(Kind.PRODUCT, tuple(args), None)
+        if coefficient == 1:
+            return whole
+        return self._intern(Kind.SUM, (whole,), (0, (exact(coefficient),)))
+
+    def power(self, base: Node, exponent: Exact) -> Node:
+        """Return base ** exponent for an exact exponent."""
+        if exponent == 0:
+            return self.one
+        if exponent == 1:
+            return base
+        if isinstance(exponent, int):
+            if base.kind is Kind.CONSTANT:
+                return self.constant(_constant_power(base.data, exponent))
+            if base.kind is Kind.POWER:
+                return self.power(base.args[0], exact(base.data * exponent))
+            if base.kind is Kind.PRODUCT:
+                return self.product([self.power(arg, exponent) for arg in base.args])
+            if base.kind is Kind.SUM and len(base.args) == 1 and not base.data[0]:
+                scale = _constant_power(base.data[1][0], exponent)
+                return self.product((self.constant(scale), self.power(base.args[0], exponent)))
+        if base.kind is Kind.CONSTANT and base.data in (0, 1) and exponent > 0:
+            return base
+        return self._intern(Kind.POWER, (base,), exponent)
+
+    def call(self, name: str, *args: Node) -> Node:
+        """Return the function of that name, an entry of `FUNCTIONS`, at the arguments."""
+        function = FUNCTIONS[name]
+        if function.arity is not None and len(args) != function.arity:
+            raise StatementError(f"{name} takes {function.arity} arguments, not {len(args)}.")
+        if name == "pow" and args[1].kind is Kind.CONSTANT:
+            return self.power(args[0], args[1].data)
+        if args and all(arg.kind is Kind.CONSTANT for arg in args):
+            values = tuple(arg.data for arg in args)
+            if (name, *values) in EXACT:
+                return self.constant(EXACT[(name, *values)])
+            if name in FOLDS:
+                return self.constant(FOLDS[name](*values))
+        if name in EVEN or name in ODD:
+            scale, rest = (args[0].data[1][0], args[0].args[0]) if _is_scaled(args[0]) else (1, args[0])
+            if scale < 0:
+                mirrored = self.call(name, self.sum(((-scale, rest),)))
+                return mirrored if name in EVEN else -mirrored
+        return self._intern(Kind.CALL, args, name)
+
+    def piecewise(self, branches: Sequence[tuple[Node, Node]], otherwise: Node | None = None) -> Node:
+        """Return the value of the first branch (condition, value) that holds, `otherwise` when none does.
+
+        Without `otherwise` the value is undefined (NaN) where no condition holds.
+        """
+        last = self.call("nan") if otherwise is None else otherwise
+        values = [value for _, value in branches]
+        if all(value is last for value in values):
+            return last
+        flat = [node for pair in branches for node in pair]
+        return self._intern(Kind.CALL, (*flat, last), "piecewise")
+
+    def solve(self, matrix: Sequence[Sequence[Node]], right: Sequence[Node]) -> list[Node]:
+        """Return x of matrix x = right, n nodes, for a symmetric matrix given by its lower triangle, by rows."""
+        n = len(right)
+        if n == 1:
+            return [right[0] / matrix[0][0]]
+        factor = self._intern(Kind.FACTOR, tuple(matrix[i][j] for i in range(n) for j in range(i + 1)), n)
+        return self.solve_with(factor, right)
+
+    def solve_with(self, factor: Node, right: Sequence[Node]) -> list[Node]:
+        """Return the solution for another right-hand side with a matrix already factored."""
+        if all(node is self.zero for node in right):
+            return [self.zero] * len(right)
+        return self.components(self._intern(Kind.SOLVE, (factor, *right), factor.data))
+
+    def components(self, solution: Node) -> list[Node]:
+        """Return the unknowns of a SOLVE node, one node each."""
+        return [self._intern(Kind.COMPONENT, (solution,), i) for i in range(solution.data)]
+
+
+def reachable(outputs: Iterable[Node], mask: int = -1, held: Collection[Node] = ()) -> list[Node]:
+    """Return the nodes that the outputs are computed from, arguments first.
+
+    With a mask, only nodes that depend on one of its symbols (their bits of `depends`). Nodes that are `held`
+    are left out, and what only they need.
+    """
+    found: set[Node] = set(held)
+    stack = [node for node in outputs if mask == -1 or node.depends & mask]
+    while stack:
+        node = stack.pop()
+        if node not in found:
+            found.add(node)
+            stack.extend(arg for arg in node.args if mask == -1 or arg.depends & mask)
+    return sorted(found.difference(held), key=_by_id)
+
+
+def _first(item: tuple[int, Node, Exact]) -> int:
+    return item[0]
+
+
+def _by_id(node: Node) -> int:
+    return node.id
+
+
+def _by_binding(node: Node) -> tuple[int, int]:
+    return (node.binding, node.id)
+
+
+def _is_scaled(node: Node) -> bool:
+    return node.kind is Kind.SUM and len(node.args) == 1 and not node.data[0]
+
+
+def _irreducible(node: Node) -> bool:
+    return not (node.kind in (Kind.CONSTANT, Kind.PRODUCT) or _is_scaled(node))
+
+
+def _factors(node: Node) -> tuple[Node, ...]:
+    return node.args if node.kind is Kind.PRODUCT else (node,)
+
+
+def _constant_power(base: Exact, exponent: int) -> Exact:
+    if base == 0 and exponent < 0:
+        raise StatementError("the expression divides by zero.")
+    if abs(exponent) > LARGEST_POWER and abs(base) != 1 and base != 0:
+        raise StatementError(f"the constant {base}**{exponent} is out of range of floating-point numbers.")
+    return exact(Fraction(base) ** exponent)

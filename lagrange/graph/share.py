@@ -1,0 +1,98 @@
+"""Write long sums in terms of the shorter sums they contain.
+
+A chain of links states the k-th position as a sum of k terms. SymPy flattens each one, so the sums overlap
+without sharing a node, and every derivative pays for all of them. Here S = a + b + c + d becomes P + d where
+P = a + b + c is a sum of its own: cost falls from quadratic to linear in the length of the chain, in every
+derivative as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+from lagrange.graph.node import Exact, Graph, Kind, Node, exact, reachable
+
+
+@dataclass(frozen=True)
+class _Split:
+    """sum = ratio * part + rest."""
+
+    ratio: Exact
+    part: Node
+    rest: tuple[tuple[Exact, Node], ...]
+
+
+def share_sums(graph: Graph, outputs: Sequence[Node]) -> list[Node]:
+    """Return the outputs rebuilt so that a sum which contains another sum of the outputs refers to it."""
+    order = reachable(outputs)
+    splits = _splits([node for node in order if node.kind is Kind.SUM and len(node.args) > 1])
+    if not splits:
+        return list(outputs)
+    built: dict[Node, Node] = {}
+    for node in order:
+        for part in _unbuilt_parts(node, splits, built):
+            built[part] = _rebuild(graph, part, splits, built)
+    return [built[node] for node in outputs]
+
+
+def _unbuilt_parts(node: Node, splits: dict[Node, _Split], built: dict[Node, Node]) -> list[Node]:
+    """Return the node and the sums inside it, shortest first, as far as they are not built yet."""
+    chain: list[Node] = []
+    while node not in built:
+        chain.append(node)
+        if node not in splits:
+            break
+        node = splits[node].part
+    return chain[::-1]
+
+
+def _rebuild(graph: Graph, node: Node, splits: dict[Node, _Split], built: dict[Node, Node]) -> Node:
+    if node in splits:
+        split = splits[node]
+        rest = [(c, built[term]) for c, term in split.rest]
+        return graph.sum([(split.ratio, built[split.part]), *rest], node.data[0])
+    args = [built[arg] for arg in node.args]
+    if all(new is old for new, old in zip(args, node.args, strict=True)):
+        return node
+    if node.kind is Kind.SUM:
+        return graph.sum(zip(node.data[1], args, strict=True), node.data[0])
+    if node.kind is Kind.PRODUCT:
+        return graph.product(args)
+    if node.kind is Kind.POWER:
+        return graph.power(args[0], node.data)
+    if node.data == "piecewise":
+        return graph.piecewise(list(zip(args[:-1:2], args[1::2], strict=True)), args[-1])
+    return graph.call(node.data, *args)
+
+
+def _splits(sums: list[Node]) -> dict[Node, _Split]:
+    """Return for each sum the longest other sum, without a constant, that it contains."""
+    containing: dict[Node, list[Node]] = {}
+    splits: dict[Node, _Split] = {}
+    for node in sorted(sums, key=lambda s: (len(s.args), s.id)):
+        terms = dict(zip(node.args, node.data[1], strict=True))
+        hits: dict[Node, int] = {}
+        for term in terms:
+            for part in containing.get(term, ()):
+                hits[part] = hits.get(part, 0) + 1
+        whole = [part for part, count in hits.items() if count == len(part.args)]
+        for part in sorted(whole, key=lambda p: (-len(p.args), p.id)):
+            split = _split(terms, part)
+            if split is not None:
+                splits[node] = split
+                break
+        if node.data[0] == 0:
+            for term in terms:
+                containing.setdefault(term, []).append(node)
+    return splits
+
+
+def _split(terms: dict[Node, Exact], part: Node) -> _Split | None:
+    coefficients = dict(zip(part.args, part.data[1], strict=True))
+    ratio = Fraction(terms[part.args[0]]) / coefficients[part.args[0]]
+    if any(terms[term] != ratio * c for term, c in coefficients.items()):
+        return None
+    rest = tuple((c, term) for term, c in terms.items() if term not in coefficients)
+    return _Split(exact(ratio), part, rest)

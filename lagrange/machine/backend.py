@@ -1,0 +1,63 @@
+"""What a machine is: it loads a program and gives back a kernel."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lagrange.errors import RunError
+from lagrange.machine.driver import DriverState, Outcome
+from lagrange.program.program import Program
+from lagrange.program.step import StepProgram
+
+FloatArray = NDArray[np.float64]
+
+
+class SingularMassMatrix(RunError):
+    """The mass matrix has no inverse at the given state; `column` says which of a batch."""
+
+    def __init__(self, column: int | None = None) -> None:
+        super().__init__("the mass matrix is singular")
+        self.column = column
+
+
+class Kernel(Protocol):
+    """A program ready to run."""
+
+    @property
+    def program(self) -> Program:
+        """What it computes."""
+
+    def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
+        """Return the program's result for a state (2n,), shape `program.shape`, or for columns (2n, batch).
+
+        Columns are the last axis of the result as well; `t` is a number, or one per column (batch,).
+        `parameters` has shape (k,). Raises SingularMassMatrix.
+        """
+
+
+class Driver(Protocol):
+    """Advances a run by many steps without going through Python for each where the machine can."""
+
+    def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
+        """Try up to `budget` steps and record each accepted one in `times` (c,) and `rows` (c, 2n) from the first on.
+
+        `state` is left at the last accepted step; it says how many rows were written. `rows` has four doubles to
+        spare behind its last row, for machines that write whole vectors.
+        """
+
+
+class Machine(Protocol):
+    """Something that runs programs."""
+
+    @property
+    def name(self) -> str:
+        """The target's name, as `System.compile` takes it."""
+
+    def load(self, program: Program) -> Kernel:
+        """Make a kernel of a program."""
+
+    def driver(self, step: StepProgram, kernel: Any, parameters: FloatArray) -> Driver:
+        """Make a driver that advances y' = kernel(t, y, parameters) by a step program; the kernel is this machine's."""

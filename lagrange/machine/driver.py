@@ -1,0 +1,52 @@
+"""The record that a driver advances: where a run stands, and what it counts."""
+
+from __future__ import annotations
+
+import enum
+import numpy as np
+
+from numpy.typing import NDArray
+
+
+class Outcome(enum.IntEnum):
+    """Why a driver came back."""
+
+    DONE = 0
+    PAUSED = 1
+    NON_FINITE = 2
+    SINGULAR = 3
+    STEP_TOO_SMALL = 4
+
+
+class DriverState:
+    """Where a run stands. Arrays are shared with machine code, entries in the order of the constants below."""
+
+    T, END, H, RTOL, ATOL, PREVIOUS, START, STEP, CAUSE = range(9)
+    STEPS, REJECTED, EVALUATIONS, SLOPE_KNOWN, ROWS, RECORD, AFTER_REJECT = range(7)
+
+    def __init__(self, t: float, end: float, y: NDArray[np.float64], rtol: float, atol: float, step: float) -> None:
+        """Begin at (t, y) towards `end`; `step` is the signed step of a fixed-step method, or a first step, or 0."""
+        self.reals = np.zeros(9)
+        self.counts = np.zeros(7, dtype=np.int64)
+        self.y = np.array(y, dtype=float)
+        self.reals[[self.T, self.START]] = t
+        self.reals[self.END] = end
+        self.reals[[self.H, self.STEP]] = step
+        self.reals[self.RTOL] = rtol
+        self.reals[self.ATOL] = atol
+        self.reals[self.PREVIOUS] = 1.0
+        self.counts[self.RECORD] = 1
+
+    @property
+    def t(self) -> float:
+        """The time reached."""
+        return float(self.reals[self.T])
+
+    @property
+    def cause(self) -> Outcome:
+        """What made the last step fail: an error too large counts as STEP_TOO_SMALL."""
+        return Outcome(int(self.reals[self.CAUSE]))
+
+    def count(self, which: int) -> int:
+        """Return one of the counts."""
+        return int(self.counts[which])

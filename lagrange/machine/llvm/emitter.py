@@ -1,0 +1,118 @@
+"""Write LLVM IR as text: fresh names, typed operations, loops and branches."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+def literal(value: float) -> str:
+    """Return a double as LLVM's exact hexadecimal literal."""
+    return f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
+
+
+class Emitter:
+    """Collects the body of one function. Names are numbered, so the same calls give the same text."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self.entry: list[str] = []
+        self.count = 0
+        self.block = "entry"
+
+    def fresh(self, stem: str = "v") -> str:
+        """Return an unused name, without its % sign."""
+        self.count += 1
+        return f"{stem}{self.count}"
+
+    def value(self, text: str) -> str:
+        """Emit an instruction with a result and return the result's name."""
+        name = "%" + self.fresh()
+        self.lines.append(f"  {name} = {text}")
+        return name
+
+    def do(self, text: str) -> None:
+        """Emit an instruction without a result."""
+        self.lines.append("  " + text)
+
+    def reserve(self, kind: str, count: int = 1) -> str:
+        """Return a pointer to stack memory reserved once, at the function's entry."""
+        name = "%" + self.fresh("m")
+        self.entry.append(f"  {name} = alloca {kind}, i64 {count}, align 64")
+        return name
+
+    def label(self, name: str) -> None:
+        """Begin a basic block."""
+        self.lines.append(f"{name}:")
+        self.block = name
+
+    def jump(self, name: str) -> None:
+        """Go to a block."""
+        self.do(f"br label %{name}")
+
+    def address(self, base: str, index: str | int, kind: str = "double") -> str:
+        """Return the address of an element."""
+        return base if index in (0, "0") else self.value(f"getelementptr inbounds {kind}, ptr {base}, i64 {index}")
+
+    def load(self, pointer: str, kind: str = "double") -> str:
+        """Return what a pointer holds; vectors need no more alignment than their elements."""
+        return self.value(f"load {kind}, ptr {pointer}, align 8")
+
+    def store(self, what: str, pointer: str, kind: str = "double") -> None:
+        """Store a value."""
+        self.do(f"store {kind} {what}, ptr {pointer}, align 8")
+
+    def get(self, base: str, index: str | int, kind: str = "double") -> str:
+        """Return element `index` of an array."""
+        return self.load(self.address(base, index, kind), kind)
+
+    def put(self, what: str, base: str, index: str | int, kind: str = "double") -> None:
+        """Store element `index` of an array."""
+        self.store(what, self.address(base, index, kind), kind)
+
+    def fma(self, a: str, b: str, c: str, kind: str = "double") -> str:
+        """Return a*b + c, rounded once."""
+        return self.value(f"call {kind} @llvm.fma.{suffix(kind)}({kind} {a}, {kind} {b}, {kind} {c})")
+
+    def fabs(self, a: str, kind: str = "double") -> str:
+        """Return |a|."""
+        return self.value(f"call {kind} @llvm.fabs.{suffix(kind)}({kind} {a})")
+
+    @contextmanager
+    def loop(self, start: str | int, stop: str | int, step: int = 1) -> Iterator[str]:
+        """Repeat the body for an index from `start` while below `stop`; yields the index."""
+        name = self.fresh("loop")
+        before = self.block
+        self.jump(f"{name}.head")
+        self.label(f"{name}.head")
+        index, following = f"%{name}.i", f"%{name}.next"
+        hole = len(self.lines)
+        self.lines.append("")
+        self.do(f"%{name}.go = icmp slt i64 {index}, {stop}")
+        self.do(f"br i1 %{name}.go, label %{name}.body, label %{name}.end")
+        self.label(f"{name}.body")
+        yield index
+        self.do(f"{following} = add nsw i64 {index}, {step}")
+        self.lines[hole] = f"  {index} = phi i64 [ {start}, %{before} ], [ {following}, %{self.block} ]"
+        self.jump(f"{name}.head")
+        self.label(f"{name}.end")
+
+    @contextmanager
+    def when(self, condition: str) -> Iterator[None]:
+        """Run the body if the condition holds."""
+        name = self.fresh("if")
+        self.do(f"br i1 {condition}, label %{name}.then, label %{name}.end")
+        self.label(f"{name}.then")
+        yield
+        self.jump(f"{name}.end")
+        self.label(f"{name}.end")
+
+    def function(self, signature: str) -> str:
+        """Return the whole function under a signature such as ``define i32 @f(double %t)``."""
+        return "\n".join([f"{signature} {{", "entry:", *self.entry, *self.lines, "}", ""])
+
+
+def suffix(kind: str) -> str:
+    """Return the suffix that LLVM's intrinsics carry for a type: f64 for double, v8f64 for <8 x double>."""
+    return "f64" if kind == "double" else f"v{kind[1:].split()[0]}f64"

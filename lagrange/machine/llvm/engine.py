@@ -1,0 +1,93 @@
+"""Hand IR to LLVM and get addresses back: target, optimization, loading and symbols."""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+from functools import cache
+from typing import Any
+
+import llvmlite.binding as llvm
+
+from lagrange.machine.llvm.linear_solver import library
+from lagrange.machine.llvm.spelling import LIBRARY
+
+_VECTOR_ROUTINES = {"power": "pow"}
+_TWO_OPERANDS = frozenset(("power", "atan2"))
+
+
+class Module:
+    """Machine code with the functions of one IR text; it owns the memory that its addresses point to."""
+
+    def __init__(self, text: str, *, optimize: bool = False) -> None:
+        parsed = llvm.parse_assembly(text)
+        parsed.verify()
+        machine = _target_machine()
+        if optimize:
+            builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=2))
+            builder.getModulePassManager().run(parsed, builder)
+        self.ir = text
+        self._engine = llvm.create_mcjit_compiler(parsed, machine)
+        self._engine.finalize_object()
+
+    def address(self, name: str) -> int:
+        """Return the address of a function."""
+        return int(self._engine.get_function_address(name))
+
+
+def assembly(text: str, *, optimize: bool = False) -> str:
+    """Return the assembly that a module's text becomes, for reading."""
+    parsed = llvm.parse_assembly(text)
+    machine = _target_machine()
+    if optimize:
+        builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=2))
+        builder.getModulePassManager().run(parsed, builder)
+    return str(machine.emit_assembly(parsed))
+
+
+@cache
+def start() -> None:
+    """Set up LLVM for this process: target, mathematics library and the linear solver."""
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    mathematics = ctypes.util.find_library("m")
+    if mathematics is not None:
+        llvm.load_library_permanently(mathematics)
+
+
+@cache
+def linear_solver() -> Module:
+    """Compile the linear solver, once per process and only for models that need it."""
+    start()
+    module = Module(library(), optimize=True)
+    for name in ("factor_dense", "solve_factored", "solve_lanes"):
+        llvm.add_symbol(name, module.address(name))
+    return module
+
+
+@cache
+def lanes() -> int:
+    """Return how many doubles a vector register of this processor holds."""
+    features = llvm.get_host_cpu_features()
+    return 8 if features.get("avx512f") else 4 if features.get("avx2") else 2
+
+
+@cache
+def vector_routines() -> dict[str, str]:
+    """Return glibc's vector routine (libmvec) for each operation that has one on this processor, else nothing."""
+    start()
+    try:
+        routines = ctypes.CDLL("libmvec.so.1")
+    except OSError:
+        return {}
+    llvm.load_library_permanently("libmvec.so.1")
+    prefix = {8: "_ZGVeN8", 4: "_ZGVdN4", 2: "_ZGVbN2"}[lanes()]
+    names = {op: f"{prefix}{'vv' if op in _TWO_OPERANDS else 'v'}_{_VECTOR_ROUTINES.get(op, op)}" for op in sorted(LIBRARY)}
+    return {op: name for op, name in names.items() if hasattr(routines, name)}
+
+
+def _target_machine() -> Any:
+    """Return a new target machine: the engine that takes one destroys it with itself."""
+    start()
+    features = llvm.get_host_cpu_features().flatten()
+    return llvm.Target.from_default_triple().create_target_machine(cpu=llvm.get_host_cpu_name(), features=features, opt=2)

@@ -1,0 +1,119 @@
+"""A program in machine code, called through ctypes; the kernel over columns is compiled when it is first called."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cached_property
+
+import numpy as np
+
+from lagrange.machine.backend import FloatArray, SingularMassMatrix
+from lagrange.machine.llvm.engine import Module, lanes, linear_solver, vector_routines
+from lagrange.machine.llvm.kernel import column_module, prepared_size, scalar_module
+from lagrange.program.program import Program
+
+_PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
+_SCALAR = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
+_COLUMNS = ctypes.CFUNCTYPE(
+    ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p
+)
+
+
+class LlvmKernel:
+    """A program in machine code. Calls release the interpreter lock; threads may share a kernel."""
+
+    def __init__(self, program: Program) -> None:
+        self._program = program
+        if any(instruction.op in ("factor", "solve") for instruction in program.instructions):
+            linear_solver()
+        self._module = Module(scalar_module(program))
+        self._prepare = _PREPARE(self._module.address(f"{program.name}_prepare"))
+        self._scalar = _SCALAR(self.address)
+        self._prepared: tuple[bytes, FloatArray] | None = None
+
+    @property
+    def program(self) -> Program:
+        """What it computes."""
+        return self._program
+
+    @property
+    def ir(self) -> str:
+        """The LLVM IR of the scalar kernel."""
+        return self._module.ir
+
+    @property
+    def address(self) -> int:
+        """Address of ``int32_t f(double t, const double *y, const double *prepared, double *out)``.
+
+        `prepared` is what `prepare` returns; the result is 1 where the mass matrix is singular, else 0.
+        """
+        return self._module.address(self._program.name)
+
+    def prepare(self, parameters: FloatArray) -> FloatArray:
+        """Return the parameters followed by everything that depends on them alone. Raises SingularMassMatrix."""
+        key = parameters.tobytes()
+        known = self._prepared
+        if known is not None and known[0] == key:
+            return known[1]
+        prepared = np.zeros(prepared_size(self._program) + 1)
+        prepared[: len(parameters)] = parameters
+        if self._prepare(prepared.ctypes.data):
+            raise SingularMassMatrix
+        self._prepared = (key, prepared)
+        return prepared
+
+    def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
+        """Evaluate the program; see `Kernel`."""
+        prepared = self.prepare(parameters)
+        if y.ndim == 1:
+            y = np.ascontiguousarray(y, dtype=float)
+            out = np.empty(self._program.shape)
+            if self._scalar(float(t), y.ctypes.data, prepared.ctypes.data, out.ctypes.data):
+                raise SingularMassMatrix
+            return out
+        return self._over_columns(t, y, prepared)
+
+    def _over_columns(self, t: float | FloatArray, y: FloatArray, prepared: FloatArray) -> FloatArray:
+        """Evaluate every column; a last incomplete block is filled up with copies of the last column."""
+        batch = y.shape[1]
+        shape = self._program.shape
+        if batch == 0:
+            return np.empty((*shape, 0))
+        width = self._lanes
+        count = -(-batch // width) * width
+        times = np.empty(count)
+        times[:batch] = t
+        times[batch:] = times[batch - 1]
+        states = np.ascontiguousarray(y, dtype=float)
+        if count != batch:
+            states = np.concatenate([states, np.repeat(states[:, -1:], count - batch, axis=1)], axis=1)
+        out = np.empty((len(self._program.outputs), count))
+        first = self._columns(count, times.ctypes.data, states.ctypes.data, prepared.ctypes.data, out.ctypes.data)
+        if first >= 0:
+            raise SingularMassMatrix(self._singular_column(first, min(first + width, batch), times, states, prepared))
+        return out[:, :batch].reshape(*shape, batch)
+
+    def _singular_column(
+        self, first: int, last: int, times: FloatArray, states: FloatArray, prepared: FloatArray
+    ) -> int:
+        """Return which column of a block is singular, by evaluating each alone."""
+        out = np.empty(self._program.shape)
+        for column in range(first, last):
+            y = np.ascontiguousarray(states[:, column])
+            if self._scalar(times[column], y.ctypes.data, prepared.ctypes.data, out.ctypes.data):
+                return column
+        return first
+
+    @cached_property
+    def _lanes(self) -> int:
+        # Working memory of a large linear system times eight lanes would not fit the stack.
+        largest = max((i.data for i in self._program.instructions if i.op == "factor"), default=0)
+        return lanes() if largest <= 64 else 1
+
+    @cached_property
+    def _column_module(self) -> Module:
+        return Module(column_module(self._program, self._lanes, vector_routines() if self._lanes > 1 else {}))
+
+    @cached_property
+    def _columns(self) -> ctypes._CFunctionType:
+        return _COLUMNS(self._column_module.address(f"{self._program.name}_columns"))

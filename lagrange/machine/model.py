@@ -1,0 +1,220 @@
+"""A compiled system: numbers in, numbers out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lagrange.equations.euler_lagrange import Equations, euler_lagrange
+from lagrange.errors import RunError, StatementError
+from lagrange.machine.backend import FloatArray, Kernel, Machine, SingularMassMatrix
+from lagrange.machine.numpy import NumpyMachine
+from lagrange.program.catalogue import QUANTITIES, lower_nodes, program_of
+from lagrange.statement.declare import parameter_values
+from lagrange.statement.number import real_number
+from lagrange.statement.statement import Statement
+from lagrange.statement.survey import Survey
+
+
+class Model:
+    """A system compiled for one machine. Kernels are made when they are first asked for.
+
+    Coordinates and velocities are arrays (n,), or (n, batch) for many states at once; a state y is [q, v],
+    (2n,) or (2n, batch). Units are those of the statement. `parameters` is a dict, by symbol or name, over the
+    statement's defaults. Every method raises StatementError for wrong shapes, a missing or unknown parameter,
+    and RunError where the mass matrix is singular.
+    """
+
+    def __init__(self, statement: Statement, equations: Equations, machine: Machine) -> None:
+        self.statement = statement
+        self.equations = equations
+        self.machine = machine
+        self._kernels: dict[str, Kernel] = {}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _recompile, (self.statement, self.machine)
+
+    def __repr__(self) -> str:
+        names = ", ".join(self.statement.names)
+        return f"<Model of {self.statement.name} ({names}) on {self.machine.name}>"
+
+    @property
+    def target(self) -> str:
+        """The machine's name."""
+        return self.machine.name
+
+    @property
+    def dimension(self) -> int:
+        """The number n of coordinates."""
+        return len(self.statement.coordinates)
+
+    @property
+    def conservative(self) -> bool:
+        """Whether the energy is conserved by the equations."""
+        return self.equations.structure.conservative
+
+    def kernel(self, name: str) -> Kernel:
+        """Return the kernel of a quantity: rhs, jacobian, accelerations, mass_matrix, energy, momenta, lagrangian,
+        forces or bias. On the llvm target it has an `address` to call from compiled code."""
+        if name not in self._kernels:
+            self._kernels[name] = self.machine.load(program_of(name, self.equations))
+        return self._kernels[name]
+
+    def accelerations(
+        self, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Mapping[Any, Any] | None = None
+    ) -> FloatArray:
+        """Return the generalized accelerations, (n,) or (n, batch)."""
+        return self.rhs(t, self._state(q, v), parameters)[self.dimension :]
+
+    def rhs(self, t: float | ArrayLike, y: ArrayLike, parameters: Mapping[Any, Any] | None = None) -> FloatArray:
+        """Return dy/dt = [v, a], (2n,) or (2n, batch); t is a number or (batch,)."""
+        return self._run("rhs", t, self._checked_state(y), parameters)
+
+    def jacobian(self, t: float | ArrayLike, y: ArrayLike, parameters: Mapping[Any, Any] | None = None) -> FloatArray:
+        """Return d rhs / d y, (2n, 2n), or (2n, 2n, batch)."""
+        return self._run("jacobian", t, self._checked_state(y), parameters)
+
+    def mass_matrix(
+        self, q: ArrayLike, t: float | ArrayLike = 0.0, parameters: Mapping[Any, Any] | None = None
+    ) -> FloatArray:
+        """Return M = d2L/dv2 at v = 0, (n, n), or (n, n, batch). It is free of v for every L quadratic in v."""
+        array = np.asarray(q, dtype=float)
+        return self._run("mass_matrix", t, self._state(array, np.zeros_like(array)), parameters)
+
+    def energy(
+        self, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Mapping[Any, Any] | None = None
+    ) -> Any:
+        """Return the energy v.p - L, a float or (batch,)."""
+        return self._scalar(self._run("energy", t, self._state(q, v), parameters))
+
+    def momenta(
+        self, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Mapping[Any, Any] | None = None
+    ) -> FloatArray:
+        """Return the conjugate momenta p = dL/dv, (n,) or (n, batch)."""
+        return self._run("momenta", t, self._state(q, v), parameters)
+
+    def evaluate(
+        self,
+        name: str,
+        q: ArrayLike,
+        v: ArrayLike,
+        t: float | ArrayLike = 0.0,
+        parameters: Mapping[Any, Any] | None = None,
+    ) -> Any:
+        """Return any quantity that `kernel` knows, in its shape, with the batch as the last axis."""
+        if name not in QUANTITIES:
+            raise StatementError(f"{name!r} is no quantity of a model: they are {', '.join(QUANTITIES)}.")
+        return self._scalar(self._run(name, t, self._state(q, v), parameters))
+
+    def evaluate_expression(
+        self, expression: Any, t: ArrayLike, y: ArrayLike, parameters: Mapping[Any, Any] | None = None
+    ) -> FloatArray:
+        """Return a SymPy expression in coordinates, velocities, accelerations, parameters and t along states.
+
+        `y` has shape (2n, batch) and `t` (batch,); the result has shape (batch,). Raises StatementError for an
+        expression with anything else in it.
+        """
+        survey = Survey()
+        survey.add(expression, "the expression", accelerations=True)
+        unknown = [leaf for leaf in (*survey.coordinates, *survey.parameters) if leaf not in self.equations.leaves]
+        if unknown:
+            raise StatementError(f"the expression contains {unknown[0]}, which this system does not have.")
+        program = lower_nodes("expression", [self.equations.translate(expression)], (), self.equations)
+        states = self._checked_state(y)
+        values = np.asarray(self._call(NumpyMachine().load(program), t, states, parameters))
+        return np.broadcast_to(values, states.shape[1:]).copy()
+
+    def parameter_values(self, given: Mapping[Any, Any] | None = None) -> dict[Any, float]:
+        """Return a value for every parameter: the defaults overlaid with `given`, by symbol or name."""
+        return parameter_values(given, self.statement.parameters, self.statement.defaults)
+
+    def parameter_array(self, given: Mapping[Any, Any] | None = None) -> FloatArray:
+        """Return the parameters' values (k,) in the order that kernels take."""
+        if not given:
+            return self._default_parameters
+        values = self.parameter_values(given)
+        return np.array([values[symbol] for symbol in self.statement.parameters], dtype=float)
+
+    @cached_property
+    def _default_parameters(self) -> FloatArray:
+        values = self.parameter_values()
+        return np.array([values[symbol] for symbol in self.statement.parameters], dtype=float)
+
+    def _run(
+        self, name: str, t: float | ArrayLike, y: FloatArray, parameters: Mapping[Any, Any] | None
+    ) -> FloatArray:
+        return self._call(self.kernel(name), t, y, parameters)
+
+    def _call(
+        self, kernel: Kernel, t: float | ArrayLike, y: FloatArray, parameters: Mapping[Any, Any] | None
+    ) -> FloatArray:
+        time: float | FloatArray
+        if isinstance(t, (float, int)):
+            time = float(t)
+        elif np.ndim(t) == 0:
+            time = real_number(np.asarray(t)[()], "the time t")
+        else:
+            time = _floats(t, "the time t")
+            if y.ndim == 1 or time.shape != y.shape[1:]:
+                raise StatementError(
+                    f"t has shape {time.shape} and the states have {y.shape[1:] or 'no'} columns: give one time, or one per column."
+                )
+        values = self.parameter_array(parameters)
+        try:
+            return kernel(time, y, values)
+        except SingularMassMatrix as error:
+            raise RunError(self.singular_message(time, y, error.column)) from error
+
+    def singular_message(self, t: float | FloatArray, y: FloatArray, column: int | None = None) -> str:
+        """Return a sentence that says at which configuration the mass matrix is singular."""
+        state = y if y.ndim == 1 else y[:, column or 0]
+        time = float(np.broadcast_to(t, y.shape[1:])[column or 0]) if y.ndim > 1 else float(np.asarray(t))
+        place = ", ".join(f"{name} = {x:.6g}" for name, x in zip(self.statement.names, state, strict=False))
+        return (
+            f"the mass matrix is singular at t = {time:.6g}, {place}: the accelerations are not determined there. Start "
+            "elsewhere, or choose coordinates that are regular at this configuration."
+        )
+
+    def _state(self, q: ArrayLike, v: ArrayLike) -> FloatArray:
+        coordinates = self._vector(q, "q")
+        velocities = self._vector(v, "v")
+        if coordinates.shape != velocities.shape:
+            raise StatementError(f"q has shape {coordinates.shape} and v {velocities.shape}: give both the same shape.")
+        return np.concatenate([coordinates, velocities])
+
+    def _vector(self, value: ArrayLike, what: str) -> FloatArray:
+        array = _floats(value, what)
+        n = self.dimension
+        if array.ndim not in (1, 2) or array.shape[0] != n:
+            raise StatementError(
+                f"{what} has shape {array.shape}; this system has {n} coordinates ({', '.join(self.statement.names)}): give "
+                f"({n},), or ({n}, batch)."
+            )
+        return array
+
+    def _checked_state(self, y: ArrayLike) -> FloatArray:
+        array = _floats(y, "y")
+        n = 2 * self.dimension
+        if array.ndim not in (1, 2) or array.shape[0] != n:
+            raise StatementError(f"y has shape {array.shape}: give [q, v] of shape ({n},), or ({n}, batch).")
+        return array
+
+    @staticmethod
+    def _scalar(value: FloatArray) -> Any:
+        return float(value) if value.ndim == 0 else value
+
+
+def _floats(value: ArrayLike, what: str) -> FloatArray:
+    """Return an array of doubles; complex numbers and symbols are refused."""
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiu":
+        raise StatementError(f"{what} has entries of type {array.dtype}: give real numbers.")
+    return array.astype(float, copy=False)
+
+
+def _recompile(statement: Statement, machine: Machine) -> Model:
+    return Model(statement, euler_lagrange(statement), machine)

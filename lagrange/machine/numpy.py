@@ -1,0 +1,149 @@
+"""The numpy machine: interprets a program, one array operation per instruction. The readable reference."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lagrange.machine.backend import FloatArray, SingularMassMatrix
+from lagrange.machine.numpy_driver import NumpyDriver
+from lagrange.program.program import Program
+from lagrange.program.step import StepProgram
+
+PIVOT = 2.0**-46
+"""A pivot below this fraction of the largest entry of its row counts as zero."""
+
+OPERATIONS: dict[str, Callable[..., Any]] = {
+    "neg": np.negative,
+    "add": np.add,
+    "sub": np.subtract,
+    "mul": np.multiply,
+    "div": np.divide,
+    "fma": lambda a, b, c: a * b + c,
+    "sqrt": np.sqrt,
+    "power": np.power,
+    "sin": np.sin,
+    "cos": np.cos,
+    "tan": np.tan,
+    "asin": np.arcsin,
+    "acos": np.arccos,
+    "atan": np.arctan,
+    "atan2": np.arctan2,
+    "exp": np.exp,
+    "log": np.log,
+    "sinh": np.sinh,
+    "cosh": np.cosh,
+    "tanh": np.tanh,
+    "abs": np.abs,
+    "sign": np.sign,
+    "min": np.minimum,
+    "max": np.maximum,
+    "less": np.less,
+    "less_equal": np.less_equal,
+    "equal": np.equal,
+    "and": np.logical_and,
+    "or": np.logical_or,
+    "not": np.logical_not,
+    "select": np.where,
+}
+"""The spelling of each operation, on numbers or on one number per column."""
+
+
+@dataclass(frozen=True)
+class NumpyKernel:
+    """A program and the loop that interprets it."""
+
+    program: Program
+
+    def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
+        """Evaluate the program; see `Kernel`."""
+        with np.errstate(all="ignore"):
+            values = interpret(self.program, t, y, parameters)
+        columns = y.shape[1:]
+        out = np.empty((len(self.program.outputs), *columns))
+        for row, ref in enumerate(self.program.outputs):
+            out[row] = values[ref]
+        return out.reshape(*self.program.shape, *columns)
+
+
+@dataclass(frozen=True)
+class NumpyMachine:
+    """Runs programs without compiling them."""
+
+    name: str = "numpy"
+
+    def load(self, program: Program) -> NumpyKernel:
+        """Return a kernel that interprets the program."""
+        return NumpyKernel(program)
+
+    def driver(self, step: StepProgram, kernel: NumpyKernel, parameters: FloatArray) -> NumpyDriver:
+        """Return a driver that takes each step in Python."""
+        return NumpyDriver(step, kernel, parameters)
+
+
+def interpret(program: Program, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> list[Any]:
+    """Return the value of every instruction."""
+    values: list[Any] = []
+    for op, args, data in program.instructions:
+        operands = [values[arg] for arg in args]
+        if op == "state":
+            values.append(y[int(data)])
+        elif op == "parameter":
+            values.append(parameters[int(data)])
+        elif op == "time":
+            values.append(np.asarray(t, dtype=float))
+        elif op == "constant":
+            values.append(np.float64(data))
+        elif op == "factor":
+            values.append(_matrix(int(data), operands))
+        elif op == "solve":
+            values.append(_solve(operands[0], operands[1:]))
+        elif op == "component":
+            values.append(operands[0][int(data)])
+        else:
+            values.append(OPERATIONS[op](*operands))
+    return values
+
+
+def _matrix(n: int, lower: list[Any]) -> FloatArray:
+    """Return the full matrix (n, n) or (n, n, batch) from its lower triangle by rows."""
+    rows = np.array(np.broadcast_arrays(*lower), dtype=float)
+    i, j = np.tril_indices(n)
+    full = np.empty((n, n, *rows.shape[1:]))
+    full[i, j] = rows
+    full[j, i] = rows
+    return full
+
+
+def _solve(matrix: FloatArray, right: list[Any]) -> FloatArray:
+    """Return the solution (n,) or (n, batch) by Gaussian elimination with scaled partial pivoting."""
+    n = len(right)
+    columns = np.broadcast_shapes(matrix.shape[2:], *(np.shape(entry) for entry in right))
+    a = np.broadcast_to(matrix.reshape(n, n, *matrix.shape[2:]), (n, n, *columns)).reshape(n, n, -1).copy()
+    b = np.array(np.broadcast_arrays(*right, np.empty(columns))[:n], dtype=float).reshape(n, -1)
+    lanes = np.arange(a.shape[2])
+    largest = np.abs(a).max(axis=1)
+    for j in range(n):
+        pick = j + np.argmax(np.abs(a[j:, j]) / largest[j:], axis=0)
+        for array in (a, b, largest):
+            here, there = array[j].copy(), array[pick, ..., lanes]
+            array[j] = np.moveaxis(there, 0, -1)
+            array[pick, ..., lanes] = np.moveaxis(here, -1, 0)
+        _check_pivot(a[j, j], largest[j], columns)
+        factor = a[j + 1 :, j] / a[j, j]
+        a[j + 1 :] -= factor[:, None] * a[j]
+        b[j + 1 :] -= factor * b[j]
+    x = np.empty_like(b)
+    for j in reversed(range(n)):
+        x[j] = (b[j] - (a[j, j + 1 :] * x[j + 1 :]).sum(axis=0)) / a[j, j]
+    return x.reshape(n, *columns)
+
+
+def _check_pivot(pivot: FloatArray, largest: FloatArray, columns: tuple[int, ...]) -> None:
+    """Refuse a pivot that is zero to round-off; a NaN is no verdict on the matrix and passes through."""
+    singular = (np.abs(pivot) <= PIVOT * largest) | (pivot == 0.0)
+    if singular.any():
+        raise SingularMassMatrix(int(np.argmax(singular)) if columns else None)

@@ -1,0 +1,158 @@
+"""The driver of the numpy machine: the same loop over steps as the compiled ones, in plain Python.
+
+It runs a step function on arrays as it was written, so it is the place to read what the compiled drivers do.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from lagrange.machine.backend import FloatArray, Kernel, SingularMassMatrix
+from lagrange.machine.driver import DriverState, Outcome
+from lagrange.program.step import Control, StepProgram
+
+S = DriverState
+
+
+class NumpyDriver:
+    """Advances a run by calling the step function on arrays."""
+
+    def __init__(self, step: StepProgram, kernel: Kernel, parameters: FloatArray) -> None:
+        self._step = step
+        self._kernel = kernel
+        self._parameters = parameters
+        self._slope: FloatArray | None = None
+
+    def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
+        """Advance a run; see `Driver`."""
+        take = self._fixed if self._step.control is None else self._adaptive
+        with np.errstate(all="ignore"):
+            for _ in range(budget):
+                if state.t == state.reals[S.END]:
+                    break
+                outcome = take(state, times, rows)
+                if outcome is not Outcome.PAUSED:
+                    return outcome
+        return Outcome.DONE if state.t == state.reals[S.END] else Outcome.PAUSED
+
+    def _fixed(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome:
+        end, h = state.reals[S.END], state.reals[S.STEP]
+        after = state.reals[S.START] + (state.count(S.STEPS) + 1) * h
+        # A last step of a millionth of the step is round-off of the grid and joins the step before it.
+        if (end - (after + 1e-6 * h)) * h <= 0:
+            after, h = end, end - state.t
+        try:
+            y, _ = self._attempt(state, h)
+        except SingularMassMatrix:
+            return Outcome.SINGULAR
+        if not np.isfinite(y).all():
+            return Outcome.NON_FINITE
+        self._accept(state, after, y, times, rows)
+        return Outcome.PAUSED
+
+    def _adaptive(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome:
+        control: Any = self._step.control
+        reals = state.reals
+        if reals[S.H] == 0:
+            reals[S.H] = self._first_step(state, control)
+        t, end, h = state.t, reals[S.END], reals[S.H]
+        least = 16 * 2.0**-52 * max(abs(t), 1e-290)
+        # A step within one percent of the end goes to the end, so that no sliver is left over.
+        final = abs(h) * 1.01 >= abs(end - t)
+        if not abs(h) >= least and (not final or state.count(S.AFTER_REJECT)):
+            return Outcome.STEP_TOO_SMALL
+        length, after = (end - t, end) if final else (h, t + h)
+        try:
+            y, errors = self._attempt(state, length)
+        except SingularMassMatrix:
+            return self._reject(state, Outcome.SINGULAR, 0.25 * length)
+        if not all(np.isfinite(vector).all() for vector in (y, *errors)):
+            return self._reject(state, Outcome.NON_FINITE, 0.25 * length)
+        norm = self._norm(state, control, y, errors)
+        factor = control.safety * max(norm, 1e-10) ** -(1 / control.exponent - 0.75 * control.memory)
+        if not norm <= 1.0:
+            return self._reject(state, Outcome.STEP_TOO_SMALL, length * min(max(factor, control.least), 0.95))
+        factor *= reals[S.PREVIOUS] ** control.memory
+        reals[S.PREVIOUS] = max(norm, 1e-4)
+        most = 1.0 if state.count(S.AFTER_REJECT) else control.most
+        reals[S.H] = length * max(min(factor, most), control.least)
+        state.counts[S.AFTER_REJECT] = 0
+        self._accept(state, after, y, times, rows)
+        return Outcome.PAUSED
+
+    def _attempt(self, state: DriverState, h: float) -> tuple[FloatArray, list[FloatArray]]:
+        """Return the state after a step and the error vectors, and keep the first slope for another try."""
+        calls: list[FloatArray] = []
+        step, n = self._step, len(state.y) // 2
+
+        def f(t: float, y: FloatArray) -> FloatArray:
+            if not calls and self._slope is not None and step.starts_with_slope:
+                calls.append(self._slope)
+                return self._slope
+            state.counts[S.EVALUATIONS] += 1
+            whole = np.concatenate([y, np.zeros(n)]) if step.partitioned else y
+            slope = self._kernel(t, whole, self._parameters)
+            calls.append(slope[n:] if step.partitioned else slope)
+            return calls[-1]
+
+        if step.partitioned:
+            q, v = step.function(f, state.t, state.y[:n], state.y[n:], h)
+            result = (np.concatenate([q, v]), [])
+        elif step.control is None:
+            result = (step.function(f, state.t, state.y, h), [])
+        else:
+            y, *errors = step.function(f, state.t, state.y, h)
+            result = (y, errors)
+        self._slope = calls[0] if step.starts_with_slope else None
+        self._last = calls[-1]
+        return result
+
+    def _accept(self, state: DriverState, t: float, y: FloatArray, times: FloatArray, rows: FloatArray) -> None:
+        state.reals[S.T] = t
+        state.y[:] = y
+        state.counts[S.STEPS] += 1
+        self._slope = self._last if self._step.ends_with_slope else None
+        if state.count(S.RECORD):
+            row = state.count(S.ROWS)
+            times[row] = t
+            rows[row] = y
+            state.counts[S.ROWS] += 1
+
+    def _reject(self, state: DriverState, cause: Outcome, h: float) -> Outcome:
+        state.reals[S.CAUSE] = cause
+        state.reals[S.H] = h
+        state.counts[S.AFTER_REJECT] = 1
+        state.counts[S.REJECTED] += 1
+        return Outcome.PAUSED
+
+    def _norm(self, state: DriverState, control: Control, y: FloatArray, errors: list[FloatArray]) -> float:
+        scale = state.reals[S.ATOL] + state.reals[S.RTOL] * np.maximum(abs(state.y), abs(y))
+        sums = [float(((error / scale) ** 2).sum()) for error in errors]
+        if not control.damped:
+            return float(np.sqrt(sums[0] / len(y)))
+        mixed = sums[0] + 0.01 * sums[1]
+        return sums[0] / float(np.sqrt(mixed * len(y))) if mixed > 0 else 0.0
+
+    def _first_step(self, state: DriverState, control: Control) -> float:
+        """Return a first step from two slopes (Hairer, Norsett, Wanner, Solving ODE I, II.4), with its sign."""
+        t, y, span = state.t, state.y, state.reals[S.END] - state.t
+        scale = state.reals[S.ATOL] + state.reals[S.RTOL] * abs(y)
+
+        def size(vector: FloatArray) -> float:
+            return float(np.sqrt(np.mean((vector / scale) ** 2)))
+
+        state.counts[S.EVALUATIONS] += 2
+        try:
+            slope = self._kernel(t, y, self._parameters)
+            d0, d1 = size(y), size(slope)
+            h0 = min(1e-6 if d0 < 1e-5 or d1 < 1e-5 else 0.01 * d0 / d1, abs(span))
+            signed = float(np.copysign(h0, span))
+            d2 = size(self._kernel(t + signed, y + signed * slope, self._parameters) - slope) / h0
+        except SingularMassMatrix:
+            return float(np.copysign(min(1e-6, abs(span)), span))
+        largest = max(d1, d2)
+        h1 = max(1e-6, 1e-3 * h0) if largest <= 1e-15 else (0.01 / largest) ** (1 / control.exponent)
+        chosen = min(100 * h0, h1, abs(span))
+        return float(np.copysign(chosen if chosen > 0 else h0, span))

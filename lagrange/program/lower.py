@@ -1,0 +1,263 @@
+"""From graph to program: binary operations in a good order, with what depends on parameters alone hoisted.
+
+Sums become chains of fused multiply-adds, products put parameters first so that their part is computed once
+per run, and a power with an integer or half-integer exponent becomes multiplications and square roots.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from math import prod
+
+from lagrange.errors import StatementError
+from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, reachable
+from lagrange.program.program import Instruction, Program
+
+
+def lower(
+    name: str,
+    outputs: Sequence[Node],
+    shape: tuple[int, ...],
+    state: Sequence[Node],
+    time: Node,
+    parameters: Sequence[Node],
+) -> Program:
+    """Return the program that computes `outputs`, filling `shape` in C order, from t, y = `state` and parameters."""
+    if len(outputs) != prod(shape):
+        raise ValueError(f"{len(outputs)} outputs do not fill the shape {shape}")
+    lowering = _Lowering(outputs[0].graph, outputs, state, time, parameters)
+    refs = [lowering.ref(node) for node in outputs]
+    return lowering.finish(name, refs, shape)
+
+
+class _Lowering:
+    """Value-numbered emission of instructions; `level` of an instruction is its binding time."""
+
+    def __init__(
+        self, graph: Graph, outputs: Sequence[Node], state: Sequence[Node], time: Node, parameters: Sequence[Node]
+    ) -> None:
+        self.graph = graph
+        self.instructions: list[Instruction] = []
+        self.levels: list[Binding] = []
+        self.numbers: dict[Instruction, int] = {}
+        self.done: dict[Node, int] = {}
+        self.states = len(state)
+        self.parameters = len(parameters)
+        self.done[time] = self.emit("time", level=Binding.TIME)
+        for i, node in enumerate(state):
+            self.done[node] = self.emit("state", data=i, level=node.binding)
+        for i, node in enumerate(parameters):
+            self.done[node] = self.emit("parameter", data=i, level=Binding.PARAMETER)
+        order = reachable(outputs)
+        self.uses: dict[Node, int] = dict.fromkeys(outputs, 1)
+        for node in order:
+            for arg in node.args:
+                self.uses[arg] = self.uses.get(arg, 0) + 1
+        for node in _depth_first(outputs):
+            if node not in self.done and not self.is_fused(node):
+                self.done[node] = self.compute(node)
+
+    def ref(self, node: Node) -> int:
+        """Return the result that holds a node."""
+        if node not in self.done:
+            self.done[node] = self.compute(node)
+        return self.done[node]
+
+    def emit(self, op: str, *args: int, data: float = 0, level: Binding = Binding.CONSTANT) -> int:
+        """Return the number of an instruction, a new one only if there is none like it."""
+        instruction = Instruction(op, args, data)
+        if instruction not in self.numbers:
+            self.numbers[instruction] = len(self.instructions)
+            self.instructions.append(instruction)
+            self.levels.append(max([level, *(self.levels[arg] for arg in args)]))
+        return self.numbers[instruction]
+
+    def constant(self, value: Exact) -> int:
+        """Return the double nearest to an exact constant."""
+        try:
+            return self.emit("constant", data=float(value))
+        except OverflowError:
+            raise StatementError("a constant of the expression is too large for a floating-point number.") from None
+
+    def is_fused(self, node: Node) -> bool:
+        """Whether a product is used once, by a sum that can take it into a multiply-add, or is a divisor."""
+        return self.uses.get(node, 0) == 1 and node.kind is Kind.PRODUCT
+
+    def compute(self, node: Node) -> int:
+        """Emit one node whose arguments are done."""
+        if node.kind is Kind.CONSTANT:
+            return self.constant(node.data)
+        if node.kind is Kind.SUM:
+            return self.sum(node)
+        if node.kind is Kind.PRODUCT:
+            return self.product(1, node.args)
+        if node.kind is Kind.POWER:
+            return self.power(self.ref(node.args[0]), node.data)
+        args = [self.ref(arg) for arg in node.args]
+        if node.kind is Kind.CALL:
+            return self.call(node.data, args)
+        return self.emit(node.kind.value, *args, data=node.data)
+
+    def sum(self, node: Node) -> int:
+        """Emit a linear combination, the part in parameters first."""
+        constant, coefficients = node.data
+        terms = sorted(zip(coefficients, node.args, strict=True), key=_term_order)
+        total: int | None = None
+        for coefficient, arg in terms:
+            total = self.add_term(total, coefficient, arg)
+        if total is None or constant:
+            return self.add(total, self.constant(constant))
+        return total
+
+    def add(self, total: int | None, term: int) -> int:
+        return term if total is None else self.emit("add", total, term)
+
+    def add_term(self, total: int | None, coefficient: Exact, arg: Node) -> int:
+        """Return total + coefficient * arg."""
+        negative = coefficient < 0
+        if arg.kind is Kind.PRODUCT and arg not in self.done:
+            over, under = _split_factors(arg.args, self.uses)
+            if not under:
+                return self.add_product(total, coefficient, over)
+            value = self.product(abs(coefficient), arg.args)
+        else:
+            value = self.ref(arg)
+            if abs(coefficient) != 1:
+                return self.fused(total, self.constant(coefficient), value)
+        if total is None:
+            return self.emit("neg", value) if negative else value
+        return self.emit("sub" if negative else "add", total, value)
+
+    def add_product(self, total: int | None, coefficient: Exact, factors: Sequence[Node]) -> int:
+        """Return total + coefficient * product, the last factor joined by a multiply-add."""
+        *first, last = factors
+        if last.binding <= Binding.PARAMETER or total is None:
+            value = self.chain(coefficient, factors)
+            return self.add(total, value)
+        return self.fused(total, self.chain(coefficient, first), self.ref(last))
+
+    def fused(self, total: int | None, a: int, b: int) -> int:
+        return self.emit("mul", a, b) if total is None else self.emit("fma", a, b, total)
+
+    def product(self, coefficient: Exact, factors: Sequence[Node]) -> int:
+        over, under = _split_factors(factors, self.uses)
+        if not under:
+            return self.chain(coefficient, over)
+        divisors = [self.power(self.ref(node.args[0]), -node.data) for node in under]
+        divisor = divisors[0]
+        for other in divisors[1:]:
+            divisor = self.emit("mul", divisor, other)
+        return self.emit("div", self.chain(coefficient, over), divisor)
+
+    def chain(self, coefficient: Exact, factors: Sequence[Node]) -> int:
+        """Return coefficient * product of the factors, parameters and the coefficient multiplied first."""
+        value: int | None = None
+        refs = [(node.binding <= Binding.PARAMETER, self.ref(node)) for node in factors]
+        for _, ref in (pair for pair in refs if pair[0]):
+            value = ref if value is None else self.emit("mul", value, ref)
+        if abs(coefficient) != 1 or (value is None and not refs):
+            scale = self.constant(coefficient)
+            value = scale if value is None else self.emit("mul", scale, value)
+        elif coefficient < 0 and value is not None:
+            value = self.emit("neg", value)
+        negate = coefficient == -1 and value is None
+        for _, ref in (pair for pair in refs if not pair[0]):
+            value = ref if value is None else self.emit("mul", value, ref)
+        if value is None:
+            raise AssertionError("an empty product has a coefficient")
+        return self.emit("neg", value) if negate else value
+
+    def power(self, base: int, exponent: Exact) -> int:
+        """Emit base ** exponent: multiplications, square roots and a reciprocal where the exponent allows."""
+        if exponent < 0:
+            return self.emit("div", self.constant(1), self.power(base, -exponent))
+        if exponent == Fraction(1, 2):
+            return self.emit("sqrt", base)
+        if isinstance(exponent, int) and exponent <= 64:
+            if exponent == 1:
+                return base
+            half = self.power(base, exponent // 2)
+            square = self.emit("mul", half, half)
+            return self.emit("mul", square, base) if exponent % 2 else square
+        if isinstance(exponent, Fraction) and exponent.denominator == 2 and exponent <= 32:
+            whole = self.power(base, int(exponent - Fraction(1, 2)))
+            return self.emit("mul", whole, self.emit("sqrt", base))
+        return self.emit("power", base, self.constant(exponent))
+
+    def call(self, name: str, args: list[int]) -> int:
+        if name in _CONSTANTS:
+            return self.emit("constant", data=_CONSTANTS[name])
+        if name == "pow":
+            return self.emit("power", *args)
+        if name != "piecewise":
+            return self.emit(name, *args)
+        value = args[-1]
+        for condition, chosen in list(zip(args[:-1:2], args[1::2], strict=True))[::-1]:
+            value = self.emit("select", condition, chosen, value)
+        return value
+
+    def finish(self, name: str, outputs: list[int], shape: tuple[int, ...]) -> Program:
+        """Drop what no output needs, move the parameter part to the front, and renumber."""
+        needed = self.needed(outputs)
+        first = [i for i in needed if self.levels[i] <= Binding.PARAMETER]
+        order = [*first, *(i for i in needed if self.levels[i] > Binding.PARAMETER)]
+        place = {old: new for new, old in enumerate(order)}
+        instructions = tuple(
+            self.instructions[i]._replace(args=tuple(place[arg] for arg in self.instructions[i].args)) for i in order
+        )
+        return Program(
+            name=name,
+            states=self.states,
+            parameters=self.parameters,
+            instructions=instructions,
+            hoisted=len(first),
+            outputs=tuple(place[output] for output in outputs),
+            shape=shape,
+        )
+
+    def needed(self, outputs: list[int]) -> list[int]:
+        marked = bytearray(len(self.instructions))
+        for output in outputs:
+            marked[output] = 1
+        for i in range(len(self.instructions) - 1, -1, -1):
+            if marked[i]:
+                for arg in self.instructions[i].args:
+                    marked[arg] = 1
+        return [i for i, mark in enumerate(marked) if mark]
+
+
+_CONSTANTS = {"pi": 3.141592653589793, "e": 2.718281828459045, "nan": float("nan")}
+
+
+def _split_factors(factors: Sequence[Node], uses: dict[Node, int]) -> tuple[list[Node], list[Node]]:
+    """Return the factors to multiply and those to divide by: powers below zero of moving bases, used just here."""
+    under = [
+        node
+        for node in factors
+        if node.kind is Kind.POWER and node.data < 0 and node.binding > Binding.PARAMETER and uses.get(node, 0) == 1
+    ]
+    return [node for node in factors if node not in under], under
+
+
+def _term_order(term: tuple[Exact, Node]) -> tuple[bool, bool, int]:
+    """Parameters first; a positive term before negative ones, which then are subtractions."""
+    coefficient, node = term
+    return (node.binding > Binding.PARAMETER, coefficient < 0, node.id)
+
+
+def _depth_first(outputs: Sequence[Node]) -> list[Node]:
+    """Return the reachable nodes, arguments first, each output's own work together: values die young."""
+    seen: set[Node] = set()
+    order: list[Node] = []
+    for output in outputs:
+        stack = [(output, False)]
+        while stack:
+            node, expanded = stack.pop()
+            if expanded:
+                order.append(node)
+            elif node not in seen:
+                seen.add(node)
+                stack.append((node, True))
+                stack.extend((arg, False) for arg in reversed(node.args) if arg not in seen)
+    return order

@@ -1,0 +1,74 @@
+"""Run a compiled model: `integrate` for a Solution, `flow` for the state at the end as a plain function."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from lagrange.machine.model import Model
+from lagrange.show.progress import progress_bar
+from lagrange.show.solution import Solution
+from lagrange.trajectory.flow import Flow
+from lagrange.trajectory.integrate import integrate as trajectory_of
+
+
+def integrate(
+    model: Model,
+    span: Sequence[float],
+    initial: Mapping[Any, Any] | None = None,
+    *,
+    method: Any = None,
+    rtol: float | None = None,
+    atol: float | None = None,
+    t_eval: ArrayLike | None = None,
+    events: Any = None,
+    step: float | None = None,
+    max_steps: int | None = None,
+    max_wall: float | None = None,
+    parameters: Mapping[Any, Any] | None = None,
+    progress: bool = False,
+) -> Solution:
+    """Integrate a model over `span` = (t0, t1), which may run backwards, and return the Solution.
+
+    `initial` overlays the statement's initial state, by coordinate, velocity or name. `method` is a registered name
+    or an instance; `lg.methods.table()` lists them. Adaptive methods take `rtol` and `atol`, others a `step`.
+    `t_eval` (k,) are the output times; without it every accepted step is kept. `max_steps` counts tried steps,
+    `max_wall` is in seconds. Whatever happens along the way ends in `solution.status` with what was computed
+    until then. Raises StatementError for a request that cannot be meant.
+    """
+    with progress_bar(span, wanted=progress) as report:
+        trajectory, values = trajectory_of(
+            model,
+            span,
+            initial,
+            method=method,
+            rtol=rtol,
+            atol=atol,
+            t_eval=t_eval,
+            events=events,
+            step=step,
+            max_steps=max_steps,
+            max_wall=max_wall,
+            parameters=parameters,
+            progress=report,
+        )
+    return Solution(trajectory, model, values)
+
+
+def flow(
+    model: Model,
+    *,
+    method: Any = None,
+    rtol: float | None = None,
+    atol: float | None = None,
+    step: float | None = None,
+    max_steps: int | None = None,
+) -> Flow:
+    """Return the flow of a model as a function y1 = flow(y0, t0, t1, parameters=None), (2n,) to (2n,).
+
+    It is prepared once: a call costs a few microseconds beside the steps themselves. Calls raise RunError when the
+    run does not get to t1. Raises StatementError for an unknown method or a setting that it has no use for.
+    """
+    return Flow(model, method=method, rtol=rtol, atol=atol, step=step, max_steps=max_steps)

@@ -1,0 +1,56 @@
+"""How much a quantity that should stay constant moved, against an honest scale."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lagrange.machine.model import Model
+from lagrange.trajectory.trajectory import FloatArray
+
+_NEAR_ZERO = 1e-3
+"""An initial energy below this part of the energies that are exchanged is no scale: it is what two of them leave."""
+
+
+@dataclass(frozen=True)
+class EnergyDrift:
+    """The energy along a run: where it started and ended, and max |E - E0|.
+
+    `relative` is that over `scale`: |E0|, or, where E0 is close to zero, the largest |v.p| / 2, which for
+    most systems is the largest kinetic energy. It is a statement about accuracy only if `conserved`, which says
+    whether the equations keep the energy.
+    """
+
+    conserved: bool
+    first: float
+    last: float
+    absolute: float
+    scale: float
+    against: str
+
+    @property
+    def relative(self) -> float:
+        """The drift over its scale, or the drift itself if nothing moves."""
+        return self.absolute / self.scale if self.scale > 0 else self.absolute
+
+    def sentence(self) -> str:
+        """Return the drift in words, or what the energy does where nothing keeps it."""
+        if not self.conserved:
+            return f"from {self.first:.6g} to {self.last:.6g} (the system does not conserve it)"
+        return f"{self.relative:.1e} of {self.against}"
+
+
+def energy_drift(
+    model: Model, energy: FloatArray, t: FloatArray, y: FloatArray, parameters: Mapping[Any, float]
+) -> EnergyDrift:
+    """Return the drift of the energies (N,) of the states y (2n, N) at the times t (N,)."""
+    n = model.dimension
+    momenta = np.asarray(model.momenta(y[:n], y[n:], t, parameters))
+    exchanged = 0.5 * float(np.max(np.abs(np.sum(y[n:] * momenta, axis=0))))
+    first, absolute = float(energy[0]), float(np.max(np.abs(energy - energy[0])))
+    small = abs(first) < _NEAR_ZERO * exchanged
+    scale, against = (exchanged, "the largest |v.p|/2") if small else (abs(first), "the initial energy")
+    return EnergyDrift(model.conservative, first, float(energy[-1]), absolute, scale, against)

@@ -1,0 +1,236 @@
+"""The picture of a run: coordinates over time, the energy, and the path in the plane."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import ceil
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lagrange.errors import LagrangeError
+from lagrange.trajectory.trajectory import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from lagrange.show.solution import Solution
+
+_SAMPLES = 2000
+"""Fewer outputs than this are filled up from the path between the steps: a Taylor step can hold whole swings."""
+
+_MOST = 20_000
+"""More points than this no picture shows; every k-th is taken."""
+
+_COLOURS = ("#0b6e99", "#d1495b", "#3c7d45", "#a35c00", "#6a4c93", "#00798c", "#8d5b4c", "#4a5568")
+_INK, _GRID, _QUIET = "#222222", "#e3e3e3", "#8a8a8a"
+_VIEW = np.radians((-60.0, 25.0))
+"""Azimuth and elevation from which paths in space are seen."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Named points along the run, each (2, N), with the labels of the two directions and the rods between points.
+
+    `triad` has the plane directions of the axes of space, one row each, when the points were seen from `_VIEW`.
+    """
+
+    points: Mapping[str, FloatArray]
+    labels: tuple[str, str]
+    links: tuple[tuple[str, str], ...]
+    triad: FloatArray | None = None
+
+
+def plot(solution: Solution) -> Figure:
+    """Return a figure with the coordinates over time, the energy, and the paths of the named positions."""
+    from matplotlib.figure import Figure
+
+    t = _sample_times(solution.t)
+    y = solution.at(t)
+    scene = _scene(solution, t, y)
+    names = solution.model.statement.names
+    columns = 1 if len(names) <= 4 else 2
+    rows = ceil(len(names) / columns)
+    height = max(4.2, 1.0 + (1.15 if rows <= 4 else 0.85) * (rows + 2))
+    figure = Figure(figsize=(6.2 if scene is None else 10.6, height), layout="constrained")
+    left, right = (figure, None) if scene is None else figure.subfigures(1, 2, width_ratios=(1.15, 1.0))
+    panels = left.add_gridspec(rows + 1, columns, height_ratios=[1.0] * rows + [1.3])
+    axes = [left.add_subplot(panels[k % rows, k // rows]) for k in range(len(names))]
+    _draw_coordinates(axes, names, t, y, rows)
+    _draw_energy(left.add_subplot(panels[rows, :]), solution)
+    if scene is not None and right is not None:
+        _draw_scene(right.add_subplot(), scene)
+        if sum(name != "origin" for name in scene.points) > 1:
+            right.legend(loc="outside lower left", ncols=4, frameon=False, fontsize=9)
+    figure.suptitle(_title(solution), x=0.01, ha="left", fontsize=11, color=_INK)
+    return figure
+
+
+def _dress(axis: Axes, title: str = "") -> None:
+    """Give a panel its quiet frame; set here and not in Matplotlib's settings, which all threads share."""
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.spines[["left", "bottom"]].set_color(_QUIET)
+    axis.grid(color=_GRID, linewidth=0.7)
+    axis.set_axisbelow(True)
+    axis.tick_params(color=_QUIET, labelcolor=_INK, labelsize=9)
+    axis.ticklabel_format(scilimits=(-3, 4), useMathText=True)
+    axis.locator_params(axis="x", nbins=7)
+    axis.set_title(title, loc="left", fontsize=10, color=_INK)
+
+
+def _title(solution: Solution) -> str:
+    title = f"{solution.model.statement.name}   {solution.method}, {solution.steps} steps"
+    return title if solution.status.complete else f"{title}   ended early: {solution.status.value}"
+
+
+def _sample_times(t: FloatArray) -> FloatArray:
+    """Return the times to draw at: the outputs, thinned where there are too many, filled up where too few."""
+    if len(t) >= _SAMPLES:
+        chosen = t[:: ceil(len(t) / _MOST)]
+        return chosen if chosen[-1] == t[-1] else np.append(chosen, t[-1])
+    if len(t) < 2 or t[0] == t[-1]:
+        return t
+    filled = np.union1d(t, np.linspace(t[0], t[-1], _SAMPLES))
+    return filled if t[-1] > t[0] else filled[::-1]
+
+
+def _draw_coordinates(axes: Sequence[Axes], names: Sequence[str], t: FloatArray, y: FloatArray, rows: int) -> None:
+    for k, (axis, name) in enumerate(zip(axes, names, strict=True)):
+        _dress(axis, "coordinates over time t" if k == 0 else "")
+        axis.plot(t, y[k], color=_COLOURS[0], linewidth=1.3)
+        axis.set_ylabel(_words(name), rotation=0, ha="right", va="center")
+        axis.margins(x=0.0)
+        _widen(axis, y[k])
+        axis.locator_params(axis="y", nbins=3)
+        if k > 0:
+            axis.sharex(axes[0])
+        axis.tick_params(labelbottom=k % rows == rows - 1 or k == len(names) - 1)
+
+
+def _draw_energy(axis: Axes, solution: Solution) -> None:
+    axis.set_xlabel("t")
+    axis.margins(x=0.0)
+    try:
+        drift, energy = solution.drift, solution.energy
+    except LagrangeError:
+        _dress(axis, "energy: it has no value at some state of the run")
+        return
+    if drift.conserved:
+        scaled = (energy - drift.first) / (drift.scale if drift.scale > 0 else 1.0)
+        title = f"energy drift: (E - E0) relative to {drift.against}"
+    else:
+        scaled, title = energy, "energy (the system does not conserve it)"
+    _dress(axis, title)
+    axis.plot(solution.t, scaled, color=_INK, linewidth=1.0, marker="o" if len(energy) < 3 else "", markersize=3)
+    axis.locator_params(axis="y", nbins=4)
+
+
+def _widen(axis: Axes, values: FloatArray) -> None:
+    """Keep round-off from filling a panel: a coordinate that stays put is drawn as a level line."""
+    size = float(np.max(np.abs(values)))
+    if np.ptp(values) <= 1e-9 * size or size == 0.0:
+        middle, half = float(values[0]), 0.5 * size or 1.0
+        axis.set_ylim(middle - half, middle + half)
+
+
+def _words(name: str) -> str:
+    """Return a coordinate's name as mathematics where Matplotlib knows it: theta1 as a Greek letter with an index."""
+    letters = name.rstrip("0123456789").rstrip("_")
+    index = name[len(name.rstrip("0123456789")) :]
+    if not (letters in _GREEK or len(letters) == 1):
+        return name
+    symbol = f"\\{letters}" if letters in _GREEK else letters
+    return f"${symbol}_{{{index}}}$" if index else f"${symbol}$"
+
+
+_GREEK = frozenset(
+    "alpha beta gamma delta epsilon zeta eta theta iota kappa lambda mu nu xi pi rho sigma tau upsilon phi chi psi "
+    "omega Gamma Delta Theta Lambda Xi Pi Sigma Phi Psi Omega".split()
+)
+
+
+# --- the path in the plane ------------------------------------------------------------------------------------
+
+
+def _scene(solution: Solution, t: FloatArray, y: FloatArray) -> Scene | None:
+    """Return where the named points are at the times, seen in the plane; None if the statement names none."""
+    statement = solution.model.statement
+    if not statement.positions:
+        return None
+    space = {}
+    for name, parts in statement.positions.items():
+        rows = [solution.model.evaluate_expression(part, t, y, solution.parameters) for part in parts]
+        space[name] = np.array(rows)
+    if any("origin" in link for link in statement.links) and "origin" not in space:
+        dimension = max(len(point) for point in space.values())
+        space["origin"] = np.zeros((dimension, len(t)))
+    return _seen(space, statement.links)
+
+
+def _seen(space: Mapping[str, FloatArray], links: tuple[tuple[str, str], ...]) -> Scene:
+    """Return points of the plane as they are, and points in space from the side where they keep to a plane.
+
+    A direction in which nothing moves is left out; where there is none, the view is from azimuth -60 and elevation
+    25 degrees, without perspective.
+    """
+    dimension = max(len(point) for point in space.values())
+    if dimension == 2:
+        return Scene(space, ("x", "y"), links)
+    full = {name: np.vstack([point, np.zeros((3 - len(point), point.shape[1]))]) for name, point in space.items()}
+    together = np.concatenate(list(full.values()), axis=1)
+    extents = np.ptp(together, axis=1)
+    flat = int(np.argmin(extents))
+    if extents[flat] <= 1e-9 * max(float(extents.max()), 1e-300):
+        kept = [k for k in range(3) if k != flat]
+        labels = "xyz"[kept[0]], "xyz"[kept[1]]
+        return Scene({name: point[kept] for name, point in full.items()}, labels, links)
+    azimuth, elevation = _VIEW
+    across = (-np.sin(azimuth), np.cos(azimuth), 0.0)
+    up = (-np.sin(elevation) * np.cos(azimuth), -np.sin(elevation) * np.sin(azimuth), np.cos(elevation))
+    view = np.array([across, up])
+    return Scene({name: view @ point for name, point in full.items()}, ("", ""), links, view.T)
+
+
+def _draw_scene(axis: Axes, scene: Scene) -> None:
+    for start, end in scene.links:
+        ends = np.array([scene.points[start][:, -1], scene.points[end][:, -1]])
+        axis.plot(*ends.T, color=_QUIET, linewidth=1.6, zorder=3)
+    for k, (name, point) in enumerate(scene.points.items()):
+        fixed = name == "origin"
+        colour = _INK if fixed else _COLOURS[k % len(_COLOURS)]
+        if not fixed:
+            axis.plot(*point, color=colour, linewidth=0.9, alpha=0.75, zorder=2)
+            axis.plot(*point[:, 0], "o", mfc="white", mec=colour, markersize=5, zorder=4)
+        label = "_nolegend_" if fixed else name
+        axis.plot(*point[:, -1], "s" if fixed else "o", color=colour, markersize=4 if fixed else 7, zorder=5, label=label)
+    _frame(axis, np.concatenate(list(scene.points.values()), axis=1))
+    axis.set_xlabel(scene.labels[0])
+    axis.set_ylabel(scene.labels[1])
+    _dress(axis, f"path in {'the plane' if scene.triad is None else 'space'}; open circles: start")
+    if scene.triad is not None:
+        _draw_triad(axis, scene.triad)
+
+
+def _frame(axis: Axes, points: FloatArray) -> None:
+    """Set limits around all points; lengths are equal in both directions unless that makes a path a thread."""
+    low, high = points.min(axis=1), points.max(axis=1)
+    extent = high - low
+    longest = float(extent.max()) or 1.0
+    if extent.min() > longest / 12 or extent.min() <= 1e-9 * longest:
+        axis.set_aspect("equal", adjustable="datalim")
+        extent = np.maximum(extent, longest / 3)
+    middle = (low + high) / 2
+    axis.set_xlim(middle[0] - 0.55 * extent[0], middle[0] + 0.55 * extent[0])
+    axis.set_ylim(middle[1] - 0.55 * extent[1], middle[1] + 0.55 * extent[1])
+
+
+def _draw_triad(axis: Axes, triad: FloatArray) -> None:
+    """Show which way x, y and z point, in a corner."""
+    axis.set(xticks=[], yticks=[])
+    corner = np.array([0.1, 0.1])
+    for name, direction in zip("xyz", triad, strict=True):
+        tip = corner + 0.07 * direction
+        axis.annotate("", tip, corner, "axes fraction", "axes fraction", arrowprops={"arrowstyle": "->", "color": _QUIET})
+        axis.annotate(name, corner + 0.095 * direction, xycoords="axes fraction", ha="center", va="center", color=_INK)

@@ -1,0 +1,277 @@
+"""A run's result as a person uses it: rows by name, states at any time, the energy, files and pictures."""
+
+from __future__ import annotations
+
+import html
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import sympy
+from numpy.typing import ArrayLike
+from sympy.core.function import AppliedUndef
+
+from lagrange.errors import LagrangeError, RunError, StatementError, listing, suggestion
+from lagrange.machine.model import Model
+from lagrange.show.drift import EnergyDrift, energy_drift
+from lagrange.show.files import write_atomically, write_csv
+from lagrange.show.plot import plot
+from lagrange.show.table import text_table
+from lagrange.statement.coordinate import name_of, velocity_of
+from lagrange.statement.number import real_number
+from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+    from matplotlib.figure import Figure
+
+_CLIPPED = 1e-12
+"""Times beyond an end by less than this part of the span are that end, written with other round-off."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Solution:
+    """States of a model along a run, with N output times.
+
+    `solution[theta]`, `solution[theta.dot]`, `solution["theta"]` and `solution["theta_dot"]` are rows (N,).
+    Units are those of the statement; times may fall. A run that ended early has what it had computed, and
+    `status` and `message` say why.
+    """
+
+    trajectory: Trajectory
+    model: Model
+    parameters: Mapping[Any, float]
+
+    @property
+    def t(self) -> FloatArray:
+        """The output times, (N,)."""
+        return self.trajectory.t
+
+    @property
+    def y(self) -> FloatArray:
+        """The states [q, v] at the output times, (2n, N)."""
+        return self.trajectory.y
+
+    @property
+    def status(self) -> Status:
+        """How the run ended."""
+        return self.trajectory.status
+
+    @property
+    def message(self) -> str:
+        """How the run ended in a sentence: coordinate, time, cause and remedy."""
+        return self.trajectory.message
+
+    @property
+    def method(self) -> str:
+        """The name of the method."""
+        return self.trajectory.method
+
+    @property
+    def steps(self) -> int:
+        """The number of accepted steps."""
+        return self.trajectory.steps
+
+    @property
+    def evaluations(self) -> int:
+        """The number of evaluations of the right-hand side."""
+        return self.trajectory.evaluations
+
+    @property
+    def wall(self) -> float:
+        """The duration of the run in seconds."""
+        return self.trajectory.wall
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the 2n rows: the coordinates, then their velocities with `_dot`."""
+        names = self.model.statement.names
+        return (*names, *(f"{name}_dot" for name in names))
+
+    def __getitem__(self, key: Any) -> FloatArray:
+        """Return the row (N,) of a coordinate or a velocity, given as SymPy expression or by name."""
+        label = _label(key)
+        if label not in self.names:
+            raise StatementError(
+                f"{label[:80]!r} is no coordinate and no velocity of this system; they are {listing(self.names)}."
+                + (suggestion(label, self.names) or " For an expression use solution.evaluate(...).")
+            )
+        row: FloatArray = self.y[self.names.index(label)]
+        return row
+
+    def at(self, t: ArrayLike) -> FloatArray:
+        """Return the states at one time, (2n,), or at K times in any order, (2n, K), between the outputs too.
+
+        Raises StatementError for a time outside the run's output: nothing is extrapolated.
+        """
+        times = np.asarray(t)
+        if times.ndim > 1 or times.dtype.kind not in "fiu" or not np.isfinite(times).all():
+            raise StatementError(f"{str(t)[:80]} is not a time: give a finite number or a list of them.")
+        low, high = float(self.t.min()), float(self.t.max())
+        slack = _CLIPPED * (high - low)
+        if times.size and not (low - slack <= times.min() and times.max() <= high + slack):
+            outside = float(times.min() if times.min() < low - slack else times.max())
+            raise StatementError(f"t = {outside:.6g} is outside the run's output, from {low:.6g} to {high:.6g}.")
+        states = self.trajectory.dense(np.clip(np.atleast_1d(times).astype(float), low, high))
+        return states if times.ndim else states[:, 0]
+
+    @cached_property
+    def energy(self) -> FloatArray:
+        """The energy v.p - L at the output times, (N,)."""
+        n = self.model.dimension
+        return np.asarray(self.model.energy(self.y[:n], self.y[n:], self.t, self.parameters))
+
+    @cached_property
+    def drift(self) -> EnergyDrift:
+        """How far the energy moved over the output times."""
+        return energy_drift(self.model, self.energy, self.t, self.y, self.parameters)
+
+    def evaluate(self, expression: Any) -> FloatArray:
+        """Return a SymPy expression along the run, (N,): in coordinates, velocities, accelerations, parameters and t."""
+        if not isinstance(expression, sympy.Expr):
+            if isinstance(expression, (str, sympy.MatrixBase)):
+                what = "a text" if isinstance(expression, str) else f"a matrix of shape {expression.shape}"
+                raise StatementError(f"{str(expression)[:80]!r} is {what}: give a SymPy expression with one value.")
+            expression = sympy.Float(real_number(expression, "the expression"))
+        return self.model.evaluate_expression(expression, self.t, self.y, self.parameters)
+
+    def require(self) -> Solution:
+        """Return the solution itself if the run is complete; raise RunError with its message if it is not."""
+        if not self.status.complete:
+            raise RunError(self.message)
+        return self
+
+    def card(self) -> dict[str, Any]:
+        """Return the status card as JSON-ready data; numbers that are not finite are None."""
+        card: dict[str, Any] = {
+            "system": self.model.statement.name,
+            "target": self.model.target,
+            "status": self.status.value,
+            "complete": self.status.complete,
+            "message": self.message,
+            "method": self.method,
+            "steps": self.steps,
+            "rejected": self.trajectory.rejected,
+            "evaluations": self.evaluations,
+            "wall": _finite(self.wall),
+            "outputs": len(self.t),
+            "t_start": _finite(self.t[0]) if len(self.t) else None,
+            "t_end": _finite(self.t[-1]) if len(self.t) else None,
+            "energy": self._energy_card(),
+            "parameters": {_label(key): _finite(value) for key, value in self.parameters.items()},
+        }
+        for when, column in (("initial", 0), ("final", -1)):
+            card[when] = {name: _finite(row[column]) for name, row in zip(self.names, self.y, strict=True) if len(row)}
+        return card
+
+    def to_csv(self, path: str | os.PathLike[str]) -> Path:
+        """Write t, the coordinates and their velocities, one line per output time; numbers round-trip.
+
+        Like all files here it is written whole or not at all. Raises StatementError for a path that cannot be
+        written, RunError if the disk is full.
+        """
+        return write_csv(path, ("t", *self.names), [self.t.tolist(), *self.y.tolist()])
+
+    def to_npz(self, path: str | os.PathLike[str]) -> Path:
+        """Write NumPy arrays t (N,), y (2n, N), energy (N,), names (2n,) and card (a JSON text); none needs pickle."""
+        arrays = {"t": self.t, "y": self.y, "names": np.array(self.names), "card": np.array(json.dumps(self.card()))}
+        energy = self.energy if self._has_energy else np.full(len(self.t), np.nan)
+        return write_atomically(path, lambda file: np.savez(file, allow_pickle=False, energy=energy, **arrays))
+
+    def to_png(self, path: str | os.PathLike[str], *, dpi: int = 150) -> Path:
+        """Write the picture of `plot()`."""
+        figure = self.plot()
+        return write_atomically(path, lambda file: figure.savefig(file, format="png", dpi=dpi))
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return a DataFrame: index t, a column per row of the state; the status card is in `.attrs`."""
+        try:
+            import pandas
+        except ModuleNotFoundError as error:
+            raise _needs_data("to_pandas", "pandas") from error
+        frame = pandas.DataFrame(self.y.T.copy(), index=pandas.Index(self.t, name="t"), columns=list(self.names))
+        frame.attrs.update(self.card())
+        return frame
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return a Dataset over the dimension t, a variable per row of the state; how the run ended is in `.attrs`."""
+        try:
+            import xarray
+        except ModuleNotFoundError as error:
+            raise _needs_data("to_xarray", "xarray") from error
+        attributes = {key: value for key, value in self.card().items() if isinstance(value, (str, int, float))}
+        rows = {name: ("t", row.copy()) for name, row in zip(self.names, self.y, strict=True)}
+        return xarray.Dataset(rows, coords={"t": self.t}, attrs=attributes)
+
+    def plot(self) -> Figure:
+        """Return a Matplotlib figure: coordinates over time, the energy, and the path where positions are named."""
+        return plot(self)
+
+    def __repr__(self) -> str:
+        return f"{self.model.statement.name}: {self.status.value}\n{text_table(('', ''), self._lines())}"
+
+    def _repr_html_(self) -> str:
+        rows = "".join(
+            f"<tr><th style='text-align:left'>{html.escape(name)}</th>"
+            f"<td style='text-align:left'>{html.escape(value)}</td></tr>"
+            for name, value in self._lines()
+        )
+        heading = html.escape(f"{self.model.statement.name}: {self.status.value}")
+        return f"<table><caption style='text-align:left'>{heading}</caption>{rows}</table>"
+
+    def _lines(self) -> list[tuple[str, str]]:
+        span = f"{self.t[0]:.6g} to {self.t[-1]:.6g}, " if len(self.t) else ""
+        lines = [
+            ("method", self.method),
+            ("time", f"{span}{len(self.t)} outputs"),
+            ("steps", f"{self.steps} ({self.trajectory.rejected} rejected), {self.evaluations} evaluations"),
+            (
+                "energy drift" if self.model.conservative else "energy",
+                self.drift.sentence() if self._has_energy else "not known: it has no value at some state of the run",
+            ),
+            ("wall time", _duration(self.wall)),
+        ]
+        return lines if self.status is Status.SUCCESS else [*lines, ("message", self.message)]
+
+    @cached_property
+    def _has_energy(self) -> bool:
+        try:
+            return len(self.t) > 0 and bool(np.isfinite(self.energy).all()) and math.isfinite(self.drift.absolute)
+        except LagrangeError:
+            return False
+
+    def _energy_card(self) -> dict[str, Any] | None:
+        if not self._has_energy:
+            return None
+        drift = {**asdict(self.drift), "relative": self.drift.relative}
+        return {key: _finite(value) if isinstance(value, float) else value for key, value in drift.items()}
+
+
+def _label(key: Any) -> str:
+    """Return what a row is called: ``theta`` for theta(t), ``theta_dot`` for its derivative."""
+    if isinstance(key, sympy.Derivative) and isinstance(key.expr, AppliedUndef) and key == velocity_of(key.expr):
+        return f"{name_of(key.expr)}_dot"
+    return name_of(key) if isinstance(key, AppliedUndef) else str(key)
+
+
+def _finite(value: Any) -> float | None:
+    number = float(value)
+    return number if math.isfinite(number) else None
+
+
+def _duration(seconds: float) -> str:
+    for limit, factor, unit in ((1e-3, 1e6, "us"), (1.0, 1e3, "ms")):
+        if seconds < limit:
+            return f"{seconds * factor:.3g} {unit}"
+    return f"{seconds:.3g} s"
+
+
+def _needs_data(method: str, package: str) -> StatementError:
+    return StatementError(f"{method}() needs {package}, which is not installed: pip install 'lagrange[data]'.")

@@ -1,0 +1,36 @@
+"""Small tables as plain text and as Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+
+def text_table(headings: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """Return an aligned table, numbers to the right, with a rule under the headings if there are any."""
+    cells = [[*map(str, row)] for row in rows]
+    widths = [max(map(len, column)) for column in zip(headings, *cells, strict=True)]
+    right = _numeric(rows, len(headings))
+    lines = [_line(line, widths, right) for line in ([*headings], *cells)]
+    return "\n".join([lines[0], "  ".join("-" * width for width in widths), *lines[1:]] if any(headings) else lines[1:])
+
+
+def markdown_table(headings: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """Return a Markdown table; vertical bars and line ends inside a cell are escaped."""
+    right = _numeric(rows, len(headings))
+    rule = ["---:" if flush else "---" for flush in right]
+    lines = [[*headings], rule, *([_escaped(str(cell)) for cell in row] for row in rows)]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def _line(cells: Sequence[str], widths: Sequence[int], right: Sequence[bool]) -> str:
+    padded = zip(cells, widths, right, strict=True)
+    return "  ".join(cell.rjust(width) if flush else cell.ljust(width) for cell, width, flush in padded).rstrip()
+
+
+def _numeric(rows: Sequence[Sequence[object]], columns: int) -> list[bool]:
+    """Return which columns hold numbers only."""
+    return [bool(rows) and all(isinstance(row[j], (int, float)) for row in rows) for j in range(columns)]
+
+
+def _escaped(text: str) -> str:
+    return text.replace("\\", "\\\\").replace("|", "\\|").replace("\n", " ")

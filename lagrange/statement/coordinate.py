@@ -1,0 +1,79 @@
+"""Generalized coordinates, parameters and time as SymPy objects."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from sympy import Derivative, Symbol
+from sympy.core.function import AppliedUndef, UndefinedFunction
+
+from lagrange.errors import StatementError
+
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
+
+t = Symbol("t")
+"""Time; the same symbol as SymPy's ``dynamicsymbols._t``."""
+
+
+def check_name(name: str, what: str) -> str:
+    """Return the name, or refuse it: a letter, then letters, digits and underscores, at most 64 characters."""
+    if not NAME.fullmatch(name):
+        raise StatementError(
+            f"{name[:80]!r} cannot name a {what}: a name starts with a letter, goes on with letters, digits and "
+            "underscores, and has at most 64 characters."
+        )
+    return name
+
+
+def coordinate(name: str) -> Any:
+    """Return the generalized coordinate of that name, a SymPy expression such as theta(t).
+
+    It equals SymPy's ``dynamicsymbols`` of that name; its velocity is ``.dot``, its acceleration ``.ddot``. Raises StatementError for a name that is not an
+    identifier or is ``t``, which is time.
+    """
+    if check_name(name, "coordinate") == t.name:
+        raise StatementError("'t' is time and cannot name a coordinate: choose another name.")
+    shorthand = {"dot": property(velocity_of), "ddot": property(acceleration_of)}
+    return UndefinedFunction(name, bases=(AppliedUndef,), __dict__=shorthand)(t)
+
+
+def coordinates(names: str) -> Any:
+    """Return the coordinates named in a text such as ``"x y"``: a tuple, or one coordinate for one name."""
+    found = tuple(coordinate(name) for name in _names(names, "coordinate"))
+    return found[0] if len(found) == 1 else found
+
+
+def parameters(names: str, *, positive: bool = True) -> Any:
+    """Return parameters named in a text such as ``"m g l"``: real symbols, positive unless told otherwise.
+
+    One name gives one symbol, several give a tuple.
+    """
+    found = []
+    for name in _names(names, "parameter"):
+        if check_name(name, "parameter") == t.name:
+            raise StatementError("'t' is time and cannot name a parameter: choose another name.")
+        found.append(Symbol(name, real=True, positive=True) if positive else Symbol(name, real=True))
+    return found[0] if len(found) == 1 else tuple(found)
+
+
+def velocity_of(coordinate: Any) -> Any:
+    """Return dq/dt of any function of time, a ``dynamicsymbols`` too."""
+    return Derivative(coordinate, t)
+
+
+def acceleration_of(coordinate: Any) -> Any:
+    """Return d2q/dt2 of any function of time."""
+    return Derivative(coordinate, (t, 2))
+
+
+def name_of(coordinate: Any) -> str:
+    """Return the plain name of a coordinate: ``theta`` for theta(t)."""
+    return str(coordinate.func.__name__)
+
+
+def _names(text: str, what: str) -> list[str]:
+    names = text.replace(",", " ").split() if isinstance(text, str) else []
+    if not names:
+        raise StatementError(f"{text!r} names no {what}: give a text such as 'x y'.")
+    return names

@@ -1,0 +1,286 @@
+"""Build a `Statement` from what a user passes to `lagrange.System`, refusing what cannot be meant."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
+
+import sympy
+
+from lagrange.errors import StatementError, listing, suggestion
+from lagrange.statement.coordinate import check_name, name_of, t, velocity_of
+from lagrange.statement.number import real_number
+from lagrange.statement.statement import RunSettings, Statement
+from lagrange.statement.survey import Survey
+
+
+def declare(
+    *,
+    kinetic: Any = None,
+    potential: Any = None,
+    lagrangian: Any = None,
+    coordinates: Sequence[Any] | None = None,
+    forces: Mapping[Any, Any] | None = None,
+    dissipation: Any = 0,
+    constraints: Sequence[Any] = (),
+    parameters: Mapping[Any, Any] | None = None,
+    initial: Mapping[Any, Any] | None = None,
+    positions: Mapping[str, Any] | None = None,
+    links: Iterable[Sequence[str]] = (),
+    name: str = "system",
+    about: str = "",
+    source: str = "",
+    run: RunSettings | None = None,
+) -> Statement:
+    """Check every part of a statement and return it frozen. Raises StatementError in the user's symbols."""
+    if list(constraints):
+        raise StatementError("constraints are not supported yet: choose coordinates that satisfy them, and leave constraints empty.")
+    kinetic, potential, lagrangian = _energies(kinetic, potential, lagrangian)
+    survey = Survey()
+    survey.add(kinetic, "the kinetic energy" if potential is not sympy.S.Zero or lagrangian is not kinetic else "the Lagrangian")
+    survey.add(potential, "the potential energy")
+    chosen = _coordinates(coordinates, survey)
+    by_name = {name_of(q): q for q in chosen}
+    _check_velocities(chosen, survey)
+
+    force_table = _forces(forces, by_name, survey)
+    dissipation = _expression(dissipation, "the dissipation")
+    survey.add(dissipation, "the dissipation")
+    points = _positions(positions, survey)
+    _check_declared(survey, chosen)
+
+    symbols, unify = _parameter_symbols(survey, parameters or {}, by_name)
+    defaults = _defaults(parameters or {}, symbols)
+
+    def clean(expression: Any) -> Any:
+        return expression.xreplace(unify) if unify else expression
+
+    return Statement(
+        coordinates=chosen,
+        kinetic=clean(kinetic),
+        potential=clean(potential),
+        lagrangian=clean(lagrangian),
+        forces=tuple(clean(force_table.get(q, sympy.S.Zero)) for q in chosen),
+        dissipation=clean(dissipation),
+        parameters=tuple(symbols.values()),
+        defaults=MappingProxyType(defaults),
+        initial=initial_state(initial or {}, chosen, (0.0,) * (2 * len(chosen))),
+        positions=MappingProxyType({label: tuple(map(clean, point)) for label, point in points.items()}),
+        links=_links(links, points),
+        name=str(name),
+        about=about,
+        source=source,
+        run=run or RunSettings(),
+    )
+
+
+def initial_state(given: Mapping[Any, Any], coordinates: tuple[Any, ...], base: tuple[float, ...]) -> tuple[float, ...]:
+    """Return (q, v) as 2n floats: `base` overlaid with entries keyed by coordinate, velocity or name.
+
+    A name is a coordinate's, or with ``_dot`` behind it its velocity's.
+    """
+    if not isinstance(given, Mapping):
+        raise StatementError(
+            f"initial is {type(given).__name__}: give a dict such as {{{name_of(coordinates[0])}: 1.0}}; what is not named keeps "
+            "its default."
+        )
+    n = len(coordinates)
+    rows: dict[Any, int] = {}
+    for i, q in enumerate(coordinates):
+        rows[q] = rows[name_of(q)] = i
+        rows[velocity_of(q)] = rows[f"{name_of(q)}_dot"] = n + i
+    values = list(base)
+    for key, value in given.items():
+        if key not in rows:
+            known = [label for label in rows if isinstance(label, str)]
+            raise StatementError(
+                f"initial names {_label(key)!r}, which is no coordinate or velocity of this system; they are {listing(known)}."
+                + suggestion(_label(key), known)
+            )
+        values[rows[key]] = real_number(value, f"the initial value of {_label(key)}")
+    return tuple(values)
+
+
+def parameter_values(
+    given: Mapping[Any, Any] | None, parameters: tuple[Any, ...], defaults: Mapping[Any, float]
+) -> dict[Any, float]:
+    """Return a value for every parameter: the defaults overlaid with `given`, keyed by symbol or name.
+
+    Raises StatementError for a name that is no parameter, a value that is not a finite real number, and a
+    parameter left without a value.
+    """
+    by_name = {symbol.name: symbol for symbol in parameters}
+    values = dict(defaults)
+    for key, value in (given or {}).items():
+        label = _label(key)
+        if label not in by_name:
+            raise StatementError(
+                f"{label!r} is no parameter of this system; its parameters are {listing(by_name)}." + suggestion(label, by_name)
+            )
+        values[by_name[label]] = real_number(value, f"parameter {label}")
+    missing = [symbol.name for symbol in parameters if symbol not in values]
+    if missing:
+        raise StatementError(
+            f"no value for {'parameter' if len(missing) == 1 else 'parameters'} {listing(missing)}: give one, for "
+            f"example parameters={{'{missing[0]}': 1.0}}."
+        )
+    return values
+
+
+def _label(key: Any) -> str:
+    if isinstance(key, str):
+        return key
+    if isinstance(key, sympy.Derivative) and key == velocity_of(key.expr):
+        return f"{name_of(key.expr)}_dot"
+    if isinstance(key, sympy.Symbol):
+        return str(key.name)
+    return name_of(key) if getattr(key, "args", None) == (t,) else str(key)
+
+
+def _expression(value: Any, what: str) -> Any:
+    if isinstance(value, str):
+        raise StatementError(f"{what} is the text {value[:60]!r}: give a SymPy expression; texts belong in a scene file.")
+    if isinstance(value, sympy.MatrixBase):
+        raise StatementError(f"{what} is a matrix of shape {value.shape}: give a scalar, such as its entry [0, 0].")
+    if isinstance(value, sympy.Expr):
+        return value
+    if isinstance(value, complex):
+        raise StatementError(f"{what} is {value!r}, a complex number: energies and forces are real.")
+    return sympy.Float(real_number(value, what)) if isinstance(value, float) else sympy.Integer(int(real_number(value, what)))
+
+
+def _energies(kinetic: Any, potential: Any, lagrangian: Any) -> tuple[Any, Any, Any]:
+    """Return (T, V, L); a system given by L alone has T = L and V = 0."""
+    if lagrangian is not None:
+        if kinetic is not None or potential is not None:
+            raise StatementError("give either lagrangian=, or kinetic= and potential=, not both.")
+        whole = _expression(lagrangian, "the Lagrangian")
+        return whole, sympy.S.Zero, whole
+    if kinetic is None:
+        raise StatementError("no kinetic energy: give kinetic= and potential=, or lagrangian=.")
+    kinetic = _expression(kinetic, "the kinetic energy")
+    potential = _expression(0 if potential is None else potential, "the potential energy")
+    return kinetic, potential, kinetic - potential
+
+
+def _coordinates(given: Sequence[Any] | None, survey: Survey) -> tuple[Any, ...]:
+    found = tuple(survey.coordinates) if given is None else tuple(given)
+    if not found:
+        raise StatementError("no coordinates: the energies contain no function of time. Make one with lg.coordinate('x').")
+    for q in found:
+        if getattr(q, "args", None) != (t,) or not isinstance(q, sympy.Function):
+            raise StatementError(f"coordinates contains {q!r}, which is no coordinate: make one with lg.coordinate('x').")
+        check_name(name_of(q), "coordinate")
+    names = [name_of(q) for q in found]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise StatementError(f"coordinate {twice} is listed twice: name each coordinate once.")
+    return found
+
+
+def _check_velocities(coordinates: tuple[Any, ...], survey: Survey) -> None:
+    for q in coordinates:
+        if velocity_of(q) not in survey.velocities:
+            raise StatementError(
+                f"the kinetic energy does not contain {name_of(q)}.dot, so {name_of(q)} has no inertia and its acceleration "
+                f"is undefined: add its kinetic energy, or make {name_of(q)} a parameter."
+            )
+
+
+def _check_declared(survey: Survey, coordinates: tuple[Any, ...]) -> None:
+    names = [name_of(q) for q in coordinates]
+    for q in survey.coordinates:
+        if q not in coordinates:
+            raise StatementError(
+                f"{q} is used but not declared: add it to coordinates, which are {listing(names)}."
+                + suggestion(name_of(q), names)
+            )
+
+
+def _forces(given: Mapping[Any, Any] | None, by_name: dict[str, Any], survey: Survey) -> dict[Any, Any]:
+    if given is not None and not isinstance(given, Mapping):
+        raise StatementError(f"forces is a {type(given).__name__}: give a dict from coordinate to generalized force.")
+    table: dict[Any, Any] = {}
+    for key, value in (given or {}).items():
+        label = _label(key)
+        if label not in by_name:
+            raise StatementError(
+                f"forces names {label!r}, which is no coordinate of this system; they are {listing(by_name)}."
+                + suggestion(label, by_name)
+            )
+        if by_name[label] in table:
+            raise StatementError(f"forces names {label!r} twice: give the sum of the forces on it.")
+        table[by_name[label]] = _expression(value, f"the force on {label}")
+        survey.add(table[by_name[label]], f"the force on {label}")
+    return table
+
+
+def _positions(given: Mapping[str, Any] | None, survey: Survey) -> dict[str, tuple[Any, ...]]:
+    points: dict[str, tuple[Any, ...]] = {}
+    for label, point in (given or {}).items():
+        what = f"the position of {check_name(str(label), 'point')}"
+        if isinstance(point, (str, sympy.Expr)) or len(point) not in (2, 3):
+            raise StatementError(f"{what} is {point!r}: give two or three expressions, (x, y) or (x, y, z).")
+        points[str(label)] = tuple(_expression(entry, what) for entry in point)
+        for entry in points[str(label)]:
+            survey.add(entry, what)
+    if len({len(point) for point in points.values()}) > 1:
+        raise StatementError("positions mixes points in the plane with points in space: give every point two entries, or every point three.")
+    return points
+
+
+def _links(links: Iterable[Sequence[str]], points: dict[str, Any]) -> tuple[tuple[str, str], ...]:
+    known = ["origin", *points]
+    pairs = []
+    for link in links:
+        if isinstance(link, str) or len(link) != 2:
+            raise StatementError(f"links contains {link!r}: give pairs of point names, such as ('origin', 'bob').")
+        for end in link:
+            if end not in known:
+                raise StatementError(f"links names {end!r}, which is no position; they are {listing(known)}." + suggestion(str(end), known))
+        pairs.append((str(link[0]), str(link[1])))
+    return tuple(pairs)
+
+
+def _parameter_symbols(survey: Survey, given: Mapping[Any, Any], by_name: dict[str, Any]) -> tuple[dict[str, Any], dict[Any, Any]]:
+    """Return the parameters by name, and replacements that make one symbol of several of the same name."""
+    symbols: dict[str, Any] = {}
+    unify: dict[Any, Any] = {}
+    for symbol in [*survey.parameters, *(key for key in given if isinstance(key, sympy.Symbol))]:
+        first = symbols.setdefault(check_name(symbol.name, "parameter"), symbol)
+        if symbol != first:
+            unify[symbol] = first
+    for key in given:
+        if isinstance(key, str):
+            symbols.setdefault(check_name(key, "parameter"), sympy.Symbol(key, real=True))
+        elif not isinstance(key, sympy.Symbol):
+            raise StatementError(f"parameters names {key!r}: its keys are parameters (symbols) or their names.")
+    for name in symbols:
+        _check_clash(name, by_name)
+    return symbols, unify
+
+
+def _check_clash(name: str, by_name: dict[str, Any]) -> None:
+    if name == t.name:
+        raise StatementError("parameter 't' clashes with time: use lg.t for time, and another name for the parameter.")
+    if name in by_name:
+        raise StatementError(
+            f"{name} is both a coordinate and a parameter: rename one. If the plain symbol {name} was meant as the coordinate, "
+            f"use lg.coordinate('{name}') there."
+        )
+    if name.removesuffix("_dot") in by_name:
+        raise StatementError(
+            f"parameter {name} has the name of a velocity: write {name.removesuffix('_dot')}.dot for the velocity, or rename the parameter."
+        )
+
+
+def _defaults(given: Mapping[Any, Any], symbols: dict[str, Any]) -> dict[Any, float]:
+    values: dict[Any, float] = {}
+    for key, value in given.items():
+        symbol = symbols[_label(key)]
+        if symbol in values:
+            raise StatementError(f"parameters gives {symbol.name} twice: give it once.")
+        if value is not None:
+            values[symbol] = real_number(value, f"parameter {symbol.name}")
+    return values

@@ -1,0 +1,277 @@
+"""First pass over an expression's text: bounds, identifiers and the order of tokens, before any parser sees it."""
+
+from __future__ import annotations
+
+import keyword
+import re
+import unicodedata
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import NoReturn
+
+from lagrange.errors import SceneError, listing, suggestion
+from lagrange.statement.coordinate import NAME
+from lagrange.statement.vocabulary import ALIASES, WORDS
+
+LONGEST = 10_000
+"""Characters in one expression."""
+DEEPEST = 64
+"""Parentheses, signs, powers and conditions inside each other."""
+LONGEST_NUMBER = 100
+"""Characters in one number."""
+
+FUNCTIONS = frozenset((*WORDS, *ALIASES))
+
+_TOKEN = re.compile(
+    r"(?P<blank>[ \t\r\n]+)"
+    r"|(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
+    r"|(?P<name>[A-Za-z_][A-Za-z0-9_]*)"
+    r"|(?P<operator>\*\*|//|<<|>>|:=|->|<=|>=|==|!=|[-+*/<>(),])"
+)
+_LETTER = re.compile(r"[A-Za-z0-9_.]")
+_CALL = re.compile(r"[ \t\r\n]*\(")
+
+_REMEDIES = {
+    "^": "write ** for a power",
+    "//": "write / for a division",
+    "%": "write the remainder out",
+    ":=": "write the value itself; nothing is assigned here",
+    "=": "an expression has a value and assigns nothing; compare with ==",
+    ".": "'.' belongs to a decimal such as 0.5; the velocity of x is x_dot",
+    "!": "write a factorial out as a number",
+    "[": "nothing is indexed here; give each thing a name of its own",
+    "{": "group with ( and )",
+    '"': "write names and numbers without quotation marks",
+    "'": "write names and numbers without quotation marks",
+    ";": "give one expression",
+    "&": "chain comparisons, as in 0 < x < 1",
+    "|": "nest conditions, as in a if x < 0 else b",
+    "#": "comments belong outside the expression",
+}
+_RESERVED = {
+    "and": "chain comparisons, as in 0 < x < 1",
+    "or": "nest conditions, as in a if x < 0 else b",
+    "not": "turn the comparison round",
+    "True": "write a number",
+    "False": "write a number",
+    "None": "write a number",
+}
+
+
+def refuse(reason: str, offset: int) -> NoReturn:
+    """Raise a SceneError that points at this offset (from 0) of the text."""
+    raise SceneError(reason, column=offset + 1)
+
+
+def scan(text: str, names: Collection[str], *, constant: bool = False) -> None:
+    """Check a text token by token against the known names; raises SceneError with the column.
+
+    `constant` says that the text is to be a number, which changes the remedy for an unknown name.
+    """
+    if not isinstance(text, str):
+        raise SceneError(f"an expression is a text such as '2*x', not {type(text).__name__}.")
+    if len(text) > LONGEST:
+        refuse(f"the expression has {len(text)} characters, more than {LONGEST}: state it in parts.", LONGEST)
+    if not text.strip():
+        refuse("the expression is empty: write 0 if there is nothing.", 0)
+    checker = _Checker(text, names, constant)
+    offset = 0
+    while offset < len(text):
+        match = _TOKEN.match(text, offset)
+        if match is None:
+            _refuse_character(text, offset)
+        checker.take(match)
+        offset = match.end()
+    checker.finish()
+
+
+def unknown_name(name: str, names: Collection[str], offset: int, *, constant: bool = False) -> NoReturn:
+    """Refuse a name that nobody declared."""
+    if constant:
+        refuse(f"{name!r} cannot stand in a constant: write numbers, pi and functions only.", offset)
+    refuse(f"{name!r} is not declared: add it to [parameters] or coordinates.{suggestion(name, names)}", offset)
+
+
+@dataclass
+class _Level:
+    """One pair of parentheses: where it opened, and what is nested without parentheses inside it."""
+
+    offset: int
+    call: bool
+    tight: int = 0  # signs and powers that have not ended yet
+    conditions: int = 0
+    waiting: int = 0  # an `if` whose `else` has not come yet
+
+
+class _Checker:
+    """Follows the tokens: a value and an operator take turns, parentheses match, and nesting stays shallow."""
+
+    def __init__(self, text: str, names: Collection[str], constant: bool) -> None:
+        self.text = text
+        self.names = names
+        self.constant = constant
+        self.levels = [_Level(0, call=False)]
+        self.depth = 0
+        self.valued = False  # the last token ended a value, so an operator must follow
+        self.called = False  # the last token was the name of a function
+
+    def take(self, match: re.Match[str]) -> None:
+        """Check the next token."""
+        kind, token, offset = match.lastgroup, match.group(), match.start()
+        if kind == "number":
+            self._number(token, offset)
+        elif kind == "name":
+            self._name(token, offset)
+        elif kind == "operator":
+            self._operator(token, offset)
+        if self.depth > DEEPEST:
+            refuse(f"the expression is nested more than {DEEPEST} deep: state it in parts.", offset)
+
+    def finish(self) -> None:
+        """Check that the text does not stop in the middle."""
+        if not self.valued:
+            refuse("the expression ends where a value is expected.", len(self.text.rstrip()))
+        self._complete(self.levels[-1])
+        if len(self.levels) > 1:
+            refuse("'(' is never closed: add ')'.", self.levels[-1].offset)
+
+    def _number(self, token: str, offset: int) -> None:
+        self._value(token, offset)
+        following = self.text[offset + len(token) : offset + len(token) + 1]
+        if following in ("j", "J"):
+            refuse(f"{token[:20]}{following} is a complex number: energies and forces are real.", offset)
+        if following and _LETTER.match(following):
+            refuse(
+                f"{token[:20]}{following} is no number: write decimals such as 12.5 or 1.5e-3, and a product with *, as "
+                "in 2*x.",
+                offset,
+            )
+        if len(token) > LONGEST_NUMBER:
+            refuse(f"a number of {len(token)} characters is longer than {LONGEST_NUMBER}: shorten it.", offset)
+        if len(token) > 1 and token[0] == "0" and token.isdigit():
+            refuse(f"{token[:20]} starts with a zero: write the number without it.", offset)
+
+    def _name(self, token: str, offset: int) -> None:
+        if token in ("if", "else"):
+            self._condition(token, offset)
+            return
+        if keyword.iskeyword(token):
+            remedy = _RESERVED.get(token, "choose another name")
+            refuse(f"{token!r} is a reserved word: {remedy}.", offset)
+        if not NAME.fullmatch(token):
+            refuse(
+                f"{token[:40]!r} cannot be a name: a name starts with a letter, goes on with letters, digits and "
+                "underscores, and has at most 64 characters.",
+                offset,
+            )
+        self._value(token, offset)
+        if _CALL.match(self.text, offset + len(token)):
+            self._call(token, offset)
+        elif token not in self.names:
+            if token in FUNCTIONS:
+                refuse(f"{token!r} is a function: write {token}(...).", offset)
+            unknown_name(token, self.names, offset, constant=self.constant)
+
+    def _call(self, token: str, offset: int) -> None:
+        if token not in FUNCTIONS:
+            if token in self.names:
+                refuse(f"{token!r} is no function: write a product with *, as in {token}*(...).", offset)
+            refuse(
+                f"{token!r} is no function here; the functions are {listing(WORDS)}.{suggestion(token, FUNCTIONS)}", offset
+            )
+        self.valued, self.called = False, True
+
+    def _value(self, token: str, offset: int) -> None:
+        if self.valued:
+            refuse(f"an operator is missing before {token[:40]!r}: write a product with *, as in 2*x.", offset)
+        self.valued = True
+
+    def _condition(self, token: str, offset: int) -> None:
+        self._after_value(token, offset)
+        level = self.levels[-1]
+        self._end_tight(level)
+        if token == "if":
+            level.conditions += 1
+            level.waiting += 1
+            self.depth += 1
+        elif level.waiting:
+            level.waiting -= 1
+        else:
+            refuse("'else' has no 'if': write a condition as in a if x < 0 else b.", offset)
+
+    def _operator(self, token: str, offset: int) -> None:
+        if token == "(":
+            self._open(offset)
+        elif token == ")":
+            self._close(offset)
+        elif token in _REMEDIES:
+            refuse(f"{token!r} cannot stand in an expression: {_REMEDIES[token]}.", offset)
+        elif token in ("<<", ">>", "->"):
+            refuse(f"{token!r} cannot stand in an expression: {_ALLOWED}.", offset)
+        elif token == ",":
+            self._comma(offset)
+        elif token in ("+", "-") and not self.valued:
+            self._tighten()
+        else:
+            self._after_value(token, offset)
+            if token == "**":
+                self._tighten()
+            else:
+                self._end_tight(self.levels[-1])
+
+    def _after_value(self, token: str, offset: int) -> None:
+        if not self.valued:
+            refuse(f"a value is missing before {token!r}.", offset)
+        self.valued = False
+
+    def _tighten(self) -> None:
+        self.levels[-1].tight += 1
+        self.depth += 1
+
+    def _complete(self, level: _Level) -> None:
+        if level.waiting:
+            refuse("an 'if' has no 'else': write a condition as in a if x < 0 else b.", level.offset)
+
+    def _end_tight(self, level: _Level) -> None:
+        self.depth -= level.tight
+        level.tight = 0
+
+    def _open(self, offset: int) -> None:
+        if self.valued:
+            refuse("an operator is missing before '(': write a product with *, as in 2*(x + y).", offset)
+        self.levels.append(_Level(offset, call=self.called))
+        self.called = False
+        self.depth += 1
+
+    def _close(self, offset: int) -> None:
+        if len(self.levels) == 1:
+            refuse("')' closes nothing: remove it, or add '(' before.", offset)
+        self._after_value(")", offset)
+        level = self.levels.pop()
+        self._complete(level)
+        self.depth -= level.tight + level.conditions + 1
+        self.valued = True
+
+    def _comma(self, offset: int) -> None:
+        level = self.levels[-1]
+        if not level.call:
+            refuse("',' separates the arguments of a function only: write decimals with a point, as in 9.81.", offset)
+        self._after_value(",", offset)
+        self._complete(level)
+        self.depth -= level.tight + level.conditions
+        level.tight = level.conditions = 0
+
+
+_ALLOWED = "the operators are + - * / ** and the comparisons < <= > >= == !="
+
+
+def _refuse_character(text: str, offset: int) -> NoReturn:
+    character = text[offset]
+    if ord(character) > 126 or ord(character) < 32:
+        name = unicodedata.name(character, "control character")
+        refuse(
+            f"the character U+{ord(character):04X} ({name}) cannot stand in an expression: write letters a to z, digits "
+            "and + - * / **, and spell Greek letters out, as in theta.",
+            offset,
+        )
+    refuse(f"{character!r} cannot stand in an expression: {_REMEDIES.get(character, _ALLOWED)}.", offset)

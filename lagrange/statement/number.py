@@ -1,0 +1,44 @@
+"""Numbers from users: finite, real, and said to be otherwise in words."""
+
+from __future__ import annotations
+
+import math
+import numbers
+from typing import Any
+
+import numpy as np
+import sympy
+
+from lagrange.errors import StatementError
+
+
+def real_number(value: Any, what: str) -> float:
+    """Return a finite float from a Python, NumPy or SymPy number; `what` names it in the refusal."""
+    number = _as_float(value, what)
+    if not math.isfinite(number):
+        raise StatementError(f"{what} is {number}: give a finite number.")
+    return number
+
+
+def _as_float(value: Any, what: str) -> float:
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
+    if isinstance(value, sympy.Basic):
+        return _from_sympy(value, what)
+    if isinstance(value, numbers.Complex) and not isinstance(value, numbers.Real):
+        raise StatementError(f"{what} is {value!r}, a complex number: give a real number.")
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, numbers.Real):
+        raise StatementError(f"{what} is {value!r} ({type(value).__name__}): give a number.")
+    try:
+        return float(value)
+    except OverflowError:
+        raise StatementError(f"{what} is too large for a floating-point number.") from None
+
+
+def _from_sympy(value: Any, what: str) -> float:
+    if value.free_symbols or not value.is_number:
+        raise StatementError(f"{what} is {value}, an expression with symbols in it: give a number.")
+    number = complex(value)
+    if number.imag != 0.0:
+        raise StatementError(f"{what} is {value}, a complex number: give a real number.")
+    return number.real

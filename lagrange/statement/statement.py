@@ -1,0 +1,69 @@
+"""What the user said, checked and frozen: the record that every later stage reads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+from sympy import Symbol
+
+from lagrange.statement.coordinate import acceleration_of, name_of, velocity_of
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """How a scene asks to be run; whatever the caller says goes first."""
+
+    t_end: float = 10.0
+    method: str | None = None
+    rtol: float | None = None
+    atol: float | None = None
+    step: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Statement:
+    """A mechanical system as stated: n coordinates, their energies, forces, parameters and initial state.
+
+    Expressions are SymPy, in the coordinates q(t), their velocities Derivative(q(t), t), the parameters and t.
+    `forces` has one entry per coordinate, in the order of `coordinates`; `initial` holds (q, v), 2n numbers.
+    `defaults` lacks the parameters that were given no value.
+    """
+
+    coordinates: tuple[Any, ...]
+    kinetic: Any
+    potential: Any
+    lagrangian: Any
+    forces: tuple[Any, ...]
+    dissipation: Any
+    parameters: tuple[Symbol, ...]
+    defaults: Mapping[Symbol, float]
+    initial: tuple[float, ...]
+    positions: Mapping[str, tuple[Any, ...]]
+    links: tuple[tuple[str, str], ...]
+    name: str
+    about: str = ""
+    source: str = ""
+    run: RunSettings = field(default_factory=RunSettings)
+
+    @property
+    def velocities(self) -> tuple[Any, ...]:
+        """The generalized velocities, n of them."""
+        return tuple(velocity_of(q) for q in self.coordinates)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The coordinates' names, n of them."""
+        return tuple(name_of(q) for q in self.coordinates)
+
+    @property
+    def plain(self) -> Mapping[Any, Any]:
+        """Replacement of q(t) and its derivatives by real symbols `q`, `q_dot`, `q_ddot`, for differentiation."""
+        table: dict[Any, Any] = {}
+        for q, name in zip(self.coordinates, self.names, strict=True):
+            table[q] = Symbol(name, real=True)
+            table[velocity_of(q)] = Symbol(f"{name}_dot", real=True)
+            table[acceleration_of(q)] = Symbol(f"{name}_ddot", real=True)
+        return MappingProxyType(table)

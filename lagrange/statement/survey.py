@@ -1,0 +1,96 @@
+"""One walk over an expression: what it is made of, and whether a mechanical system may contain it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import sympy
+from sympy.core.function import AppliedUndef
+from sympy.core.relational import Relational
+from sympy.functions.elementary.piecewise import ExprCondPair
+from sympy.logic.boolalg import And, BooleanAtom, Not, Or
+
+from lagrange.errors import StatementError, listing
+from lagrange.statement.coordinate import check_name, name_of, t, velocity_of
+from lagrange.statement.vocabulary import SYMPY_CLASSES, WORDS
+
+_PLAIN = (sympy.Add, sympy.Mul, sympy.Pow, ExprCondPair, Relational, And, Or, Not, BooleanAtom)
+
+
+@dataclass
+class Survey:
+    """The leaves of some expressions, each in order of first appearance (dicts serve as ordered sets)."""
+
+    coordinates: dict[Any, None] = field(default_factory=dict)
+    velocities: dict[Any, None] = field(default_factory=dict)
+    parameters: dict[Any, None] = field(default_factory=dict)
+    seen: set[Any] = field(default_factory=set)
+
+    def add(self, expression: Any, what: str, *, accelerations: bool = False) -> None:
+        """Walk the expression, called `what` in messages; refuse what the package cannot differentiate or run."""
+        for node in _distinct(expression, self.seen):
+            if isinstance(node, sympy.Symbol):
+                if node != t:
+                    self.parameters[node] = None
+            elif isinstance(node, AppliedUndef):
+                self._add_function(node, what)
+            elif isinstance(node, sympy.Derivative):
+                self._add_derivative(node, what, accelerations)
+            else:
+                _check_supported(node, what)
+
+    def _add_function(self, node: Any, what: str) -> None:
+        if node.args != (t,):
+            raise StatementError(
+                f"{what} contains {node}, an undefined function. A coordinate is a function of time alone, such as "
+                f"{name_of(node)}(t); write any other function out."
+            )
+        check_name(name_of(node), "coordinate")
+        self.coordinates[node] = None
+
+    def _add_derivative(self, node: Any, what: str, accelerations: bool) -> None:
+        inner = node.expr
+        if not isinstance(inner, AppliedUndef) or set(node.variables) != {t}:
+            raise StatementError(
+                f"{what} contains {node}, a derivative that is not evaluated. Call .doit() on it, or write it out."
+            )
+        order = len(node.variables)
+        if order > 2 or (order == 2 and not accelerations):
+            raise StatementError(
+                f"{what} contains the derivative of order {order} of {name_of(inner)}. Only coordinates and velocities "
+                f"may stand there: write it in terms of {name_of(inner)} and {name_of(inner)}.dot."
+            )
+        self._add_function(inner, what)
+        self.velocities[velocity_of(inner)] = None
+
+
+def _distinct(expression: Any, seen: set[Any]) -> Iterator[Any]:
+    """Yield each distinct subexpression once, parents first, without descending into coordinates or derivatives."""
+    stack = [expression]
+    while stack:
+        node = stack.pop()
+        if node in seen:
+            continue
+        seen.add(node)
+        yield node
+        if not isinstance(node, (AppliedUndef, sympy.Derivative)):
+            stack.extend(reversed(node.args))
+
+
+def _check_supported(node: Any, what: str) -> None:
+    if isinstance(node, _PLAIN):
+        return
+    if node is sympy.I:
+        raise StatementError(f"{what} contains the imaginary unit I. Energies and forces are real: write real expressions.")
+    if isinstance(node, (sympy.Number, sympy.NumberSymbol)) or node in (sympy.zoo, sympy.nan):
+        if not node.is_finite:
+            raise StatementError(f"{what} contains {node}, which is not a finite number: check for a division by zero.")
+        return
+    if type(node) in SYMPY_CLASSES:
+        return
+    raise StatementError(
+        f"{what} contains {type(node).__name__} in {str(node)[:80]!r}, which is not supported. The functions are "
+        f"{listing([*WORDS, 'Piecewise'])}, and powers."
+    )

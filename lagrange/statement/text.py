@@ -1,0 +1,356 @@
+"""Text to SymPy, safely: a scene's expressions are data, and nothing in them can run.
+
+The text is scanned first (`lexer`): characters, identifiers, lengths and nesting. Then `ast.parse` builds a
+tree, eight kinds of node are allowed in it, and SymPy objects are built from them directly. No text ever
+reaches `sympify`, `parse_expr` or `eval`, which execute code even with emptied builtins. What SymPy would
+compute without end is refused (`guard`); and every constant is computed in doubles too, where it must be
+finite and real.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import partial
+from itertools import pairwise
+from typing import Any, NoReturn
+
+import sympy
+
+from lagrange.errors import SceneError
+from lagrange.statement import lexer
+from lagrange.statement.coordinate import t
+from lagrange.statement.guard import MOST_BRANCHES, Guard, RefusalError, check_argument, check_power, replace
+from lagrange.statement.vocabulary import ALIASES, WORDS, Word
+
+MOST_CHAINED = 4
+"""Chained comparisons in a row that lead to one value: SymPy distributes n of them into 2**n clauses."""
+
+_PREDEFINED = {"t": t, "pi": sympy.pi}
+
+_DOUBLES: dict[str, Callable[..., float]] = {
+    "sin": math.sin,
+    "cos": math.cos,
+    "tan": math.tan,
+    "asin": math.asin,
+    "acos": math.acos,
+    "atan": math.atan,
+    "atan2": math.atan2,
+    "exp": math.exp,
+    "log": math.log,
+    "sqrt": math.sqrt,
+    "sinh": math.sinh,
+    "cosh": math.cosh,
+    "tanh": math.tanh,
+    "abs": abs,
+    "sign": lambda x: math.copysign(1.0, x) if x else 0.0,
+    "min": min,
+    "max": max,
+}
+
+_COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
+    ast.Lt: sympy.Lt,
+    ast.LtE: sympy.Le,
+    ast.Gt: sympy.Gt,
+    ast.GtE: sympy.Ge,
+    ast.Eq: sympy.Eq,
+    ast.NotEq: sympy.Ne,
+}
+
+_COMPLEX_PARTS = (sympy.re, sympy.im, sympy.arg, sympy.conjugate)
+
+
+def read_expression(text: str, names: Mapping[str, Any]) -> Any:
+    """Return the SymPy expression that a text states in the given names, `t` and `pi`.
+
+    `names` maps identifiers to SymPy objects. The text may hold numbers, + - * / **, the functions of
+    `vocabulary.WORDS`, and conditions such as `a if x < 0 else b`. Raises SceneError with the column.
+    """
+    known = {**names, **_PREDEFINED}
+    lexer.scan(text, known)
+    # built in real symbols: SymPy does not take q(t) for real, and then asks long questions about it
+    stand_in = {
+        name: value if isinstance(value, sympy.Number | sympy.NumberSymbol) or value.is_real else sympy.Symbol(name, real=True)
+        for name, value in known.items()
+    }
+    table = {stand_in[name]: value for name, value in known.items()}
+    return replace(_Reader(text, stand_in).read(), table)
+
+
+def read_number(text: str) -> float:
+    """Return the value of a constant expression such as "pi/6". Raises SceneError with the column."""
+    lexer.scan(text, {"pi"}, constant=True)
+    return float(_Reader(text, {"pi": sympy.pi}).read().evalf(30))
+
+
+def number_from_text(text: str) -> Any:
+    """Return a decimal as a SymPy number: an exact fraction where that is short, else the nearest double.
+
+    So 0.5 prints as 1/2 and makes a square root of a power, while 9.81 stays 9.81.
+    """
+    if text.isdigit():
+        return sympy.Integer(int(text))
+    value = float(text)
+    if math.isinf(value):
+        raise RefusalError(f"{text[:40]} is too large for a floating-point number")
+    if value == 0.0 and text.lower().partition("e")[0].strip("0."):
+        raise RefusalError(f"{text[:40]} is too small for a floating-point number")
+    exact = Fraction(value)
+    # the cheap tests first: Fraction(text) writes out as many digits as the exponent of the text says
+    if exact.denominator <= 16 and exact.numerator < 10**6 and (value == 0.0 or exact == Fraction(text)):
+        return sympy.Rational(exact.numerator, exact.denominator)
+    return sympy.Float(value)
+
+
+@dataclass(frozen=True)
+class _Value:
+    """What a part of the text has become: an expression, and its value in doubles where it is constant."""
+
+    expression: Any
+    double: float | None = None
+
+
+_Join = Callable[[list[_Value]], _Value]
+_Plan = tuple[list[ast.expr], _Join]
+
+
+class _Reader:
+    """Builds the expression of one scanned text, without recursion."""
+
+    def __init__(self, text: str, names: Mapping[str, Any]) -> None:
+        # parentheses let lines break, and shift columns so that ast's count from 0 is ours from 1
+        self.source = "(" + text.replace("\t", " ").replace("\r", " ").replace("\n", " ") + ")"
+        self.names = names
+        self.guard = Guard()
+        self.plans: dict[type[ast.expr], Callable[[Any], _Plan]] = {
+            ast.Constant: self._constant,
+            ast.Name: self._name,
+            ast.UnaryOp: self._sign,
+            ast.BinOp: self._operation,
+            ast.Call: self._call,
+            ast.IfExp: self._condition,
+            ast.Compare: self._stray_comparison,
+        }
+
+    def read(self) -> Any:
+        """Return the expression: of every node first its parts, then what joins them."""
+        todo: list[tuple[ast.expr, int, _Join | None]] = [(self._parse(), 0, None)]
+        done: list[_Value] = []
+        while todo:
+            node, count, join = todo.pop()
+            try:
+                if join is None:
+                    parts, join = self._plan(node)
+                    todo.append((node, len(parts), join))
+                    todo.extend((part, 0, None) for part in reversed(parts))
+                else:
+                    split = len(done) - count
+                    done[split:] = [self._checked(join(done[split:]))]
+            except RefusalError as refusal:
+                raise SceneError(f"{refusal}.", column=node.col_offset) from None
+            except (ValueError, ArithmeticError, TypeError, RecursionError):
+                raise SceneError("this part has no finite real value.", column=node.col_offset) from None
+        return done[0].expression
+
+    def _parse(self) -> ast.expr:
+        try:
+            return ast.parse(self.source, mode="eval").body
+        except SyntaxError as error:
+            raise SceneError(f"this is not an expression ({error.msg}).", column=max((error.offset or 2) - 1, 1)) from None
+        except (RecursionError, MemoryError):
+            raise SceneError("the expression is too long: state it in parts, or group it with parentheses.", column=1) from None
+
+    def _plan(self, node: ast.expr) -> _Plan:
+        plan = self.plans.get(type(node))
+        if plan is None:
+            raise RefusalError(f"{type(node).__name__} cannot stand in an expression")
+        return plan(node)
+
+    def _checked(self, value: _Value) -> _Value:
+        """Return the value, checked; a number that SymPy found exactly replaces the one in doubles."""
+        varies = self.guard.check(value.expression)
+        if isinstance(value.expression, sympy.Number):
+            return _Value(value.expression, float(value.expression))
+        if varies:
+            return _Value(value.expression)
+        if value.double is None:
+            raise RefusalError("the names cancel and leave a constant: write the constant")
+        if not math.isfinite(value.double):
+            raise RefusalError("this has no finite value")
+        return value
+
+    def _constant(self, node: ast.Constant) -> _Plan:
+        if type(node.value) not in (int, float):
+            raise RefusalError(f"a {type(node.value).__name__} cannot stand in an expression: write a real number")
+        number = number_from_text(self.source[node.col_offset : node.end_col_offset])
+        return [], lambda _: _Value(number)
+
+    def _name(self, node: ast.Name) -> _Plan:
+        if node.id not in self.names:
+            lexer.unknown_name(node.id, self.names, node.col_offset - 1)
+        expression = self.names[node.id]
+        return [], lambda _: _Value(expression, math.pi if expression is sympy.pi else None)
+
+    def _sign(self, node: ast.UnaryOp) -> _Plan:
+        if isinstance(node.op, ast.UAdd):
+            return [node.operand], lambda parts: parts[0]
+        if isinstance(node.op, ast.USub):
+            return [node.operand], _negative
+        raise RefusalError(f"{type(node.op).__name__} cannot stand in an expression")
+
+    def _operation(self, node: ast.BinOp) -> _Plan:
+        if isinstance(node.op, (ast.Add, ast.Sub)):
+            terms, straight = _spine(node, ast.Add, ast.Sub)
+            return terms, partial(self._sum, straight)
+        if isinstance(node.op, (ast.Mult, ast.Div)):
+            factors, straight = _spine(node, ast.Mult, ast.Div)
+            return factors, partial(self._product, straight)
+        if isinstance(node.op, ast.Pow):
+            return [node.left, node.right], _power
+        raise RefusalError(f"{type(node.op).__name__} cannot stand in an expression")
+
+    def _sum(self, straight: Sequence[bool], parts: list[_Value]) -> _Value:
+        terms = [part if plus else _negative([part]) for part, plus in zip(parts, straight, strict=True)]
+        return _Value(self.guard.join(sympy.Add, [term.expression for term in terms]), _constant(sum, terms))
+
+    def _product(self, straight: Sequence[bool], parts: list[_Value]) -> _Value:
+        factors = [part if times else _reciprocal(part) for part, times in zip(parts, straight, strict=True)]
+        return _Value(self.guard.join(sympy.Mul, [factor.expression for factor in factors]), _constant(math.prod, factors))
+
+    def _call(self, node: ast.Call) -> _Plan:
+        if not isinstance(node.func, ast.Name) or node.keywords:
+            raise RefusalError("a function is called by its name, with its arguments in order, as in atan2(y, x)")
+        word = WORDS.get(ALIASES.get(node.func.id, node.func.id))
+        if word is None:
+            raise RefusalError(f"{node.func.id!r} is no function here")
+        _check_arity(word, len(node.args))
+        return list(node.args), partial(_apply, word)
+
+    def _condition(self, node: ast.IfExp) -> _Plan:
+        """Plan `a if x < 0 else b if x < 1 else c`: of each branch the compared terms and the value, then the last."""
+        tests: list[ast.Compare] = []
+        parts: list[ast.expr] = []
+        last: ast.expr = node
+        while isinstance(last, ast.IfExp):
+            if not isinstance(last.test, ast.Compare):
+                raise RefusalError("a condition compares two values: write it as in a if x < 0 else b")
+            tests.append(last.test)
+            parts += [last.test.left, *last.test.comparators, last.body]
+            last = last.orelse
+        if len(tests) > MOST_BRANCHES:
+            raise RefusalError(f"a condition has at most {MOST_BRANCHES} branches")
+        return [*parts, last], partial(_branches, [_comparisons(test) for test in tests])
+
+    def _stray_comparison(self, node: ast.Compare) -> NoReturn:
+        raise RefusalError("a comparison has no value of its own: write a condition as in a if x < 0 else b")
+
+
+def _spine(node: ast.expr, forward: type[ast.operator], back: type[ast.operator]) -> tuple[list[ast.expr], list[bool]]:
+    """Return the operands of a chain such as a - b + c, and which are not inverted.
+
+    Chains become one n-ary Add or Mul: joining them two by two takes quadratic time.
+    """
+    operands: list[ast.expr] = []
+    straight: list[bool] = []
+    while isinstance(node, ast.BinOp) and isinstance(node.op, (forward, back)):
+        operands.append(node.right)
+        straight.append(isinstance(node.op, forward))
+        node = node.left
+    return [node, *reversed(operands)], [True, *reversed(straight)]
+
+
+def _constant(compute: Callable[[list[float]], float], parts: list[_Value]) -> float | None:
+    doubles = [part.double for part in parts if part.double is not None]
+    return compute(doubles) if len(doubles) == len(parts) else None
+
+
+def _negative(parts: list[_Value]) -> _Value:
+    part = parts[0]
+    return _Value(-part.expression, None if part.double is None else -part.double)
+
+
+def _reciprocal(part: _Value) -> _Value:
+    if part.double == 0.0:
+        raise RefusalError("this divides by zero")
+    return _Value(1 / part.expression, None if part.double is None else 1 / part.double)
+
+
+def _power(parts: list[_Value]) -> _Value:
+    base, exponent = parts
+    check_power(base.expression, exponent.expression)
+    if base.double is None or exponent.double is None:
+        return _Value(base.expression**exponent.expression)
+    try:
+        double = math.pow(base.double, exponent.double)
+    except (ValueError, OverflowError):
+        raise RefusalError(f"{base.double:g}**{exponent.double:g} has no finite real value") from None
+    if double == 0.0 != base.double:
+        raise RefusalError(f"{base.double:g}**{exponent.double:g} is too small for a floating-point number")
+    return _Value(base.expression**exponent.expression, double)
+
+
+def _check_arity(word: Word, count: int) -> None:
+    if word.fewest <= count <= (MOST_BRANCHES if word.most is None else word.most):
+        return
+    if word.most is None:
+        raise RefusalError(f"{word.name} takes {word.fewest} to {MOST_BRANCHES} arguments, not {count}")
+    raise RefusalError(f"{word.name} takes {word.most} {'argument' if word.most == 1 else 'arguments'}, not {count}")
+
+
+def _apply(word: Word, parts: list[_Value]) -> _Value:
+    arguments = [part.expression for part in parts]
+    double = _double(word, parts)
+    check_argument(word.build, arguments[0])
+    expression = word.build(*arguments)
+    if expression.has(*_COMPLEX_PARTS):
+        # abs(exp(sqrt(x))) would become exp(re(sqrt(x)))
+        expression = word.build(*arguments, evaluate=False)
+    return _Value(expression, double)
+
+
+def _double(word: Word, parts: list[_Value]) -> float | None:
+    doubles = [part.double for part in parts if part.double is not None]
+    if len(doubles) < len(parts):
+        return None
+    call = f"{word.name}({', '.join(f'{x:g}' for x in doubles)})"
+    try:
+        double = _DOUBLES[word.name](*doubles)
+    except (ValueError, OverflowError):
+        raise RefusalError(f"{call} has no finite real value") from None
+    if word.name == "exp" and double == 0.0:
+        raise RefusalError(f"{call} is too small for a floating-point number")
+    return double
+
+
+def _comparisons(test: ast.Compare) -> list[Callable[[Any, Any], Any]]:
+    found = [_COMPARISONS.get(type(op)) for op in test.ops]
+    known = [comparison for comparison in found if comparison is not None]
+    if len(known) < len(found):
+        raise RefusalError("values compare with < <= > >= == != only")
+    return known
+
+
+def _branches(tests: list[list[Callable[[Any, Any], Any]]], parts: list[_Value]) -> _Value:
+    """Join the parts of a condition, laid out by `_Reader._condition`, into a Piecewise."""
+    pairs: list[tuple[Any, Any]] = []
+    values: list[_Value] = []
+    start = chained = 0
+    for comparisons in tests:
+        terms = [part.expression for part in parts[start : start + len(comparisons) + 1]]
+        if any(term.has(sympy.Piecewise) for term in terms):
+            raise RefusalError("a condition cannot compare a value that has conditions itself")
+        relations = [compare(a, b) for compare, (a, b) in zip(comparisons, pairwise(terms), strict=True)]
+        value = parts[start + len(terms)]
+        chained = (chained if values and value.expression == values[-1].expression else 0) + (len(terms) > 2)
+        if chained > MOST_CHAINED:
+            raise RefusalError(f"more than {MOST_CHAINED} chained comparisons in a row lead to the same value")
+        values.append(value)
+        pairs.append((value.expression, sympy.And(*relations)))
+        start += len(terms) + 1
+    last = parts[-1]
+    expression = sympy.Piecewise(*pairs, (last.expression, True))
+    chosen = [value.double for value in [*values, last] if value.expression == expression]
+    return _Value(expression, chosen[0] if chosen else None)

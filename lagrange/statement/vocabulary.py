@@ -1,0 +1,51 @@
+"""The functions a statement may use, in a scene file and in Python alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import sympy
+
+
+@dataclass(frozen=True)
+class Word:
+    """One function: its name in text, how SymPy builds it, and how many arguments it takes."""
+
+    name: str
+    build: Callable[..., Any]
+    fewest: int
+    most: int | None
+
+
+WORDS: dict[str, Word] = {
+    word.name: word
+    for word in (
+        Word("sin", sympy.sin, 1, 1),
+        Word("cos", sympy.cos, 1, 1),
+        Word("tan", sympy.tan, 1, 1),
+        Word("asin", sympy.asin, 1, 1),
+        Word("acos", sympy.acos, 1, 1),
+        Word("atan", sympy.atan, 1, 1),
+        Word("atan2", sympy.atan2, 2, 2),
+        Word("exp", sympy.exp, 1, 1),
+        Word("log", sympy.log, 1, 1),
+        Word("sqrt", sympy.sqrt, 1, 1),
+        Word("sinh", sympy.sinh, 1, 1),
+        Word("cosh", sympy.cosh, 1, 1),
+        Word("tanh", sympy.tanh, 1, 1),
+        Word("abs", sympy.Abs, 1, 1),
+        Word("sign", sympy.sign, 1, 1),
+        Word("min", sympy.Min, 1, None),
+        Word("max", sympy.Max, 1, None),
+    )
+}
+
+ALIASES = {"Abs": "abs", "Min": "min", "Max": "max", "ln": "log"}
+"""Other spellings that a text may use."""
+
+SYMPY_CLASSES: frozenset[Any] = frozenset(
+    word.build for word in WORDS.values() if isinstance(word.build, type)
+) | frozenset((sympy.cot, sympy.sec, sympy.csc, sympy.Piecewise))
+"""SymPy function classes that may stand in an energy; the last four are spelled by the others."""

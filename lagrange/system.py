@@ -1,0 +1,245 @@
+"""The public face of a mechanical system: state it, read it, compile it, run it, prove it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from lagrange.compiler import compile_model
+from lagrange.equations.derivation import Derivation, derive
+from lagrange.equations.euler_lagrange import Equations, euler_lagrange
+from lagrange.evidence.check import check
+from lagrange.evidence.regularity import check_mass_matrix
+from lagrange.evidence.report import Report
+from lagrange.machine.model import Model
+from lagrange.run import integrate
+from lagrange.show.solution import Solution
+from lagrange.statement import scene as scene_files
+from lagrange.statement.declare import declare
+from lagrange.statement.statement import RunSettings, Statement
+from lagrange.trajectory.methods.registry import DEFAULT, find
+
+
+class System:
+    """A mechanical system: n coordinates, kinetic and potential energy, forces, parameters, initial state.
+
+    Units are the user's own, consistent ones. Raises StatementError, in the user's symbols, for anything that
+    cannot be meant: an undeclared symbol, a coordinate without inertia, a force on a coordinate that is not there.
+    """
+
+    def __init__(
+        self,
+        kinetic: Any = None,
+        potential: Any = None,
+        *,
+        lagrangian: Any = None,
+        coordinates: Sequence[Any] | None = None,
+        forces: Mapping[Any, Any] | None = None,
+        dissipation: Any = 0,
+        constraints: Sequence[Any] = (),
+        parameters: Mapping[Any, Any] | None = None,
+        initial: Mapping[Any, Any] | None = None,
+        positions: Mapping[str, Any] | None = None,
+        links: Iterable[Sequence[str]] = (),
+        name: str = "system",
+    ) -> None:
+        """State a system.
+
+        Give `kinetic` and `potential`, or `lagrangian`. `coordinates` are inferred in order of appearance, T before V.
+        `forces` maps a coordinate to its generalized force, `dissipation` is Rayleigh's D with force -dD/dv.
+        `parameters` maps symbols or names to default values, `initial` coordinates and velocities to numbers; what is
+        not named starts at 0. `positions` names points (x, y) or (x, y, z) to draw, `links` pairs of them.
+        """
+        self._adopt(
+            declare(
+                kinetic=kinetic,
+                potential=potential,
+                lagrangian=lagrangian,
+                coordinates=coordinates,
+                forces=forces,
+                dissipation=dissipation,
+                constraints=constraints,
+                parameters=parameters,
+                initial=initial,
+                positions=positions,
+                links=links,
+                name=name,
+            )
+        )
+
+    def _adopt(self, statement: Statement) -> None:
+        self.statement = statement
+        self._models: dict[str, Model] = {}
+        check_mass_matrix(self.laws)
+
+    @classmethod
+    def from_statement(cls, statement: Statement) -> System:
+        """Return the system of a checked statement."""
+        system = cls.__new__(cls)
+        system._adopt(statement)
+        return system
+
+    @classmethod
+    def from_scene(cls, path: str | Path) -> System:
+        """Read a scene file. Raises SceneError with file, line and column."""
+        return cls.from_statement(scene_files.read_scene(path))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return System.from_statement, (self.statement,)
+
+    def __repr__(self) -> str:
+        return f"<System {self.statement.name}: {', '.join(self.statement.names)}>"
+
+    def _repr_latex_(self) -> str:
+        return self.derivation().equations_latex()
+
+    @property
+    def name(self) -> str:
+        """The system's name."""
+        return self.statement.name
+
+    @property
+    def coordinates(self) -> tuple[Any, ...]:
+        """The coordinates, n SymPy functions of time, in the order of every array."""
+        return self.statement.coordinates
+
+    @property
+    def parameters(self) -> dict[Any, float]:
+        """The parameters that have a default value, and the values."""
+        return dict(self.statement.defaults)
+
+    @cached_property
+    def laws(self) -> Equations:
+        """The equations of motion as a graph, from which programs are made."""
+        return euler_lagrange(self.statement)
+
+    @property
+    def structure(self) -> list[str]:
+        """What kind of system it is, in sentences: mass matrix, conserved energy and momenta."""
+        return self.laws.structure.sentences()
+
+    def derivation(self) -> Derivation:
+        """Return the textbook derivation in SymPy, independent of the compiled equations."""
+        return self._derivation
+
+    @cached_property
+    def _derivation(self) -> Derivation:
+        return derive(self.statement)
+
+    def equations(self) -> list[Any]:
+        """Return the Euler-Lagrange equations, a list of SymPy Eq, one per coordinate, as in a textbook."""
+        return list(self._derivation.equations)
+
+    def accelerations(self) -> dict[Any, Any]:
+        """Return the accelerations, {coordinate: SymPy expression}."""
+        return dict(self._derivation.accelerations)
+
+    @property
+    def lagrangian(self) -> Any:
+        """L = T - V, as stated."""
+        return self._derivation.lagrangian
+
+    @property
+    def momenta(self) -> dict[Any, Any]:
+        """The conjugate momenta dL/dv, {coordinate: SymPy expression}."""
+        return dict(self._derivation.momenta)
+
+    @property
+    def mass_matrix(self) -> Any:
+        """The mass matrix d2L/dv2, a SymPy Matrix (n, n)."""
+        return self._derivation.mass_matrix
+
+    @property
+    def energy(self) -> Any:
+        """The energy v.p - L (the Jacobi integral), which is T + V where T is quadratic in the velocities."""
+        return self._derivation.energy
+
+    def compile(self, target: str = "llvm", *, check: bool = True) -> Model:
+        """Compile for a target, "llvm" or "numpy"; the model is kept for the next call.
+
+        A quick check of the compiled accelerations against numerical differentiation of T and V runs unless `check`
+        is false. Raises RunError if it fails.
+        """
+        if target not in self._models:
+            self._models[target] = compile_model(self.statement, self.laws, target, check=check)
+        return self._models[target]
+
+    def run(
+        self,
+        t_end: float | None = None,
+        initial: Mapping[Any, Any] | None = None,
+        *,
+        t_start: float = 0.0,
+        method: Any = None,
+        rtol: float | None = None,
+        atol: float | None = None,
+        t_eval: ArrayLike | None = None,
+        events: Any = None,
+        step: float | None = None,
+        max_steps: int | None = None,
+        max_wall: float | None = None,
+        parameters: Mapping[Any, Any] | None = None,
+        progress: bool = False,
+        target: str = "llvm",
+        check: bool = True,
+    ) -> Solution:
+        """Compile, run from `t_start` to `t_end`, and return the Solution; see `lagrange.integrate` for the options.
+
+        What is not given comes from the scene, where there is one.
+        """
+        scene = self.statement.run
+        chosen = scene.method or DEFAULT if method is None else method
+        if find(chosen).claims.adaptive:
+            rtol = scene.rtol if rtol is None and _is_name(chosen) else rtol
+            atol = scene.atol if atol is None and _is_name(chosen) else atol
+        elif step is None and _is_name(chosen):
+            step = scene.step
+        return integrate(
+            self.compile(target, check=check),
+            (t_start, scene.t_end if t_end is None else t_end),
+            initial,
+            method=chosen,
+            rtol=rtol,
+            atol=atol,
+            t_eval=t_eval,
+            events=events,
+            step=step,
+            max_steps=max_steps,
+            max_wall=max_wall,
+            parameters=parameters,
+            progress=progress,
+        )
+
+    def check(self, *, target: str = "llvm", points: int = 5, seed: int = 0) -> Report:
+        """Compare everything compiled with numerical differentiation of the stated energies, and return a report.
+
+        It also compares with the textbook derivation and with the other machine. The report prints as a table and is
+        truthy when everything holds.
+        """
+        model = self.compile(target, check=False)
+        other = self.compile("numpy" if target == "llvm" else "llvm", check=False)
+        return check(model, textbook=self._textbook(), other=other, points=points, seed=seed)
+
+    def _textbook(self) -> Mapping[Any, Any] | None:
+        return self._derivation.accelerations
+
+
+def _is_name(method: Any) -> bool:
+    return isinstance(method, str)
+
+
+def scene(name: str) -> System:
+    """Return a system of the scene library; `lagrange.scenes()` lists the names."""
+    return System.from_statement(scene_files.load(name))
+
+
+def scenes() -> list[str]:
+    """Return the names of the scene library."""
+    return [entry.name for entry in scene_files.library()]
+
+
+__all__ = ["RunSettings", "System", "scene", "scenes"]

@@ -1,0 +1,166 @@
+"""Run a step program from start to end: bursts of compiled steps, and a look around between them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from lagrange.machine.backend import Driver, SingularMassMatrix
+from lagrange.machine.driver import DriverState, Outcome
+from lagrange.program.step import StepProgram
+from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.messages import message
+from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
+
+BURST = 0.02
+"""Seconds of steps between two looks at the clock, the step limit and Ctrl-C."""
+
+LARGEST_BURST = 16384
+
+PathMaker = Callable[[FloatArray, FloatArray], Callable[[FloatArray], FloatArray]]
+"""Makes the dense output from the accepted times (S+1,) and states (S+1, 2n)."""
+
+_STATUS = {
+    Outcome.DONE: Status.SUCCESS,
+    Outcome.NON_FINITE: Status.NON_FINITE,
+    Outcome.SINGULAR: Status.SINGULAR,
+    Outcome.STEP_TOO_SMALL: Status.STEP_TOO_SMALL,
+}
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """What a driver is told: relative and absolute tolerance, or the size of equal steps; and notes for the user."""
+
+    rtol: float = 0.0
+    atol: float = 0.0
+    step: float = 0.0
+    notes: tuple[str, ...] = ()
+
+
+class _Rows:
+    """The accepted states so far, in the pieces in which the driver wrote them."""
+
+    def __init__(self, t: float, y: FloatArray) -> None:
+        self.times = [np.array([t])]
+        self.states = [y[None].copy()]
+        self.kept = 0
+
+    def collect(self, state: DriverState, times: FloatArray, rows: FloatArray) -> None:
+        """Keep what the last burst wrote; calling it twice keeps it once."""
+        written = state.count(DriverState.ROWS)
+        if written and self.kept < state.count(DriverState.STEPS):
+            self.times.append(times[:written])
+            self.states.append(rows[:written])
+            self.kept = state.count(DriverState.STEPS)
+
+
+def drive(problem: Problem, step: StepProgram, name: str, tolerances: Tolerances, path_of: PathMaker) -> Trajectory:
+    """Run a problem with a step program; see `Integrator.integrate` for what comes back."""
+    began = time.perf_counter()
+    model = problem.model
+    kernel = model.kernel("rhs")
+    parameters = model.parameter_array(problem.parameters)
+    size = tolerances.step * (1.0 if problem.t1 >= problem.t0 else -1.0)
+    state = DriverState(problem.t0, problem.t1, problem.y0, tolerances.rtol, tolerances.atol, size)
+    rows = _Rows(problem.t0, problem.y0)
+    status, sentence = _first_look(problem, name, parameters)
+    if status is None:
+        driver = model.machine.driver(step, kernel, parameters)
+        status = _bursts(problem, driver, state, rows, began)
+        sentence = _closing(problem, step, name, state, status, parameters)
+    times, states = np.concatenate(rows.times), np.concatenate(rows.states)
+    path = path_of(times, states)
+    t, y = times, states.T
+    if problem.t_eval is not None:
+        reached = (problem.t_eval - times[-1]) * (1 if problem.t1 >= problem.t0 else -1) <= 0
+        t = problem.t_eval[reached]
+        y = path(t)
+    return Trajectory(
+        t=t,
+        y=y,
+        status=status,
+        message=" ".join([sentence, *tolerances.notes]),
+        method=name,
+        steps=state.count(DriverState.STEPS),
+        rejected=state.count(DriverState.REJECTED),
+        evaluations=state.count(DriverState.EVALUATIONS) + 1,
+        wall=time.perf_counter() - began,
+        dense=path,
+    )
+
+
+def _first_look(problem: Problem, name: str, parameters: FloatArray) -> tuple[Status | None, str]:
+    """Return a status and its sentence if the run cannot even begin."""
+    try:
+        slope = problem.model.kernel("rhs")(problem.t0, problem.y0, parameters)
+    except SingularMassMatrix:
+        detail = problem.model.singular_message(problem.t0, problem.y0)
+        return Status.SINGULAR, message(Status.SINGULAR, problem, problem.t0, problem.y0, name, detail=detail)
+    if not np.isfinite(slope).all():
+        return Status.NON_FINITE, message(Status.NON_FINITE, problem, problem.t0, problem.y0, name, slope=slope)
+    return None, ""
+
+
+def _bursts(problem: Problem, driver: Driver, state: DriverState, rows: _Rows, began: float) -> Status:
+    """Advance until something ends the run, and return what did."""
+    burst = 64
+    times, states = np.empty(0), np.empty((0, len(problem.y0)))
+    try:
+        while True:
+            left = problem.max_steps - state.count(DriverState.STEPS) - state.count(DriverState.REJECTED)
+            if state.t != problem.t1 and left <= 0:
+                return Status.MAX_STEPS
+            if problem.max_wall is not None and time.perf_counter() - began > problem.max_wall:
+                return Status.MAX_WALL
+            budget = min(burst, left) if left > 0 else 1
+            times, states = np.empty(budget), np.empty((budget + 4, len(problem.y0)))
+            state.counts[DriverState.ROWS] = 0
+            before = time.perf_counter()
+            outcome = driver.advance(state, budget, times, states)
+            rows.collect(state, times, states)
+            if outcome is Outcome.STEP_TOO_SMALL:
+                return _STATUS[state.cause]
+            if outcome is not Outcome.PAUSED:
+                return _STATUS[outcome]
+            if time.perf_counter() - before < BURST:
+                burst = min(2 * burst, LARGEST_BURST)
+            if problem.progress is not None:
+                problem.progress(state.t)
+    except KeyboardInterrupt:
+        rows.collect(state, times, states)
+        return Status.INTERRUPTED
+
+
+def _closing(
+    problem: Problem, step: StepProgram, name: str, state: DriverState, status: Status, parameters: FloatArray
+) -> str:
+    """Return the sentence for the end of a run, with the culprit found by taking the failed step again."""
+    if status is Status.SINGULAR:
+        detail = problem.model.singular_message(state.t, state.y)
+        return message(status, problem, state.t, state.y, name, detail=detail)
+    if status is not Status.NON_FINITE:
+        return message(status, problem, state.t, state.y, name)
+    return message(status, problem, state.t, _failed_state(problem, step, state, parameters), name)
+
+
+def _failed_state(problem: Problem, step: StepProgram, state: DriverState, parameters: FloatArray) -> FloatArray:
+    """Return the state that a step from the last accepted one leads to, with its entries that are not finite."""
+    kernel, n = problem.model.kernel("rhs"), len(state.y) // 2
+    h = float(state.reals[DriverState.STEP] or 4.0 * state.reals[DriverState.H])
+
+    def f(t: float, y: FloatArray) -> FloatArray:
+        slope = kernel(t, np.concatenate([y, np.zeros(n)]) if step.partitioned else y, parameters)
+        return slope[n:] if step.partitioned else slope
+
+    with np.errstate(all="ignore"):
+        try:
+            if step.partitioned:
+                return np.concatenate(step.function(f, state.t, state.y[:n], state.y[n:], h))
+            moved = step.function(f, state.t, state.y, h)
+        except SingularMassMatrix:
+            return state.y
+    return np.asarray(moved if step.control is None else moved[0])

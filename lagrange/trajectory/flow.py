@@ -1,0 +1,125 @@
+"""The flow of a model as a plain function of the initial state, for shooting, maps and benchmarks."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lagrange.errors import RunError, StatementError
+from lagrange.machine.backend import Driver
+from lagrange.machine.driver import DriverState, Outcome
+from lagrange.machine.model import Model
+from lagrange.program.step import StepProgram
+from lagrange.trajectory.driver import LARGEST_BURST, Tolerances
+from lagrange.trajectory.integrate import MAX_STEPS
+from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.methods.registry import DEFAULT, find
+from lagrange.trajectory.trajectory import FloatArray
+
+_NO_TIMES, _NO_ROWS = np.empty(0), np.empty((0, 0))
+
+
+@runtime_checkable
+class Stepped(Protocol):
+    """An integrator that is a step program, so that its driver can be prepared once."""
+
+    def prepare(self, problem: Problem) -> tuple[StepProgram, Tolerances]:
+        """Return the step program, and what the driver is told."""
+
+
+class _Prepared(threading.local):
+    """The driver and its record, one of each per thread."""
+
+    driver: Driver | None = None
+    parameters: Mapping[Any, Any] | None = None
+    state: DriverState
+
+
+class Flow:
+    """Calls give the state at t1 of the run that starts from y0 at t0; threads may share a flow."""
+
+    def __init__(
+        self,
+        model: Model,
+        *,
+        method: Any = None,
+        rtol: float | None = None,
+        atol: float | None = None,
+        step: float | None = None,
+        max_steps: int | None = None,
+    ) -> None:
+        self._integrator = find(DEFAULT if method is None else method)
+        self._model = model
+        self._dimension = 2 * model.dimension
+        self._max_steps = MAX_STEPS if max_steps is None else int(max_steps)
+        self._local = _Prepared()
+        unit = Problem(
+            model=model,
+            parameters={},
+            t0=0.0,
+            t1=1.0,
+            y0=np.zeros(self._dimension),
+            rtol=rtol,
+            atol=atol,
+            step=step,
+            max_steps=self._max_steps,
+        )
+        self._problem = unit
+        self._step: StepProgram | None = None
+        if isinstance(self._integrator, Stepped):
+            self._step, self._tolerances = self._integrator.prepare(unit)
+
+    def __call__(
+        self, y0: ArrayLike, t0: float, t1: float, parameters: Mapping[Any, Any] | None = None
+    ) -> FloatArray:
+        """Return the state at t1, (2n,). Raises RunError with the sentence of a run that does not get there."""
+        start = np.asarray(y0, dtype=float)
+        if start.shape != (self._dimension,):
+            raise StatementError(f"y0 has shape {start.shape}: give [q, v] of shape ({self._dimension},).")
+        if t0 == t1:
+            return start.copy()
+        if self._step is None:
+            return self._by_run(start, t0, t1, parameters)
+        driver, state = self._driver(parameters)
+        self._begin(state, start, t0, t1)
+        outcome = Outcome.PAUSED
+        while outcome is Outcome.PAUSED and state.count(DriverState.STEPS) < self._max_steps:
+            outcome = driver.advance(state, LARGEST_BURST, _NO_TIMES, _NO_ROWS)
+        if outcome is not Outcome.DONE:
+            return self._by_run(start, t0, t1, parameters)
+        return state.y.copy()
+
+    def _driver(self, parameters: Mapping[Any, Any] | None) -> tuple[Driver, DriverState]:
+        local, model = self._local, self._model
+        if local.driver is None or local.parameters != parameters:
+            if self._step is None:
+                raise AssertionError("only a step program has a driver")
+            kernel = model.kernel("rhs")
+            local.driver = model.machine.driver(self._step, kernel, model.parameter_array(parameters))
+            local.parameters = None if parameters is None else dict(parameters)
+            local.state = DriverState(0.0, 1.0, np.zeros(self._dimension), 0.0, 0.0, 0.0)
+        return local.driver, local.state
+
+    def _begin(self, state: DriverState, y0: FloatArray, t0: float, t1: float) -> None:
+        settings = self._tolerances
+        size = settings.step * abs(t1 - t0) if self._problem.step is None and settings.notes else settings.step
+        signed = size if t1 >= t0 else -size
+        state.reals[:] = (t0, t1, signed, settings.rtol, settings.atol, 1.0, t0, signed, 0.0)
+        state.counts[:] = 0
+        state.y[:] = y0
+
+    def _by_run(
+        self, y0: FloatArray, t0: float, t1: float, parameters: Mapping[Any, Any] | None
+    ) -> FloatArray:
+        """Run the integrator as a run would, for its verdict in words or for an integrator without a step program."""
+        values = self._model.parameter_values(parameters)
+        problem = replace(self._problem, t0=t0, t1=t1, y0=y0, parameters=values)
+        trajectory = self._integrator.integrate(problem)
+        if not trajectory.status.complete:
+            raise RunError(trajectory.message)
+        return trajectory.y[:, -1].copy()

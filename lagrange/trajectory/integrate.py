@@ -1,0 +1,118 @@
+"""From a model and a request to a trajectory: the request is checked here, once, for every method."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lagrange.errors import StatementError, listing
+from lagrange.machine.model import Model
+from lagrange.statement.declare import initial_state
+from lagrange.statement.number import real_number
+from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.methods.registry import DEFAULT, find
+from lagrange.trajectory.trajectory import FloatArray, Trajectory
+
+MAX_STEPS = 10_000_000
+"""Steps tried, accepted or not, before a run gives up: the states of a double pendulum then take 0.4 GB."""
+
+
+def integrate(
+    model: Model,
+    span: Sequence[float],
+    initial: Mapping[Any, Any] | None = None,
+    *,
+    method: Any = None,
+    rtol: float | None = None,
+    atol: float | None = None,
+    t_eval: ArrayLike | None = None,
+    events: Any = None,
+    step: float | None = None,
+    max_steps: int | None = None,
+    max_wall: float | None = None,
+    parameters: Mapping[Any, Any] | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> tuple[Trajectory, dict[Any, float]]:
+    """Run a model over a span of time; return the trajectory and the parameters' values.
+
+    Raises StatementError for a request that cannot be meant; what happens along the way ends in a status.
+    """
+    if events:
+        raise StatementError("events are not supported yet: leave events empty, and look for the crossing with solution.at(t).")
+    if isinstance(span, (str, bytes)) or np.ndim(span) != 1 or len(span) != 2:
+        raise StatementError(f"the time span is {span!r}: give two times, such as (0.0, 10.0).")
+    t0, t1 = real_number(span[0], "the first time"), real_number(span[1], "the last time")
+    statement = model.statement
+    values = model.parameter_values(parameters)
+    problem = Problem(
+        model=model,
+        parameters=values,
+        t0=t0,
+        t1=t1,
+        y0=np.array(initial_state(initial or {}, statement.coordinates, statement.initial)),
+        t_eval=_output_times(t_eval, t0, t1),
+        rtol=rtol,
+        atol=atol,
+        step=step,
+        max_steps=_limit(max_steps),
+        max_wall=_wall(max_wall),
+        progress=progress,
+    )
+    integrator = find(DEFAULT if method is None else method)
+    _check_start(problem)
+    return integrator.integrate(problem), values
+
+
+def _check_start(problem: Problem) -> None:
+    """Refuse an initial state at which the energies are not finite numbers."""
+    model, y0 = problem.model, problem.y0
+    n = model.dimension
+    energy = model.energy(y0[:n], y0[n:], problem.t0, problem.parameters)
+    if math.isfinite(energy):
+        return
+    names = (*model.statement.names, *(f"{name}.dot" for name in model.statement.names))
+    state = listing(f"{name} = {x:.6g}" for name, x in zip(names, y0, strict=True))
+    raise StatementError(
+        f"the energy of {model.statement.name} is {energy} at the initial state ({state}), so the motion cannot start "
+        "there. Look for a division by zero, or a sqrt or log outside its domain, in the kinetic and potential energy; "
+        "give another initial state or other parameters."
+    )
+
+
+def _output_times(t_eval: ArrayLike | None, t0: float, t1: float) -> FloatArray | None:
+    if t_eval is None:
+        return None
+    times = np.asarray(t_eval)
+    if times.ndim != 1 or times.dtype.kind not in "fiu":
+        raise StatementError(f"t_eval has shape {times.shape} and entries of type {times.dtype}: give a list of times.")
+    times = times.astype(float)
+    low, high = min(t0, t1), max(t0, t1)
+    outside = times[~((times >= low) & (times <= high))]
+    if outside.size:
+        raise StatementError(f"t_eval contains {outside[0]:g}, outside the time span from {t0:g} to {t1:g}.")
+    direction = 1 if t1 >= t0 else -1
+    if (np.diff(times) * direction < 0).any():
+        raise StatementError("t_eval is not sorted in the direction of the run: sort it" + (", falling." if direction < 0 else "."))
+    return times
+
+
+def _limit(max_steps: int | None) -> int:
+    if max_steps is None:
+        return MAX_STEPS
+    number = real_number(max_steps, "max_steps")
+    if number < 1 or number != int(number):
+        raise StatementError(f"max_steps = {max_steps}: give a whole number of at least 1.")
+    return int(number)
+
+
+def _wall(max_wall: float | None) -> float | None:
+    if max_wall is None:
+        return None
+    number = real_number(max_wall, "max_wall")
+    if number <= 0:
+        raise StatementError(f"max_wall = {max_wall}: give a positive number of seconds.")
+    return number

@@ -1,0 +1,67 @@
+"""The one protocol that every integrator satisfies, ours, SciPy's or a user's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from lagrange.machine.model import Model
+from lagrange.trajectory.trajectory import FloatArray, Trajectory
+
+
+@dataclass(frozen=True)
+class Claims:
+    """What a method promises; tests hold every registered method to it.
+
+    `symmetric` means that a step of -h undoes a step of h.
+    """
+
+    order: int
+    adaptive: bool = False
+    symplectic: bool = False
+    symmetric: bool = False
+    a_stable: bool = False
+    explicit: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """One initial value problem: y' = f(t, y) from (t0, y0) to t1, which may lie before t0.
+
+    `parameters` has a value for each of the model's parameters. `t_eval` is sorted in the direction of the run
+    and lies inside the span, or is None for every accepted step. `step`, `rtol` and `atol` are None where the
+    user left the choice to the method. `progress` is called now and then with the time reached.
+    """
+
+    model: Model
+    parameters: Mapping[Any, float]
+    t0: float
+    t1: float
+    y0: FloatArray
+    t_eval: FloatArray | None = None
+    rtol: float | None = None
+    atol: float | None = None
+    step: float | None = None
+    max_steps: int = 10_000_000
+    max_wall: float | None = None
+    progress: Callable[[float], None] | None = None
+
+
+class Integrator(Protocol):
+    """Anything that turns a `Problem` into a `Trajectory`.
+
+    It never raises for what happens along the way: a run that ends early returns what it has, with a status
+    and a message that names time and coordinate. It raises StatementError for a request it cannot serve.
+    """
+
+    @property
+    def name(self) -> str:
+        """The registered name."""
+
+    @property
+    def claims(self) -> Claims:
+        """What the method promises."""
+
+    def integrate(self, problem: Problem) -> Trajectory:
+        """Run the problem."""

@@ -1,0 +1,103 @@
+"""The sentence with which a run ends: where it got to, which coordinate is to blame, why, and what to do."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lagrange.errors import listing
+from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.trajectory import FloatArray, Status
+
+_SENTENCES: dict[Status, str] = {
+    Status.SUCCESS: "reached t = {t}.",
+    Status.EVENT: "stopped at an event at t = {t}.",
+    Status.MAX_STEPS: "used up max_steps = {max_steps} {where}, where {largest}.",
+    Status.MAX_WALL: "used up {max_wall} {where}, where {largest}.",
+    Status.NON_FINITE: "stopped {where}: {non_finite}.",
+    Status.SINGULAR: "stopped {where}: {singular}",
+    Status.STEP_TOO_SMALL: "stopped {where}: the step that the tolerances ask for is below the spacing of floating-"
+    "point times. The largest entry of the state: {largest}.",
+    Status.DIVERGED: "stopped {where}: the step did not converge. The largest entry of the state: {largest}.",
+    Status.INTERRUPTED: "was interrupted {where}; what was computed until then is kept.",
+}
+
+_REMEDIES: dict[Status, str] = {
+    Status.SUCCESS: "",
+    Status.EVENT: "",
+    Status.MAX_STEPS: "Raise max_steps or loosen rtol; a stiff system wants an implicit method such as scipy-radau.",
+    Status.MAX_WALL: "Raise max_wall or loosen rtol; a stiff system wants an implicit method such as scipy-radau.",
+    Status.NON_FINITE: "Look for a division by zero, an overflow, or a sqrt, log or power outside its domain in the "
+    "energies and forces near that state, and check the initial state and the parameters.",
+    Status.SINGULAR: "",
+    Status.STEP_TOO_SMALL: "The solution probably has a singularity there: end the run before it, or check the signs "
+    "of the forces. If it has none, loosen rtol and atol.",
+    Status.DIVERGED: "Take a shorter step, or a method with step control such as dop853.",
+    Status.INTERRUPTED: "",
+}
+
+_SINGULAR = (
+    "the mass matrix is singular there, so the accelerations are not determined. Start elsewhere, or choose "
+    "coordinates that are regular at this configuration."
+)
+
+
+def message(
+    status: Status,
+    problem: Problem,
+    t: float,
+    y: FloatArray,
+    method: str,
+    *,
+    slope: FloatArray | None = None,
+    detail: str = "",
+) -> str:
+    """Return the sentence for a run of `method` that ended with `status` at time t.
+
+    `y` (2n,) is the state to talk about: the one with entries that are not finite, else the last accepted one. `slope`
+    (2n,) is its derivative, where that is what went wrong. `detail` is a further cause in a sentence of its own; for a
+    singular mass matrix it is the model's report, and takes the place of ours.
+    """
+    fields = {
+        "t": number(t),
+        "where": f"at t = {number(t)} on the way from {number(problem.t0)} to {number(problem.t1)}",
+        "max_steps": problem.max_steps,
+        "max_wall": "its time" if problem.max_wall is None else f"max_wall = {number(problem.max_wall)} s",
+        "largest": largest(problem, y),
+        "non_finite": non_finite(problem, y, slope) or "the derivative of the state is nan or infinite",
+    }
+    if status is Status.SINGULAR:
+        fields["singular"], detail = detail or _SINGULAR, ""
+    parts = (method, _SENTENCES[status].format(**fields), detail, _REMEDIES[status])
+    return " ".join(part for part in parts if part)
+
+
+def row_names(problem: Problem) -> tuple[str, ...]:
+    """Return what to call the 2n rows of the state: theta, then theta_dot."""
+    names = problem.model.statement.names
+    return (*names, *(f"{name}_dot" for name in names))
+
+
+def non_finite(problem: Problem, y: FloatArray, slope: FloatArray | None = None) -> str:
+    """Return which entries of a state, or else of its derivative, are not finite: ``theta_dot is nan``."""
+    names = row_names(problem)
+    if bad := [f"{name} is {value}" for name, value in zip(names, y, strict=True) if not np.isfinite(value)]:
+        return _few(bad)
+    n = len(names) // 2
+    rates = [f"the {what} of {name}" for what in ("velocity", "acceleration") for name in names[:n]]
+    pairs = () if slope is None else zip(rates, slope, strict=True)
+    return _few([f"{rate} is {value}" for rate, value in pairs if not np.isfinite(value)])
+
+
+def largest(problem: Problem, y: FloatArray) -> str:
+    """Return the largest entry of a state in words: ``x_dot is -1.2e+15``."""
+    row = int(np.argmax(np.abs(y)))
+    return f"{row_names(problem)[row]} is {y[row]:.4g}"
+
+
+def number(value: float) -> str:
+    """Return a number for a sentence, with six digits at most."""
+    return f"{value:.6g}"
+
+
+def _few(parts: list[str]) -> str:
+    return listing(parts if len(parts) <= 3 else [*parts[:2], f"{len(parts) - 2} more"]) if parts else ""

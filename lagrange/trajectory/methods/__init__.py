@@ -1,0 +1,1 @@
+"""The integration methods: data and transformations, each with its claims."""

@@ -1,0 +1,127 @@
+"""Explicit Runge-Kutta methods, any tableau: fixed step, or adaptive where the tableau has an error estimate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+from lagrange.errors import StatementError
+from lagrange.program.step import Control, StepProgram, trace
+from lagrange.trajectory.dense import RungeKuttaPath
+from lagrange.trajectory.driver import Tolerances, drive
+from lagrange.trajectory.integrator import Claims, Problem
+from lagrange.trajectory.methods import classical, dop853, dopri5
+from lagrange.trajectory.methods.runge_kutta import ButcherTableau
+from lagrange.trajectory.methods.settings import adaptive_settings, fixed_settings
+from lagrange.trajectory.trajectory import FloatArray, Trajectory
+
+MEMORY = {"dopri5": 0.04}
+"""Exponent of the previous error in step control, where its authors use one (Hairer, Norsett, Wanner, IV.2)."""
+
+
+@dataclass(frozen=True)
+class RungeKutta:
+    """The explicit Runge-Kutta method of a tableau.
+
+    `step` is the size of equal steps, for a tableau without an error estimate; `rtol` and `atol` are tolerances
+    for one with it. What is None is taken from the run, or has a default.
+    """
+
+    tableau: ButcherTableau
+    step: float | None = None
+    rtol: float | None = None
+    atol: float | None = None
+
+    @property
+    def name(self) -> str:
+        """The registered name."""
+        return self.tableau.name
+
+    @property
+    def claims(self) -> Claims:
+        """Order, and step control."""
+        return Claims(order=self.tableau.order, adaptive=self.tableau.error is not None)
+
+    def prepare(self, problem: Problem) -> tuple[StepProgram, Tolerances]:
+        """Return the step program, and what the driver is told. Raises StatementError for a setting it has no use for."""
+        chosen = adaptive_settings if self.claims.adaptive else fixed_settings
+        return runge_kutta_step(self.tableau), chosen(self.name, problem, self.step, self.rtol, self.atol)
+
+    def integrate(self, problem: Problem) -> Trajectory:
+        """Run the problem; see `Integrator`."""
+        step, tolerances = self.prepare(problem)
+        kernel = problem.model.kernel("rhs")
+        parameters = problem.model.parameter_array(problem.parameters)
+
+        def path_of(times: FloatArray, states: FloatArray) -> Callable[[FloatArray], FloatArray]:
+            return RungeKuttaPath(kernel, parameters, times, states, self.tableau)
+
+        return drive(problem, step, self.name, tolerances, path_of)
+
+
+@lru_cache(maxsize=64)
+def runge_kutta_step(tableau: ButcherTableau) -> StepProgram:
+    """Return the step program of a tableau."""
+    estimate = tableau.error
+    if estimate is None:
+        return trace(tableau.name, lambda f, t, y, h: _stages(tableau, f, t, y, h)[0])
+
+    def step(f: Callable[..., Any], t: Any, y: Any, h: Any) -> tuple[Any, ...]:
+        new, slopes = _stages(tableau, f, t, y, h)
+        errors = [_weighted(weights, slopes) * h for weights in (estimate.weights, estimate.damping) if weights]
+        return (new, *errors)
+
+    control = Control(estimate.control, damped=bool(estimate.damping), memory=MEMORY.get(tableau.name, 0.0))
+    return trace(tableau.name, step, control=control)
+
+
+def _stages(tableau: ButcherTableau, f: Callable[..., Any], t: Any, y: Any, h: Any) -> tuple[Any, list[Any]]:
+    """Return the new state and the slopes of all stages."""
+    slopes: list[Any] = []
+    for row, c in zip(tableau.A, tableau.c, strict=True):
+        moved = y + _weighted(row, slopes) * h if any(row) else y
+        slopes.append(f(t + c * h if c else t, moved))
+    return y + _weighted(tableau.b, slopes) * h, slopes
+
+
+def _weighted(weights: Any, slopes: list[Any]) -> Any:
+    return sum(slope * (int(w) if w == int(w) else float(w)) for w, slope in zip(weights, slopes, strict=False) if w)
+
+
+def Euler(step: float | None = None) -> RungeKutta:
+    """Return the explicit Euler method, order 1."""
+    return RungeKutta(classical.EULER, step=step)
+
+
+def Midpoint(step: float | None = None) -> RungeKutta:
+    """Return the explicit midpoint rule, order 2."""
+    return RungeKutta(classical.MIDPOINT, step=step)
+
+
+def RK4(step: float | None = None) -> RungeKutta:
+    """Return the classical Runge-Kutta method, order 4."""
+    return RungeKutta(classical.RK4, step=step)
+
+
+def Dopri5(rtol: float | None = None, atol: float | None = None) -> RungeKutta:
+    """Return the adaptive method of Dormand and Prince, order 5(4)."""
+    return RungeKutta(dopri5.DOPRI5, rtol=rtol, atol=atol)
+
+
+def DOP853(rtol: float | None = None, atol: float | None = None) -> RungeKutta:
+    """Return Hairer's adaptive method of order 8 with estimates of order 5 and 3."""
+    return RungeKutta(dop853.DOP853, rtol=rtol, atol=atol)
+
+
+def explicit_method(A: Any, b: Any, *, name: str, order: int, step: float | None = None) -> RungeKutta:
+    """Return a fixed-step method from a tableau of your own, checked against the order it claims.
+
+    `A` is a strictly lower triangular matrix (s, s) or its rows, `b` has s weights. Raises StatementError with the
+    condition that fails.
+    """
+    rows = tuple(tuple(row)[:i] for i, row in enumerate(A))
+    if any(entry for i, row in enumerate(A) for entry in tuple(row)[i:]):
+        raise StatementError(f"the tableau {name!r} is not explicit: A must be zero on and above its diagonal.")
+    return RungeKutta(ButcherTableau(name=name, order=order, A=rows, b=tuple(b)).hermite(), step=step)

@@ -1,0 +1,106 @@
+"""Every method by name: ours, and those that installed packages offer by entry point."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+from lagrange.errors import StatementError, listing, suggestion
+from lagrange.trajectory.integrator import Claims, Integrator
+from lagrange.trajectory.methods.explicit import DOP853, RK4, Dopri5, Euler, Midpoint
+from lagrange.trajectory.methods.splitting import SymplecticEuler, Verlet
+
+GROUP = "lagrange.integrators"
+"""The entry-point group in which a package registers `name = module:class`; the class is called without arguments."""
+
+DEFAULT = "dop853"
+"""The method of a run that names none: at errors from 1e-4 to 1e-12 it needs the least time of those here."""
+
+BUILT_IN: dict[str, Callable[[], Integrator]] = {
+    "euler": Euler,
+    "symplectic-euler": SymplecticEuler,
+    "midpoint": Midpoint,
+    "verlet": Verlet,
+    "rk4": RK4,
+    "dopri5": Dopri5,
+    "dop853": DOP853,
+}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table of methods."""
+
+    name: str
+    claims: Claims
+    about: str
+
+
+class Table(tuple[Row, ...]):
+    """The methods with their claims; prints as a table."""
+
+    def __str__(self) -> str:
+        head = f"{'method':<18}{'order':>5}  {'step':<9}{'symplectic':<12}{'symmetric':<11}{'A-stable':<10}about"
+        lines = [head, "-" * len(head)]
+        for row in self:
+            claims = row.claims
+            marks = ["yes" if mark else "-" for mark in (claims.symplectic, claims.symmetric, claims.a_stable)]
+            kind = "adaptive" if claims.adaptive else "fixed"
+            lines.append(
+                f"{row.name:<18}{claims.order:>5}  {kind:<9}{marks[0]:<12}{marks[1]:<11}{marks[2]:<10}{row.about}"
+            )
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return str(self)
+
+    def to_markdown(self) -> str:
+        """Return the table for a page."""
+        lines = ["| method | order | step | symplectic | symmetric | A-stable | about |", "|---|---|---|---|---|---|---|"]
+        for row in self:
+            c = row.claims
+            marks = " | ".join("yes" if mark else "" for mark in (c.symplectic, c.symmetric, c.a_stable))
+            kind = "adaptive" if c.adaptive else "fixed"
+            lines.append(f"| `{row.name}` | {c.order} | {kind} | {marks} | {row.about} |")
+        return "\n".join(lines)
+
+
+def names() -> list[str]:
+    """Return the name of every method that is here."""
+    return [*BUILT_IN, *(name for name in sorted(_offered()) if name not in BUILT_IN)]
+
+
+def find(method: Any) -> Integrator:
+    """Return the integrator of a registered name, or the instance itself. Raises StatementError for another."""
+    if not isinstance(method, str):
+        if isinstance(method, type) or not callable(getattr(method, "integrate", None)):
+            raise StatementError(
+                f"method is {method!r}: give a name, such as '{DEFAULT}', or an instance, such as lg.methods.RK4(step=0.01)."
+            )
+        instance: Integrator = method
+        return instance
+    if method in BUILT_IN:
+        return BUILT_IN[method]()
+    if method in _offered():
+        made: Integrator = _offered()[method].load()()
+        return made
+    raise StatementError(f"there is no method {method!r}; the methods are {listing(names())}." + suggestion(method, names()))
+
+
+def table() -> Table:
+    """Return every method with its claims."""
+    rows = []
+    for name in names():
+        integrator = find(name)
+        summary = ((BUILT_IN[name] if name in BUILT_IN else type(integrator)).__doc__ or "").splitlines()
+        about = summary[0] if summary else ""
+        rows.append(Row(name, integrator.claims, about.removeprefix("Return ").rstrip(".")))
+    return Table(rows)
+
+
+@cache
+def _offered() -> dict[str, EntryPoint]:
+    return {entry.name: entry for entry in entry_points(group=GROUP)}

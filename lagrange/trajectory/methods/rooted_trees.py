@@ -1,0 +1,78 @@
+"""Rooted trees: one order condition of a Runge-Kutta method each (Hairer, Norsett, Wanner, Solving ODE I, II.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from fractions import Fraction
+from functools import cache
+from math import prod
+from typing import Any
+
+Tree = tuple[Any, ...]
+"""A tree is the sorted tuple of its root's subtrees; a leaf is the empty tuple."""
+
+Number = Fraction | float
+Row = tuple[Number, ...]
+
+
+def trees(order: int) -> tuple[Tree, ...]:
+    """Return the rooted trees with that many nodes: 1, 1, 2, 4, 9, 20, 48, 115 for 1 to 8."""
+    found: tuple[Tree, ...] = ((),)
+    for _ in range(order - 1):
+        found = tuple(dict.fromkeys(grown for tree in found for grown in _grafted(tree)))
+    return found
+
+
+def _grafted(tree: Tree) -> Iterator[Tree]:
+    """Yield the tree with one more leaf, at each of its nodes in turn."""
+    yield ((), *tree)
+    for place, child in enumerate(tree):
+        for grown in _grafted(child):
+            yield tuple(sorted((*tree[:place], grown, *tree[place + 1 :])))
+
+
+@cache
+def size(tree: Tree) -> int:
+    """Return the number of nodes."""
+    return 1 + sum(map(size, tree))
+
+
+@cache
+def density(tree: Tree) -> int:
+    """Return gamma(tree): the exact solution's weight of the tree is theta**size / gamma."""
+    return size(tree) * prod(map(density, tree))
+
+
+def stage_weights(matrix: tuple[Row, ...], order: int) -> Mapping[Tree, Row]:
+    """Return Phi_j(tree), (stages,), for every tree up to that order: sum_j b_j Phi_j = 1/gamma is its condition.
+
+    `matrix` is the lower triangle of a tableau, row i with at least i entries.
+    """
+    known: dict[Tree, Row] = {(): (Fraction(1),) * len(matrix)}
+    fed: dict[Tree, Row] = {}
+    for level in range(1, order):
+        for tree in trees(level):
+            fed[tree] = tuple(dot(row, known[tree]) for row in matrix)
+        for tree in trees(level + 1):
+            known[tree] = tuple(prod(factors) for factors in zip(*(fed[child] for child in tree), strict=True))
+    return known
+
+
+def dot(left: Row, right: Row) -> Number:
+    """Return the sum of products over the shorter of two rows; exact when both are."""
+    return sum((a * b for a, b in zip(left, right, strict=False) if a and b), Fraction(0))
+
+
+def formula(tree: Tree, letters: str = "ijklmnop") -> str:
+    """Return the tree's elementary weight in words, such as ``c_i^2 a_ij c_j``; nothing for a leaf."""
+    return _formula(tree, letters[0], iter(letters[1:]))
+
+
+def _formula(tree: Tree, here: str, letters: Iterator[str]) -> str:
+    leaves = tree.count(())
+    parts = [f"c_{here}" + (f"^{leaves}" if leaves > 1 else "")] if leaves else []
+    for child in tree:
+        if child:
+            there = next(letters)
+            parts.append(f"a_{here}{there} {_formula(child, there, letters)}")
+    return " ".join(parts)

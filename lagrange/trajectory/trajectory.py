@@ -1,0 +1,51 @@
+"""What a run leaves: the states, how it ended, and the path between the steps."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+class Status(enum.Enum):
+    """How a run ended."""
+
+    SUCCESS = "success"
+    EVENT = "event"
+    MAX_STEPS = "max_steps"
+    MAX_WALL = "max_wall"
+    NON_FINITE = "non_finite"
+    SINGULAR = "singular"
+    STEP_TOO_SMALL = "step_too_small"
+    DIVERGED = "diverged"
+    INTERRUPTED = "interrupted"
+
+    @property
+    def complete(self) -> bool:
+        """Whether the run reached what was asked for."""
+        return self in (Status.SUCCESS, Status.EVENT)
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """States at the output times, and what it took to get them.
+
+    `t` has shape (N,), `y` (2n, N) with rows as in the right-hand side, [q, v]. `dense` maps times (K,) between
+    the first and the last accepted step to states (2n, K). `wall` is in seconds.
+    """
+
+    t: FloatArray
+    y: FloatArray
+    status: Status
+    message: str
+    method: str
+    steps: int
+    rejected: int
+    evaluations: int
+    wall: float
+    dense: Callable[[FloatArray], FloatArray]

@@ -1,0 +1,114 @@
+"""Small statements that the tests of this folder share."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import sympy as sp
+from sympy import cos, sin
+
+from lagrange.statement.coordinate import coordinate, parameters, t
+from lagrange.statement.declare import declare
+from lagrange.statement.statement import Statement
+
+theta, x, y, z, r, phi = (coordinate(name) for name in ("theta", "x", "y", "z", "r", "phi"))
+m, g, l, k, c, omega = parameters("m g l k c omega")
+e, B = parameters("e B", positive=False)
+
+
+def pendulum(**more: Any) -> Statement:
+    return declare(
+        kinetic=m * l**2 * theta.dot**2 / 2,
+        potential=-m * g * l * cos(theta),
+        parameters={m: 1.0, g: 9.81, l: 1.0},
+        name="pendulum",
+        **more,
+    )
+
+
+def pendulum_chain(n: int) -> Statement:
+    angles = [coordinate(f"a{i}") for i in range(n)]
+    px = py = sp.S.Zero
+    kinetic = potential = sp.S.Zero
+    for angle in angles:
+        px, py = px + l * sin(angle), py - l * cos(angle)
+        kinetic += m * (sp.diff(px, t) ** 2 + sp.diff(py, t) ** 2) / 2
+        potential += m * g * py
+    return declare(kinetic=kinetic, potential=potential, coordinates=angles, name=f"chain of {n}")
+
+
+def charge() -> Statement:
+    """A charge in a uniform magnetic field: the potential depends on the velocity."""
+    kinetic = m * (x.dot**2 + y.dot**2 + z.dot**2) / 2
+    return declare(lagrangian=kinetic + e * B * (x * y.dot - y * x.dot) / 2, name="charge")
+
+
+def bead_on_hoop() -> Statement:
+    """A bead on a turning hoop, stated with explicit time."""
+    place = [l * sin(theta) * cos(omega * t), l * sin(theta) * sin(omega * t), -l * cos(theta)]
+    speed = sum(sp.diff(part, t) ** 2 for part in place)
+    return declare(kinetic=m * speed / 2, potential=m * g * place[2], name="bead")
+
+
+def driven_oscillator() -> Statement:
+    """Force, dissipation and explicit time; the default of c is 0, as it often is in a scene."""
+    return declare(
+        kinetic=m * (x.dot**2 + y.dot**2 + x.dot * y.dot) / 2,
+        potential=k * x**2 / 2 + k * sp.exp(x - y),
+        forces={x: sp.sin(omega * t) - c * y, y: l * x.dot},
+        dissipation=c * (x.dot - y.dot) ** 2 / 2 + c * y.dot**4,
+        parameters={m: 1.0, k: 1.0, c: 0.0, omega: 1.0, l: 1.0},
+        name="oscillator",
+    )
+
+
+def contact() -> Statement:
+    """A spring that acts only beyond x = 10: a random point of order one never feels it."""
+    spring = sp.Piecewise((k * (x - 10) ** 2 / 2, x > 10), (0, True))
+    return declare(kinetic=m * x.dot**2 / 2, potential=spring + m * g * x, name="contact")
+
+
+def guarded_root() -> Statement:
+    """The branch not taken has no value."""
+    return declare(kinetic=m * x.dot**2 / 2, potential=sp.Piecewise((sp.sqrt(x) ** 3, x > 0), (x**2, True)), name="guarded")
+
+
+def relativistic() -> Statement:
+    """L is not quadratic in the velocity and exists below the speed of light only."""
+    return declare(lagrangian=-m * c**2 * sp.sqrt(1 - x.dot**2 / c**2) - k * x**2 / 2, parameters={c: 3.0}, name="fast")
+
+
+def half_line() -> Statement:
+    return declare(kinetic=m * x.dot**2 / 2, potential=k * sp.log(x) + sp.sqrt(l - x), name="half line")
+
+
+def kepler() -> Statement:
+    return declare(kinetic=m * (r.dot**2 + r**2 * phi.dot**2) / 2, potential=-k * m / r, name="kepler")
+
+
+def earth_and_moon() -> Statement:
+    """Two bodies in SI units: numbers between 1e-11 and 1e30."""
+    gravity, earth, moon = parameters("G earth moon")
+    qs = [coordinate(name) for name in ("xe", "ye", "xm", "ym")]
+    distance = sp.sqrt((qs[0] - qs[2]) ** 2 + (qs[1] - qs[3]) ** 2)
+    return declare(
+        kinetic=earth * (qs[0].dot**2 + qs[1].dot**2) / 2 + moon * (qs[2].dot**2 + qs[3].dot**2) / 2,
+        potential=-gravity * earth * moon / distance,
+        parameters={gravity: 6.6743e-11, earth: 5.972e24, moon: 7.342e22},
+        initial={qs[0]: 1.496e11, qs[2]: 1.496e11 + 3.844e8, "ye_dot": 29780.0, "ym_dot": 30802.0},
+        name="earth and moon",
+    )
+
+
+ALL = (
+    pendulum,
+    charge,
+    bead_on_hoop,
+    driven_oscillator,
+    contact,
+    guarded_root,
+    relativistic,
+    half_line,
+    kepler,
+    earth_and_moon,
+)

@@ -1,0 +1,230 @@
+"""Imports flow one way, every module is reachable, and no folder is a drawer for the rest."""
+
+from __future__ import annotations
+
+import ast
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+STAGES = ("errors", "statement", "graph", "equations", "program", "machine", "trajectory", "evidence", "show")
+TOP = len(STAGES)
+"""Where lagrange itself and the modules beside it stand: compiler, system, run, cli and the like."""
+DRAWERS = re.compile(r"_*(utils?|core|common|helpers?|misc)")
+
+Modules = Mapping[str, ast.Module]
+
+
+def parsed(root: Path) -> dict[str, ast.Module]:
+    """Every module under the package, by its dotted name; a package stands for its __init__."""
+    modules = {}
+    for path in sorted((root / "lagrange").rglob("*.py")):
+        parts = path.relative_to(root).with_suffix("").parts
+        name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+        modules[name] = ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
+    return modules
+
+
+TREE = parsed(ROOT)
+
+
+def layer(module: str) -> int:
+    stage = module.split(".")[1] if "." in module else ""
+    return STAGES.index(stage) if stage in STAGES else TOP
+
+
+def imports_of(tree: ast.AST, modules: Modules) -> Iterator[tuple[str, int]]:
+    """Yield each of our own modules that the tree imports, anywhere in it, with the line."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module is not None:
+            deeper = [f"{node.module}.{alias.name}" for alias in node.names]
+            names = [name if name in modules else node.module for name in deeper]
+        else:
+            continue
+        yield from ((name, node.lineno) for name in names if name.split(".")[0] == "lagrange")
+
+
+def flows_back(modules: Modules) -> list[str]:
+    """Imports of a later stage by an earlier one."""
+    return [
+        f"{name}:{line} imports {target}"
+        for name, tree in modules.items()
+        for target, line in imports_of(tree, modules)
+        if layer(target) > layer(name)
+    ]
+
+
+def cycle(modules: Modules) -> list[str]:
+    """Modules that need each other in a ring when they run, within a stage too."""
+    # The package's __init__ is a table of names: who takes a name from it does not wait for its modules.
+    graph = {
+        name: {target for target, _ in imports_of(tree, modules)} - set(for_types(tree, modules)) - {name}
+        for name, tree in modules.items()
+        if name != "lagrange"
+    }
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        return list(error.args[1])
+    return []
+
+
+def for_types(tree: ast.AST, modules: Modules) -> Iterator[str]:
+    """What only a type checker imports: two modules of one stage may name each other's types."""
+    for node in ast.walk(tree):
+        match node:
+            case ast.If(test=ast.Name(id="TYPE_CHECKING")):
+                yield from (target for target, _ in imports_of(node, modules))
+
+
+def hidden_imports(modules: Modules) -> list[str]:
+    """Imports of ourselves inside a function, and imports by name outside the package's own lazy table."""
+    found = []
+    for name, tree in modules.items():
+        functions = [node for node in ast.walk(tree) if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))]
+        for function in functions:
+            found += [f"{name}:{line} imports {what}" for what, line in imports_of(function, modules)]
+            found += [f"{name}:{function.lineno} imports relatively" for node in ast.walk(function) if relative(node)]
+        if name != "lagrange":
+            found += [f"{name} imports by name" for node in ast.walk(tree) if by_name(node)]
+    return found
+
+
+def relative(node: ast.AST) -> bool:
+    return isinstance(node, ast.ImportFrom) and node.level > 0
+
+
+def by_name(node: ast.AST) -> bool:
+    match node:
+        case ast.Call(func=ast.Attribute(attr="import_module") | ast.Name(id="import_module" | "__import__")):
+            return True
+    return False
+
+
+def unreachable(modules: Modules, entries: set[str]) -> list[str]:
+    """Modules that neither the package's names, nor its entry points, nor `python -m` lead to."""
+    constants = (node.value for node in ast.walk(modules["lagrange"]) if isinstance(node, ast.Constant))
+    texts = {value for value in constants if isinstance(value, str)}
+    lazily = {name for text in texts for name in (text, f"lagrange.{text.lstrip('.')}") if name in modules}
+    waiting = sorted({"lagrange", "lagrange.__main__"} | lazily | entries)
+    reached: set[str] = set()
+    while waiting:
+        name = waiting.pop()
+        if name in reached or name not in modules:
+            continue
+        reached.add(name)
+        parts = name.split(".")
+        waiting += [".".join(parts[:k]) for k in range(1, len(parts))]
+        waiting += [target for target, _ in imports_of(modules[name], modules)]
+    return sorted(set(modules) - reached)
+
+
+def entry_points() -> set[str]:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    targets = [*project["scripts"].values(), *(t for group in project["entry-points"].values() for t in group.values())]
+    return {target.split(":")[0] for target in targets}
+
+
+def test_imports_flow_one_way() -> None:
+    assert not flows_back(TREE)
+
+
+def test_no_cycles() -> None:
+    assert not cycle(TREE)
+
+
+def test_no_import_of_ourselves_inside_a_function() -> None:
+    assert not hidden_imports(TREE)
+
+
+def test_every_module_is_reachable() -> None:
+    assert not unreachable(TREE, entry_points())
+
+
+def test_entry_points_exist() -> None:
+    assert not entry_points() - set(TREE)
+
+
+def test_no_drawers() -> None:
+    assert not [name for name in TREE if any(DRAWERS.fullmatch(part) for part in name.split("."))]
+
+
+def test_depth_at_most_two_below_the_package() -> None:
+    assert not [name for name in TREE if name.count(".") > 3]
+
+
+# The rules themselves, on small trees that break them.
+
+STAGED = {
+    "lagrange": ast.parse("NAMES = {'System': 'lagrange.system', 'Status': 'trajectory.status'}"),
+    "lagrange.errors": ast.parse("class E(Exception): ..."),
+    "lagrange.graph": ast.parse("''"),
+    "lagrange.graph.node": ast.parse("from lagrange.errors import E"),
+    "lagrange.system": ast.parse("import lagrange.graph.node"),
+    "lagrange.trajectory": ast.parse("''"),
+    "lagrange.trajectory.status": ast.parse("from lagrange import errors"),
+}
+
+
+def with_module(name: str, source: str) -> dict[str, ast.Module]:
+    return {**STAGED, name: ast.parse(source)}
+
+
+def test_a_good_tree_passes() -> None:
+    assert not flows_back(STAGED)
+    assert not cycle(STAGED)
+    assert not hidden_imports(STAGED)
+    assert not unreachable(STAGED, set())
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "from lagrange.trajectory.status import Status",
+        "from lagrange.trajectory import status",
+        "import lagrange.trajectory.status as s",
+        "import lagrange",
+        "from lagrange import System",
+        "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from lagrange.system import System",
+        "def f():\n    import lagrange.system",
+    ],
+)
+def test_an_import_of_a_later_stage_is_seen(source: str) -> None:
+    assert flows_back(with_module("lagrange.graph.node", source))
+
+
+def test_a_cycle_within_a_stage_is_seen() -> None:
+    pair = with_module("lagrange.graph.share", "from lagrange.graph.node import Node")
+    pair["lagrange.graph.node"] = ast.parse("from lagrange.graph import share")
+    assert set(cycle(pair)) == {"lagrange.graph.node", "lagrange.graph.share"}
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "def f():\n    from lagrange.errors import E",
+        "class A:\n    def f(self):\n        import lagrange.errors",
+        "def f():\n    from . import node",
+        "import importlib\nimportlib.import_module('lagrange.errors')",
+        "__import__('lagrange.errors')",
+    ],
+)
+def test_a_hidden_import_is_seen(source: str) -> None:
+    assert hidden_imports(with_module("lagrange.graph.node", source))
+
+
+def test_an_orphan_is_seen() -> None:
+    assert unreachable(with_module("lagrange.graph.orphan", ""), set()) == ["lagrange.graph.orphan"]
+    assert not unreachable(with_module("lagrange.graph.orphan", ""), {"lagrange.graph.orphan"})
+
+
+@pytest.mark.parametrize("part", ["utils", "util", "core", "common", "helpers", "_helpers"])
+def test_a_drawer_is_seen(part: str) -> None:
+    assert DRAWERS.fullmatch(part)

@@ -1,0 +1,63 @@
+"""The sentence of every status: who, where, why, and what to do."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.messages import message
+from lagrange.trajectory.trajectory import Status
+
+MODEL: Any = SimpleNamespace(statement=SimpleNamespace(names=("r", "phi")))
+PROBLEM = Problem(MODEL, {}, 1.0, -3.0, np.zeros(4), max_steps=7, max_wall=0.5)
+STATE = np.array([1.0, -2.0, 3e9, 4.0])
+WHERE = "at t = 0.25 on the way from 1 to -3"
+
+
+@pytest.mark.parametrize(
+    ("status", "words"),
+    [
+        (Status.SUCCESS, "rk4 reached t = 0.25."),
+        (Status.EVENT, "rk4 stopped at an event at t = 0.25."),
+        (Status.MAX_STEPS, f"rk4 used up max_steps = 7 {WHERE}, where r_dot is 3e+09. Raise max_steps or "),
+        (Status.MAX_WALL, f"rk4 used up max_wall = 0.5 s {WHERE}, where r_dot is 3e+09. Raise max_wall or "),
+        (Status.NON_FINITE, f"rk4 stopped {WHERE}: the derivative of the state is nan or infinite. Look"),
+        (Status.SINGULAR, f"rk4 stopped {WHERE}: the mass matrix is singular there, so "),
+        (Status.STEP_TOO_SMALL, f"rk4 stopped {WHERE}: the step that the tolerances ask for is below "),
+        (Status.DIVERGED, f"rk4 stopped {WHERE}: the step did not converge. The largest entry of the state: r_dot is "),
+        (Status.INTERRUPTED, f"rk4 was interrupted {WHERE}; what was computed until then is kept."),
+    ],
+)
+def test_every_status_has_a_sentence(status: Status, words: str) -> None:
+    text = message(status, PROBLEM, 0.25, STATE, "rk4")
+    assert text.startswith(words) and text.endswith(".") and "  " not in text
+
+
+def test_no_status_is_forgotten() -> None:
+    assert all(message(status, PROBLEM, 0.25, STATE, "rk4") for status in Status)
+
+
+def test_what_is_not_finite_is_named_the_state_before_its_derivative() -> None:
+    bad = np.array([1.0, np.nan, 0.0, -np.inf])
+    slope = np.array([0.0, np.inf, np.nan, 1.0])
+    assert "phi is nan and phi_dot is -inf." in message(Status.NON_FINITE, PROBLEM, 0, bad, "rk4", slope=slope)
+    text = message(Status.NON_FINITE, PROBLEM, 0, STATE, "rk4", slope=slope)
+    assert "the velocity of phi is inf and the acceleration of r is nan." in text
+    text = message(Status.NON_FINITE, PROBLEM, 0, np.full(4, np.nan), "rk4")
+    assert "r is nan, phi is nan and 2 more." in text
+
+
+def test_a_known_cause_is_told() -> None:
+    text = message(Status.DIVERGED, PROBLEM, 0, STATE, "rk4", detail="The moon is full.")
+    assert "4" in text and "The moon is full. Take a shorter step" in text
+    text = message(Status.SINGULAR, PROBLEM, 0, STATE, "rk4", detail="the mass matrix is singular at r = 1.")
+    assert text.endswith(": the mass matrix is singular at r = 1.")
+
+
+def test_without_a_limit_there_is_no_number_to_quote() -> None:
+    endless = Problem(MODEL, {}, 0.0, 1.0, np.zeros(4))
+    assert "used up its time at t = 0.5" in message(Status.MAX_WALL, endless, 0.5, STATE, "rk4")
