@@ -49,5 +49,7 @@ def machine(target: str) -> Machine:
     try:
         made: Machine = getattr(import_module(module), name)()
     except ImportError as error:
-        raise StatementError(f"target {target!r} needs a package that is missing ({error}): use target='numpy'.") from error
+        raise StatementError(
+            f"target {target!r} needs a package that is missing ({error}): use target='numpy'."
+        ) from error
     return made

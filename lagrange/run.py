@@ -66,7 +66,7 @@ def flow(
     step: float | None = None,
     max_steps: int | None = None,
 ) -> Flow:
-    """Return the flow of a model as a function y1 = flow(y0, t0, t1, parameters=None), (2n,) to (2n,).
+    """Prepare the flow of a model: a function of (y0, t0, t1, parameters=None) that gives y1, (2n,) to (2n,).
 
     It is prepared once: a call costs a few microseconds beside the steps themselves. Calls raise RunError when the
     run does not get to t1. Raises StatementError for an unknown method or a setting that it has no use for.

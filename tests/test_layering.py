@@ -15,6 +15,8 @@ ROOT = Path(__file__).resolve().parent.parent
 STAGES = ("errors", "statement", "graph", "equations", "program", "machine", "trajectory", "evidence", "show")
 TOP = len(STAGES)
 """Where lagrange itself and the modules beside it stand: compiler, system, run, cli and the like."""
+TABLES = ("lagrange", "lagrange.compiler")
+"""The modules that name others in a table and load them on demand: public names, and machines by target."""
 DRAWERS = re.compile(r"_*(utils?|core|common|helpers?|misc)")
 
 Modules = Mapping[str, ast.Module]
@@ -85,14 +87,14 @@ def for_types(tree: ast.AST, modules: Modules) -> Iterator[str]:
 
 
 def hidden_imports(modules: Modules) -> list[str]:
-    """Imports of ourselves inside a function, and imports by name outside the package's own lazy table."""
+    """Imports of ourselves inside a function, and imports by name outside the two tables."""
     found = []
     for name, tree in modules.items():
         functions = [node for node in ast.walk(tree) if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))]
         for function in functions:
             found += [f"{name}:{line} imports {what}" for what, line in imports_of(function, modules)]
             found += [f"{name}:{function.lineno} imports relatively" for node in ast.walk(function) if relative(node)]
-        if name != "lagrange":
+        if name not in TABLES:
             found += [f"{name} imports by name" for node in ast.walk(tree) if by_name(node)]
     return found
 
@@ -110,8 +112,9 @@ def by_name(node: ast.AST) -> bool:
 
 def unreachable(modules: Modules, entries: set[str]) -> list[str]:
     """Modules that neither the package's names, nor its entry points, nor `python -m` lead to."""
-    constants = (node.value for node in ast.walk(modules["lagrange"]) if isinstance(node, ast.Constant))
-    texts = {value for value in constants if isinstance(value, str)}
+    trees = [modules[name] for name in TABLES if name in modules]
+    constants = (node.value for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Constant))
+    texts = {value.split(":")[0] for value in constants if isinstance(value, str)}
     lazily = {name for text in texts for name in (text, f"lagrange.{text.lstrip('.')}") if name in modules}
     waiting = sorted({"lagrange", "lagrange.__main__"} | lazily | entries)
     reached: set[str] = set()

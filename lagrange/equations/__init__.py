@@ -1,0 +1,1 @@
+"""The laws of motion: for machines as a graph, for people as SymPy."""

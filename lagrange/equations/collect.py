@@ -7,7 +7,8 @@ from typing import Any
 import sympy
 from sympy import Add, Mul, S
 
-from lagrange.equations.terms import ONE, Algebra, Monomial, Terms, common_factor
+from lagrange.equations.monomials import ONE, Monomial, Terms, common_factor
+from lagrange.equations.terms import Algebra
 
 FACTORED_TERMS = 16
 """Longer polynomials are not factored: a polynomial this long takes SymPy a few milliseconds."""
@@ -22,7 +23,10 @@ _BESIDE = sympy.Dummy("motion")
 
 
 class Collector:
-    """Writes `Terms` of one algebra. `moving` are the symbols that vary: coordinates, velocities, accelerations, time."""
+    """Writes `Terms` of one algebra.
+
+    `moving` are the symbols that vary: the positions, velocities, accelerations and time.
+    """
 
     def __init__(self, algebra: Algebra, positions: frozenset[Any], moving: frozenset[Any]) -> None:
         self.algebra = algebra
@@ -31,7 +35,7 @@ class Collector:
         self._factored: dict[Any, Any] = {}
 
     def write(self, terms: Terms) -> Any:
-        """Return the sum, grouped by velocities, accelerations and functions; in each group by powers of coordinates."""
+        """Return the sum, grouped by velocities, accelerations and functions, in each group by coordinates."""
         self.algebra.spend(sum(WRITING + self.algebra.size(monomial) for monomial in terms))
         groups: dict[Monomial, dict[Monomial, Terms]] = {}
         for monomial, number in terms.items():
@@ -40,7 +44,7 @@ class Collector:
         return Add(*(self._group(inner, outer) for outer, inner in groups.items()))
 
     def quotient(self, above: Terms, below: Terms) -> Any:
-        """Return above / below with the common factors of all terms cancelled, as a sum or one fraction: the shorter."""
+        """Return above / below, the factors that all terms share cancelled: a sum or one fraction, the shorter."""
         outside, rest = self._factors(below)
         above = self.algebra.divide(above, outside)
         divided = self.write(above)
@@ -80,7 +84,9 @@ class Collector:
             ((place, part),) = inner.items()
             return Mul(*self._coefficient(part), self.algebra.power(place), motion)
         whole = {
-            tuple(sorted(place + constant)): number for place, part in inner.items() for constant, number in part.items()
+            tuple(sorted(place + constant)): number
+            for place, part in inner.items()
+            for constant, number in part.items()
         }
         coefficient = self._coefficient(whole)
         sign = -1 if coefficient[0].is_negative else 1

@@ -11,8 +11,9 @@ from typing import Any, TypeVar
 from sympy import Dummy, Eq, Float, ImmutableDenseMatrix, Rational, S
 
 from lagrange.equations.collect import Collector
-from lagrange.equations.solve import NestedCofactors, coupled_blocks, expanded_cofactors
-from lagrange.equations.terms import Algebra, Terms, TooLargeError, differentiable, printable
+from lagrange.equations.monomials import Terms
+from lagrange.equations.solve import NestedCofactors, coupled_blocks, expanded_cofactors, vanishes
+from lagrange.equations.terms import Algebra, TooLargeError, differentiable, printable
 from lagrange.errors import StatementError, listing
 from lagrange.statement.coordinate import acceleration_of, t
 from lagrange.statement.statement import Statement
@@ -23,10 +24,14 @@ BUDGET = 300_000
 """Monomials that one part may make, 3 to 4 s of them; the equations of a 30-link chain take 150,000."""
 EXPANDED_BLOCK = 3
 """Up to this many coupled coordinates are solved with the determinants multiplied out and merged."""
+EXPANDED_TERMS = 10_000
+"""What multiplying out may take of the budget, 0.1 s; beyond it the formulas stay nested. Three links need 2,000."""
 LONGEST_FORMULA = 20_000
 """Operations in one acceleration above which it is refused, some 50 printed pages."""
 LARGEST_FRACTION = 10**6
 """Fractions with larger numbers are shown as decimals, where the statement has decimals."""
+NAMED = 8
+"""Coordinates that a refusal names."""
 
 ACCELERATIONS = "the solved accelerations"
 
@@ -67,7 +72,9 @@ class Derivation:
     @cached_property
     def mass_matrix(self) -> Any:
         """M = d2L/dv2, an immutable Matrix (n, n)."""
-        entries = self._written("the mass matrix", lambda page: [[page.show(entry) for entry in row] for row in page.mass])
+        entries = self._written(
+            "the mass matrix", lambda page: [[page.show(entry) for entry in row] for row in page.mass]
+        )
         return ImmutableDenseMatrix(entries)
 
     @cached_property
@@ -88,10 +95,11 @@ class Derivation:
         try:
             return part(self._page)
         except (TooLargeError, RecursionError):
+            names = self.statement.names
+            shown = names if len(names) <= NAMED else (*names[:NAMED], "...")
             raise StatementError(
-                f"{self.statement.name} is too large for {what} to be written out in symbols"
-                f" ({len(self.statement.coordinates)} coordinates: {listing(self.statement.names[:8])}"
-                f"{', ...' if len(self.statement.names) > 8 else ''}). compile() gives the same as numbers, of any size"
+                f"{self.statement.name} is too large for {what} to be written out in symbols (coordinates: "
+                f"{', '.join(shown)}). compile() gives the same as numbers, of any size"
                 + ("; equations() gives the equations before they are solved." if what == ACCELERATIONS else ".")
             ) from None
 
@@ -143,17 +151,24 @@ class _Page:
         dissipation = self.read(self.statement.dissipation)
         remainders = []
         for i, p in enumerate(self.momenta):
-            drift = (algebra.multiply(algebra.differentiate(p, q), self.symbol(v)) for q, v in zip(self.q, self.v, strict=True))
+            drift = (
+                algebra.multiply(algebra.differentiate(p, q), self.symbol(v))
+                for q, v in zip(self.q, self.v, strict=True)
+            )
             pull = algebra.scale(algebra.differentiate(self.lagrangian, self.q[i]), S.NegativeOne)
             drag = algebra.differentiate(dissipation, self.v[i])
-            remainders.append(algebra.merge_angles(algebra.add({}, *drift, algebra.differentiate(p, self.time), pull, drag)))
+            remainders.append(
+                algebra.merge_angles(algebra.add({}, *drift, algebra.differentiate(p, self.time), pull, drag))
+            )
         return remainders
 
     @cached_property
     def left_sides(self) -> list[Terms]:
         """M a + remainder."""
         return [
-            self.algebra.add({}, *(self.algebra.multiply(m, self.symbol(a)) for m, a in zip(row, self.a, strict=True)), rest)
+            self.algebra.add(
+                {}, *(self.algebra.multiply(m, self.symbol(a)) for m, a in zip(row, self.a, strict=True)), rest
+            )
             for row, rest in zip(self.mass, self.remainders, strict=True)
         ]
 
@@ -173,9 +188,17 @@ class _Page:
         solved: dict[int, Any] = {}
         for block in coupled_blocks([[bool(entry) for entry in row] for row in self.mass]):
             matrix = [[self.mass[i][j] for j in block] for i in block]
-            solve = self.solve_expanded if len(block) <= EXPANDED_BLOCK else self.solve_nested
-            solved.update(zip(block, solve(block, matrix, [bias[i] for i in block]), strict=True))
+            solved.update(zip(block, self.solve(block, matrix, [bias[i] for i in block]), strict=True))
         return [solved[i] for i in range(len(solved))]
+
+    def solve(self, block: list[int], matrix: list[list[Terms]], bias: list[Terms]) -> list[Any]:
+        if len(block) <= EXPANDED_BLOCK:
+            try:
+                with self.algebra.at_most(EXPANDED_TERMS):
+                    return self.solve_expanded(block, matrix, bias)
+            except TooLargeError:
+                pass
+        return self.solve_nested(block, matrix, bias)
 
     def solve_expanded(self, block: list[int], matrix: list[list[Terms]], bias: list[Terms]) -> list[Any]:
         above, determinant = expanded_cofactors(self.algebra, matrix, bias)
@@ -186,10 +209,9 @@ class _Page:
     def solve_nested(self, block: list[int], matrix: list[list[Terms]], bias: list[Terms]) -> list[Any]:
         entries = [[self.collector.write(entry) for entry in row] for row in matrix]
         right = [self.collector.write(entry) for entry in bias]
-        solution = NestedCofactors(entries, right, LONGEST_FORMULA).solution()
-        if solution is None:
+        if vanishes(entries):
             raise self.singular(block)
-        return [self.finish(expression) for expression in solution]
+        return [self.finish(expression) for expression in NestedCofactors(entries, right, LONGEST_FORMULA).solution()]
 
     def singular(self, block: list[int]) -> StatementError:
         names = [self.statement.names[i] for i in block]
@@ -218,7 +240,9 @@ class _Page:
         expression = printable(expression).xreplace(self.stated)
         if not self.decimal:
             return expression
-        return expression.xreplace({number: Float(float(number)) for number in expression.atoms(Rational) if _unreadable(number)})
+        return expression.xreplace(
+            {number: Float(float(number)) for number in expression.atoms(Rational) if _unreadable(number)}
+        )
 
     def by_coordinate(self, parts: Iterable[Any]) -> Mapping[Any, Any]:
         return MappingProxyType(dict(zip(self.statement.coordinates, parts, strict=True)))

@@ -135,9 +135,7 @@ def solve_accelerations(graph: Graph, mass: Sequence[Sequence[Node]], bias: Sequ
     return [found[i] for i in range(len(bias))]
 
 
-def _symbols(
-    graph: Graph, statement: Statement
-) -> tuple[tuple[Node, ...], tuple[Node, ...], Node, tuple[Node, ...]]:
+def _symbols(graph: Graph, statement: Statement) -> tuple[tuple[Node, ...], tuple[Node, ...], Node, tuple[Node, ...]]:
     parameters = tuple(graph.symbol(f"parameter {p.name}", Binding.PARAMETER) for p in statement.parameters)
     time = graph.symbol("t", Binding.TIME)
     q = tuple(graph.symbol(name, Binding.CONFIGURATION) for name in statement.names)

@@ -9,9 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from sympy import Add, Mul, S
+import mpmath
+import sympy
+from sympy import Add, Integer, Mul, Rational, S
 
-from lagrange.equations.terms import ONE, Algebra, Terms, TooLargeError
+from lagrange.equations.monomials import ONE, Terms
+from lagrange.equations.terms import Algebra, TooLargeError
 
 
 def coupled_blocks(nonzero: Sequence[Sequence[bool]]) -> list[list[int]]:
@@ -32,10 +35,14 @@ def coupled_blocks(nonzero: Sequence[Sequence[bool]]) -> list[list[int]]:
     return blocks
 
 
-def expanded_cofactors(algebra: Algebra, matrix: Sequence[Sequence[Terms]], bias: Sequence[Terms]) -> tuple[list[Terms], Terms]:
+def expanded_cofactors(
+    algebra: Algebra, matrix: Sequence[Sequence[Terms]], bias: Sequence[Terms]
+) -> tuple[list[Terms], Terms]:
     """Return the numerators of M^-1 h and the determinant, multiplied out and merged."""
     n = len(matrix)
-    cofactors = [[_minor(algebra, matrix, _without(n, i), _without(n, j), (-1) ** (i + j)) for j in range(n)] for i in range(n)]
+    cofactors = [
+        [_minor(algebra, matrix, _without(n, i), _without(n, j), (-1) ** (i + j)) for j in range(n)] for i in range(n)
+    ]
     determinant = algebra.add({}, *(algebra.multiply(matrix[0][j], cofactors[0][j]) for j in range(n)))
     above = [algebra.add({}, *(algebra.multiply(bias[i], cofactors[i][j]) for i in range(n))) for j in range(n)]
     return [algebra.merge_angles(terms) for terms in above], algebra.merge_angles(determinant)
@@ -45,16 +52,35 @@ def _without(n: int, left_out: int) -> tuple[int, ...]:
     return tuple(k for k in range(n) if k != left_out)
 
 
-def _minor(algebra: Algebra, matrix: Sequence[Sequence[Terms]], rows: tuple[int, ...], columns: tuple[int, ...], sign: int) -> Terms:
+def _minor(
+    algebra: Algebra, matrix: Sequence[Sequence[Terms]], rows: tuple[int, ...], columns: tuple[int, ...], sign: int
+) -> Terms:
     if not rows:
-        return {ONE: S(sign)}
+        return {ONE: Integer(sign)}
     total: Terms = {}
     for place, column in enumerate(columns):
         entry = matrix[rows[0]][column]
         if entry:
             rest = columns[:place] + columns[place + 1 :]
-            total = algebra.add(total, algebra.multiply(entry, _minor(algebra, matrix, rows[1:], rest, sign * (-1) ** place)))
+            total = algebra.add(
+                total, algebra.multiply(entry, _minor(algebra, matrix, rows[1:], rest, sign * (-1) ** place))
+            )
     return algebra.merge_angles(total)
+
+
+def vanishes(matrix: Sequence[Sequence[Any]]) -> bool:
+    """Whether the determinant is zero at a point with nothing special about it, in 50 digits."""
+    symbols = sorted(set().union(*(entry.free_symbols for row in matrix for entry in row)), key=str)
+    point = {symbol: Rational(2 * i + 3, 2 * i + 7) + Rational(1, i + 11) for i, symbol in enumerate(symbols)}
+    with mpmath.workdps(50):
+        numbers = mpmath.matrix([[_number(entry.xreplace(point)) for entry in row] for row in matrix])
+        bound = mpmath.fprod(mpmath.norm(numbers[i, :]) for i in range(numbers.rows))
+        return bool(abs(mpmath.det(numbers)) <= bound * mpmath.mpf(10) ** -30)
+
+
+def _number(entry: Any) -> Any:
+    value = sympy.N(entry, 50)
+    return mpmath.mpmathify(value) if value.is_finite else mpmath.mpf(1)
 
 
 class NestedCofactors:

@@ -54,12 +54,15 @@ class Structure:
     def _energy(self) -> str:
         if self.conservative:
             return "Nothing depends on time explicitly and no force acts beside the potential: the energy is conserved."
-        causes = ["the Lagrangian depends on time"] * (not self.autonomous) + ["forces or dissipation act"] * self.forced
+        causes = ["the Lagrangian depends on time"] * (not self.autonomous) + [
+            "forces or dissipation act"
+        ] * self.forced
         return f"The energy is not conserved: {listing(causes)}."
 
     def _momenta(self) -> list[str]:
         return [
-            f"{self.names[i]} does not appear in the Lagrangian: its conjugate momentum is conserved." for i in self.cyclic
+            f"{self.names[i]} does not appear in the Lagrangian: its conjugate momentum is conserved."
+            for i in self.cyclic
         ]
 
 

@@ -8,22 +8,19 @@ equations that these rules bring into the same form in milliseconds.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import lru_cache
-from math import gcd, lcm
+from math import prod
 from typing import Any
 
 import sympy
 from sympy import Add, Expr, Function, Mul, Pow, S
 
-Monomial = tuple[tuple[int, Any], ...]
-"""Factor numbers with their exponents (int or Rational), sorted by number."""
+from lagrange.equations.monomials import ONE, Monomial, Terms, accumulate, common_factor, raise_power
 
-Terms = dict[Monomial, Any]
-"""A sum: its monomials, each with a SymPy number."""
-
-ONE: Monomial = ()
 WIDEST_PRODUCT = 2000
 """Sums whose product has more terms than this stay factors; a 30-link chain needs 900."""
+SHORT_PRODUCT = 30
 HIGHEST_POWER = 6
 
 _CO = {sympy.sin: sympy.cos, sympy.cos: sympy.sin}
@@ -55,7 +52,9 @@ class Direction(Function):
 
 def differentiable(expression: Any) -> Any:
     """Return the expression with |x|, sign, Min and Max in forms that differentiate to ordinary functions."""
-    return _exchange(expression, {sympy.Abs: Magnitude, sympy.sign: Direction, sympy.Max: _maximum, sympy.Min: _minimum})
+    return _exchange(
+        expression, {sympy.Abs: Magnitude, sympy.sign: Direction, sympy.Max: _maximum, sympy.Min: _minimum}
+    )
 
 
 def printable(expression: Any) -> Any:
@@ -128,7 +127,7 @@ class Algebra:
         total = dict(sums[0])
         for terms in sums[1:]:
             for monomial, number in terms.items():
-                _accumulate(total, monomial, number)
+                accumulate(total, monomial, number)
         return total
 
     def scale(self, terms: Terms, number: Any) -> Terms:
@@ -142,7 +141,7 @@ class Algebra:
         for left, x in a.items():
             for right, y in b.items():
                 monomial, number = self._join(left, right)
-                _accumulate(product, monomial, x * y * number)
+                accumulate(product, monomial, x * y * number)
         return product
 
     def differentiate(self, terms: Terms, symbol: Any) -> Terms:
@@ -155,7 +154,7 @@ class Algebra:
                     for inner, slope in self._slope(k, symbol).items():
                         self.spend(1)
                         joined, scale = self._join(rest, inner)
-                        _accumulate(result, joined, number * e * slope * scale)
+                        accumulate(result, joined, number * e * slope * scale)
         return result
 
     def divide(self, terms: Terms, divisor: Terms) -> Terms:
@@ -169,11 +168,24 @@ class Algebra:
         if self.budget < 0:
             raise TooLargeError
 
+    @contextmanager
+    def at_most(self, amount: int) -> Iterator[None]:
+        """Do what follows with at most that much of the budget."""
+        reserve = max(self.budget - amount, 0)
+        self.budget -= reserve
+        try:
+            yield
+        finally:
+            self.budget = max(self.budget, 0) + reserve
+
     def unfold(self, terms: Terms) -> Terms:
-        """Expand sums that have become whole positive powers, such as the square of a root."""
+        """Expand sums that have become whole positive powers, such as the square of a root, where they are short."""
         result: Terms = {}
         for monomial, number in terms.items():
-            sums = [(k, e) for k, e in monomial if isinstance(e, int) and 0 < e <= HIGHEST_POWER and self.factors[k].is_Add]
+            sums = [(k, e) for k, e in monomial if isinstance(e, int) and e > 0 and self.factors[k].is_Add]
+            width = prod(len(self.factors[k].args) ** e for k, e in sums)
+            if width > SHORT_PRODUCT:
+                sums = []
             product: Terms = {tuple(factor for factor in monomial if factor not in sums): number}
             for k, e in sums:
                 for _ in range(e):
@@ -199,14 +211,18 @@ class Algebra:
         number = terms[monomial]
         for partner, sign, (rest, merged), exact in self._identities(monomial):
             other = terms.get(partner)
-            if other is None or (other.is_negative == number.is_negative) != (sign > 0) or (exact and other * sign != number):
+            if (
+                other is None
+                or (other.is_negative == number.is_negative) != (sign > 0)
+                or (exact and other * sign != number)
+            ):
                 continue
             self.spend(1)
             amount = number if abs(number) <= abs(other) else other * sign
-            _accumulate(terms, monomial, -amount)
-            _accumulate(terms, partner, -amount * sign)
+            accumulate(terms, monomial, -amount)
+            accumulate(terms, partner, -amount * sign)
             for new, value in self.multiply({rest: amount}, self.read(merged)).items():
-                _accumulate(terms, new, value)
+                accumulate(terms, new, value)
             return True
         return False
 
@@ -236,7 +252,7 @@ class Algebra:
         """Return the product of two monomials, and the number that powers such as sqrt(2) sqrt(2) leave."""
         powers = dict(left)
         for k, e in right:
-            _raise(powers, k, e)
+            raise_power(powers, k, e)
         number = S.One
         if self._directions:
             self._absorb_directions(powers)
@@ -249,9 +265,9 @@ class Algebra:
         """Write sign(x) x as |x|."""
         for direction, (plain, magnitude) in self._directions.items():
             if direction in powers and isinstance(powers.get(plain), int) and powers[plain] > 0:
-                _raise(powers, direction, -1)
-                _raise(powers, plain, -1)
-                _raise(powers, magnitude, 1)
+                raise_power(powers, direction, -1)
+                raise_power(powers, plain, -1)
+                raise_power(powers, magnitude, 1)
 
     def _slope(self, number: int, symbol: Any) -> Terms:
         key = (number, symbol)
@@ -293,16 +309,23 @@ class Algebra:
             return self._read_power(node)
         if isinstance(node, Function) and not isinstance(node, sympy.Piecewise):
             tidy = node.func(*(self._tidy(part) for part in node.args))
-            return self._factor(node) if tidy == node else self._factor(tidy) if tidy.func == node.func else self.read(tidy)
+            return (
+                self._factor(node)
+                if tidy == node
+                else self._factor(tidy)
+                if tidy.func == node.func
+                else self.read(tidy)
+            )
         return self._factor(node)
 
     def _read_product(self, node: Any) -> Terms:
         parts = [self.read(part) for part in node.args]
-        width = 1
-        for terms in parts:
-            width *= max(len(terms), 1)
+        width = prod(max(len(terms), 1) for terms in parts)
         if width > WIDEST_PRODUCT:
-            parts = [terms if len(terms) < 2 else self._factor(self._tidy(part)) for terms, part in zip(parts, node.args, strict=True)]
+            parts = [
+                terms if len(terms) < 2 else self._factor(self._tidy(part))
+                for terms, part in zip(parts, node.args, strict=True)
+            ]
         product: Terms = {ONE: S.One}
         for terms in parts:
             product = self.multiply(product, terms)
@@ -336,22 +359,6 @@ class Algebra:
         return tidy if tidy.count_ops() < expression.count_ops() else expression
 
 
-def _raise(powers: dict[int, Any], factor: int, by: Any) -> None:
-    total = powers.get(factor, 0) + by
-    if total == 0:
-        del powers[factor]
-    else:
-        powers[factor] = int(total) if total == int(total) else total
-
-
-def _accumulate(terms: Terms, monomial: Monomial, number: Any) -> None:
-    total = terms.get(monomial, S.Zero) + number
-    if total == 0:
-        terms.pop(monomial, None)
-    else:
-        terms[monomial] = total
-
-
 @lru_cache(maxsize=10_000)
 def _addition_theorem(first: Any, second: Any, a: Any, b: Any, sign: int) -> Any:
     """Return first(a) second(b) + sign * cofirst(a) cosecond(b) as one sine or cosine."""
@@ -360,25 +367,3 @@ def _addition_theorem(first: Any, second: Any, a: Any, b: Any, sign: int) -> Any
     if sign > 0:
         return sympy.cos(a - b)
     return sympy.cos(a + b) if first is sympy.cos else -sympy.cos(a + b)
-
-
-def common_factor(terms: Terms) -> tuple[Any, Monomial, Terms]:
-    """Return (number, monomial, rest) with terms = number * monomial * rest, the rest in smallest integers."""
-    if not terms:
-        return S.One, ONE, terms
-    number = S(gcd(*(int(value.p) for value in terms.values()))) / lcm(*(int(value.q) for value in terms.values()))
-    if all(value.is_negative for value in terms.values()):
-        number = -number
-    monomials = iter(terms)
-    lowest = dict(next(monomials))
-    for monomial in monomials:
-        powers = dict(monomial)
-        lowest = {k: min(lowest.get(k, 0), powers.get(k, 0)) for k in {**lowest, **powers}}
-    shared = tuple(sorted((k, e) for k, e in lowest.items() if e != 0))
-    rest: Terms = {}
-    for monomial, value in terms.items():
-        powers = dict(monomial)
-        for k, e in shared:
-            powers[k] = powers.get(k, 0) - e
-        rest[tuple(sorted((k, e) for k, e in powers.items() if e != 0))] = value / number
-    return number, shared, rest

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from lagrange.errors import StatementError, listing
-from lagrange.evidence.compare import LIMIT, Comparison, accelerations_of, batch_of, computed, entry_labels, is_finite
+from lagrange.evidence.compare import LIMIT, Comparison, computed, computed_batch, entry_labels, is_finite
 from lagrange.evidence.operations import BeyondDoubles, OutsideDomain
 from lagrange.evidence.precise import Precise
 from lagrange.evidence.quick import quick_check
@@ -40,7 +40,8 @@ QUANTITIES = {
     "bias": "bias h of M a = h",
     "energy": "energy v.p - L",
     "accelerations": "accelerations",
-    "jacobian": "Jacobian of the rhs",
+    "rhs": "right-hand side",
+    "jacobian": "Jacobian of it",
 }
 TEXTBOOK = "textbook accelerations"
 BATCH = "batch against single"
@@ -160,13 +161,12 @@ class _Session:
         for name, part in entries.items():
             row = QUANTITIES[name] if model is self.model else self._other_label()
             labels = entry_labels(name, self.statement.names, columns)
-            for values in computed(model, name, point, columns):
-                self.comparison.add(row, labels, values, part)
+            self.comparison.add(row, labels, computed(model, name, point, columns), part)
 
     def _compare_batch(self, point: Point, entries: Mapping[str, Entries], columns: list[int]) -> None:
         for name, part in entries.items():
             labels = entry_labels(name, self.statement.names, columns)
-            for many, single in batch_of(self.model, name, point, columns):
+            for many, single in computed_batch(self.model, name, point, columns):
                 self.comparison.add(BATCH, labels, many, part.around(single))
 
     def _compare_textbook(self, tape: Precise, point: Point, part: Entries) -> None:
@@ -176,7 +176,7 @@ class _Session:
             self.comparison.report_unexplained(f"The textbook accelerations have no value ({reason})")
             return
         labels = entry_labels("accelerations", self.statement.names, [])
-        self.comparison.add(TEXTBOOK, labels, accelerations_of(self.model, point), part.around(expected))
+        self.comparison.add(TEXTBOOK, labels, computed(self.model, "accelerations", point, []), part.around(expected))
 
     def _compare_absence(self, point: Point) -> None:
         """Where L has no value the compiled L must have none: a number in its place would be made up."""
@@ -186,7 +186,7 @@ class _Session:
             return
         except OutsideDomain as reason:
             self.comparison.start(point, 0)
-            (value,) = next(computed(self.model, "lagrangian", point, []))
+            (value,) = computed(self.model, "lagrangian", point, [])
             if is_finite(value):
                 self.comparison.report_unexplained(f"L has no value ({reason}), but the compiled one is {value:.17g}")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -92,6 +92,7 @@ class Comparison:
         )
 
     def _add_broken(self, row: str, label: str, value: float) -> None:
+        self._tallies[row].error = math.inf
         if row not in self._said:
             self._said.add(row)
             self.report_unexplained(f"{row}, entry {label}: the statement has a value, the compiled code gives {value}")
@@ -112,85 +113,59 @@ def is_finite(value: Any) -> bool:
 
 def entry_labels(name: str, names: Sequence[str], columns: Sequence[int]) -> list[str]:
     """Return what each entry of a quantity is called, in the order of `computed`."""
-    n = len(names)
+    velocities = [f"{a}_dot" for a in names]
     if name in ("lagrangian", "energy"):
         return [name]
     if name == "mass_matrix":
         return [f"{a}, {b}" for a in names for b in names]
+    rates = [*velocities, *(f"{a}_ddot" for a in names)]
+    if name == "rhs":
+        return rates
     if name == "jacobian":
-        variables = [*names, *(f"{a}_dot" for a in names)]
-        return [f"d {a}_ddot / d {variables[j]}" for j in columns for a in names]
-    return list(names) if n else []
+        variables = [*names, *velocities]
+        return [f"d {rate} / d {variables[j]}" for j in columns for rate in rates]
+    return list(names)
 
 
-def computed(model: Model, name: str, point: Point, columns: Sequence[int]) -> Iterator[list[float]]:
-    """Yield the compiled entries of a quantity in a row, once for each way in which the model gives them.
-
-    What the model refuses with a RunError counts as not a number.
-    """
-    arguments = np.array(point.q), np.array(point.v), point.t, point.parameters
-    if name == "jacobian":
-        yield _jacobian(model, point, columns)
-        return
-    length = {"lagrangian": 1, "energy": 1, "mass_matrix": len(point.q) ** 2}.get(name, len(point.q))
+def computed(model: Model, name: str, point: Point, columns: Sequence[int]) -> list[float]:
+    """Return the compiled entries of a quantity in a row; what the model refuses with a RunError is not a number."""
+    q, v = np.array(point.q), np.array(point.v)
     try:
-        yield [float(x) for x in np.ravel(model.evaluate(name, *arguments))]
-        if name == "accelerations":
-            yield accelerations_of(model, point)
-            yield _lower_rates(model, point)
+        block = _evaluate(model, name, q, v, point.t, point.parameters, columns)
     except RunError:
-        yield [math.nan] * length
+        return [math.nan] * len(entry_labels(name, model.statement.names, columns))
+    return [float(x) for x in np.ravel(block)]
 
 
-def accelerations_of(model: Model, point: Point) -> list[float]:
-    """Return the accelerations, not numbers where the model refuses."""
-    try:
-        a = model.accelerations(np.array(point.q), np.array(point.v), point.t, point.parameters)
-    except RunError:
-        return [math.nan] * len(point.q)
-    return [float(x) for x in a]
-
-
-def _lower_rates(model: Model, point: Point) -> list[float]:
-    """Return the lower half of the right-hand side; the upper must be v and spoils everything if it is not."""
-    n = len(point.q)
-    rates = model.rhs(point.t, np.array([*point.q, *point.v]), point.parameters)
-    return [float(x) if np.array_equal(rates[:n], point.v) else math.nan for x in rates[n:]]
-
-
-def _jacobian(model: Model, point: Point, columns: Sequence[int]) -> list[float]:
-    """Return those columns' lower halves; the upper half must be (0 1) and spoils everything if it is not."""
-    n = len(point.q)
-    try:
-        whole = model.jacobian(point.t, np.array([*point.q, *point.v]), point.parameters)
-    except RunError:
-        return [math.nan] * (n * len(columns))
-    if not np.array_equal(whole[:n], np.eye(n, 2 * n, n)):
-        return [math.nan] * (n * len(columns))
-    return [float(whole[n + i, j]) for j in columns for i in range(n)]
-
-
-def batch_of(
+def computed_batch(
     model: Model, name: str, point: Point, columns: Sequence[int]
 ) -> Iterator[tuple[list[float], list[float]]]:
     """Yield pairs of a batch's column and the single evaluation of the same state, near the point."""
     near = [_beside(point, 1e-6 * k) for k in range(LANES)]
-    singles = [list(computed(model, name, beside, columns))[-1] for beside in near]
+    singles = [computed(model, name, beside, columns) for beside in near]
     q, v = (np.array([getattr(beside, part) for beside in near]).T for part in ("q", "v"))
     t = np.array([beside.t for beside in near])
     try:
-        if name in ("jacobian", "accelerations"):
-            y = np.concatenate([q, v])
-            function = model.jacobian if name == "jacobian" else model.rhs
-            block = function(t, y, point.parameters)[len(point.q) :]
-            block = np.moveaxis(block[:, list(columns)], 0, 1) if name == "jacobian" else block
-        else:
-            block = np.asarray(model.evaluate(name, q, v, t, point.parameters))
+        block = _evaluate(model, name, q, v, t, point.parameters, columns)
     except RunError:
         block = np.full((len(singles[0]), LANES), math.nan)
     lanes = block.reshape(-1, LANES)
     for k, single in enumerate(singles):
         yield [float(x) for x in lanes[:, k]], single
+
+
+def _evaluate(
+    model: Model, name: str, q: Any, v: Any, t: Any, parameters: Mapping[Any, float], columns: Sequence[int]
+) -> Any:
+    """Return the entries as an array, through the method that a user would call; the batch is the last axis."""
+    if name == "accelerations":
+        return model.accelerations(q, v, t, parameters)
+    if name == "rhs":
+        return model.rhs(t, np.concatenate([q, v]), parameters)
+    if name == "jacobian":
+        whole = model.jacobian(t, np.concatenate([q, v]), parameters)
+        return np.moveaxis(whole[:, list(columns)], 0, 1)
+    return np.asarray(model.evaluate(name, q, v, t, parameters))
 
 
 def _beside(point: Point, shift: float) -> Point:

@@ -16,10 +16,11 @@ Numbers = list[Any]
 
 
 class Estimate(NamedTuple):
-    """Numbers, and for each of them a bound on its error that holds in practice."""
+    """Numbers, for each of them a bound on its error that holds in practice, and what the longer step alone gave."""
 
     value: Numbers
     error: Numbers
+    coarse: Numbers
 
 
 def central(function: Callable[[Any], Sequence[Any]], step: Any) -> Numbers:
@@ -45,7 +46,7 @@ def extrapolate(rule: Callable[[Any], Sequence[Any]], scale: Any = 1) -> Estimat
     """
     coarse, fine = rule(scale), rule(scale / 2)
     value = [(4 * f - c) / 3 for f, c in zip(fine, coarse, strict=True)]
-    return Estimate(value, [abs(x - f) for x, f in zip(value, fine, strict=True)])
+    return Estimate(value, [abs(x - f) for x, f in zip(value, fine, strict=True)], list(coarse))
 
 
 def derivative(function: Callable[[Any], Sequence[Any]], step: Any) -> Estimate:

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from lagrange.errors import RunError
-from lagrange.evidence.compare import LIMIT, TINY, accelerations_of, relative_error
+from lagrange.evidence.compare import LIMIT, TINY, computed, relative_error
 from lagrange.evidence.laws import along
 from lagrange.evidence.operations import OutsideDomain
 from lagrange.evidence.precise import Precise
@@ -54,7 +54,7 @@ def quick_check(model: Model) -> None:
         point = sampler.initial() if attempt == ATTEMPTS else sampler.point(KINDS[(attempt + 1) % 4], attempt)
         if not probe.has_value(point):
             continue
-        a = accelerations_of(model, point)
+        a = computed(model, "accelerations", point, [])
         if all(map(math.isfinite, a)) and not probe.suspects(point, a):
             return
         # That is not yet a fault: the mass matrix may be singular here, a number too large, a kink too near.

@@ -10,7 +10,7 @@ cancellation (1 - cos x near 0), and dividing by the largest entry is blind to a
 from __future__ import annotations
 
 import random
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any
@@ -31,6 +31,9 @@ STEP = "1e-18"
 
 PERTURBATION = 1e-20
 """Relative perturbation of every intermediate number: far above the errors, far below anything non-linear."""
+
+NOISE = "1e-89"
+"""Random part added to each evaluation of a perturbed L, relative to the size of L: ten roundings."""
 
 SAMPLES = 2
 """Perturbed copies. One sample of a sum with random signs may be accidentally small; two hardly are both."""
@@ -54,6 +57,19 @@ class Entries:
     error: Numbers
     size: Numbers
 
+    @staticmethod
+    def exactly(values: Numbers) -> Entries:
+        """Return entries that are known as they stand and take no rounding."""
+        return Entries(values, [0.0] * len(values), [abs(x) for x in values])
+
+    def part(self, start: int, length: int) -> Entries:
+        """Return `length` entries from `start` on."""
+        where = slice(start, start + length)
+        return Entries(self.value[where], self.error[where], self.size[where])
+
+    def __add__(self, other: Entries) -> Entries:
+        return Entries(self.value + other.value, self.error + other.error, self.size + other.size)
+
     def around(self, values: Sequence[Any]) -> Entries:
         """Return entries of the same sizes with other, exact values."""
         return Entries(list(values), [0.0] * len(self.size), self.size)
@@ -73,22 +89,21 @@ class Reference:
         self.lagrangian = Precise([statement.lagrangian], statement, DIGITS)
         self.loads = Precise([*statement.forces, statement.dissipation], statement, DIGITS)
         self.number = self.lagrangian.context.mpf
-        self._dissipative = statement.dissipation != 0
         self._samples = [
             [source.perturbed(PERTURBATION, 4 * k + i) for i, source in enumerate([self.lagrangian] * 3 + [self.loads])]
             for k in range(SAMPLES)
         ]
 
     def at(self, point: Point, columns: Sequence[int]) -> dict[str, Entries]:
-        """Return lagrangian, momenta, forces, mass_matrix, bias, energy, accelerations and jacobian.
+        """Return lagrangian, momenta, forces, mass_matrix, bias, energy, accelerations, rhs and jacobian.
 
-        mass_matrix has its rows one after another; jacobian has those columns of d(accelerations)/d(q, v) that
-        `columns` lists, one after another. Raises OutsideDomain where the point is of no use: L, Q or D has no
-        real, finite value or no derivative there, or M is singular.
+        mass_matrix has its rows one after another; jacobian has those columns of d rhs / d(q, v) that `columns`
+        lists, one after another. Raises OutsideDomain where the point is of no use: L, Q or D has no real, finite
+        value or no derivative there, or M is singular.
         """
         self.inspect(point)
         steps = self._steps(point)
-        plain = self._sources(point, [self.lagrangian] * 3 + [self.loads], None)
+        plain = self._plain(point)
         lengths: dict[str, int] = {}
 
         def rule(scale: Any) -> Numbers:
@@ -98,17 +113,29 @@ class Reference:
 
         estimate = extrapolate(rule)
         perturbed = [self._perturbed(k, point, steps, columns) for k in range(SAMPLES)]
+        unit = self.number(PERTURBATION)
         sizes = [
-            max(abs(x), *(abs(sample[i] - x) / self.number(PERTURBATION) for sample in perturbed))
-            for i, x in enumerate(estimate.value)
+            max(abs(estimate.value[i]), *(abs(sample[i] - coarse) / unit for sample in perturbed))
+            for i, coarse in enumerate(estimate.coarse)
         ]
+        whole = Entries(estimate.value, estimate.error, sizes)
         entries, start = {}, 0
         for name, length in lengths.items():
-            part = slice(start, start + length)
-            entries[name] = Entries(estimate.value[part], estimate.error[part], sizes[part])
+            entries[name] = whole.part(start, length)
             entries[name].check_smooth()
             start += length
-        return entries
+        return self._with_rates(entries, point, columns)
+
+    def _with_rates(self, entries: dict[str, Entries], point: Point, columns: Sequence[int]) -> dict[str, Entries]:
+        """Return the entries with the upper halves of rhs and jacobian, which are v and (0 1), put in."""
+        n = len(point.q)
+        velocities = Entries.exactly([self.number(x) for x in point.v])
+        slopes = entries.pop("jacobian")
+        jacobian = Entries([], [], [])
+        for k, j in enumerate(columns):
+            upper = Entries.exactly([self.number(j == n + i) for i in range(n)])
+            jacobian = jacobian + upper + slopes.part(k * n, n)
+        return {**entries, "rhs": velocities + entries["accelerations"], "jacobian": jacobian}
 
     @property
     def switches(self) -> tuple[Any, ...]:
@@ -129,32 +156,57 @@ class Reference:
         return outcomes
 
     def _perturbed(self, k: int, point: Point, steps: Steps, columns: Sequence[int]) -> Numbers:
+        """Return the quantities with every number a little off."""
         draw = random.Random(k)
         factors: dict[tuple[str, int], Any] = {}
+        parameters = self._parameters(point)
 
         def nudge(name: str, index: int) -> Any:
             if (name, index) not in factors:
                 factors[name, index] = 1 + self.number(PERTURBATION) * draw.choice((-1, 1)) * draw.uniform(0.5, 1.0)
             return factors[name, index]
 
-        found = self._laws(self._sources(point, self._samples[k], nudge), point, steps, columns)
+        def noisy(tape: Precise, plain: Precise) -> laws.Function:
+            # What differencing makes of the rounding of L itself must not pass for an entry: where an entry is zero
+            # by structure it is all there is. Noise ten times as large lifts the size above it, and never by nothing.
+            exact, off = (f(point.q, point.v, point.t, parameters)[-1] for f in (plain, tape))
+            amplitude = self.number(NOISE) * max(abs(exact), abs(off - exact) / self.number(PERTURBATION))
+            return lambda q, v, t: tape(q, v, t, parameters)[-1] + amplitude * draw.uniform(-1.0, 1.0)
+
+        *energies, loads = self._samples[k]
+        scalars = [noisy(tape, self.lagrangian) for tape in energies]
+        sources = self._sources(scalars, loads, noisy(loads, self.loads), parameters, nudge)
+        found = self._laws(sources, point, steps, columns)
         return list(chain.from_iterable(found.values()))
 
-    def _sources(self, point: Point, tapes: Sequence[Precise], nudge: laws.Nudge | None) -> Sources:
-        parameters = {p: self.number(x) for p, x in point.parameters.items()}
-        for_momenta, for_forces, for_mass, loads = tapes
+    def _plain(self, point: Point) -> Sources:
+        parameters = self._parameters(point)
 
-        def scalar(tape: Precise) -> laws.Function:
-            return lambda q, v, t: tape(q, v, t, parameters)[0]
+        def exact(tape: Precise) -> laws.Function:
+            return lambda q, v, t: tape(q, v, t, parameters)[-1]
 
+        return self._sources([exact(self.lagrangian)] * 3, self.loads, exact(self.loads), parameters, laws.exactly)
+
+    def _sources(
+        self,
+        energies: Sequence[laws.Function],
+        loads: Precise,
+        dissipation: laws.Function,
+        parameters: Mapping[Any, Any],
+        nudge: laws.Nudge,
+    ) -> Sources:
+        for_momenta, for_forces, for_mass = energies
         return Sources(
-            for_momenta=scalar(for_momenta),
-            for_forces=scalar(for_forces),
-            for_mass=scalar(for_mass),
+            for_momenta=for_momenta,
+            for_forces=for_forces,
+            for_mass=for_mass,
             forces=lambda q, v, t: loads(q, v, t, parameters)[:-1],
-            dissipation=(lambda q, v, t: loads(q, v, t, parameters)[-1]) if self._dissipative else None,
-            nudge=nudge or laws.exactly,
+            dissipation=dissipation if self.statement.dissipation != 0 else None,
+            nudge=nudge,
         )
+
+    def _parameters(self, point: Point) -> dict[Any, Any]:
+        return {p: self.number(x) for p, x in point.parameters.items()}
 
     def _steps(self, point: Point) -> Steps:
         step = self.number(STEP)

@@ -62,8 +62,10 @@ def _common_null_vector(matrices: FloatArray) -> FloatArray | None:
 
 def _no_inertia(name: str) -> str:
     return (
-        f"the Lagrangian has no term of second order in {name}.dot, so {name} has no inertia and its acceleration is not "
-        f"determined: the mass matrix d2L/dv2 is singular. Add the kinetic energy of {name}, or make {name} a parameter."
+        f"the Lagrangian has no term of second order in {name}.dot, so {name} has no inertia and its acceleration is "
+        "not "
+        f"determined: the mass matrix d2L/dv2 is singular. Add the kinetic energy of {name}, or make {name} a "
+        "parameter."
     )
 
 
@@ -73,6 +75,7 @@ def _no_inertia_along(names: list[str], null: FloatArray) -> str:
     if len(terms) == 1:
         return _no_inertia(terms[0].partition(".dot")[0])
     return (
-        f"the mass matrix d2L/dv2 is singular in every configuration: a motion with {', '.join(terms)} has no inertia, so "
+        f"the mass matrix d2L/dv2 is singular in every configuration: a motion with {', '.join(terms)} has no "
+        "inertia, so "
         "these accelerations are not determined. Add the kinetic energy that is missing, or use fewer coordinates."
     )

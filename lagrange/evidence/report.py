@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -11,8 +12,9 @@ from typing import Any
 class Row:
     """One compiled quantity against its reference.
 
-    `error` is the worst error found, relative to the size of the terms that the entry is made of; `entry` and
-    `point` (1, 2, ...) say where that was. `compiled` and `reference` are the two values there.
+    `error` is the worst error found, relative to the size of the terms that the entry is made of, infinite where a
+    value is missing and -1 where nothing was compared; `entry` and `point` (1, 2, ...) say where that was.
+    `compiled` and `reference` are the two values there.
     """
 
     quantity: str
@@ -69,8 +71,9 @@ class Report:
             f"{row.quantity}, entry {row.entry}: compiled {row.compiled:.17g}, expected {row.reference:.17g} (error "
             f"{row.error:.1e}, limit {self.limit:.1e}) at {self._point(row.point)}"
             for row in self.rows
-            if not row.holds
+            if self.limit < row.error < math.inf
         )
+        found.extend(f"{row.quantity}: nothing could be compared" for row in self.rows if row.error < 0)
         return (*found, *self.unexplained)
 
     def to_dict(self) -> dict[str, Any]:

@@ -65,7 +65,7 @@ class Sampler:
         """Return a point; the more attempts have failed, the nearer to the initial state it is."""
         near = kind.state == "initial"
         if near:
-            spread = 0.3 * 0.5 ** (attempt // 4)
+            spread = 0.3 * 0.1 ** (attempt // 4)
             q, v = (self._near(values, spread) for values in self._initial)
         else:
             q, v = (tuple(self._of_order_one() for _ in values) for values in self._initial)

@@ -7,7 +7,7 @@ infinities.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from lagrange.graph.functions import FUNCTIONS
 from lagrange.graph.node import Graph, Kind, Node, exact, reachable
@@ -56,16 +56,11 @@ def gradient(output: Node, symbols: Sequence[Node]) -> list[Node]:
     return [table.get(symbol, graph.zero) for symbol in symbols]
 
 
-def tangents(
-    outputs: Iterable[Node], direction: Mapping[Node, Node], held: Collection[Node] = ()
-) -> Callable[[Node], Node]:
-    """Return a function giving the derivative of each output along the direction {symbol: component}.
-
-    Nodes that are `held` count as constants.
-    """
+def tangents(outputs: Iterable[Node], direction: Mapping[Node, Node]) -> Callable[[Node], Node]:
+    """Return a function giving the derivative of each output along the direction {symbol: component}."""
     outputs = list(outputs)
     table: dict[Node, Node] = dict(direction)
-    for node in reachable(outputs, _mask(direction), held):
+    for node in reachable(outputs, _mask(direction)):
         if node not in table and node.kind is not Kind.SYMBOL:
             _push(node, table)
     return lambda node: table.get(node, node.graph.zero)

@@ -81,7 +81,7 @@ def _pow(graph: Graph, base: Node, exponent: Node) -> Node:
 
 
 def _piecewise(graph: Graph, *args: Node) -> Node:
-    branches = []
+    branches: list[tuple[Node, Node]] = []
     for value, condition in zip(args[::2], args[1::2], strict=True):
         if condition is graph.one:
             return graph.piecewise(branches, value)

@@ -53,7 +53,9 @@ class Node:
 
     __slots__ = ("args", "binding", "data", "depends", "graph", "id", "kind")
 
-    def __init__(self, graph: Graph, kind: Kind, args: tuple[Node, ...], data: Any, binding: Binding, depends: int):
+    def __init__(
+        self, graph: Graph, kind: Kind, args: tuple[Node, ...], data: Any, binding: Binding, depends: int
+    ) -> None:
         self.graph = graph
         self.id = len(graph.nodes)
         self.kind = kind
@@ -133,6 +135,10 @@ class Graph:
         self.nodes.append(node)
         return node
 
+    def plain(self, kind: Kind, args: tuple[Node, ...], data: Any) -> Node:
+        """Return a node of a kind that is never simplified: FACTOR, SOLVE or COMPONENT."""
+        return self._intern(kind, args, data)
+
     def node(self, value: Node | Exact | float) -> Node:
         """Return the value itself if it is a node, else the constant."""
         return value if isinstance(value, Node) else self.constant(value)
@@ -169,9 +175,7 @@ class Graph:
             return self._factored([(node, c) for _, node, c in items])
         if constant == 0 and items[0][2] == 1:
             return items[0][1]
-        return self._intern(
-            Kind.SUM, tuple(node for _, node, _ in items), (constant, tuple(c for _, _, c in items))
-        )
+        return self._intern(Kind.SUM, tuple(node for _, node, _ in items), (constant, tuple(c for _, _, c in items)))
 
     def _factored(self, items: list[tuple[Node, Exact]]) -> Node:
         """Return the sum with a scale that all terms share, and factors that all terms share, taken out."""

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from lagrange.graph.node import Exact, Graph, Kind, Node, exact, reachable
+from lagrange.graph.rebuild import rebuild
 
 
 @dataclass(frozen=True)
@@ -53,18 +54,7 @@ def _rebuild(graph: Graph, node: Node, splits: dict[Node, _Split], built: dict[N
         split = splits[node]
         rest = [(c, built[term]) for c, term in split.rest]
         return graph.sum([(split.ratio, built[split.part]), *rest], node.data[0])
-    args = [built[arg] for arg in node.args]
-    if all(new is old for new, old in zip(args, node.args, strict=True)):
-        return node
-    if node.kind is Kind.SUM:
-        return graph.sum(zip(node.data[1], args, strict=True), node.data[0])
-    if node.kind is Kind.PRODUCT:
-        return graph.product(args)
-    if node.kind is Kind.POWER:
-        return graph.power(args[0], node.data)
-    if node.data == "piecewise":
-        return graph.piecewise(list(zip(args[:-1:2], args[1::2], strict=True)), args[-1])
-    return graph.call(node.data, *args)
+    return rebuild(node, [built[arg] for arg in node.args])
 
 
 def _splits(sums: list[Node]) -> dict[Node, _Split]:

@@ -1,0 +1,1 @@
+"""Who runs it: numpy, or machine code through LLVM."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import enum
-import numpy as np
 
+import numpy as np
 from numpy.typing import NDArray
 
 
@@ -36,6 +36,7 @@ class DriverState:
         self.reals[self.ATOL] = atol
         self.reals[self.PREVIOUS] = 1.0
         self.counts[self.RECORD] = 1
+        self.addresses = (self.reals.ctypes.data, self.counts.ctypes.data)
 
     @property
     def t(self) -> float:

@@ -58,8 +58,11 @@ class Model:
         return self.equations.structure.conservative
 
     def kernel(self, name: str) -> Kernel:
-        """Return the kernel of a quantity: rhs, jacobian, accelerations, mass_matrix, energy, momenta, lagrangian,
-        forces or bias. On the llvm target it has an `address` to call from compiled code."""
+        """Return the kernel of a quantity by name, compiled when it is first asked for.
+
+        The names are rhs, jacobian, accelerations, mass_matrix, energy, momenta, lagrangian, forces and bias. On the
+        llvm target a kernel has an `address` to call from compiled code.
+        """
         if name not in self._kernels:
             self._kernels[name] = self.machine.load(program_of(name, self.equations))
         return self._kernels[name]
@@ -144,9 +147,7 @@ class Model:
         values = self.parameter_values()
         return np.array([values[symbol] for symbol in self.statement.parameters], dtype=float)
 
-    def _run(
-        self, name: str, t: float | ArrayLike, y: FloatArray, parameters: Mapping[Any, Any] | None
-    ) -> FloatArray:
+    def _run(self, name: str, t: float | ArrayLike, y: FloatArray, parameters: Mapping[Any, Any] | None) -> FloatArray:
         return self._call(self.kernel(name), t, y, parameters)
 
     def _call(
@@ -161,7 +162,8 @@ class Model:
             time = _floats(t, "the time t")
             if y.ndim == 1 or time.shape != y.shape[1:]:
                 raise StatementError(
-                    f"t has shape {time.shape} and the states have {y.shape[1:] or 'no'} columns: give one time, or one per column."
+                    f"t has shape {time.shape} and the states have {y.shape[1:] or 'no'} columns: give one time, or "
+                    "one per column."
                 )
         values = self.parameter_array(parameters)
         try:
@@ -175,7 +177,8 @@ class Model:
         time = float(np.broadcast_to(t, y.shape[1:])[column or 0]) if y.ndim > 1 else float(np.asarray(t))
         place = ", ".join(f"{name} = {x:.6g}" for name, x in zip(self.statement.names, state, strict=False))
         return (
-            f"the mass matrix is singular at t = {time:.6g}, {place}: the accelerations are not determined there. Start "
+            f"the mass matrix is singular at t = {time:.6g}, {place}: the accelerations are not determined there. "
+            "Start "
             "elsewhere, or choose coordinates that are regular at this configuration."
         )
 
@@ -191,7 +194,8 @@ class Model:
         n = self.dimension
         if array.ndim not in (1, 2) or array.shape[0] != n:
             raise StatementError(
-                f"{what} has shape {array.shape}; this system has {n} coordinates ({', '.join(self.statement.names)}): give "
+                f"{what} has shape {array.shape}; this system has {n} coordinates "
+                f"({', '.join(self.statement.names)}): give "
                 f"({n},), or ({n}, batch)."
             )
         return array

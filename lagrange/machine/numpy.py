@@ -66,7 +66,7 @@ class NumpyKernel:
         out = np.empty((len(self.program.outputs), *columns))
         for row, ref in enumerate(self.program.outputs):
             out[row] = values[ref]
-        return out.reshape(*self.program.shape, *columns)
+        return out.reshape((*self.program.shape, *columns))
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def _solve(matrix: FloatArray, right: list[Any]) -> FloatArray:
     """Return the solution (n,) or (n, batch) by Gaussian elimination with scaled partial pivoting."""
     n = len(right)
     columns = np.broadcast_shapes(matrix.shape[2:], *(np.shape(entry) for entry in right))
-    a = np.broadcast_to(matrix.reshape(n, n, *matrix.shape[2:]), (n, n, *columns)).reshape(n, n, -1).copy()
+    a = np.broadcast_to(matrix, (n, n, *columns)).reshape(n, n, -1).copy()
     b = np.array(np.broadcast_arrays(*right, np.empty(columns))[:n], dtype=float).reshape(n, -1)
     lanes = np.arange(a.shape[2])
     largest = np.abs(a).max(axis=1)
@@ -139,7 +139,7 @@ def _solve(matrix: FloatArray, right: list[Any]) -> FloatArray:
     x = np.empty_like(b)
     for j in reversed(range(n)):
         x[j] = (b[j] - (a[j, j + 1 :] * x[j + 1 :]).sum(axis=0)) / a[j, j]
-    return x.reshape(n, *columns)
+    return x.reshape((n, *columns))
 
 
 def _check_pivot(pivot: FloatArray, largest: FloatArray, columns: tuple[int, ...]) -> None:

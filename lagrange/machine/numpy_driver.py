@@ -99,7 +99,7 @@ class NumpyDriver:
 
         if step.partitioned:
             q, v = step.function(f, state.t, state.y[:n], state.y[n:], h)
-            result = (np.concatenate([q, v]), [])
+            result: tuple[FloatArray, list[FloatArray]] = (np.concatenate([q, v]), [])
         elif step.control is None:
             result = (step.function(f, state.t, state.y, h), [])
         else:

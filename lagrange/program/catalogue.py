@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 
 from lagrange.equations.euler_lagrange import Equations
 from lagrange.graph.differentiate import tangents
-from lagrange.graph.node import Node
+from lagrange.graph.node import Binding, Node
+from lagrange.graph.rebuild import substitute
 from lagrange.program.lower import lower
 from lagrange.program.program import Program
 
@@ -26,14 +27,16 @@ def jacobian(equations: Equations) -> tuple[Sequence[Node], tuple[int, ...]]:
     sweep over p along (v, a, 1), so no entry of M is differentiated.
     """
     graph, n = equations.graph, len(equations.q)
-    a = equations.accelerations
+    # Symbols stand for the accelerations while differentiating: M times the solution of M a = h would cancel.
+    a = [graph.symbol(f"acceleration {i}", Binding.ACCELERATION) for i in range(n)]
     direction = dict(zip((*equations.q, *equations.v), (*equations.v, *a), strict=True))
     along = tangents(equations.momenta, {**direction, equations.time: graph.one})
     residual = [along(p) - f for p, f in zip(equations.momenta, equations.forces, strict=True)]
+    known = dict(zip(a, equations.accelerations, strict=True))
     columns = []
     for symbol in (*equations.q, *equations.v):
-        column = tangents(residual, {symbol: graph.one}, held=a)
-        columns.append(_solve(equations, [-column(entry) for entry in residual]))
+        column = tangents(residual, {symbol: graph.one})
+        columns.append(_solve(equations, substitute([-column(entry) for entry in residual], known)))
     upper = [graph.one if j == n + i else graph.zero for i in range(n) for j in range(2 * n)]
     return [*upper, *(columns[j][i] for i in range(n) for j in range(2 * n))], (2 * n, 2 * n)
 

@@ -120,7 +120,7 @@ class _Lowering:
             over, under = _split_factors(arg.args, self.uses)
             if not under:
                 return self.add_product(total, coefficient, over)
-            value = self.product(abs(coefficient), arg.args)
+            value = self.product(-coefficient if negative else coefficient, arg.args)
         else:
             value = self.ref(arg)
             if abs(coefficient) != 1:

@@ -98,9 +98,15 @@ class Program:
 
     @property
     def saved(self) -> tuple[int, ...]:
-        """The hoisted results that the rest of the program reads, in order; constants and parameters are at hand anyway."""
+        """The hoisted results that the rest of the program reads, in order, but for constants and parameters.
+
+        Who solves with a hoisted factor may need the matrix as well, to factor it again with pivoting.
+        """
         read = {arg for instruction in self.instructions[self.hoisted :] for arg in instruction.args}
         read.update(self.outputs)
+        for i in range(self.hoisted):
+            if i in read and self.instructions[i].op == "factor":
+                read.update(self.instructions[i].args)
         return tuple(
             i for i in range(self.hoisted) if i in read and self.instructions[i].op not in ("constant", "parameter")
         )

@@ -156,7 +156,8 @@ def trace(
         returned = function(f, time, *states, h)
     except TypeError as error:
         raise StatementError(
-            f"step function {name} cannot be compiled: {error}. A step adds vectors and multiplies them by numbers made "
+            f"step function {name} cannot be compiled: {error}. A step adds vectors and multiplies them by numbers "
+            "made "
             "of t and h."
         ) from error
     found = list(returned) if isinstance(returned, (tuple, list)) else [returned]

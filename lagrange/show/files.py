@@ -8,6 +8,7 @@ import os
 import secrets
 import stat
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
 
@@ -37,7 +38,7 @@ def write_csv(path: str | os.PathLike[str], names: Sequence[str], columns: Seque
 
     def write(file: BinaryIO) -> None:
         lines = _lines(names, columns)
-        while block := [line for line, _ in zip(lines, range(_ROWS_AT_ONCE), strict=False)]:
+        while block := list(islice(lines, _ROWS_AT_ONCE)):
             file.write("".join(block).encode())
 
     return write_atomically(path, write)
@@ -56,7 +57,8 @@ def cell(value: object) -> str:
     text = str(value)
     if text.lstrip(" ").startswith(("=", "+", "-", "@", "\t", "\r", "\n")):
         text = "'" + text
-    return '"' + text.replace('"', '""') + '"' if any(mark in text for mark in ',"\r\n') else text
+    quoted = not text or any(mark in text for mark in ',"\r\n')
+    return '"' + text.replace('"', '""') + '"' if quoted else text
 
 
 def _lines(names: Sequence[str], columns: Sequence[Iterable[object]]) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lagrange.errors import LagrangeError
+from lagrange.errors import StatementError
 from lagrange.trajectory.trajectory import FloatArray
 
 if TYPE_CHECKING:
@@ -23,6 +24,12 @@ _SAMPLES = 2000
 
 _MOST = 20_000
 """More points than this no picture shows; every k-th is taken."""
+
+_PANELS = 28
+"""More coordinates than this share panels."""
+
+_SHORT = 10
+"""A longer name stands above its panel and not beside it."""
 
 _COLOURS = ("#0b6e99", "#d1495b", "#3c7d45", "#a35c00", "#6a4c93", "#00798c", "#8d5b4c", "#4a5568")
 _INK, _GRID, _QUIET = "#222222", "#e3e3e3", "#8a8a8a"
@@ -44,23 +51,38 @@ class Scene:
 
 
 def plot(solution: Solution) -> Figure:
-    """Return a figure with the coordinates over time, the energy, and the paths of the named positions."""
+    """Return a figure with the coordinates over time, the energy, and the paths of the named positions.
+
+    Raises StatementError for a run without output.
+    """
     from matplotlib.figure import Figure
 
+    if not len(solution.t):
+        raise StatementError("there is nothing to plot: the run ended before the first of its output times.")
     t = _sample_times(solution.t)
     y = solution.at(t)
     scene = _scene(solution, t, y)
     names = solution.model.statement.names
-    columns = 1 if len(names) <= 4 else 2
-    rows = ceil(len(names) / columns)
+    together = ceil(len(names) / _PANELS)
+    count = ceil(len(names) / together)
+    columns = 1 if count <= 4 else 2
+    rows = ceil(count / columns)
     height = max(4.2, 1.0 + (1.15 if rows <= 4 else 0.85) * (rows + 2))
     figure = Figure(figsize=(6.2 if scene is None else 10.6, height), layout="constrained")
-    left, right = (figure, None) if scene is None else figure.subfigures(1, 2, width_ratios=(1.15, 1.0))
+    halves = figure.add_gridspec(1, 2, width_ratios=(1.15, 1.0))
+    left = figure if scene is None else figure.add_subfigure(halves[0])
     panels = left.add_gridspec(rows + 1, columns, height_ratios=[1.0] * rows + [1.3])
-    axes = [left.add_subplot(panels[k % rows, k // rows]) for k in range(len(names))]
-    _draw_coordinates(axes, names, t, y, rows)
+    axes = [left.add_subplot(panels[k % rows, k // rows]) for k in range(count)]
+    for k, axis in enumerate(axes):
+        chosen = slice(k * together, (k + 1) * together)
+        _draw_coordinates(axis, names[chosen], t, y[: len(names)][chosen])
+        axis.tick_params(labelbottom=k % rows == rows - 1 or k == count - 1)
+    for axis in axes[1:]:
+        axis.sharex(axes[0])
+    axes[0].set_title("coordinates over time t", loc="left", fontsize=10, color=_INK)
     _draw_energy(left.add_subplot(panels[rows, :]), solution)
-    if scene is not None and right is not None:
+    if scene is not None:
+        right = figure.add_subfigure(halves[1])
         _draw_scene(right.add_subplot(), scene)
         if sum(name != "origin" for name in scene.points) > 1:
             right.legend(loc="outside lower left", ncols=4, frameon=False, fontsize=9)
@@ -96,27 +118,27 @@ def _sample_times(t: FloatArray) -> FloatArray:
     return filled if t[-1] > t[0] else filled[::-1]
 
 
-def _draw_coordinates(axes: Sequence[Axes], names: Sequence[str], t: FloatArray, y: FloatArray, rows: int) -> None:
-    for k, (axis, name) in enumerate(zip(axes, names, strict=True)):
-        _dress(axis, "coordinates over time t" if k == 0 else "")
-        axis.plot(t, y[k], color=_COLOURS[0], linewidth=1.3)
-        axis.set_ylabel(_words(name), rotation=0, ha="right", va="center")
-        axis.margins(x=0.0)
-        _widen(axis, y[k])
-        axis.locator_params(axis="y", nbins=3)
-        if k > 0:
-            axis.sharex(axes[0])
-        axis.tick_params(labelbottom=k % rows == rows - 1 or k == len(names) - 1)
+def _draw_coordinates(axis: Axes, names: Sequence[str], t: FloatArray, rows: FloatArray) -> None:
+    _dress(axis)
+    for k, row in enumerate(rows):
+        axis.plot(t, row, color=_COLOURS[k % len(_COLOURS)], linewidth=1.3)
+    label = _words(names[0]) if len(names) == 1 else f"{_words(names[0])} ... {_words(names[-1])}"
+    if max(map(len, names)) * len(names) <= _SHORT:
+        axis.set_ylabel(label, rotation=0, ha="right", va="center")
+    else:
+        axis.set_title(label, loc="right", fontsize=8, color=_INK)
+    axis.margins(x=0.0)
+    _widen(axis, rows)
+    axis.locator_params(axis="y", nbins=3)
 
 
 def _draw_energy(axis: Axes, solution: Solution) -> None:
     axis.set_xlabel("t")
     axis.margins(x=0.0)
-    try:
-        drift, energy = solution.drift, solution.energy
-    except LagrangeError:
+    if not solution.has_energy:
         _dress(axis, "energy: it has no value at some state of the run")
         return
+    drift, energy = solution.drift, solution.energy
     if drift.conserved:
         scaled = (energy - drift.first) / (drift.scale if drift.scale > 0 else 1.0)
         title = f"energy drift: (E - E0) relative to {drift.against}"
@@ -130,24 +152,24 @@ def _draw_energy(axis: Axes, solution: Solution) -> None:
 def _widen(axis: Axes, values: FloatArray) -> None:
     """Keep round-off from filling a panel: a coordinate that stays put is drawn as a level line."""
     size = float(np.max(np.abs(values)))
-    if np.ptp(values) <= 1e-9 * size or size == 0.0:
-        middle, half = float(values[0]), 0.5 * size or 1.0
+    if np.ptp(values) <= 1e-9 * size:
+        middle, half = float(values.flat[0]), 0.5 * size or 1.0
         axis.set_ylim(middle - half, middle + half)
 
 
 def _words(name: str) -> str:
     """Return a coordinate's name as mathematics where Matplotlib knows it: theta1 as a Greek letter with an index."""
-    letters = name.rstrip("0123456789").rstrip("_")
-    index = name[len(name.rstrip("0123456789")) :]
-    if not (letters in _GREEK or len(letters) == 1):
+    found = _INDEXED.fullmatch(name)
+    if found is None or not (len(found[1]) == 1 or _GREEK.fullmatch(found[1])):
         return name
-    symbol = f"\\{letters}" if letters in _GREEK else letters
-    return f"${symbol}_{{{index}}}$" if index else f"${symbol}$"
+    symbol = found[1] if len(found[1]) == 1 else f"\\{found[1]}"
+    return f"${symbol}_{{{found[2]}}}$" if found[2] else f"${symbol}$"
 
 
-_GREEK = frozenset(
-    "alpha beta gamma delta epsilon zeta eta theta iota kappa lambda mu nu xi pi rho sigma tau upsilon phi chi psi "
-    "omega Gamma Delta Theta Lambda Xi Pi Sigma Phi Psi Omega".split()
+_INDEXED = re.compile("([A-Za-z]+?)_?([0-9]*)")
+_GREEK = re.compile(
+    "alpha|beta|gamma|delta|epsilon|zeta|eta|theta|iota|kappa|lambda|mu|nu|xi|pi|rho|sigma|tau|upsilon|phi|chi|psi|"
+    "omega|Gamma|Delta|Theta|Lambda|Xi|Pi|Sigma|Phi|Psi|Omega"
 )
 
 
@@ -203,8 +225,8 @@ def _draw_scene(axis: Axes, scene: Scene) -> None:
         if not fixed:
             axis.plot(*point, color=colour, linewidth=0.9, alpha=0.75, zorder=2)
             axis.plot(*point[:, 0], "o", mfc="white", mec=colour, markersize=5, zorder=4)
-        label = "_nolegend_" if fixed else name
-        axis.plot(*point[:, -1], "s" if fixed else "o", color=colour, markersize=4 if fixed else 7, zorder=5, label=label)
+        marker, label = ("s", "_nolegend_") if fixed else ("o", name)
+        axis.plot(*point[:, -1], marker, color=colour, markersize=4 if fixed else 7, zorder=5, label=label)
     _frame(axis, np.concatenate(list(scene.points.values()), axis=1))
     axis.set_xlabel(scene.labels[0])
     axis.set_ylabel(scene.labels[1])
@@ -214,23 +236,18 @@ def _draw_scene(axis: Axes, scene: Scene) -> None:
 
 
 def _frame(axis: Axes, points: FloatArray) -> None:
-    """Set limits around all points; lengths are equal in both directions unless that makes a path a thread."""
-    low, high = points.min(axis=1), points.max(axis=1)
-    extent = high - low
-    longest = float(extent.max()) or 1.0
-    if extent.min() > longest / 12 or extent.min() <= 1e-9 * longest:
+    """Leave room around all points; lengths are equal in both directions unless that makes a path a thread."""
+    extent = np.ptp(points, axis=1)
+    axis.margins(0.06)
+    if extent.min() > extent.max() / 12 or extent.min() <= 1e-9 * extent.max():
         axis.set_aspect("equal", adjustable="datalim")
-        extent = np.maximum(extent, longest / 3)
-    middle = (low + high) / 2
-    axis.set_xlim(middle[0] - 0.55 * extent[0], middle[0] + 0.55 * extent[0])
-    axis.set_ylim(middle[1] - 0.55 * extent[1], middle[1] + 0.55 * extent[1])
 
 
 def _draw_triad(axis: Axes, triad: FloatArray) -> None:
     """Show which way x, y and z point, in a corner."""
     axis.set(xticks=[], yticks=[])
-    corner = np.array([0.1, 0.1])
-    for name, direction in zip("xyz", triad, strict=True):
-        tip = corner + 0.07 * direction
-        axis.annotate("", tip, corner, "axes fraction", "axes fraction", arrowprops={"arrowstyle": "->", "color": _QUIET})
-        axis.annotate(name, corner + 0.095 * direction, xycoords="axes fraction", ha="center", va="center", color=_INK)
+    for name, (right, up) in zip("xyz", triad, strict=True):
+        tip, end = (0.1 + 0.07 * right, 0.1 + 0.07 * up), (0.1 + 0.095 * right, 0.1 + 0.095 * up)
+        arrow = {"arrowstyle": "->", "color": _QUIET}
+        axis.annotate("", tip, (0.1, 0.1), "axes fraction", "axes fraction", arrowprops=arrow)
+        axis.annotate(name, end, xycoords="axes fraction", ha="center", va="center", color=_INK)

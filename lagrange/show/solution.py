@@ -114,6 +114,7 @@ class Solution:
         times = np.asarray(t)
         if times.ndim > 1 or times.dtype.kind not in "fiu" or not np.isfinite(times).all():
             raise StatementError(f"{str(t)[:80]} is not a time: give a finite number or a list of them.")
+        self._check_output()
         low, high = float(self.t.min()), float(self.t.max())
         slack = _CLIPPED * (high - low)
         if times.size and not (low - slack <= times.min() and times.max() <= high + slack):
@@ -131,10 +132,22 @@ class Solution:
     @cached_property
     def drift(self) -> EnergyDrift:
         """How far the energy moved over the output times."""
+        self._check_output()
         return energy_drift(self.model, self.energy, self.t, self.y, self.parameters)
 
+    @cached_property
+    def has_energy(self) -> bool:
+        """Whether the energy is a finite number at every output."""
+        try:
+            return len(self.t) > 0 and math.isfinite(self.drift.absolute)
+        except LagrangeError:
+            return False
+
     def evaluate(self, expression: Any) -> FloatArray:
-        """Return a SymPy expression along the run, (N,): in coordinates, velocities, accelerations, parameters and t."""
+        """Return a SymPy expression along the run, (N,).
+
+        It may contain coordinates, velocities, accelerations, parameters and t. Anything else is a StatementError.
+        """
         if not isinstance(expression, sympy.Expr):
             if isinstance(expression, (str, sympy.MatrixBase)):
                 what = "a text" if isinstance(expression, str) else f"a matrix of shape {expression.shape}"
@@ -182,7 +195,7 @@ class Solution:
     def to_npz(self, path: str | os.PathLike[str]) -> Path:
         """Write NumPy arrays t (N,), y (2n, N), energy (N,), names (2n,) and card (a JSON text); none needs pickle."""
         arrays = {"t": self.t, "y": self.y, "names": np.array(self.names), "card": np.array(json.dumps(self.card()))}
-        energy = self.energy if self._has_energy else np.full(len(self.t), np.nan)
+        energy = self.energy if self.has_energy else np.full(len(self.t), np.nan)
         return write_atomically(path, lambda file: np.savez(file, allow_pickle=False, energy=energy, **arrays))
 
     def to_png(self, path: str | os.PathLike[str], *, dpi: int = 150) -> Path:
@@ -228,27 +241,24 @@ class Solution:
 
     def _lines(self) -> list[tuple[str, str]]:
         span = f"{self.t[0]:.6g} to {self.t[-1]:.6g}, " if len(self.t) else ""
-        lines = [
+        return [
             ("method", self.method),
             ("time", f"{span}{len(self.t)} outputs"),
             ("steps", f"{self.steps} ({self.trajectory.rejected} rejected), {self.evaluations} evaluations"),
             (
                 "energy drift" if self.model.conservative else "energy",
-                self.drift.sentence() if self._has_energy else "not known: it has no value at some state of the run",
+                self.drift.sentence() if self.has_energy else "not known: it has no value at some state of the run",
             ),
             ("wall time", _duration(self.wall)),
+            ("message", self.message),
         ]
-        return lines if self.status is Status.SUCCESS else [*lines, ("message", self.message)]
 
-    @cached_property
-    def _has_energy(self) -> bool:
-        try:
-            return len(self.t) > 0 and bool(np.isfinite(self.energy).all()) and math.isfinite(self.drift.absolute)
-        except LagrangeError:
-            return False
+    def _check_output(self) -> None:
+        if not len(self.t):
+            raise StatementError("the run has no output: it ended before the first of its output times.")
 
     def _energy_card(self) -> dict[str, Any] | None:
-        if not self._has_energy:
+        if not self.has_energy:
             return None
         drift = {**asdict(self.drift), "relative": self.drift.relative}
         return {key: _finite(value) if isinstance(value, float) else value for key, value in drift.items()}

@@ -1,0 +1,1 @@
+"""What the user said: coordinates, energies, forces, parameters; checked, in the user's symbols."""

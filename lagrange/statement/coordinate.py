@@ -29,8 +29,8 @@ def check_name(name: str, what: str) -> str:
 def coordinate(name: str) -> Any:
     """Return the generalized coordinate of that name, a SymPy expression such as theta(t).
 
-    It equals SymPy's ``dynamicsymbols`` of that name; its velocity is ``.dot``, its acceleration ``.ddot``. Raises StatementError for a name that is not an
-    identifier or is ``t``, which is time.
+    It equals SymPy's ``dynamicsymbols`` of that name; its velocity is ``.dot``, its acceleration ``.ddot``. Raises
+    StatementError for a name that is not an identifier or is ``t``, which is time.
     """
     if check_name(name, "coordinate") == t.name:
         raise StatementError("'t' is time and cannot name a coordinate: choose another name.")

@@ -35,10 +35,15 @@ def declare(
 ) -> Statement:
     """Check every part of a statement and return it frozen. Raises StatementError in the user's symbols."""
     if list(constraints):
-        raise StatementError("constraints are not supported yet: choose coordinates that satisfy them, and leave constraints empty.")
+        raise StatementError(
+            "constraints are not supported yet: choose coordinates that satisfy them, and leave constraints empty."
+        )
     kinetic, potential, lagrangian = _energies(kinetic, potential, lagrangian)
     survey = Survey()
-    survey.add(kinetic, "the kinetic energy" if potential is not sympy.S.Zero or lagrangian is not kinetic else "the Lagrangian")
+    survey.add(
+        kinetic,
+        "the kinetic energy" if potential is not sympy.S.Zero or lagrangian is not kinetic else "the Lagrangian",
+    )
     survey.add(potential, "the potential energy")
     chosen = _coordinates(coordinates, survey)
     by_name = {name_of(q): q for q in chosen}
@@ -82,7 +87,8 @@ def initial_state(given: Mapping[Any, Any], coordinates: tuple[Any, ...], base: 
     """
     if not isinstance(given, Mapping):
         raise StatementError(
-            f"initial is {type(given).__name__}: give a dict such as {{{name_of(coordinates[0])}: 1.0}}; what is not named keeps "
+            f"initial is {type(given).__name__}: give a dict such as {{{name_of(coordinates[0])}: 1.0}}; what is not "
+            "named keeps "
             "its default."
         )
     n = len(coordinates)
@@ -95,8 +101,8 @@ def initial_state(given: Mapping[Any, Any], coordinates: tuple[Any, ...], base: 
         if key not in rows:
             known = [label for label in rows if isinstance(label, str)]
             raise StatementError(
-                f"initial names {_label(key)!r}, which is no coordinate or velocity of this system; they are {listing(known)}."
-                + suggestion(_label(key), known)
+                f"initial names {_label(key)!r}, which is no coordinate or velocity of this system; they are "
+                f"{listing(known)}." + suggestion(_label(key), known)
             )
         values[rows[key]] = real_number(value, f"the initial value of {_label(key)}")
     return tuple(values)
@@ -116,7 +122,8 @@ def parameter_values(
         label = _label(key)
         if label not in by_name:
             raise StatementError(
-                f"{label!r} is no parameter of this system; its parameters are {listing(by_name)}." + suggestion(label, by_name)
+                f"{label!r} is no parameter of this system; its parameters are {listing(by_name)}."
+                + suggestion(label, by_name)
             )
         values[by_name[label]] = real_number(value, f"parameter {label}")
     missing = [symbol.name for symbol in parameters if symbol not in values]
@@ -140,14 +147,20 @@ def _label(key: Any) -> str:
 
 def _expression(value: Any, what: str) -> Any:
     if isinstance(value, str):
-        raise StatementError(f"{what} is the text {value[:60]!r}: give a SymPy expression; texts belong in a scene file.")
+        raise StatementError(
+            f"{what} is the text {value[:60]!r}: give a SymPy expression; texts belong in a scene file."
+        )
     if isinstance(value, sympy.MatrixBase):
         raise StatementError(f"{what} is a matrix of shape {value.shape}: give a scalar, such as its entry [0, 0].")
     if isinstance(value, sympy.Expr):
         return value
     if isinstance(value, complex):
         raise StatementError(f"{what} is {value!r}, a complex number: energies and forces are real.")
-    return sympy.Float(real_number(value, what)) if isinstance(value, float) else sympy.Integer(int(real_number(value, what)))
+    return (
+        sympy.Float(real_number(value, what))
+        if isinstance(value, float)
+        else sympy.Integer(int(real_number(value, what)))
+    )
 
 
 def _energies(kinetic: Any, potential: Any, lagrangian: Any) -> tuple[Any, Any, Any]:
@@ -167,10 +180,14 @@ def _energies(kinetic: Any, potential: Any, lagrangian: Any) -> tuple[Any, Any, 
 def _coordinates(given: Sequence[Any] | None, survey: Survey) -> tuple[Any, ...]:
     found = tuple(survey.coordinates) if given is None else tuple(given)
     if not found:
-        raise StatementError("no coordinates: the energies contain no function of time. Make one with lg.coordinate('x').")
+        raise StatementError(
+            "no coordinates: the energies contain no function of time. Make one with lg.coordinate('x')."
+        )
     for q in found:
         if getattr(q, "args", None) != (t,) or not isinstance(q, sympy.Function):
-            raise StatementError(f"coordinates contains {q!r}, which is no coordinate: make one with lg.coordinate('x').")
+            raise StatementError(
+                f"coordinates contains {q!r}, which is no coordinate: make one with lg.coordinate('x')."
+            )
         check_name(name_of(q), "coordinate")
     names = [name_of(q) for q in found]
     if len(set(names)) < len(names):
@@ -183,7 +200,8 @@ def _check_velocities(coordinates: tuple[Any, ...], survey: Survey) -> None:
     for q in coordinates:
         if velocity_of(q) not in survey.velocities:
             raise StatementError(
-                f"the kinetic energy does not contain {name_of(q)}.dot, so {name_of(q)} has no inertia and its acceleration "
+                f"the kinetic energy does not contain {name_of(q)}.dot, so {name_of(q)} has no inertia and its "
+                "acceleration "
                 f"is undefined: add its kinetic energy, or make {name_of(q)} a parameter."
             )
 
@@ -226,7 +244,10 @@ def _positions(given: Mapping[str, Any] | None, survey: Survey) -> dict[str, tup
         for entry in points[str(label)]:
             survey.add(entry, what)
     if len({len(point) for point in points.values()}) > 1:
-        raise StatementError("positions mixes points in the plane with points in space: give every point two entries, or every point three.")
+        raise StatementError(
+            "positions mixes points in the plane with points in space: give every point two entries, or every point "
+            "three."
+        )
     return points
 
 
@@ -238,12 +259,17 @@ def _links(links: Iterable[Sequence[str]], points: dict[str, Any]) -> tuple[tupl
             raise StatementError(f"links contains {link!r}: give pairs of point names, such as ('origin', 'bob').")
         for end in link:
             if end not in known:
-                raise StatementError(f"links names {end!r}, which is no position; they are {listing(known)}." + suggestion(str(end), known))
+                raise StatementError(
+                    f"links names {end!r}, which is no position; they are {listing(known)}."
+                    + suggestion(str(end), known)
+                )
         pairs.append((str(link[0]), str(link[1])))
     return tuple(pairs)
 
 
-def _parameter_symbols(survey: Survey, given: Mapping[Any, Any], by_name: dict[str, Any]) -> tuple[dict[str, Any], dict[Any, Any]]:
+def _parameter_symbols(
+    survey: Survey, given: Mapping[Any, Any], by_name: dict[str, Any]
+) -> tuple[dict[str, Any], dict[Any, Any]]:
     """Return the parameters by name, and replacements that make one symbol of several of the same name."""
     symbols: dict[str, Any] = {}
     unify: dict[Any, Any] = {}
@@ -266,12 +292,14 @@ def _check_clash(name: str, by_name: dict[str, Any]) -> None:
         raise StatementError("parameter 't' clashes with time: use lg.t for time, and another name for the parameter.")
     if name in by_name:
         raise StatementError(
-            f"{name} is both a coordinate and a parameter: rename one. If the plain symbol {name} was meant as the coordinate, "
+            f"{name} is both a coordinate and a parameter: rename one. If the plain symbol {name} was meant as the "
+            "coordinate, "
             f"use lg.coordinate('{name}') there."
         )
     if name.removesuffix("_dot") in by_name:
         raise StatementError(
-            f"parameter {name} has the name of a velocity: write {name.removesuffix('_dot')}.dot for the velocity, or rename the parameter."
+            f"parameter {name} has the name of a velocity: write {name.removesuffix('_dot')}.dot for the velocity, or "
+            "rename the parameter."
         )
 
 

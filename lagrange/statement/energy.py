@@ -29,12 +29,16 @@ def rotational_energy(inertia: Any, angular_velocity: Any) -> Any:
     elif isinstance(inertia, (Sequence, sympy.MatrixBase)):
         rows = list(inertia)
         if len(rows) != k:
-            raise StatementError(f"the inertia has {len(rows)} entries and the angular velocity {k}: give as many moments as components.")
+            raise StatementError(
+                f"the inertia has {len(rows)} entries and the angular velocity {k}: give as many moments as components."
+            )
         tensor = sympy.Matrix(rows) if isinstance(rows[0], Sequence) else sympy.diag(*rows)
     else:
         tensor = inertia * sympy.eye(k)
     if tensor.shape != (k, k):
-        raise StatementError(f"the inertia has shape {tensor.shape} and the angular velocity {k} components: give a ({k}, {k}) tensor.")
+        raise StatementError(
+            f"the inertia has shape {tensor.shape} and the angular velocity {k} components: give a ({k}, {k}) tensor."
+        )
     return (omega.T * tensor * omega)[0, 0] / 2
 
 

@@ -21,11 +21,15 @@ MOST_BITS = 256
 MOST_BRANCHES = 32
 """Arguments of min and max, which SymPy compares pair by pair, and branches of a condition."""
 MOST_DOUBTFUL = 5
-"""Parts of a hyperbolic function's argument that may be complex: SymPy splits them, which doubles each time."""
+"""Parts that may be complex in what SymPy splits into real and imaginary part: each can double the work."""
+MOST_COMPARED = 200
+"""Parts of all the expressions that one comparison, absolute value, minimum or maximum looks at."""
 CHUNK = 50
 """Terms that SymPy joins at once: between chunks, the exact coefficients are checked."""
 
-_FIRST_NUMBER = (sympy.Add, sympy.Mul)
+_COMPARING = (sympy.Abs, sympy.sign, sympy.Min, sympy.Max)
+_SPLITTING = (sympy.Abs, sympy.sinh, sympy.cosh, sympy.tanh)
+_NUMBER_FIRST = (sympy.Add, sympy.Mul)
 
 
 class RefusalError(Exception):
@@ -87,7 +91,7 @@ def replace(expression: Any, table: Mapping[Any, Any]) -> Any:
 def _rebuilt(node: Any, args: list[Any]) -> Any:
     if isinstance(node, ExprCondPair):
         return node.func(*args)
-    if isinstance(node, _FIRST_NUMBER):
+    if isinstance(node, _NUMBER_FIRST):
         numbers = [arg for arg in args if isinstance(arg, sympy.Number)]
         others = [arg for arg in args if not isinstance(arg, sympy.Number)]
         args = numbers + sorted(others, key=cmp_to_key(sympy.Basic.compare))
@@ -100,28 +104,46 @@ def check_power(base: Any, exponent: Any) -> None:
     if isinstance(base, sympy.Rational) and isinstance(exponent, sympy.Number):
         bits = max(abs(base.p).bit_length(), base.q.bit_length())
         if bits > 1 and bits * abs(exponent) > 2 * MOST_BITS:
-            raise RefusalError(f"{short(base)}**{short(exponent)} is too long for an exact number: write a decimal, such as 1.5e100")
-
-
-def check_argument(build: Any, argument: Any) -> None:
-    """Refuse the argument of a function that SymPy would take too long to evaluate, or later to ask about."""
-    if build is sympy.exp and argument.has(sympy.log):
-        _check_exponent(argument)  # exp(n*log(x)) becomes the power x**n
-    if build in (sympy.sinh, sympy.cosh, sympy.tanh):
-        known: dict[Any, bool] = {}
-        for node in parts_first(argument, known):
-            known[node] = isinstance(node, sympy.Expr) and not node.is_extended_real
-        if sum(known.values()) > MOST_DOUBTFUL:
             raise RefusalError(
-                f"the argument of {build.__name__} has more than {MOST_DOUBTFUL} parts that may be complex, such as roots "
-                "and logarithms: write it in fewer, or with exp"
+                f"{float(base):g}**{float(exponent):g} is too long for an exact number: write a decimal, such as 1.5e100"
             )
+
+
+def check_arguments(build: Any, arguments: list[Any]) -> None:
+    """Refuse arguments of a function that SymPy would take too long to evaluate, or later to ask about."""
+    if build is sympy.exp and arguments[0].has(sympy.log):
+        _check_exponent(arguments[0])  # exp(n*log(x)) becomes the power x**n
+    if build in _COMPARING:
+        check_compared(arguments, f"the {'argument' if len(arguments) == 1 else 'arguments'} of {build.__name__.lower()}")
+    if build in _SPLITTING and _doubtful(arguments[0]) > MOST_DOUBTFUL:
+        raise RefusalError(
+            f"the argument of {build.__name__.lower()} has more than {MOST_DOUBTFUL} parts that may be complex, such as "
+            "roots and logarithms: write it with fewer"
+        )
+
+
+def check_compared(expressions: list[Any], what: str) -> None:
+    """Refuse to compare long expressions, which SymPy puts on a common denominator to see the sign."""
+    size: dict[Any, int] = {}
+    for expression in expressions:
+        for node in parts_first(expression, size):
+            size[node] = 1 + sum(size[part] for part in node.args)
+    if sum(size[expression] for expression in expressions) > MOST_COMPARED:
+        raise RefusalError(f"there are more than {MOST_COMPARED} parts in {what}: write something shorter")
+
+
+def _doubtful(argument: Any) -> int:
+    """Return how many parts SymPy does not know to be real."""
+    doubt: dict[Any, bool] = {}
+    for node in parts_first(argument, doubt):
+        doubt[node] = isinstance(node, sympy.Expr) and not node.is_extended_real
+    return sum(doubt.values())
 
 
 def _check_exponent(exponent: Any) -> None:
     for number in exponent.atoms(sympy.Number):
         if abs(number) > LARGEST_EXPONENT:
-            raise RefusalError(f"the exponent {short(number)} is out of bounds: at most {LARGEST_EXPONENT} in size")
+            raise RefusalError(f"the exponent {float(number):g} is out of bounds: at most {LARGEST_EXPONENT} in size")
 
 
 def _check_node(node: Any) -> None:
@@ -146,8 +168,3 @@ def _check_float(number: Any) -> None:
     if number != 0 and float(number) == 0.0:
         raise RefusalError("a number here is too small for a floating-point number")
 
-
-def short(number: Any) -> str:
-    """Return a number's text, cut where it is long."""
-    text = str(number)
-    return text if len(text) <= 24 else f"{text[:12]}... ({len(text)} characters)"

@@ -83,7 +83,9 @@ def _check_supported(node: Any, what: str) -> None:
     if isinstance(node, _PLAIN):
         return
     if node is sympy.I:
-        raise StatementError(f"{what} contains the imaginary unit I. Energies and forces are real: write real expressions.")
+        raise StatementError(
+            f"{what} contains the imaginary unit I. Energies and forces are real: write real expressions."
+        )
     if isinstance(node, (sympy.Number, sympy.NumberSymbol)) or node in (sympy.zoo, sympy.nan):
         if not node.is_finite:
             raise StatementError(f"{what} contains {node}, which is not a finite number: check for a division by zero.")

@@ -23,7 +23,7 @@ import sympy
 from lagrange.errors import SceneError
 from lagrange.statement import lexer
 from lagrange.statement.coordinate import t
-from lagrange.statement.guard import MOST_BRANCHES, Guard, RefusalError, check_argument, check_power, replace
+from lagrange.statement.guard import MOST_BRANCHES, Guard, RefusalError, check_arguments, check_compared, check_power, replace
 from lagrange.statement.vocabulary import ALIASES, WORDS, Word
 
 MOST_CHAINED = 4
@@ -72,12 +72,8 @@ def read_expression(text: str, names: Mapping[str, Any]) -> Any:
     known = {**names, **_PREDEFINED}
     lexer.scan(text, known)
     # built in real symbols: SymPy does not take q(t) for real, and then asks long questions about it
-    stand_in = {
-        name: value if isinstance(value, sympy.Number | sympy.NumberSymbol) or value.is_real else sympy.Symbol(name, real=True)
-        for name, value in known.items()
-    }
-    table = {stand_in[name]: value for name, value in known.items()}
-    return replace(_Reader(text, stand_in).read(), table)
+    real = {name: value if value.is_real else sympy.Dummy(name, real=True) for name, value in known.items()}
+    return replace(_Reader(text, real).read(), {real[name]: value for name, value in known.items()})
 
 
 def read_number(text: str) -> float:
@@ -303,7 +299,7 @@ def _check_arity(word: Word, count: int) -> None:
 def _apply(word: Word, parts: list[_Value]) -> _Value:
     arguments = [part.expression for part in parts]
     double = _double(word, parts)
-    check_argument(word.build, arguments[0])
+    check_arguments(word.build, arguments)
     expression = word.build(*arguments)
     if expression.has(*_COMPLEX_PARTS):
         # abs(exp(sqrt(x))) would become exp(re(sqrt(x)))
@@ -342,6 +338,7 @@ def _branches(tests: list[list[Callable[[Any, Any], Any]]], parts: list[_Value])
         terms = [part.expression for part in parts[start : start + len(comparisons) + 1]]
         if any(term.has(sympy.Piecewise) for term in terms):
             raise RefusalError("a condition cannot compare a value that has conditions itself")
+        check_compared(terms, "the compared values")
         relations = [compare(a, b) for compare, (a, b) in zip(comparisons, pairwise(terms), strict=True)]
         value = parts[start + len(terms)]
         chained = (chained if values and value.expression == values[-1].expression else 0) + (len(terms) > 2)

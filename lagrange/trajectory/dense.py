@@ -57,7 +57,8 @@ class RungeKuttaPath(_Steps):
             for weight in reversed(weights):
                 powers = (powers + float(weight)) * theta
             path += powers * k[:, which]
-        return y[:, which] + h[which] * path
+        states: FloatArray = y[:, which] + h[which] * path
+        return states
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,4 +77,5 @@ class HermitePath(_Steps):
         change = (new - y)[:, which]
         first, last = (h * self.slopes(t, y))[:, which], (h * self.slopes(end, new))[:, which]
         bend = (1 - 2 * theta) * change + (theta - 1) * first + theta * last
-        return (1 - theta) * y[:, which] + theta * new[:, which] + theta * (theta - 1) * bend
+        states: FloatArray = (1 - theta) * y[:, which] + theta * new[:, which] + theta * (theta - 1) * bend
+        return states

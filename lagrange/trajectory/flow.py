@@ -74,9 +74,7 @@ class Flow:
         if isinstance(self._integrator, Stepped):
             self._step, self._tolerances = self._integrator.prepare(unit)
 
-    def __call__(
-        self, y0: ArrayLike, t0: float, t1: float, parameters: Mapping[Any, Any] | None = None
-    ) -> FloatArray:
+    def __call__(self, y0: ArrayLike, t0: float, t1: float, parameters: Mapping[Any, Any] | None = None) -> FloatArray:
         """Return the state at t1, (2n,). Raises RunError with the sentence of a run that does not get there."""
         start = np.asarray(y0, dtype=float)
         if start.shape != (self._dimension,):
@@ -113,9 +111,7 @@ class Flow:
         state.counts[:] = 0
         state.y[:] = y0
 
-    def _by_run(
-        self, y0: FloatArray, t0: float, t1: float, parameters: Mapping[Any, Any] | None
-    ) -> FloatArray:
+    def _by_run(self, y0: FloatArray, t0: float, t1: float, parameters: Mapping[Any, Any] | None) -> FloatArray:
         """Run the integrator as a run would, for its verdict in words or for an integrator without a step program."""
         values = self._model.parameter_values(parameters)
         problem = replace(self._problem, t0=t0, t1=t1, y0=y0, parameters=values)

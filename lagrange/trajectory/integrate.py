@@ -42,7 +42,9 @@ def integrate(
     Raises StatementError for a request that cannot be meant; what happens along the way ends in a status.
     """
     if events:
-        raise StatementError("events are not supported yet: leave events empty, and look for the crossing with solution.at(t).")
+        raise StatementError(
+            "events are not supported yet: leave events empty, and look for the crossing with solution.at(t)."
+        )
     if isinstance(span, (str, bytes)) or np.ndim(span) != 1 or len(span) != 2:
         raise StatementError(f"the time span is {span!r}: give two times, such as (0.0, 10.0).")
     t0, t1 = real_number(span[0], "the first time"), real_number(span[1], "the last time")
@@ -96,7 +98,9 @@ def _output_times(t_eval: ArrayLike | None, t0: float, t1: float) -> FloatArray 
         raise StatementError(f"t_eval contains {outside[0]:g}, outside the time span from {t0:g} to {t1:g}.")
     direction = 1 if t1 >= t0 else -1
     if (np.diff(times) * direction < 0).any():
-        raise StatementError("t_eval is not sorted in the direction of the run: sort it" + (", falling." if direction < 0 else "."))
+        raise StatementError(
+            "t_eval is not sorted in the direction of the run: sort it" + (", falling." if direction < 0 else ".")
+        )
     return times
 
 

@@ -46,7 +46,7 @@ class StandIn:
         self.breaks = dict(breaks or {})
         self.expressions = self._derive(plain)
         symbols = [*self.q, *self.v, t, *statement.parameters]
-        self.functions = {
+        self.functions: dict[str, list[Any]] = {
             name: [sp.lambdify(symbols, entry, "numpy") for entry in entries]
             for name, entries in self.expressions.items()
         }
@@ -62,7 +62,7 @@ class StandIn:
         p = broken("momenta", [sp.diff(lagrangian, b) for b in v])
         f = [sp.diff(lagrangian, a) + load - sp.diff(dissipation, b) for a, b, load in zip(q, v, loads, strict=True)]
         f = broken("forces", f)
-        mass = broken("mass_matrix", [sp.diff(a, b) for a in p for b in v])
+        mass = [sp.diff(a, b) for a in p for b in v]
         rates = [sum((sp.diff(a, x) * y for x, y in zip(q, v, strict=True)), sp.diff(a, t)) for a in p]
         bias = broken("bias", [a - b for a, b in zip(f, rates, strict=True)])
         a = broken("accelerations", list(sp.Matrix(n, n, mass).LUsolve(sp.Matrix(bias))))
@@ -73,7 +73,7 @@ class StandIn:
             "lagrangian": [lagrangian],
             "momenta": p,
             "forces": f,
-            "mass_matrix": mass,
+            "mass_matrix": broken("mass_matrix", mass),
             "bias": bias,
             "accelerations": a,
             "energy": energy,
@@ -88,7 +88,8 @@ class StandIn:
         batch = q.shape[1:]
         arguments = [*q, *v, np.broadcast_to(time, batch)[()], *(values[s] for s in self.statement.parameters)]
         with np.errstate(all="ignore"):
-            out = np.array([np.broadcast_to(f(*arguments), batch) for f in self.functions[name]], dtype=float)
+            entries: list[Any] = [f(*arguments) for f in self.functions[name]]
+        out = np.array([np.broadcast_to(entry, batch) for entry in entries], dtype=float)
         shape = SHAPES.get(name, lambda n: (n,))(self.dimension)
         return self.late(name, out.reshape(shape + batch)[()])
 

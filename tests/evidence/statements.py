@@ -12,15 +12,15 @@ from lagrange.statement.declare import declare
 from lagrange.statement.statement import Statement
 
 theta, x, y, z, r, phi = (coordinate(name) for name in ("theta", "x", "y", "z", "r", "phi"))
-m, g, l, k, c, omega = parameters("m g l k c omega")
+m, g, length, k, c, omega = parameters("m g l k c omega")
 e, B = parameters("e B", positive=False)
 
 
 def pendulum(**more: Any) -> Statement:
     return declare(
-        kinetic=m * l**2 * theta.dot**2 / 2,
-        potential=-m * g * l * cos(theta),
-        parameters={m: 1.0, g: 9.81, l: 1.0},
+        kinetic=m * length**2 * theta.dot**2 / 2,
+        potential=-m * g * length * cos(theta),
+        parameters={m: 1.0, g: 9.81, length: 1.0},
         name="pendulum",
         **more,
     )
@@ -31,7 +31,7 @@ def pendulum_chain(n: int) -> Statement:
     px = py = sp.S.Zero
     kinetic = potential = sp.S.Zero
     for angle in angles:
-        px, py = px + l * sin(angle), py - l * cos(angle)
+        px, py = px + length * sin(angle), py - length * cos(angle)
         kinetic += m * (sp.diff(px, t) ** 2 + sp.diff(py, t) ** 2) / 2
         potential += m * g * py
     return declare(kinetic=kinetic, potential=potential, coordinates=angles, name=f"chain of {n}")
@@ -45,7 +45,7 @@ def charge() -> Statement:
 
 def bead_on_hoop() -> Statement:
     """A bead on a turning hoop, stated with explicit time."""
-    place = [l * sin(theta) * cos(omega * t), l * sin(theta) * sin(omega * t), -l * cos(theta)]
+    place = [length * sin(theta) * cos(omega * t), length * sin(theta) * sin(omega * t), -length * cos(theta)]
     speed = sum(sp.diff(part, t) ** 2 for part in place)
     return declare(kinetic=m * speed / 2, potential=m * g * place[2], name="bead")
 
@@ -55,9 +55,9 @@ def driven_oscillator() -> Statement:
     return declare(
         kinetic=m * (x.dot**2 + y.dot**2 + x.dot * y.dot) / 2,
         potential=k * x**2 / 2 + k * sp.exp(x - y),
-        forces={x: sp.sin(omega * t) - c * y, y: l * x.dot},
+        forces={x: sp.sin(omega * t) - c * y, y: length * x.dot},
         dissipation=c * (x.dot - y.dot) ** 2 / 2 + c * y.dot**4,
-        parameters={m: 1.0, k: 1.0, c: 0.0, omega: 1.0, l: 1.0},
+        parameters={m: 1.0, k: 1.0, c: 0.0, omega: 1.0, length: 1.0},
         name="oscillator",
     )
 
@@ -70,7 +70,8 @@ def contact() -> Statement:
 
 def guarded_root() -> Statement:
     """The branch not taken has no value."""
-    return declare(kinetic=m * x.dot**2 / 2, potential=sp.Piecewise((sp.sqrt(x) ** 3, x > 0), (x**2, True)), name="guarded")
+    well = sp.Piecewise((sp.sqrt(x) ** 3, x > 0), (x**2, True))
+    return declare(kinetic=m * x.dot**2 / 2, potential=well, name="guarded")
 
 
 def relativistic() -> Statement:
@@ -79,7 +80,7 @@ def relativistic() -> Statement:
 
 
 def half_line() -> Statement:
-    return declare(kinetic=m * x.dot**2 / 2, potential=k * sp.log(x) + sp.sqrt(l - x), name="half line")
+    return declare(kinetic=m * x.dot**2 / 2, potential=k * sp.log(x) + sp.sqrt(length - x), name="half line")
 
 
 def kepler() -> Statement:

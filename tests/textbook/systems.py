@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import mpmath
@@ -24,7 +26,29 @@ theta1, theta2, theta3, x1, y1, x2, y2 = coordinates("theta1 theta2 theta3 x1 y1
 VALUES = dict(
     zip(
         (m, M, m1, m2, m3, g, l, l1, l2, l3, k, a, c, omega, A, C, G, B, charge, R, mu),
-        (1.3, 2.1, 0.7, 1.9, 0.4, 9.81, 1.1, 0.8, 1.7, 0.6, 3.3, 0.45, 0.25, 2.3, 1.7, 0.9, 1.25, 2.5, 0.65, 1.45, 0.35),
+        (
+            1.3,
+            2.1,
+            0.7,
+            1.9,
+            0.4,
+            9.81,
+            1.1,
+            0.8,
+            1.7,
+            0.6,
+            3.3,
+            0.45,
+            0.25,
+            2.3,
+            1.7,
+            0.9,
+            1.25,
+            2.5,
+            0.65,
+            1.45,
+            0.35,
+        ),
         strict=True,
     )
 )
@@ -47,7 +71,11 @@ class Case:
 
     @property
     def parameters(self) -> dict[Any, float]:
-        parts = [value for key, value in self.arguments.items() if key in ("kinetic", "potential", "lagrangian", "dissipation")]
+        parts = [
+            value
+            for key, value in self.arguments.items()
+            if key in ("kinetic", "potential", "lagrangian", "dissipation")
+        ]
         parts += list(self.arguments.get("forces", {}).values())
         used = set().union(*(sympy.sympify(part).free_symbols for part in parts))
         return {symbol: value for symbol, value in VALUES.items() if symbol in used}
@@ -58,7 +86,10 @@ class Case:
         statement = self.statement()
         centre = np.array([self.away.get(q, 0.0) for q in statement.coordinates])
         n = len(centre)
-        found = [(centre + random.uniform(-0.9, 0.9, n), random.uniform(-1, 1, n) * self.speed, random.uniform(0, 2)) for _ in range(count)]
+        found = [
+            (centre + random.uniform(-0.9, 0.9, n), random.uniform(-1, 1, n) * self.speed, random.uniform(0, 2))
+            for _ in range(count)
+        ]
         return found + [(np.array(q), random.uniform(-1, 1, n) * self.speed, 0.3) for q in self.special]
 
     @property
@@ -66,21 +97,26 @@ class Case:
         return 0.4 if self.name == "relativistic particle" else 1.5
 
 
-def value(expression: Any, statement: Statement, q: Any, v: Any, time: float, acceleration: Any = None) -> Any:
-    """Return the expression at a point, in 40 digits, without any of the package's own machinery."""
-    table: dict[Any, Any] = {t: sympy.Float(float(time), 40)}
-    for i, (position, velocity) in enumerate(zip(statement.coordinates, statement.velocities, strict=True)):
-        table[position] = sympy.Float(float(q[i]), 40)
-        table[velocity] = sympy.Float(float(v[i]), 40)
-        if acceleration is not None:
-            table[acceleration_of(position)] = sympy.Float(str(acceleration[i]), 40)
-    table.update({symbol: sympy.Float(float(number), 40) for symbol, number in statement.defaults.items()})
-    ordered = sorted(table, key=lambda node: -len(getattr(node, "variables", ())))
+@cache
+def _function(expression: Any, arguments: tuple[Any, ...]) -> Callable[..., Any]:
+    # A velocity contains its coordinate, so what is longest is replaced first.
+    ordered = sorted(arguments, key=lambda node: -len(getattr(node, "variables", ())))
     names = {node: sympy.Dummy() for node in ordered}
-    plain = sympy.sympify(expression).xreplace(names)
-    function = sympy.lambdify(list(names.values()), plain, modules="mpmath", cse=True)
-    with mpmath.workdps(40):
-        return function(*(mpmath.mpf(str(table[node])) for node in names))
+    plain = expression.xreplace(names)
+    function: Callable[..., Any] = sympy.lambdify(
+        [names[node] for node in arguments], plain, modules="mpmath", cse=True
+    )
+    return function
+
+
+def value(expression: Any, statement: Statement, q: Any, v: Any, time: float, acceleration: Any = ()) -> Any:
+    """Return the expression at a point in mpmath's precision, by SymPy and mpmath alone."""
+    table: dict[Any, Any] = {t: time}
+    table.update(zip(statement.coordinates, q, strict=True))
+    table.update(zip(statement.velocities, v, strict=True))
+    table.update(zip(map(acceleration_of, statement.coordinates), acceleration, strict=False))
+    table.update(statement.defaults)
+    return _function(sympy.sympify(expression), tuple(table))(*(mpmath.mpf(number) for number in table.values()))
 
 
 def pendulum_chain(masses: list[Any], lengths: list[Any], angles: list[Any]) -> tuple[Any, Any]:
@@ -117,10 +153,13 @@ CASES = (
     ),
     Case(
         "double pendulum",
-        _two("kinetic potential", pendulum_chain([m1, m2], [l1, l2], [theta1, theta2])) | {"coordinates": [theta1, theta2]},
+        _two("kinetic potential", pendulum_chain([m1, m2], [l1, l2], [theta1, theta2]))
+        | {"coordinates": [theta1, theta2]},
         book={
             theta1: (
-                m2 * g * sin(theta2) * cos(D) - m2 * sin(D) * (l1 * theta1.dot**2 * cos(D) + l2 * theta2.dot**2) - (m1 + m2) * g * sin(theta1)
+                m2 * g * sin(theta2) * cos(D)
+                - m2 * sin(D) * (l1 * theta1.dot**2 * cos(D) + l2 * theta2.dot**2)
+                - (m1 + m2) * g * sin(theta1)
             )
             / (l1 * _DOUBLE_DETERMINANT),
             theta2: (
@@ -133,7 +172,11 @@ CASES = (
     ),
     Case(
         "elastic pendulum",
-        {"kinetic": kinetic_energy(m, _ELASTIC), "potential": gravity(m, _ELASTIC, g) + k * x**2 / 2, "coordinates": [x, theta]},
+        {
+            "kinetic": kinetic_energy(m, _ELASTIC),
+            "potential": gravity(m, _ELASTIC, g) + k * x**2 / 2,
+            "coordinates": [x, theta],
+        },
         book={
             x: (l + x) * theta.dot**2 + g * cos(theta) - k / m * x,
             theta: -(g * sin(theta) + 2 * x.dot * theta.dot) / (l + x),
@@ -158,7 +201,11 @@ CASES = (
     ),
     Case(
         "swinging Atwood machine",
-        {"kinetic": (M + m) * r.dot**2 / 2 + m * r**2 * theta.dot**2 / 2, "potential": M * g * r - m * g * r * cos(theta), "coordinates": [r, theta]},
+        {
+            "kinetic": (M + m) * r.dot**2 / 2 + m * r**2 * theta.dot**2 / 2,
+            "potential": M * g * r - m * g * r * cos(theta),
+            "coordinates": [r, theta],
+        },
         away={r: 1.5},
         book={
             r: (m * r * theta.dot**2 + m * g * cos(theta) - M * g) / (M + m),
@@ -175,7 +222,12 @@ CASES = (
             "coordinates": [x, theta],
         },
         book={
-            x: (-c * x.dot + m * l * theta.dot**2 * sin(theta) + m * g * sin(theta) * cos(theta) - (a - mu * theta.dot) * cos(theta) / l)
+            x: (
+                -c * x.dot
+                + m * l * theta.dot**2 * sin(theta)
+                + m * g * sin(theta) * cos(theta)
+                - (a - mu * theta.dot) * cos(theta) / l
+            )
             / _CART_DETERMINANT,
             theta: (
                 c * x.dot * cos(theta)
@@ -196,23 +248,29 @@ CASES = (
     Case(
         "axisymmetric top",
         {
-            "kinetic": A * (phi.dot**2 * sin(theta) ** 2 + theta.dot**2) / 2 + C * (phi.dot * cos(theta) + psi.dot) ** 2 / 2,
+            "kinetic": A * (phi.dot**2 * sin(theta) ** 2 + theta.dot**2) / 2
+            + C * (phi.dot * cos(theta) + psi.dot) ** 2 / 2,
             "potential": m * g * l * cos(theta),
             "coordinates": [theta, phi, psi],
         },
         away={theta: 1.4},
         book={
             theta: ((A - C) * phi.dot**2 * cos(theta) - C * phi.dot * psi.dot + m * g * l) * sin(theta) / A,
-            phi: (C * theta.dot * (psi.dot + phi.dot * cos(theta)) - 2 * A * phi.dot * theta.dot * cos(theta)) / (A * sin(theta)),
+            phi: (C * theta.dot * (psi.dot + phi.dot * cos(theta)) - 2 * A * phi.dot * theta.dot * cos(theta))
+            / (A * sin(theta)),
             psi: phi.dot * theta.dot * sin(theta)
-            - cos(theta) * (C * theta.dot * (psi.dot + phi.dot * cos(theta)) - 2 * A * phi.dot * theta.dot * cos(theta)) / (A * sin(theta)),
+            - cos(theta)
+            * (C * theta.dot * (psi.dot + phi.dot * cos(theta)) - 2 * A * phi.dot * theta.dot * cos(theta))
+            / (A * sin(theta)),
         },
         special=((float(pi) / 2, 0.0, 0.0),),
     ),
     Case(
         "charge in a magnetic field",
         {
-            "lagrangian": m * (x.dot**2 + y.dot**2 + z.dot**2) / 2 + charge * B * (x * y.dot - y * x.dot) / 2 - charge * k * z,
+            "lagrangian": m * (x.dot**2 + y.dot**2 + z.dot**2) / 2
+            + charge * B * (x * y.dot - y * x.dot) / 2
+            - charge * k * z,
             "coordinates": [x, y, z],
         },
         book={x: charge * B / m * y.dot, y: -charge * B / m * x.dot, z: -charge * k / m},
@@ -251,13 +309,18 @@ CASES = (
     ),
     Case(
         "triple pendulum",
-        _two("kinetic potential", pendulum_chain([m1, m2, m3], [l1, l2, l3], [theta1, theta2, theta3])) | {"coordinates": [theta1, theta2, theta3]},
+        _two("kinetic potential", pendulum_chain([m1, m2, m3], [l1, l2, l3], [theta1, theta2, theta3]))
+        | {"coordinates": [theta1, theta2, theta3]},
         special=((0.0, 0.0, 0.0), (float(pi) / 2,) * 3, (0.0, float(pi) / 2, 0.0)),
     ),
     Case(
         "double pendulum in relative angles, damped",
         _two("kinetic potential", pendulum_chain([m1, m2], [l1, l2], [theta1, theta1 + theta2]))
-        | {"coordinates": [theta1, theta2], "dissipation": c * (theta1.dot**2 + 2 * theta2.dot**2) / 2, "forces": {theta1: a * cos(omega * t), theta2: -a * theta1}},
+        | {
+            "coordinates": [theta1, theta2],
+            "dissipation": c * (theta1.dot**2 + 2 * theta2.dot**2) / 2,
+            "forces": {theta1: a * cos(omega * t), theta2: -a * theta1},
+        },
         special=((0.0, 0.0), (0.0, float(pi) / 2), (0.4, float(pi))),
     ),
     Case(
@@ -266,7 +329,12 @@ CASES = (
     ),
     Case(
         "ball with quadratic drag",
-        {"kinetic": m * (x.dot**2 + y.dot**2) / 2, "potential": m * g * y, "dissipation": c * Abs(x.dot) ** 3 / 3, "forces": {y: -mu * Abs(y.dot) * y.dot}},
+        {
+            "kinetic": m * (x.dot**2 + y.dot**2) / 2,
+            "potential": m * g * y,
+            "dissipation": c * Abs(x.dot) ** 3 / 3,
+            "forces": {y: -mu * Abs(y.dot) * y.dot},
+        },
         book={x: -c / m * Abs(x.dot) * x.dot, y: -g - mu / m * Abs(y.dot) * y.dot},
         special=((0.0, 0.0),),
     ),
@@ -288,5 +356,8 @@ def chain_of_masses(n: int) -> Case:
     """Return n equal masses between walls: M diagonal, n small blocks."""
     xs = [coordinate(f"x{i}") for i in range(n)]
     ends = [Integer(0), *xs, Integer(0)]
-    stretch = sum(((q - p) ** 2 for p, q in zip(ends, ends[1:], strict=False)), Integer(0))
-    return Case(f"chain of {n} masses", {"kinetic": m * sum(q.dot**2 for q in xs) / 2, "potential": k * stretch / 2, "coordinates": xs})
+    stretch = sum(((q - p) ** 2 for p, q in pairwise(ends)), Integer(0))
+    return Case(
+        f"chain of {n} masses",
+        {"kinetic": m * sum(q.dot**2 for q in xs) / 2, "potential": k * stretch / 2, "coordinates": xs},
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import mpmath
 import pytest
@@ -23,18 +24,22 @@ def digits() -> Iterator[None]:
         yield
 
 
-def close(found: object, expected: object, scale: object = 1) -> bool:
-    return abs(found - expected) <= TOLERANCE * (abs(expected) + scale)
+def close(found: Any, expected: Any, scale: Any = 1) -> bool:
+    return bool(abs(found - expected) <= TOLERANCE * (abs(expected) + scale))
 
 
 @pytest.mark.parametrize("case", BOOKS, ids=[case.name for case in BOOKS])
 def test_accelerations_are_those_of_the_book(case: Case) -> None:
     statement = case.statement()
     derivation = derive(statement)
+    assert case.book
     assert set(case.book) == set(statement.coordinates)
     for q, v, time in case.points():
         for coordinate, formula in case.book.items():
-            assert close(value(derivation.accelerations[coordinate], statement, q, v, time), value(formula, statement, q, v, time)), coordinate
+            assert close(
+                value(derivation.accelerations[coordinate], statement, q, v, time),
+                value(formula, statement, q, v, time),
+            ), coordinate
 
 
 @pytest.mark.parametrize("case", CASES, ids=NAMES)
@@ -44,7 +49,12 @@ def test_derivation_agrees_with_lagranges_method(case: Case) -> None:
     n = len(statement.coordinates)
     method = LagrangesMethod(statement.lagrangian, list(statement.coordinates))
     method.form_lagranges_equations()
-    drag = [sympy.diff(statement.dissipation, velocity) for velocity in statement.velocities]
+    real = dict(statement.plain)
+    back = {symbol: expression for expression, symbol in real.items()}
+    drag = [
+        sympy.diff(statement.dissipation.xreplace(real), real[velocity]).xreplace(back)
+        for velocity in statement.velocities
+    ]
     for q, v, time in case.points(count=2):
         mass = mpmath.matrix(n, n)
         right = mpmath.matrix(n, 1)
@@ -52,11 +62,13 @@ def test_derivation_agrees_with_lagranges_method(case: Case) -> None:
             for j in range(n):
                 mass[i, j] = value(method.mass_matrix[i, j], statement, q, v, time)
                 assert close(value(derivation.mass_matrix[i, j], statement, q, v, time), mass[i, j]), (i, j)
-            right[i] = value(method.forcing[i], statement, q, v, time) + value(statement.forces[i] - drag[i], statement, q, v, time)
+            right[i] = value(method.forcing[i], statement, q, v, time) + value(
+                statement.forces[i] - drag[i], statement, q, v, time
+            )
         expected = mpmath.lu_solve(mass, right)
         for i, coordinate in enumerate(statement.coordinates):
             found = value(derivation.accelerations[coordinate], statement, q, v, time)
-            assert close(found, expected[i], max(abs(x) for x in expected)), coordinate
+            assert close(found, expected[i], 1 + max(abs(x) for x in expected)), coordinate
 
 
 @pytest.mark.parametrize("case", CASES, ids=NAMES)
@@ -77,7 +89,9 @@ def test_lagrangian_momenta_and_energy_keep_their_meaning(case: Case) -> None:
     momenta = [sympy.diff(statement.lagrangian, velocity) for velocity in statement.velocities]
     energy = sum(p * v for p, v in zip(momenta, statement.velocities, strict=True)) - statement.lagrangian
     for q, v, time in case.points():
-        assert close(value(derivation.lagrangian, statement, q, v, time), value(statement.lagrangian, statement, q, v, time))
+        assert close(
+            value(derivation.lagrangian, statement, q, v, time), value(statement.lagrangian, statement, q, v, time)
+        )
         assert close(value(derivation.energy, statement, q, v, time), value(energy, statement, q, v, time))
         for coordinate, p in zip(statement.coordinates, momenta, strict=True):
             assert close(value(derivation.momenta[coordinate], statement, q, v, time), value(p, statement, q, v, time))

@@ -75,6 +75,26 @@ class Emitter:
         """Return a*b + c, rounded once."""
         return self.value(f"call {kind} @llvm.fma.{suffix(kind)}({kind} {a}, {kind} {b}, {kind} {c})")
 
+    def real(self, operation: str, a: str, b: str) -> str:
+        """Return the result of a binary operation on doubles, such as fadd or ``fcmp olt``."""
+        return self.value(f"{operation} double {a}, {b}")
+
+    def larger(self, a: str, b: str) -> str:
+        """Return the larger of two doubles, NaN if either is."""
+        return self.value(f"call double @llvm.maximum.f64(double {a}, double {b})")
+
+    def smaller(self, a: str, b: str) -> str:
+        """Return the smaller of two doubles, NaN if either is."""
+        return self.value(f"call double @llvm.minimum.f64(double {a}, double {b})")
+
+    def choose(self, condition: str, a: str, b: str) -> str:
+        """Return one double or the other."""
+        return self.value(f"select i1 {condition}, double {a}, double {b}")
+
+    def power(self, a: str, exponent: float) -> str:
+        """Return a ** exponent."""
+        return self.value(f"call double @pow(double {a}, double {literal(exponent)})")
+
     def fabs(self, a: str, kind: str = "double") -> str:
         """Return |a|."""
         return self.value(f"call {kind} @llvm.fabs.{suffix(kind)}({kind} {a})")
@@ -115,4 +135,4 @@ class Emitter:
 
 def suffix(kind: str) -> str:
     """Return the suffix that LLVM's intrinsics carry for a type: f64 for double, v8f64 for <8 x double>."""
-    return "f64" if kind == "double" else f"v{kind[1:].split()[0]}f64"
+    return "f64" if kind == "double" else f"v{kind[1:].partition(' ')[0]}f64"

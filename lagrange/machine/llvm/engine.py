@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import ctypes.util
+import threading
 from functools import cache
 from typing import Any
 
@@ -12,6 +13,7 @@ import llvmlite.binding as llvm
 from lagrange.machine.llvm.linear_solver import library
 from lagrange.machine.llvm.spelling import LIBRARY
 
+_LOADING = threading.Lock()
 _VECTOR_ROUTINES = {"power": "pow"}
 _TWO_OPERANDS = frozenset(("power", "atan2"))
 
@@ -24,8 +26,7 @@ class Module:
         parsed.verify()
         machine = _target_machine()
         if optimize:
-            builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=2))
-            builder.getModulePassManager().run(parsed, builder)
+            _optimize(parsed, machine)
         self.ir = text
         self._engine = llvm.create_mcjit_compiler(parsed, machine)
         self._engine.finalize_object()
@@ -35,13 +36,20 @@ class Module:
         return int(self._engine.get_function_address(name))
 
 
+def _optimize(module: Any, machine: Any) -> None:
+    """Run LLVM's passes over loops and memory. Loops stay loops: unrolling them took most of the compile time."""
+    options = llvm.create_pipeline_tuning_options(speed_level=2)
+    options.loop_unrolling = False
+    builder = llvm.create_pass_builder(machine, options)
+    builder.getModulePassManager().run(module, builder)
+
+
 def assembly(text: str, *, optimize: bool = False) -> str:
     """Return the assembly that a module's text becomes, for reading."""
     parsed = llvm.parse_assembly(text)
     machine = _target_machine()
     if optimize:
-        builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=2))
-        builder.getModulePassManager().run(parsed, builder)
+        _optimize(parsed, machine)
     return str(machine.emit_assembly(parsed))
 
 
@@ -55,9 +63,15 @@ def start() -> None:
         llvm.load_library_permanently(mathematics)
 
 
-@cache
 def linear_solver() -> Module:
     """Compile the linear solver, once per process and only for models that need it."""
+    # Two threads that compile their first models at once would register the symbols of a module that then goes away.
+    with _LOADING:
+        return _linear_solver()
+
+
+@cache
+def _linear_solver() -> Module:
     start()
     module = Module(library(), optimize=True)
     for name in ("factor_dense", "solve_factored", "solve_lanes"):
@@ -82,7 +96,9 @@ def vector_routines() -> dict[str, str]:
         return {}
     llvm.load_library_permanently("libmvec.so.1")
     prefix = {8: "_ZGVeN8", 4: "_ZGVdN4", 2: "_ZGVbN2"}[lanes()]
-    names = {op: f"{prefix}{'vv' if op in _TWO_OPERANDS else 'v'}_{_VECTOR_ROUTINES.get(op, op)}" for op in sorted(LIBRARY)}
+    names = {
+        op: f"{prefix}{'vv' if op in _TWO_OPERANDS else 'v'}_{_VECTOR_ROUTINES.get(op, op)}" for op in sorted(LIBRARY)
+    }
     return {op: name for op, name in names.items() if hasattr(routines, name)}
 
 
@@ -90,4 +106,6 @@ def _target_machine() -> Any:
     """Return a new target machine: the engine that takes one destroys it with itself."""
     start()
     features = llvm.get_host_cpu_features().flatten()
-    return llvm.Target.from_default_triple().create_target_machine(cpu=llvm.get_host_cpu_name(), features=features, opt=2)
+    return llvm.Target.from_default_triple().create_target_machine(
+        cpu=llvm.get_host_cpu_name(), features=features, opt=2
+    )

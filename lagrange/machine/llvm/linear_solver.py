@@ -1,9 +1,9 @@
 """Solve symmetric systems inside machine code.
 
-A matrix is kept as its lower triangle by columns: entry (i, j), i >= j, at j*ld + i. It is factored as L D L^T
-without pivoting, which is stable for a positive definite mass matrix. Where a pivot vanishes against its diagonal entry the matrix
-is factored again as P A = L U with scaled partial pivoting, which serves every non-singular matrix, and only a
-pivot that vanishes there too is called singular.
+A matrix is kept as its lower triangle by columns: entry (i, j), i >= j, at j*n + i. It is factored as L D L^T
+without pivoting, which is stable for a positive definite mass matrix. Where a pivot vanishes against its diagonal
+entry the matrix is factored again as P A = L U with scaled partial pivoting, which serves every regular matrix, and
+only a pivot that vanishes there too is called singular.
 Source: G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed., 2013, sections 3.4 and 4.1.
 
 Factors are kept in an array of `factor_size(n)` doubles: [kind, 1/d (n), permutation (n), columns (n*n)], kind 0

@@ -8,8 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
+from lagrange.machine.llvm.body import prepared_size
 from lagrange.machine.llvm.engine import Module, lanes, linear_solver, vector_routines
-from lagrange.machine.llvm.kernel import column_module, prepared_size, scalar_module
+from lagrange.machine.llvm.kernel import column_module, scalar_module
 from lagrange.program.program import Program
 
 _PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
@@ -27,6 +28,7 @@ class LlvmKernel:
         if any(instruction.op in ("factor", "solve") for instruction in program.instructions):
             linear_solver()
         self._module = Module(scalar_module(program))
+        self._address = self._module.address(program.name)
         self._prepare = _PREPARE(self._module.address(f"{program.name}_prepare"))
         self._scalar = _SCALAR(self.address)
         self._prepared: tuple[bytes, FloatArray] | None = None
@@ -47,7 +49,7 @@ class LlvmKernel:
 
         `prepared` is what `prepare` returns; the result is 1 where the mass matrix is singular, else 0.
         """
-        return self._module.address(self._program.name)
+        return self._address
 
     def prepare(self, parameters: FloatArray) -> FloatArray:
         """Return the parameters followed by everything that depends on them alone. Raises SingularMassMatrix."""
@@ -88,7 +90,8 @@ class LlvmKernel:
         if count != batch:
             states = np.concatenate([states, np.repeat(states[:, -1:], count - batch, axis=1)], axis=1)
         out = np.empty((len(self._program.outputs), count))
-        first = self._columns(count, times.ctypes.data, states.ctypes.data, prepared.ctypes.data, out.ctypes.data)
+        _module, columns = self._column_kernel
+        first = columns(count, times.ctypes.data, states.ctypes.data, prepared.ctypes.data, out.ctypes.data)
         if first >= 0:
             raise SingularMassMatrix(self._singular_column(first, min(first + width, batch), times, states, prepared))
         return out[:, :batch].reshape(*shape, batch)
@@ -111,9 +114,7 @@ class LlvmKernel:
         return lanes() if largest <= 64 else 1
 
     @cached_property
-    def _column_module(self) -> Module:
-        return Module(column_module(self._program, self._lanes, vector_routines() if self._lanes > 1 else {}))
-
-    @cached_property
-    def _columns(self) -> ctypes._CFunctionType:
-        return _COLUMNS(self._column_module.address(f"{self._program.name}_columns"))
+    def _column_kernel(self) -> tuple[Module, ctypes._CFunctionType]:
+        """The module and its function as one value: threads that compile it at once each keep their own pair."""
+        module = Module(column_module(self._program, self._lanes, vector_routines() if self._lanes > 1 else {}))
+        return module, _COLUMNS(module.address(f"{self._program.name}_columns"))

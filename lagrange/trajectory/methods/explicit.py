@@ -45,7 +45,7 @@ class RungeKutta:
         return Claims(order=self.tableau.order, adaptive=self.tableau.error is not None)
 
     def prepare(self, problem: Problem) -> tuple[StepProgram, Tolerances]:
-        """Return the step program, and what the driver is told. Raises StatementError for a setting it has no use for."""
+        """Return the step program, and what the driver is told. Raises StatementError for a setting without a use."""
         chosen = adaptive_settings if self.claims.adaptive else fixed_settings
         return runge_kutta_step(self.tableau), chosen(self.name, problem, self.step, self.rtol, self.atol)
 

@@ -59,7 +59,10 @@ class Table(tuple[Row, ...]):
 
     def to_markdown(self) -> str:
         """Return the table for a page."""
-        lines = ["| method | order | step | symplectic | symmetric | A-stable | about |", "|---|---|---|---|---|---|---|"]
+        lines = [
+            "| method | order | step | symplectic | symmetric | A-stable | about |",
+            "|---|---|---|---|---|---|---|",
+        ]
         for row in self:
             c = row.claims
             marks = " | ".join("yes" if mark else "" for mark in (c.symplectic, c.symmetric, c.a_stable))
@@ -78,7 +81,8 @@ def find(method: Any) -> Integrator:
     if not isinstance(method, str):
         if isinstance(method, type) or not callable(getattr(method, "integrate", None)):
             raise StatementError(
-                f"method is {method!r}: give a name, such as '{DEFAULT}', or an instance, such as lg.methods.RK4(step=0.01)."
+                f"method is {method!r}: give a name, such as '{DEFAULT}', or an instance, such as "
+                "lg.methods.RK4(step=0.01)."
             )
         instance: Integrator = method
         return instance
@@ -87,7 +91,9 @@ def find(method: Any) -> Integrator:
     if method in _offered():
         made: Integrator = _offered()[method].load()()
         return made
-    raise StatementError(f"there is no method {method!r}; the methods are {listing(names())}." + suggestion(method, names()))
+    raise StatementError(
+        f"there is no method {method!r}; the methods are {listing(names())}." + suggestion(method, names())
+    )
 
 
 def table() -> Table:

@@ -15,16 +15,14 @@ import numpy as np
 import scipy.integrate
 from scipy.integrate import OdeSolver
 
-from lagrange.errors import RunError, StatementError
+from lagrange.errors import StatementError
+from lagrange.machine.backend import SingularMassMatrix
+from lagrange.trajectory.driver import Tolerances
 from lagrange.trajectory.integrator import Claims, Problem
-from lagrange.trajectory.messages import message, number
+from lagrange.trajectory.messages import message
+from lagrange.trajectory.methods.settings import adaptive_settings
 from lagrange.trajectory.piecewise import PiecewisePath
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
-
-RTOL = 1e-8
-ATOL_PER_RTOL = 1e-2
-RTOL_FLOOR = 100 * float(np.finfo(float).eps)
-"""Below this SciPy would silently take this one instead."""
 
 EVALUATIONS_PER_STEP = 5_000
 """A step that takes more right-hand sides is taken for an endless loop.
@@ -60,6 +58,7 @@ class _Law:
     """The model's right-hand side as SciPy calls it: counted, timed, and with the last fault remembered."""
 
     problem: Problem
+    parameters: FloatArray
     deadline: float
     evaluations: int = 0
     in_step: int = 0
@@ -84,15 +83,13 @@ class _Law:
             detail = f"SciPy's solver made {EVALUATIONS_PER_STEP} evaluations inside one step."
             raise _StopError(self.fault or _Fault(Status.DIVERGED, t, y.copy(), detail=detail))
         try:
-            slope = np.asarray(self.problem.model.rhs(t, y, self.problem.parameters), dtype=float)
-        except RunError as error:
-            self._refused(t, y, error)
+            slope = self.problem.model.kernel("rhs")(t, y, self.parameters)
+        except SingularMassMatrix:
+            self._refused(t, y)
             return np.full(y.shape, np.nan)
         except Exception as error:
             self.raised = error
             raise
-        if slope.shape != y.shape:
-            raise StatementError(f"The right-hand side has shape {slope.shape}; the state has shape {y.shape}.")
         if not np.isfinite(slope).all():
             self._remember(_Fault(Status.NON_FINITE, t, y.copy(), slope))
         return slope
@@ -100,9 +97,9 @@ class _Law:
     def jacobian(self, t: float, y: FloatArray) -> FloatArray:
         """Return d rhs / dy, (2n, 2n); where there is none, the last one, which Newton's iteration can do with."""
         try:
-            jacobian = np.asarray(self.problem.model.jacobian(t, y, self.problem.parameters), dtype=float)
-        except RunError as error:
-            self._refused(t, y, error)
+            jacobian = self.problem.model.kernel("jacobian")(t, y, self.parameters)
+        except SingularMassMatrix:
+            self._refused(t, y)
         except Exception as error:
             self.raised = error
             raise
@@ -115,9 +112,11 @@ class _Law:
             raise _StopError(self.fault or _Fault(Status.NON_FINITE, t, y.copy()))
         return self.last_jacobian
 
-    def _refused(self, t: float, y: FloatArray, error: RunError) -> None:
-        status = Status.SINGULAR if np.isfinite(y).all() else Status.NON_FINITE
-        self._remember(_Fault(status, t, y.copy(), detail=str(error)))
+    def _refused(self, t: float, y: FloatArray) -> None:
+        if np.isfinite(y).all():
+            self._remember(_Fault(Status.SINGULAR, t, y.copy(), detail=self.problem.model.singular_message(t, y)))
+        else:
+            self._remember(_Fault(Status.NON_FINITE, t, y.copy()))
 
     def _remember(self, fault: _Fault) -> None:
         """Keep the fault unless it only follows from the one before: a state that is not finite has a reason."""
@@ -158,7 +157,7 @@ class _Run:
     def y(self) -> FloatArray:
         return self.steps[-1].y if self.steps else self.problem.y0
 
-    def end(self, fault: _Fault) -> Trajectory:
+    def end(self, fault: _Fault, notes: tuple[str, ...]) -> Trajectory:
         """Return the trajectory of the accepted steps."""
         problem = self.problem
         edges = np.array([problem.t0, *(step.t for step in self.steps)])
@@ -169,6 +168,7 @@ class _Run:
             t = problem.t_eval[np.abs(problem.t_eval - problem.t0) <= abs(self.t - problem.t0)]
             y = path(t)
         text = message(fault.status, problem, fault.t, fault.y, self.method, slope=fault.slope, detail=fault.detail)
+        text = " ".join([text, *notes])
         wall = time.perf_counter() - self.began
         evaluations = self.law.evaluations
         return Trajectory(
@@ -180,8 +180,7 @@ class _Run:
 class ScipyMethod(ABC):
     """One of SciPy's solvers. `max_step` bounds its steps and `first_step` sets the first, both positive times.
 
-    Tolerances the run leaves open are rtol = 1e-8 and atol = rtol / 100; rtol below 2.2e-14 and a fixed `step` are
-    refused. The implicit solvers take the model's compiled Jacobian, and run one at a time in a process.
+    The implicit solvers take the model's compiled Jacobian, and run one at a time in a process.
     """
 
     max_step: float = np.inf
@@ -199,13 +198,14 @@ class ScipyMethod(ABC):
 
     def integrate(self, problem: Problem) -> Trajectory:
         """Run the problem; see `Integrator`."""
-        tolerances = _tolerances(problem, self.name)
+        tolerances = adaptive_settings(self.name, problem, None, None, None)
         began = time.perf_counter()
         deadline = np.inf if problem.max_wall is None else began + problem.max_wall
-        run = _Run(problem, self.name, began, _Law(problem, deadline))
+        law = _Law(problem, problem.model.parameter_array(problem.parameters), deadline)
+        run = _Run(problem, self.name, began, law)
         with np.errstate(all="ignore"), _captured(not self.claims.explicit) as caught:
             try:
-                fault = self._steps(run, *tolerances)
+                fault = self._steps(run, tolerances)
             except _StopError as stopped:
                 fault = stopped.fault
                 if fault.status is Status.MAX_WALL:
@@ -214,9 +214,9 @@ class ScipyMethod(ABC):
                 fault = _Fault(Status.INTERRUPTED, run.t, run.y)
         if fault.status is Status.DIVERGED and caught:
             fault = _Fault(fault.status, fault.t, fault.y, detail=f"SciPy says: {caught[-1].message}")
-        return run.end(fault)
+        return run.end(fault, tolerances.notes)
 
-    def _steps(self, run: _Run, rtol: float, atol: float) -> _Fault:
+    def _steps(self, run: _Run, tolerances: Tolerances) -> _Fault:
         """Take steps until the end or a fault; return how it ended."""
         problem, law = run.problem, run.law
         if not np.isfinite(run.y).all():
@@ -224,10 +224,10 @@ class ScipyMethod(ABC):
         law.rhs(run.t, run.y)
         if law.fault or problem.t1 == problem.t0:
             return law.fault or _Fault(Status.SUCCESS, run.t, run.y)
-        solver = self._start(run, rtol, atol)
+        solver = self._start(run, tolerances)
         reported = run.began
         while solver.status == "running":
-            if len(run.steps) >= problem.max_steps:
+            if len(run.steps) + run.rejected >= problem.max_steps:
                 return _Fault(Status.MAX_STEPS, run.t, run.y)
             if fault := self._step(solver, run):
                 return fault
@@ -236,9 +236,9 @@ class ScipyMethod(ABC):
                 problem.progress(run.t)
         return _Fault(Status.SUCCESS, run.t, run.y)
 
-    def _start(self, run: _Run, rtol: float, atol: float) -> OdeSolver:
+    def _start(self, run: _Run, tolerances: Tolerances) -> OdeSolver:
         problem, span = run.problem, abs(run.problem.t1 - run.problem.t0)
-        options: dict[str, Any] = {"rtol": rtol, "atol": atol, "max_step": self.max_step}
+        options: dict[str, Any] = {"rtol": tolerances.rtol, "atol": tolerances.atol, "max_step": self.max_step}
         if not self.claims.explicit:
             options["jac"] = run.law.jacobian
         first = None if self.first_step is None else min(self.first_step, span)
@@ -288,27 +288,6 @@ def _captured(wanted: bool) -> Iterator[list[warnings.WarningMessage]]:
     with _ONE_AT_A_TIME, warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield caught
-
-
-def _tolerances(problem: Problem, name: str) -> tuple[float, float]:
-    """Return rtol and atol, or refuse what SciPy would silently change or divide by."""
-    if problem.step is not None:
-        raise StatementError(
-            f"{name} chooses its steps itself and cannot take step = {number(problem.step)}. Give rtol and atol, bound "
-            "the steps with the method's max_step, or take a method with a fixed step such as rk4."
-        )
-    rtol = RTOL if problem.rtol is None else problem.rtol
-    atol = ATOL_PER_RTOL * rtol if problem.atol is None else problem.atol
-    if not RTOL_FLOOR <= rtol < 1:
-        raise StatementError(
-            f"rtol = {number(rtol)} is out of reach for {name}: give a number from {RTOL_FLOOR:.2g} up to 1."
-        )
-    if not 0 < atol < np.inf:
-        raise StatementError(
-            f"atol = {number(atol)} cannot be met by {name} where a coordinate passes through zero: give a positive "
-            "number, small against the sizes that matter, such as 1e-12."
-        )
-    return rtol, atol
 
 
 @final

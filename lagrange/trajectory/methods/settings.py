@@ -29,10 +29,12 @@ def adaptive_settings(
 ) -> Tolerances:
     """Return the tolerances of an adaptive method: the run's, else the method's own, else the defaults."""
     if problem.step is not None or step is not None:
-        raise StatementError(f"{name} chooses its steps by itself: give rtol and atol, or a fixed-step method such as rk4.")
+        raise StatementError(
+            f"{name} chooses its steps by itself: give rtol and atol, or a fixed-step method such as rk4."
+        )
     relative = _tolerance("rtol", problem.rtol, rtol, RTOL)
     absolute = _tolerance("atol", problem.atol, atol, ATOL)
-    notes = ()
+    notes: tuple[str, ...] = ()
     if relative < LEAST_RTOL:
         notes = (f"rtol = {relative:g} is below round-off and was raised to {LEAST_RTOL:.3g}.",)
     return Tolerances(rtol=max(relative, LEAST_RTOL), atol=max(absolute, LEAST_ATOL), notes=notes)
@@ -44,7 +46,8 @@ def fixed_settings(
     """Return the step of a fixed-step method: the run's, else the method's own, else a thousandth of the span."""
     if problem.rtol is not None or problem.atol is not None or rtol is not None or atol is not None:
         raise StatementError(
-            f"{name} takes equal steps and cannot aim at a tolerance: give step= in place of rtol and atol, or an adaptive "
+            f"{name} takes equal steps and cannot aim at a tolerance: give step= in place of rtol and atol, or an "
+            "adaptive "
             "method such as dop853."
         )
     span = abs(problem.t1 - problem.t0)

@@ -1,0 +1,190 @@
+"""Statement to compiled model: chains of pendulums, against bars in seconds and against SymPy's own route.
+
+python docs/benchmarks/compile_time.py
+"""
+
+from __future__ import annotations
+
+import gc
+import json
+import subprocess
+import sys
+from itertools import pairwise
+from time import perf_counter
+from typing import Any
+
+from measure import Page, milliseconds, verdict
+
+BARS = {2: 0.2, 5: 0.3, 10: 0.6, 20: 1.2, 30: 2.5}
+RELATIVE = 2.0
+"""Relative angles may take this many times the bar."""
+
+PEERS = {5: 5.0, 12: 15.0}
+"""Links, and how many times faster than SymPy lagrange has to be."""
+
+PATIENCE = 300
+"""Seconds that a comparison with SymPy may take."""
+
+STAGES = ("state", "equations", "machine code", "check")
+
+
+def compiled(n: int, *, relative: bool) -> tuple[float, ...]:
+    """Return the seconds of each stage, from nothing said to a checked model; SymPy starts with empty caches."""
+    from sympy.core.cache import clear_cache
+    from systems import chain
+
+    import lagrange as lg
+    from lagrange.evidence.quick import quick_check
+
+    clear_cache()
+    gc.collect()
+    marks = [perf_counter()]
+    statement = chain(n, relative=relative)
+    marks.append(perf_counter())
+    system = lg.System(**statement)
+    marks.append(perf_counter())
+    model = system.compile(check=False)
+    marks.append(perf_counter())
+    quick_check(model)
+    marks.append(perf_counter())
+    return tuple(after - before for before, after in pairwise(marks))
+
+
+def fastest(n: int, *, relative: bool, times: int = 5) -> tuple[float, ...]:
+    """Return the stages of the fastest of several compilations."""
+    return min((compiled(n, relative=relative) for _ in range(times)), key=sum)
+
+
+def by_sympy(n: int) -> float:
+    """Return the seconds of SymPy's way: LagrangesMethod, then lambdify(cse=True) of mass matrix and forcing."""
+    import sympy
+    from sympy.core.cache import clear_cache
+    from sympy.physics.mechanics import LagrangesMethod, dynamicsymbols
+
+    clear_cache()
+    gc.collect()
+    start = perf_counter()
+    q = dynamicsymbols(f"theta1:{n + 1}")
+    masses, lengths, g = sympy.symbols(f"m1:{n + 1}"), sympy.symbols(f"l1:{n + 1}"), sympy.Symbol("g")
+    x = y = lagrangian = 0
+    for i in range(n):
+        x, y = x + lengths[i] * sympy.sin(q[i]), y - lengths[i] * sympy.cos(q[i])
+        speed2 = sympy.diff(x, dynamicsymbols._t) ** 2 + sympy.diff(y, dynamicsymbols._t) ** 2
+        lagrangian += masses[i] * speed2 / 2 - masses[i] * g * y
+    method = LagrangesMethod(lagrangian, q)
+    method.form_lagranges_equations()
+    arguments = [*q, *(sympy.diff(c, dynamicsymbols._t) for c in q), *masses, *lengths, g]
+    sympy.lambdify(arguments, [method.mass_matrix, method.forcing], cse=True)
+    return perf_counter() - start
+
+
+def side_by_side(n: int) -> dict[str, float] | None:
+    """Return the seconds of both, taken in one new process, or None where SymPy takes too long."""
+    command = [sys.executable, __file__, "--peer", str(n)]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=PATIENCE)
+    except subprocess.TimeoutExpired:
+        return None
+    found: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
+    return found
+
+
+def peer(n: int) -> None:
+    """Measure both ways in this process, in turn, and print the seconds as JSON."""
+    fastest(2, relative=False, times=1)
+    by_sympy(2)
+    times: dict[str, list[float]] = {"lagrange": [], "sympy": []}
+    for _ in range(3):
+        times["lagrange"].append(sum(compiled(n, relative=False)))
+        times["sympy"].append(by_sympy(n))
+    print(json.dumps({name: min(values) for name, values in times.items()}))
+
+
+def first_costs() -> dict[str, float]:
+    """Return, from the best of several new processes, what is paid once: imports, LLVM, the first compilation."""
+    command = [sys.executable, __file__, "--first"]
+    found = [json.loads(subprocess.check_output(command, text=True).splitlines()[-1]) for _ in range(5)]
+    return {name: min(run[name] for run in found) for name in found[0]}
+
+
+def first() -> None:
+    """Print what the first compilation of a process costs, step by step, as JSON."""
+    marks: dict[str, float] = {}
+
+    def mark(name: str, start: float) -> float:
+        now = perf_counter()
+        marks[name] = now - start
+        return now
+
+    now = perf_counter()
+    import sympy
+
+    now = mark("import sympy", now)
+    import lagrange.system
+
+    now = mark("the rest of lagrange.System, numpy included", now)
+    from lagrange.machine.llvm import engine
+
+    now = mark("import llvmlite", now)
+    engine.start()
+    now = mark("start LLVM", now)
+    engine.linear_solver()
+    now = mark("compile the linear solver", now)
+    import lagrange.evidence.quick
+
+    now = mark("the rest of the check's imports", now)
+    cold = sum(compiled(2, relative=False))
+    warm = sum(fastest(2, relative=False, times=3))
+    marks["first compilation beyond a later one (n = 2)"] = cold - warm
+    del sympy, lagrange
+    print(json.dumps(marks))
+
+
+def main() -> None:
+    """Measure, print and write the page."""
+    page = Page(
+        "Statement to compiled model",
+        __file__,
+        "A chain of n pendulums in the plane, from Python expressions to a model whose right-hand side is machine code "
+        "and has passed the quick check against numerical differentiation of T and V. SymPy's caches are emptied "
+        "before each run, and its time for stating T and V is included. Other kernels, the Jacobian say, are compiled "
+        "when they are first used.",
+    )
+    fastest(2, relative=False, times=2)
+    for relative, title in ((False, "Angles from the vertical"), (True, "Relative angles")):
+        page.text(f"## {title}")
+        page.table(
+            ("n", *(f"{stage}, ms" for stage in STAGES), "all, ms", "bar, ms", "within"),
+            (_row(n, relative=relative) for n in BARS),
+        )
+    page.text("## Against SymPy's `LagrangesMethod` and `lambdify(cse=True)`, in the same process")
+    page.table(("n", "lagrange, ms", "SymPy, ms", "times faster", "bar", "within"), map(_peer_row, PEERS))
+    page.text("## Paid once per process")
+    page.table(("what", "ms"), [(name, milliseconds(seconds)) for name, seconds in first_costs().items()])
+    page.write()
+
+
+def _row(n: int, *, relative: bool) -> tuple[Any, ...]:
+    stages = fastest(n, relative=relative, times=5 if n <= 20 else 4)
+    bar = BARS[n] * (RELATIVE if relative else 1.0)
+    total = sum(stages)
+    return (n, *map(milliseconds, stages), milliseconds(total), milliseconds(bar), verdict(total, bar))
+
+
+def _peer_row(n: int) -> tuple[Any, ...]:
+    times = side_by_side(n)
+    if times is None:
+        return (n, "", f"more than {PATIENCE} s", "", PEERS[n], "yes")
+    ratio = times["sympy"] / times["lagrange"]
+    shown = (milliseconds(times["lagrange"]), milliseconds(times["sympy"]), f"{ratio:.1f}", f"{PEERS[n]:g}")
+    return (n, *shown, verdict(PEERS[n], ratio))
+
+
+if __name__ == "__main__":
+    match sys.argv[1:]:
+        case ["--peer", n]:
+            peer(int(n))
+        case ["--first"]:
+            first()
+        case _:
+            main()

@@ -1,0 +1,139 @@
+"""Time rivals side by side, describe the machine, and write the page of a benchmark beside its script."""
+
+from __future__ import annotations
+
+import gc
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from datetime import date
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+FOLDER = Path(__file__).resolve().parent
+PACKAGES = ("numpy", "scipy", "sympy", "llvmlite", "heyoka")
+
+
+def best(runs: Mapping[str, Callable[[], Any]], *, rounds: int = 15, least: float = 0.01) -> dict[str, float]:
+    """Return the seconds of one call of each, the least of many rounds.
+
+    The rivals take turns, each called for at least `least` seconds in every round, so that a busy moment of the machine
+    falls on all of them; the minimum is what the code costs when nothing else runs.
+    """
+    counts = {name: _repetitions(run, least) for name, run in runs.items()}
+    times = dict.fromkeys(runs, float("inf"))
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        for _ in range(rounds):
+            for name, run in runs.items():
+                times[name] = min(times[name], _timed(run, counts[name]) / counts[name])
+    finally:
+        if collecting:
+            gc.enable()
+    return times
+
+
+def _repetitions(run: Callable[[], Any], least: float) -> int:
+    run()
+    count = 1
+    while (seconds := _timed(run, count)) < least:
+        count = max(2 * count, int(1.2 * count * least / max(seconds, 1e-9)))
+    return count
+
+
+def _timed(run: Callable[[], Any], count: int) -> float:
+    start = perf_counter()
+    for _ in range(count):
+        run()
+    return perf_counter() - start
+
+
+def machine() -> list[str]:
+    """Return what was measured on: processor, operating system, versions."""
+    versions = ", ".join(f"{name} {_version(name)}" for name in ("lagrange", *PACKAGES))
+    return [
+        f"{date.today().isoformat()}, {processor()}, {platform.system()} {platform.machine()}",
+        f"Python {platform.python_version()}, {versions}, {compiler()}",
+    ]
+
+
+def processor() -> str:
+    """Return the processor's name and what of its vector units matters."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text("utf-8").splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    facts: dict[str, str] = {}
+    for line in lines:
+        name, _, value = line.partition(":")
+        facts.setdefault(name.strip(), value.strip())
+    flags = facts.get("flags", "").split()
+    vectors = next((name for name in ("avx512f", "avx2") if name in flags), "no AVX2")
+    family = f"family {facts.get('cpu family', '?')}, model {facts.get('model', '?')}"
+    return f"{facts.get('model name', 'a processor')} ({family}, {vectors}, {os.cpu_count()} cores)"
+
+
+def compiler() -> str:
+    """Return the C compiler's version."""
+    try:
+        shown = subprocess.run(["gcc", "--version"], capture_output=True, text=True, check=True).stdout
+    except (OSError, subprocess.CalledProcessError):
+        return "no gcc"
+    return shown.splitlines()[0]
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "missing"
+
+
+class Page:
+    """A page of tables and sentences; it is printed while it grows, and written at the end."""
+
+    def __init__(self, title: str, script: str, about: str) -> None:
+        self.script = Path(script)
+        self.parts = [f"# {title}", about, "\n".join(f"{line}  " for line in machine()).rstrip()]
+        for part in self.parts:
+            print(part, end="\n\n")
+
+    def text(self, words: str) -> None:
+        """Add a paragraph or a heading."""
+        self.parts.append(words)
+        print(words, end="\n\n", flush=True)
+
+    def table(self, head: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+        """Add a table, its columns as wide as they need to be."""
+        cells = [list(head), *([str(cell) for cell in row] for row in rows)]
+        widths = [max(len(row[k]) for row in cells) for k in range(len(head))]
+        lines = ["| " + " | ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)) + " |" for row in cells]
+        lines.insert(1, "|" + "|".join("-" * (w + 2) for w in widths) + "|")
+        self.text("\n".join(lines))
+
+    def write(self) -> None:
+        """Write the page beside its script."""
+        path = self.script.resolve().with_suffix(".md")
+        made = f"Made by `{self.script.name}`; run it again to measure your machine."
+        path.write_text("\n\n".join([*self.parts, made]) + "\n", encoding="utf-8")
+        print(f"wrote {path.name}", file=sys.stderr)
+
+
+def milliseconds(seconds: float) -> str:
+    """Return a duration in ms, three digits."""
+    return f"{1e3 * seconds:.3g}"
+
+
+def microseconds(seconds: float) -> str:
+    """Return a duration in us, three digits."""
+    return f"{1e6 * seconds:.3g}"
+
+
+def verdict(value: float, bar: float) -> str:
+    """Say whether a value is within its bar."""
+    return "yes" if value <= bar else "**no**"

@@ -1,0 +1,34 @@
+"""Build nodes again from other arguments: substitution, and the base of passes over a graph."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from lagrange.graph.node import Kind, Node, reachable
+
+
+def rebuild(node: Node, args: Sequence[Node]) -> Node:
+    """Return the node with other arguments, simplified as when it was first built."""
+    graph = node.graph
+    if all(new is old for new, old in zip(args, node.args, strict=True)):
+        return node
+    if node.kind is Kind.SUM:
+        return graph.sum(zip(node.data[1], args, strict=True), node.data[0])
+    if node.kind is Kind.PRODUCT:
+        return graph.product(args)
+    if node.kind is Kind.POWER:
+        return graph.power(args[0], node.data)
+    if node.kind is Kind.CALL and node.data == "piecewise":
+        return graph.piecewise(list(zip(args[:-1:2], args[1::2], strict=True)), args[-1])
+    if node.kind is Kind.CALL:
+        return graph.call(node.data, *args)
+    return graph.plain(node.kind, tuple(args), node.data)
+
+
+def substitute(outputs: Iterable[Node], replacements: Mapping[Node, Node]) -> list[Node]:
+    """Return the outputs with some nodes, usually symbols, replaced."""
+    outputs = list(outputs)
+    table = dict(replacements)
+    for node in reachable(outputs, held=replacements.keys()):
+        table[node] = rebuild(node, [table[arg] for arg in node.args])
+    return [table[node] for node in outputs]

@@ -1,0 +1,144 @@
+"""The loops over steps in machine code: equal steps, and steps that follow the error.
+
+They do what `lagrange.machine.numpy_driver` does, which is the place to read it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lagrange.machine.driver import DriverState, Outcome
+from lagrange.machine.llvm.emitter import Emitter, literal
+from lagrange.machine.llvm.step import accept, attempt, bump
+from lagrange.machine.llvm.vectors import Layout, finite
+from lagrange.program.step import StepProgram
+
+SPACING = 16 * 2.0**-52
+"""A step shorter than this part of the time is lost in the round-off of the time."""
+
+
+def fixed_loop(step: StepProgram, layout: Layout) -> str:
+    """Emit equal steps from the start; times are multiples of the step, and the last step ends at the end."""
+    e = Emitter()
+    start, end, h = (e.get("%reals", which) for which in (DriverState.START, DriverState.END, DriverState.STEP))
+    with e.loop(0, "%budget"):
+        t = e.get("%reals", DriverState.T)
+        _leave_if(e, e.real("fcmp oeq", t, end), Outcome.DONE)
+        count = e.get("%counts", DriverState.STEPS, "i64")
+        following = e.value(f"sitofp i64 {e.value(f'add nsw i64 {count}, 1')} to double")
+        grid = e.fma(following, h, start)
+        # A last step of a millionth of the step is round-off of the grid and joins the step before it.
+        left = e.real("fsub", end, e.fma(literal(1e-6), h, grid))
+        beyond = e.real("fcmp ole", e.real("fmul", left, h), literal(0.0))
+        length = e.choose(beyond, e.real("fsub", end, t), h)
+        _leave_if(e, attempt(e, step, t, length), Outcome.SINGULAR)
+        good = finite(e, layout, [layout.new + i for i in range(step.states)])
+        _leave_if(e, e.value(f"xor i1 {good}, true"), Outcome.NON_FINITE)
+        accept(e, e.choose(beyond, end, grid))
+    _come_back(e, end)
+    return e.function(_SIGNATURE)
+
+
+def adaptive_loop(step: StepProgram, layout: Layout) -> str:
+    """Emit steps whose size follows the error."""
+    e = Emitter()
+    end = e.get("%reals", DriverState.END)
+    _first_step(e, end)
+    with e.loop(0, "%budget"):
+        t, h = e.get("%reals", DriverState.T), e.get("%reals", DriverState.H)
+        _leave_if(e, e.real("fcmp oeq", t, end), Outcome.DONE)
+        least = e.real("fmul", e.larger(e.fabs(t), literal(1e-290)), literal(SPACING))
+        left = e.real("fsub", end, t)
+        # A step within one percent of the end goes to the end, so that no sliver is left over.
+        final = e.real("fcmp oge", e.real("fmul", e.fabs(h), literal(1.01)), e.fabs(left))
+        small = e.real("fcmp ult", e.fabs(h), least)
+        stuck = e.value(f"and i1 {small}, {e.value(f'xor i1 {final}, true')}")
+        rejected = e.value(f"icmp ne i64 {e.get('%counts', DriverState.AFTER_REJECT, 'i64')}, 0")
+        hopeless = e.value(f"or i1 {stuck}, {e.value(f'and i1 {small}, {rejected}')}")
+        _leave_if(e, hopeless, Outcome.STEP_TOO_SMALL)
+        length = e.choose(final, left, h)
+        after = e.choose(final, end, e.real("fadd", t, h))
+        _trial(e, step, layout, length, after, rejected)
+    _come_back(e, end)
+    return e.function(_SIGNATURE)
+
+
+_SIGNATURE = (
+    "define i32 @drive(ptr %rhs, ptr %p, ptr noalias %reals, ptr noalias %counts, ptr noalias %work, i64 %budget, "
+    "ptr noalias %times, ptr noalias %rows)"
+)
+
+
+def _leave_if(e: Emitter, condition: str, outcome: Outcome) -> None:
+    name = e.fresh("leave")
+    e.do(f"br i1 {condition}, label %{name}.out, label %{name}.on")
+    e.label(f"{name}.out")
+    e.do(f"ret i32 {int(outcome)}")
+    e.label(f"{name}.on")
+
+
+def _come_back(e: Emitter, end: str) -> None:
+    """Return when the budget is used up."""
+    reached = e.real("fcmp oeq", e.get("%reals", DriverState.T), end)
+    e.do(f"ret i32 {e.value(f'select i1 {reached}, i32 {int(Outcome.DONE)}, i32 {int(Outcome.PAUSED)}')}")
+
+
+def _first_step(e: Emitter, end: str) -> None:
+    """Choose the size of the first step if none is given."""
+    t = e.get("%reals", DriverState.T)
+    distance = e.real("fsub", end, t)
+    direction = e.choose(e.real("fcmp olt", distance, literal(0.0)), literal(-1.0), literal(1.0))
+    with e.when(e.real("fcmp oeq", e.get("%reals", DriverState.H), literal(0.0))):
+        arguments = f"ptr %rhs, ptr %p, double {t}, double {e.fabs(distance)}, double {direction}"
+        tolerances = ", ".join(f"double {e.get('%reals', which)}" for which in (DriverState.RTOL, DriverState.ATOL))
+        size = e.value(f"call double @first_step({arguments}, {tolerances}, ptr %work)")
+        e.put(e.real("fmul", size, direction), "%reals", DriverState.H)
+        bump(e, DriverState.EVALUATIONS, 2)
+
+
+def _trial(e: Emitter, step: StepProgram, layout: Layout, length: str, after: str, rejected: str) -> None:
+    """Take a trial step; reject it where something in it is not a number, else judge it by its error."""
+    singular = attempt(e, step, e.get("%reals", DriverState.T), length)
+    good = finite(e, layout, [layout.new, *(layout.errors + i for i in range(len(step.errors)))])
+    usable = e.value(f"and i1 {good}, {e.value(f'xor i1 {singular}, true')}")
+    name = e.fresh("trial")
+    e.do(f"br i1 {usable}, label %{name}.measure, label %{name}.broken")
+    e.label(f"{name}.broken")
+    cause = e.choose(singular, literal(float(Outcome.SINGULAR)), literal(float(Outcome.NON_FINITE)))
+    _reject(e, cause, e.real("fmul", length, literal(0.25)))
+    e.jump(f"{name}.end")
+    e.label(f"{name}.measure")
+    _judge(e, step, name, length, after, rejected)
+    e.label(f"{name}.end")
+
+
+def _judge(e: Emitter, step: StepProgram, name: str, length: str, after: str, rejected: str) -> None:
+    """Accept or reject a finite trial step by its error norm, and set the next step."""
+    control: Any = step.control
+    tolerances = ", ".join(f"double {e.get('%reals', which)}" for which in (DriverState.RTOL, DriverState.ATOL))
+    norm = e.value(f"call double @norm(ptr %work, {tolerances})")
+    shrink = e.power(e.larger(norm, literal(1e-10)), -(1 / control.exponent - 0.75 * control.memory))
+    factor = e.real("fmul", shrink, literal(control.safety))
+    accepted = e.real("fcmp ole", norm, literal(1.0))
+    e.do(f"br i1 {accepted}, label %{name}.accept, label %{name}.reject")
+    e.label(f"{name}.reject")
+    bounded = e.smaller(e.larger(factor, literal(control.least)), literal(0.95))
+    _reject(e, literal(float(Outcome.STEP_TOO_SMALL)), e.real("fmul", length, bounded))
+    e.jump(f"{name}.end")
+    e.label(f"{name}.accept")
+    if control.memory:
+        factor = e.real("fmul", factor, e.power(e.get("%reals", DriverState.PREVIOUS), control.memory))
+    e.put(e.larger(norm, literal(1e-4)), "%reals", DriverState.PREVIOUS)
+    most = e.choose(rejected, literal(1.0), literal(control.most))
+    factor = e.larger(e.smaller(factor, most), literal(control.least))
+    e.put(e.real("fmul", length, factor), "%reals", DriverState.H)
+    e.put("0", "%counts", DriverState.AFTER_REJECT, "i64")
+    accept(e, after)
+    e.jump(f"{name}.end")
+
+
+def _reject(e: Emitter, cause: str, h: str) -> None:
+    e.put(cause, "%reals", DriverState.CAUSE)
+    e.put(h, "%reals", DriverState.H)
+    e.put("1", "%counts", DriverState.AFTER_REJECT, "i64")
+    bump(e, DriverState.REJECTED, 1)

@@ -1,0 +1,274 @@
+"""The textbook derivation: what it prints, what it refuses, and where other solvers go wrong."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mpmath
+import pytest
+import sympy
+from sympy import Abs, Float, Integer, Max, Min, Rational, Symbol, cos, sign, sin, sqrt
+
+from lagrange.equations import derivation as module
+from lagrange.equations.derivation import derive
+from lagrange.errors import StatementError
+from lagrange.statement.coordinate import acceleration_of, coordinate, coordinates, parameters, t, velocity_of
+from lagrange.statement.declare import declare
+from lagrange.statement.energy import gravity, kinetic_energy
+from tests.textbook.systems import chain_of_masses, pendulum_chain, value
+
+m, g, l, k, m1, m2, l1, l2, c, A, C = parameters("m g l k m1 m2 l1 l2 c A C")
+theta, phi, psi, x, y = coordinates("theta phi psi x y")
+theta1, theta2 = coordinates("theta1 theta2")
+
+
+def left_sides(**stated: Any) -> list[Any]:
+    return [equation.lhs for equation in derive(declare(**stated)).equations]
+
+
+# --- what a book prints ------------------------------------------------------------------------------------------
+
+
+def test_pendulum_in_cartesian_positions_reads_as_in_the_book() -> None:
+    bob = (l * sin(theta), -l * cos(theta))
+    derivation = derive(declare(kinetic=kinetic_energy(m, bob), potential=gravity(m, bob, g)))
+    assert derivation.lagrangian == m * l**2 * theta.dot**2 / 2 + m * g * l * cos(theta)
+    assert derivation.equations[0].lhs == m * l**2 * theta.ddot + m * g * l * sin(theta)
+    assert derivation.equations[0].rhs == 0
+    assert derivation.momenta == {theta: m * l**2 * theta.dot}
+    assert derivation.mass_matrix == sympy.Matrix([[m * l**2]])
+    assert derivation.energy == m * l**2 * theta.dot**2 / 2 - m * g * l * cos(theta)
+    assert derivation.accelerations == {theta: -g * sin(theta) / l}
+
+
+def test_double_pendulum_in_cartesian_positions_has_the_angle_between_the_rods() -> None:
+    kinetic, potential = pendulum_chain([m1, m2], [l1, l2], [theta1, theta2])
+    g_ = Symbol("g", real=True, positive=True)
+    assert left_sides(kinetic=kinetic, potential=potential) == [
+        (m1 + m2) * l1**2 * theta1.ddot
+        + m2 * l1 * l2 * cos(theta1 - theta2) * theta2.ddot
+        + m2 * l1 * l2 * sin(theta1 - theta2) * theta2.dot**2
+        + (m1 + m2) * g_ * l1 * sin(theta1),
+        m2 * l2**2 * theta2.ddot
+        + m2 * l1 * l2 * cos(theta1 - theta2) * theta1.ddot
+        - m2 * l1 * l2 * sin(theta1 - theta2) * theta1.dot**2
+        + m2 * g_ * l2 * sin(theta2),
+    ]
+
+
+def test_sums_of_lengths_stay_together() -> None:
+    bob = ((l + x) * sin(theta), -(l + x) * cos(theta))
+    stated = {
+        "kinetic": kinetic_energy(m, bob),
+        "potential": gravity(m, bob, g) + k * x**2 / 2,
+        "coordinates": [x, theta],
+    }
+    assert left_sides(**stated) == [
+        m * x.ddot - m * (l + x) * theta.dot**2 - m * g * cos(theta) + k * x,
+        m * (l + x) ** 2 * theta.ddot + 2 * m * (l + x) * theta.dot * x.dot + m * g * (l + x) * sin(theta),
+    ]
+    (solved,) = [derive(declare(**stated)).accelerations[theta]]
+    assert str(solved) == "-(g*sin(theta(t)) + 2*Derivative(theta(t), t)*Derivative(x(t), t))/(l + x(t))"
+
+
+def test_spherical_pendulum_keeps_its_squares() -> None:
+    bob = (l * sin(theta) * cos(phi), l * sin(theta) * sin(phi), -l * cos(theta))
+    derivation = derive(declare(kinetic=kinetic_energy(m, bob), potential=gravity(m, bob, g), coordinates=[theta, phi]))
+    assert derivation.equations[0].lhs == m * l**2 * theta.ddot - m * l**2 * sin(theta) * cos(
+        theta
+    ) * phi.dot**2 + m * g * l * sin(theta)
+    assert derivation.mass_matrix == sympy.diag(m * l**2, m * l**2 * sin(theta) ** 2)
+    assert derivation.accelerations[phi] == -2 * cos(theta) * phi.dot * theta.dot / sin(theta)
+
+
+def test_forces_stand_on_the_right_and_dissipation_on_the_left() -> None:
+    derivation = derive(
+        declare(kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2, dissipation=c * x.dot**2 / 2, forces={x: sin(t)})
+    )
+    assert derivation.equations[0] == sympy.Eq(m * x.ddot + c * x.dot + k * x, sin(t))
+    assert derivation.accelerations[x] == -c * x.dot / m - k * x / m + sin(t) / m
+
+
+def test_every_coordinate_gets_its_force() -> None:
+    forces = {x: 3 * y, y: -x.dot}
+    derivation = derive(declare(kinetic=m * (x.dot**2 + y.dot**2) / 2, forces=forces))
+    assert [equation.rhs for equation in derivation.equations] == [3 * y, -x.dot]
+    assert derivation.accelerations == {x: 3 * y / m, y: -x.dot / m}
+
+
+def test_free_particle_stays_an_equation() -> None:
+    (equation,) = derive(declare(kinetic=m * x.dot**2 / 2)).equations
+    assert isinstance(equation, sympy.Eq)
+    assert (equation.lhs, equation.rhs) == (m * x.ddot, 0)
+
+
+def test_energy_of_a_forced_frame_is_the_jacobi_integral() -> None:
+    omega = parameters("omega")
+    bead = (l * sin(theta) * cos(omega * t), l * sin(theta) * sin(omega * t), -l * cos(theta))
+    derivation = derive(declare(kinetic=kinetic_energy(m, bead), potential=gravity(m, bead, g)))
+    assert derivation.energy == m * l**2 * theta.dot**2 / 2 - m * l**2 * omega**2 * sin(
+        theta
+    ) ** 2 / 2 - m * g * l * cos(theta)
+
+
+def test_velocity_dependent_potential() -> None:
+    assert left_sides(
+        lagrangian=m * (x.dot**2 + y.dot**2) / 2 + c * (x * y.dot - y * x.dot) / 2, coordinates=[x, y]
+    ) == [
+        m * x.ddot - c * y.dot,
+        m * y.ddot + c * x.dot,
+    ]
+
+
+def test_decimals_stay_decimals_and_halves_halves() -> None:
+    (left,) = left_sides(kinetic=0.5 * m * x.dot**2, potential=9.81 * m * x, dissipation=0.1 * x.dot**2)
+    assert left == m * x.ddot + Float(9.81) * m + x.dot * Rational(1, 5) or left == m * x.ddot + 9.81 * m + 0.2 * x.dot
+    (equation,) = derive(declare(kinetic=x.dot**2 / 2, potential=(0.1 + 0.2 - 0.3) * x**2 + 6.674e-11 * x)).equations
+    assert float(equation.lhs.coeff(acceleration_of(x))) == 1
+    assert "6.674e-11" in str(equation)
+
+
+# --- functions that are not smooth --------------------------------------------------------------------------------
+
+
+def test_magnitudes_give_signs_and_no_unevaluated_derivatives() -> None:
+    (left,) = left_sides(kinetic=m * x.dot**2 / 2, potential=k * Abs(x - l), dissipation=c * Abs(x.dot) ** 3 / 3)
+    assert left == m * x.ddot + c * Abs(x.dot) * x.dot + k * sign(x - l)
+
+
+def test_magnitude_of_what_sympy_cannot_prove_real() -> None:
+    (left,) = left_sides(kinetic=m * x.dot**2 / 2, potential=k * Abs(sympy.log(x)))
+    assert left == m * x.ddot + k * sign(sympy.log(x)) / x
+
+
+def test_second_derivatives_of_kinks_have_no_delta() -> None:
+    kinetic = (
+        m * (1 + Abs(x)) * x.dot**2 / 2 + m * sign(y) * x.dot * y.dot + m * (2 + Max(x, y, 0) + Min(x, 1)) * y.dot**2
+    )
+    statement = declare(kinetic=kinetic, coordinates=[x, y])
+    for equation in derive(statement).equations:
+        assert not equation.has(sympy.DiracDelta, sympy.Heaviside, sympy.re, sympy.im)
+        assert not equation.atoms(sympy.Subs)
+    values = {"q": (0.7, -0.4), "v": (1.0, 2.0)}
+    statement = declare(kinetic=kinetic, coordinates=[x, y], parameters={m: 2.0})
+    found = value(derive(statement).mass_matrix[1, 1], statement, values["q"], values["v"], 0.0)
+    assert found == pytest.approx(2 * 2.0 * (2 + 0.7 + 0.7))
+
+
+# --- names -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_parameter_named_like_an_acceleration_is_a_parameter() -> None:
+    trap = Symbol("x_ddot", real=True)
+    (left,) = left_sides(kinetic=x.dot**2 / 2, potential=trap * x)
+    assert left == x.ddot + trap
+
+
+def test_dynamicsymbols_are_accepted() -> None:
+    from sympy.physics.mechanics import dynamicsymbols
+
+    q = dynamicsymbols("q")
+    (left,) = left_sides(lagrangian=m * q.diff(t) ** 2 / 2 - k * q**2 / 2)
+    assert left == m * q.diff(t, 2) + k * q
+
+
+# --- solving -------------------------------------------------------------------------------------------------------
+
+
+def test_blocks_are_solved_apart() -> None:
+    derivation = derive(chain_of_masses(40).statement())
+    inner = list(derivation.accelerations.values())[20]
+    assert inner.count_ops() < 12
+
+
+def test_a_pivot_that_vanishes_does_no_harm() -> None:
+    derivation = derive(declare(lagrangian=x.dot * y.dot + theta.dot**2 / 2 - x * y, coordinates=[x, y, theta]))
+    assert derivation.accelerations == {x: -x, y: -y, theta: 0}
+
+
+@pytest.mark.parametrize("n", [4, 5])
+def test_long_chains_satisfy_their_equations_with_straight_arms(n: int) -> None:
+    angles = [coordinate(f"q{i}") for i in range(n)]
+    kinetic, potential = pendulum_chain([Integer(1)] * n, [Integer(1)] * n, angles)
+    statement = declare(kinetic=kinetic, potential=potential, parameters={Symbol("g", real=True, positive=True): 9.81})
+    derivation = derive(statement)
+    with mpmath.workdps(40):
+        for q in ([0.0] * n, [0.5 * float(sympy.pi)] * n, [0.1 * i for i in range(n)]):
+            v = [0.3 * i - 0.4 for i in range(n)]
+            a = [value(derivation.accelerations[angle], statement, q, v, 0.0) for angle in angles]
+            for equation in derivation.equations:
+                assert abs(value(equation.lhs, statement, q, v, 0.0, a)) < 1e-30
+
+
+# --- refusals ------------------------------------------------------------------------------------------------------
+
+
+def test_long_formulas_are_refused_and_point_elsewhere() -> None:
+    angles = [coordinate(f"q{i}") for i in range(9)]
+    masses = [Symbol(f"m{i}", positive=True) for i in range(9)]
+    kinetic, potential = pendulum_chain(masses, [l] * 9, angles)
+    derivation = derive(declare(kinetic=kinetic, potential=potential, name="chain"))
+    assert len(derivation.equations) == 9
+    with pytest.raises(StatementError) as refusal:
+        _ = derivation.accelerations
+    assert str(refusal.value) == (
+        "chain is too large for the solved accelerations to be written out in symbols (coordinates: q0, q1, q2, q3, "
+        "q4, q5, q6, q7, ...). compile() gives the same as numbers, of any size; equations() gives the equations "
+        "before they are solved."
+    )
+
+
+def test_a_spent_budget_refuses_in_words_and_leaves_the_other_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    kinetic, potential = pendulum_chain([m1, m2], [l1, l2], [theta1, theta1 + theta2])
+    monkeypatch.setattr(module, "BUDGET", 20)
+    derivation = derive(declare(kinetic=kinetic, potential=potential, name="arm", coordinates=[theta1, theta2]))
+    with pytest.raises(
+        StatementError, match=r"^arm is too large for the equations of motion to be written out in symbols "
+    ):
+        _ = derivation.equations
+    monkeypatch.undo()
+    assert len(derivation.equations) == 2
+
+
+@pytest.mark.parametrize(
+    ("kinetic", "names"),
+    [
+        (m * (x.dot + y.dot) ** 2 / 2, "x and y"),
+        (m * (x.dot * cos(theta) + y.dot * sin(theta)) ** 2 / 2 + m * theta.dot**2, "x and y"),
+        (m * sum((x.dot + j * y.dot + j**2 * theta.dot + phi.dot) ** 2 for j in range(3)), "x, y, theta and phi"),
+    ],
+)
+def test_singular_mass_matrix_is_refused_by_name(kinetic: Any, names: str) -> None:
+    statement = declare(kinetic=kinetic, coordinates=[q for q in (x, y, theta, phi) if kinetic.has(q.dot)])
+    with pytest.raises(StatementError) as refusal:
+        _ = derive(statement).accelerations
+    assert str(refusal.value) == (
+        f"the mass matrix of {names} is singular at every state, so the accelerations are not determined: give each "
+        "coordinate inertia of its own in the kinetic energy, or state fewer coordinates."
+    )
+
+
+def test_nesting_too_deep_for_sympy_is_refused_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    def too_deep(expression: Any) -> Any:
+        raise RecursionError
+
+    monkeypatch.setattr(module, "differentiable", too_deep)
+    with pytest.raises(StatementError, match="is too large for the equations of motion to be written out"):
+        left_sides(kinetic=x.dot**2 / 2)
+
+
+def test_wide_sums_of_products_stay_products() -> None:
+    width = sum(sin(i * x) for i in range(1, 47))
+    statement = declare(kinetic=x.dot**2 / 2, potential=width * sum(cos(i * x) for i in range(1, 47)) * sqrt(x))
+    derivation = derive(statement)
+    expected = -sympy.diff(statement.potential.xreplace({x: Symbol("z")}), Symbol("z")).xreplace({Symbol("z"): x})
+    with mpmath.workdps(40):
+        found = value(derivation.accelerations[x], statement, [0.3], [0.0], 0.0)
+        assert abs(found - value(expected, statement, [0.3], [0.0], 0.0)) < 1e-30 * abs(found)
+
+
+def test_parts_are_computed_once() -> None:
+    derivation = derive(declare(kinetic=m * velocity_of(x) ** 2 / 2))
+    assert derivation.equations is derivation.equations
+    assert derivation.accelerations is derivation.accelerations
+    assert not isinstance(derivation.momenta, dict)

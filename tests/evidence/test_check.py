@@ -1,0 +1,281 @@
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any, cast
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from lagrange.errors import StatementError
+from lagrange.evidence.check import QUANTITIES, check
+from lagrange.evidence.report import Report
+from lagrange.machine.model import Model
+from lagrange.statement.coordinate import acceleration_of, coordinate, parameters
+from lagrange.statement.declare import declare
+from lagrange.statement.statement import Statement
+from tests.evidence import statements
+from tests.evidence.stand_in import Break, StandIn
+
+x, y = coordinate("x"), coordinate("y")
+m, k, c = parameters("m k c")
+
+
+def checked(model: StandIn, points: int = 5, **more: Any) -> Report:
+    return check(cast("Model", model), points=points, **more)
+
+
+def failing(report: Report) -> list[str]:
+    return [row.quantity for row in report.rows if not row.holds]
+
+
+@pytest.mark.parametrize("make", statements.ALL, ids=lambda make: make.__name__)
+def test_what_is_right_holds(make: Callable[[], Statement]) -> None:
+    report = checked(StandIn(make()), seed=1)
+    assert report, str(report)
+    assert [row.quantity for row in report.rows] == [*QUANTITIES.values(), "batch against single"]
+    assert all(row.points == len(report.points) >= 5 and row.error < 1e-13 for row in report.rows)
+
+
+def at_first(change: Callable[[Any], Any]) -> Break:
+    """Change the first entry that is not zero."""
+
+    def fault(entries: list[Any]) -> list[Any]:
+        i = next(i for i, entry in enumerate(entries) if entry != 0)
+        return [*entries[:i], change(entries[i]), *entries[i + 1 :]]
+
+    return fault
+
+
+def swapped(entries: list[Any]) -> list[Any]:
+    i = next((i for i in range(len(entries) - 1) if entries[i] != entries[i + 1]), None)
+    if i is None:
+        return [2 * entries[0], *entries[1:]]
+    return [*entries[:i], entries[i + 1], entries[i], *entries[i + 2 :]]
+
+
+FAULTS: dict[str, Break] = {
+    "sign": at_first(lambda entry: -entry),
+    "scale": at_first(lambda entry: entry * sp.Float(1 + 1e-9, 20)),
+    "drop": at_first(lambda entry: sum(sp.Add.make_args(sp.expand(entry))[1:], sp.S.Zero)),
+    "swap": swapped,
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("quantity", QUANTITIES)
+def test_a_fault_in_any_quantity_is_caught(quantity: str, fault: str) -> None:
+    report = checked(StandIn(statements.driven_oscillator(), {quantity: FAULTS[fault]}), points=2)
+    assert not report
+    assert QUANTITIES[quantity] in failing(report)
+    assert any(text.startswith(QUANTITIES[quantity]) for text in report.failures)
+
+
+def test_the_failure_names_entry_place_and_values() -> None:
+    def wrong(entries: list[Any]) -> list[Any]:
+        return [entry + (0.5 if i == 1 else 0) for i, entry in enumerate(entries)]
+
+    report = checked(StandIn(statements.driven_oscillator(), {"momenta": wrong}), points=1)
+    row = report.rows[1]
+    assert not row.holds and row.entry == "y" and row.point == 1
+    assert row.compiled - row.reference == pytest.approx(0.5)
+    (failure,) = (text for text in report.failures if text.startswith("momenta"))
+    for word in ("entry y", "x = ", "y_dot = ", "t = ", "omega = ", "compiled", "expected"):
+        assert word in failure
+
+
+def test_jacobian_entries_are_named_by_their_variables() -> None:
+    def wrong(entries: list[Any]) -> list[Any]:
+        return [*entries[:8], entries[8] + 1, *entries[9:]]
+
+    row = checked(StandIn(statements.driven_oscillator(), {"jacobian": wrong}), points=1).rows[8]
+    assert row.entry == "d x_ddot / d x"
+
+
+def test_honest_rounding_is_no_fault() -> None:
+    noise = np.random.default_rng(0)
+
+    def rounded(name: str, value: Any) -> Any:
+        exact = name in ("rhs", "jacobian")
+        return value if exact else value * (1 + 2e-16 * noise.standard_normal(np.shape(value)))
+
+    assert checked(StandIn(statements.driven_oscillator(), late=rounded))
+
+
+@pytest.mark.parametrize("size", [1e-10, 1e-3])
+def test_a_small_wrong_entry_beside_a_large_one_is_caught(size: float) -> None:
+    """Relative to the largest entry of the mass matrix this error is 1e-20 or less."""
+    statement = declare(
+        kinetic=sp.Float(1e20) * x.dot**2 / 2 + sp.Float(1e-6) * (2 + sp.cos(x)) * y.dot**2,
+        potential=x * y,
+        coordinates=[x, y],
+        name="unequal",
+    )
+    report = checked(StandIn(statement, {"mass_matrix": lambda e: [*e[:3], e[3] * (1 + size)]}), points=1)
+    assert QUANTITIES["mass_matrix"] in failing(report)
+
+
+def test_a_term_hidden_by_the_defaults_is_not_hidden() -> None:
+    """Equal masses, a drag that is zero and a coupling of 1e-25 by default: all are looked at off their defaults."""
+    first, second, coupling = parameters("first second coupling")
+    statement = declare(
+        kinetic=first * x.dot**2 / 2 + second * y.dot**2 / 2,
+        potential=k * x**2 / 2 + coupling * x * y,
+        dissipation=c * x.dot**2 / 2,
+        parameters={first: 1.0, second: 1.0, c: 0.0, k: 1.0, coupling: 1e-25},
+        name="hidden",
+    )
+
+    def without(symbol: Any) -> Break:
+        return lambda entries: [entry.subs(symbol, 0) for entry in entries]
+
+    def exchanged(entries: list[Any]) -> list[Any]:
+        return [entry.subs({first: second, second: first}, simultaneous=True) for entry in entries]
+
+    for broken in (without(c), without(coupling), exchanged):
+        assert not checked(StandIn(statement, {"accelerations": broken})), broken
+    assert checked(StandIn(statement))
+
+
+def test_rarely_taken_branches_are_sought_out() -> None:
+    def soft(entries: list[Any]) -> list[Any]:
+        (entry,) = entries
+        plain = statements.contact().plain[statements.x]
+        return [sp.Piecewise((entry * (1 + sp.Float(1e-6)), plain > 10), (entry, True))]
+
+    assert not checked(StandIn(statements.contact(), {"forces": soft}))
+    right = checked(StandIn(statements.contact()))
+    assert right and not right.notes and len(right.points) > 5
+
+
+def test_a_branch_that_was_never_reached_is_said() -> None:
+    never = sp.Piecewise((x**3, x > 10**9), (x**2, True))
+    report = checked(StandIn(declare(kinetic=m * x.dot**2, potential=never, name="far")))
+    assert report
+    assert report.notes == ("Not covered: no point was found where x > 1000000000 holds.",)
+    assert report.notes[0] in str(report)
+
+
+def test_points_outside_the_domain_are_counted_and_replaced() -> None:
+    report = checked(StandIn(statements.half_line()))
+    assert report and len(report.points) == 5
+    assert sum(report.outside.values()) > 0
+    assert "logarithm of a negative number" in str(report)
+
+
+def test_a_value_made_up_outside_the_domain_is_unexplained() -> None:
+    report = checked(StandIn(statements.half_line(), late=lambda name, value: np.nan_to_num(value)))
+    assert not report
+    assert "L has no value (logarithm of a negative number), but the compiled one is" in report.unexplained[0]
+
+
+def test_a_missing_value_inside_the_domain_is_unexplained() -> None:
+    def lost(name: str, value: Any) -> Any:
+        return np.where(np.asarray(value) > 0, np.nan, value) if name == "forces" else value
+
+    report = checked(StandIn(statements.driven_oscillator(), late=lost))
+    assert not report
+    assert report.unexplained[0].startswith("forces dL/dq + Q - dD/dv, entry ")
+    assert "gives nan" in report.unexplained[0] and "omega = " in report.unexplained[0]
+
+
+def test_one_wrong_lane_of_a_batch_is_caught() -> None:
+    def crossed(name: str, value: Any) -> Any:
+        if np.ndim(value) < 2 or name != "momenta":
+            return value
+        value[..., 9] = value[..., 8]
+        return value
+
+    report = checked(StandIn(statements.driven_oscillator(), late=crossed), points=1)
+    assert failing(report) == ["batch against single"]
+
+
+@pytest.mark.parametrize("name", ["rhs", "jacobian"])
+def test_the_upper_halves_are_looked_at(name: str) -> None:
+    report = checked(StandIn(statements.kepler(), {name: lambda e: [e[0] + 1e-9, *e[1:]]}), points=1)
+    assert QUANTITIES[name] in failing(report)
+
+
+def test_the_textbook_gets_a_row() -> None:
+    statement = statements.kepler()
+    model = StandIn(statement)
+    back = {plain: stated for stated, plain in statement.plain.items()}
+    solved = [a.xreplace(back) for a in model.expressions["accelerations"]]
+    right = dict(zip(statement.coordinates, solved, strict=True))
+    report = checked(model, textbook=right)
+    assert report and report.rows[-1].quantity == "textbook accelerations"
+    wrong = {acceleration_of(q): a * (1 + 1e-9) for q, a in right.items()}
+    assert failing(checked(model, textbook=wrong)) == ["textbook accelerations"]
+
+
+def test_a_textbook_with_a_gap_is_refused() -> None:
+    with pytest.raises(StatementError, match="no acceleration of phi: give one for every coordinate"):
+        checked(StandIn(statements.kepler()), textbook={statements.r: 1})
+
+
+def test_a_textbook_that_divides_by_zero_is_unexplained() -> None:
+    report = checked(StandIn(statements.pendulum()), textbook={statements.theta: sp.log(-1 - statements.theta**2)})
+    assert "textbook accelerations have no value" in report.unexplained[0]
+
+
+def test_another_target_gets_a_row() -> None:
+    model = StandIn(statements.kepler())
+    same = StandIn(statements.kepler(), target="elsewhere")
+    assert checked(model, other=cast("Model", same)).rows[-1].quantity == "elsewhere target"
+    for quantity in QUANTITIES:
+        other = StandIn(statements.kepler(), {quantity: FAULTS["scale"]}, target="elsewhere")
+        report = checked(model, other=cast("Model", other), points=1)
+        assert "elsewhere target" in failing(report), quantity
+
+
+def test_the_same_seed_gives_the_same_report() -> None:
+    first, again, other = (
+        dataclasses.replace(checked(StandIn(statements.kepler()), seed=seed), seconds=0.0) for seed in (4, 4, 5)
+    )
+    assert first == again
+    assert first.points != other.points
+
+
+def test_many_columns_are_looked_at_in_turn() -> None:
+    many = [coordinate(f"x{i}") for i in range(6)]
+    springs = sum((a - b) ** 4 for a, b in zip(many, many[1:], strict=False))
+    statement = declare(kinetic=sum(q.dot**2 for q in many), potential=springs, coordinates=many, name="springs")
+
+    def wrong(entries: list[Any]) -> list[Any]:
+        return [*entries[:-1], entries[-1] + 1]
+
+    model = StandIn(statement, {"jacobian": wrong})
+    for points in (1, 2):
+        report = checked(model, points=points)
+        assert not report.rows[8].holds and report.rows[8].entry == "d x5_ddot / d x5_dot"
+
+
+@pytest.mark.parametrize("energy", [sp.log(-1 - x**2), sp.sqrt(-1 - x**2)])
+def test_a_system_without_a_domain_fails_with_a_reason(energy: Any) -> None:
+    report = checked(StandIn(declare(kinetic=m * x.dot**2 / 2, potential=energy, name="nowhere")))
+    assert not report and not report.rows
+    assert "no usable point was found: " in report.failures[0]
+    assert "negative" in report.failures[0] and "initial state" in report.failures[0]
+
+
+def test_a_singular_mass_matrix_everywhere_fails_with_a_reason() -> None:
+    statement = declare(kinetic=(x.dot + y.dot) ** 2 / 2, potential=x * y, coordinates=[x, y], name="singular")
+    regular = declare(kinetic=x.dot**2 + y.dot**2, potential=x * y, coordinates=[x, y], name="regular")
+    model = StandIn(regular)
+    model.statement = statement
+    report = checked(model)
+    assert not report
+    assert "the mass matrix is singular" in report.failures[0]
+
+
+@pytest.mark.parametrize("points", [0, -3])
+def test_fewer_than_one_point_is_refused(points: int) -> None:
+    with pytest.raises(StatementError, match=f"points is {points}"):
+        checked(StandIn(statements.pendulum()), points=points)
+
+
+def test_infinite_values_are_no_numbers() -> None:
+    report = checked(StandIn(statements.pendulum(), late=lambda name, v: v * math.inf if name == "energy" else v))
+    assert "energy" in report.unexplained[0]

@@ -1,0 +1,55 @@
+from __future__ import annotations
+
+from typing import Any
+
+import mpmath
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lagrange.evidence.differences import central, central_mixed, derivative, extrapolate, mixed_derivative
+
+MP = mpmath.MPContext()
+MP.dps = 90
+H = MP.mpf("1e-18")
+
+
+def test_a_derivative_is_good_to_50_digits_and_says_so() -> None:
+    found = derivative(lambda h: [MP.sin(1 + h), MP.exp(3 * h), 1 / (2 + h)], H)
+    for value, error, slope in zip(found.value, found.error, [MP.cos(1), 3, MP.mpf(-1) / 4], strict=True):
+        assert abs(value - slope) < 1e-50
+        assert abs(value - slope) <= error < 1e-30
+
+
+def test_mixed_derivatives() -> None:
+    found = mixed_derivative(lambda a, b: [MP.sin(1 + a) * MP.exp(b + a * b), a, a * b], H, 2 * H)
+    expected = [MP.cos(1) + MP.sin(1), 0, 1]
+    assert all(abs(value - e) < 1e-45 for value, e in zip(found.value, expected, strict=True))
+    assert all(error < 1e-30 for error in found.error)
+
+
+def test_a_second_derivative_is_a_mixed_one_with_itself() -> None:
+    assert abs(central_mixed(lambda a, b: [MP.cos(a + b)], H, H)[0] + 1) < 1e-30
+
+
+def test_a_kink_shows_in_the_error_estimate() -> None:
+    kinked = derivative(lambda h: [abs(h + H / 3)], H)
+    assert kinked.error[0] > 0.01
+
+
+@given(st.lists(st.integers(-9, 9), min_size=1, max_size=5))
+def test_extrapolation_is_exact_for_fourth_degree(coefficients: list[int]) -> None:
+    def polynomial(h: Any) -> list[Any]:
+        return [sum((a * h**i for i, a in enumerate(coefficients)), MP.mpf(0))]
+
+    slope = coefficients[1] if len(coefficients) > 1 else 0
+    assert abs(derivative(polynomial, MP.mpf("1e-3")).value[0] - slope) < 1e-60
+
+
+def test_plain_differences_are_of_second_order() -> None:
+    off = [abs(central(lambda h: [MP.exp(h)], MP.mpf(10) ** -n)[0] - 1) for n in (3, 4)]
+    assert 99 < off[0] / off[1] < 101
+
+
+def test_extrapolation_takes_whole_rules() -> None:
+    found = extrapolate(lambda s: [2 + 5 * (s * H) ** 2, 1 / (1 + (s * H) ** 2)])
+    assert abs(found.value[0] - 2) < 1e-80 and abs(found.value[1] - 1) < 1e-70

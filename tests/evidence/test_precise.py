@@ -1,0 +1,211 @@
+from __future__ import annotations
+
+from typing import Any
+
+import mpmath
+import pytest
+import sympy as sp
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lagrange.evidence.operations import BeyondDoubles, OutsideDomain
+from lagrange.evidence.precise import Precise
+from lagrange.statement.coordinate import coordinate, parameters, t
+from lagrange.statement.declare import declare
+from lagrange.statement.vocabulary import SYMPY_CLASSES, WORDS
+
+x, y = coordinate("x"), coordinate("y")
+k, c = parameters("k c")
+STATEMENT = declare(kinetic=x.dot**2 + y.dot**2, potential=k * x * c, coordinates=[x, y])
+HIGH = mpmath.MPContext()
+HIGH.dps = 60
+
+
+def value(expression: Any, q: Any = (0.3, 0.7), v: Any = (1.1, -0.4), time: Any = 2.0, digits: int = 50) -> Any:
+    return Precise([expression], STATEMENT, digits)(q, v, time, {k: 1.7, c: 0.6})[0]
+
+
+FUNCTIONS = {
+    sp.sin(x): HIGH.sin(0.3),
+    sp.cos(x): HIGH.cos(0.3),
+    sp.tan(x): HIGH.tan(0.3),
+    sp.cot(x): HIGH.cot(0.3),
+    sp.sec(x): HIGH.sec(0.3),
+    sp.csc(x): HIGH.csc(0.3),
+    sp.asin(x): HIGH.asin(0.3),
+    sp.acos(x): HIGH.acos(0.3),
+    sp.atan(x): HIGH.atan(0.3),
+    sp.atan2(x, -y): HIGH.atan2(0.3, -0.7),
+    sp.exp(x): HIGH.exp(0.3),
+    sp.log(x): HIGH.log(0.3),
+    sp.sqrt(x): HIGH.sqrt(0.3),
+    sp.sinh(x): HIGH.sinh(0.3),
+    sp.cosh(x): HIGH.cosh(0.3),
+    sp.tanh(x): HIGH.tanh(0.3),
+    sp.Abs(-x): HIGH.mpf(0.3),
+    sp.sign(-x): HIGH.mpf(-1),
+    sp.Min(x, y, k): HIGH.mpf(0.3),
+    sp.Max(x, y, k): HIGH.mpf(1.7),
+    sp.Piecewise((x, y < 0), (-x, True)): HIGH.mpf(-0.3),
+    x**y: HIGH.power(0.3, 0.7),
+    x ** sp.Rational(2, 3): HIGH.power(0.3, HIGH.mpf(2) / 3),
+    x**-3: HIGH.power(0.3, -3),
+    (-x) ** sp.Float(2.0): HIGH.mpf(0.3) ** 2,
+    x / 3: HIGH.mpf(0.3) / 3,
+    sp.pi * x: HIGH.pi * 0.3,
+    sp.E * x: HIGH.e * 0.3,
+    sp.GoldenRatio * x: HIGH.phi * 0.3,
+    sp.EulerGamma * x: HIGH.euler * 0.3,
+    sp.Catalan * x: HIGH.catalan * 0.3,
+    x.dot * y.dot: HIGH.mpf(1.1) * HIGH.mpf(-0.4),
+    t + k: HIGH.mpf(2) + HIGH.mpf(1.7),
+    x + sp.Float("0.1", 40): HIGH.mpf(0.3) + HIGH.mpf(1) / 10,
+}
+
+
+@pytest.mark.parametrize("expression", list(FUNCTIONS), ids=str)
+def test_every_function_has_50_digits(expression: Any) -> None:
+    digits = 40 if expression.has(sp.Float) else 50
+    assert abs(value(expression) - FUNCTIONS[expression]) <= abs(FUNCTIONS[expression]) * HIGH.mpf(10) ** (1 - digits)
+
+
+def test_the_list_above_is_the_whole_vocabulary() -> None:
+    tried = {type(node) for expression in FUNCTIONS for node in sp.preorder_traversal(expression)}
+    assert set(SYMPY_CLASSES) <= tried
+    assert [name for name, word in WORDS.items() if word.build not in tried] == ["sqrt"]
+    assert sp.sqrt(x) in FUNCTIONS
+
+
+def test_doubles_are_exact() -> None:
+    assert value(x) == HIGH.mpf(0.3)
+    assert value(x) != HIGH.mpf(3) / 10
+    assert value(k) == HIGH.mpf(1.7)
+
+
+@pytest.mark.parametrize(
+    "expression",
+    [
+        sp.sqrt(-x),
+        sp.log(-x),
+        sp.log(x - x.dot * 0 - sp.Float(0.3)),
+        1 / (x - sp.Float(0.3)),
+        sp.asin(1 + x),
+        sp.acos(-1 - x),
+        (-x) ** sp.Rational(1, 3),
+        (-x) ** y,
+        (x - sp.Float(0.3)) ** (-y),
+        sp.atan2(x - sp.Float(0.3), sp.Float(0.7) - y),
+        sp.exp(1 / (x - sp.Float(0.3))),
+        sp.atan(sp.log(x - sp.Float(0.3))),
+        sp.Min(sp.sqrt(-x), 1),
+        sp.Piecewise((1, x > 1)),
+        sp.Piecewise((1, sp.sqrt(-x) > 1), (2, True)),
+    ],
+    ids=str,
+)
+def test_what_has_no_value_is_said(expression: Any) -> None:
+    with pytest.raises(OutsideDomain):
+        value(expression)
+
+
+def test_a_branch_not_taken_need_not_have_a_value() -> None:
+    guarded = sp.Piecewise((sp.log(-x), x < 0), (1 / (x - sp.Float(0.3)), x > 1), (x, True))
+    assert value(guarded) == HIGH.mpf(0.3)
+    assert value(2 * guarded + sp.sin(guarded)) > 0
+
+
+def test_conditions_follow_logic() -> None:
+    outside = sp.sqrt(-x) > 1
+    for condition, expected in [
+        (sp.And(x > 0, y > 0), 1),
+        (sp.And(x > 1, outside), 0),
+        (sp.Or(x > 0, outside), 1),
+        (sp.Not(sp.And(x > 0, y < 0)), 1),
+        (sp.Eq(x, y), 0),
+        (sp.Ne(x, y), 1),
+        (x <= sp.Float(0.3), 1),
+        (x < sp.Float(0.3), 0),
+        (x >= sp.Float(0.3), 1),
+        (x > sp.Float(0.3), 0),
+    ]:
+        assert value(sp.Piecewise((1, condition), (0, True))) == expected, condition
+
+
+def test_numbers_beyond_any_range_do_not_take_for_ever() -> None:
+    for function in (sp.exp, sp.sinh, sp.cosh, lambda u: 2 ** sp.exp(u)):
+        with pytest.raises(BeyondDoubles):
+            value(function(sp.exp(sp.exp(sp.exp(3 * x + 2)))))
+
+
+def test_equal_subexpressions_are_computed_once() -> None:
+    expression = x
+    for _ in range(60):
+        expression = sp.sin(expression) * expression + expression
+    tape = Precise([expression], STATEMENT)
+    assert len(tape._code) <= 200
+    assert tape((0.3, 0.1), (0, 0), 0, {k: 1, c: 1})[0] > 0
+
+
+def test_neither_depth_nor_width_meets_a_recursion_limit() -> None:
+    deep = x
+    for _ in range(5000):
+        deep = sp.sin(deep, evaluate=False)
+    assert 0 < value(deep) < 0.03
+    wide = sp.Add(*(sp.Integer(i) * sp.cos(x + i) for i in range(2000)))
+    assert abs(value(wide) - sum(i * HIGH.cos(HIGH.mpf(0.3) + i) for i in range(2000))) < 1e-40
+
+
+def test_inspection_tells_which_way_it_went_and_how_large_it_got() -> None:
+    expression = sp.Piecewise((x, x > y), (y, True)) + sp.Abs(x - 1) + sp.Max(x, y) + sp.exp(500 * y)
+    tape = Precise([expression], STATEMENT)
+    seen = tape.inspect((0.3, 0.7), (0, 0), 0, {k: 1, c: 1})
+    ways = dict(zip(map(type, tape.switches), seen.outcomes, strict=True))
+    assert ways[type(x > y)] == 0 and ways[sp.Abs] == -1
+    assert sp.Max(x, y).args[ways[sp.Max]] == y
+    assert 500 < seen.largest < 520
+    other = tape.inspect((0.9, 0.7), (0, 0), 0, {k: 1, c: 1})
+    assert dict(zip(map(type, tape.switches), other.outcomes, strict=True))[type(x > y)] == 1
+
+
+def test_a_perturbed_copy_is_off_by_its_size_and_reproducible() -> None:
+    tape = Precise([sp.sin(x) * k + x**2], STATEMENT, 60)
+    point = ((0.3, 0.7), (0, 0), 0, {k: 1.7, c: 0.6})
+    exact = tape(*point)[0]
+    off = [abs(tape.perturbed(1e-20, seed)(*point)[0] / exact - 1) for seed in range(20)]
+    assert all(1e-23 < change < 1e-19 for change in off)
+    assert tape.perturbed(1e-20, 3)(*point) == tape.perturbed(1e-20, 3)(*point)
+    assert tape(*point)[0] == exact
+
+
+def test_perturbation_shows_cancellation() -> None:
+    near = Precise([1 - sp.cos(x)], STATEMENT, 60)
+    point = ((1e-6, 0.0), (0, 0), 0, {k: 1, c: 1})
+    change = abs(near.perturbed(1e-20, 1)(*point)[0] / near(*point)[0] - 1)
+    assert 1e11 < change / 1e-20 < 1e13
+
+
+def leaves() -> Any:
+    return st.sampled_from([x, y, k, x.dot, t, sp.Rational(2, 7), sp.Integer(-3), sp.pi])
+
+
+def grown(children: Any) -> Any:
+    pairs = st.tuples(children, children)
+    return st.one_of(
+        pairs.map(lambda p: p[0] + p[1]),
+        pairs.map(lambda p: p[0] * p[1]),
+        children.map(sp.sin),
+        children.map(sp.atan),
+        children.map(sp.tanh),
+        children.map(lambda u: u**2),
+        children.map(lambda u: 1 / (2 + sp.cos(u))),
+    )
+
+
+@given(st.recursive(leaves(), grown, max_leaves=12))
+def test_agrees_with_sympy(expression: Any) -> None:
+    values = {x: 0.3, y: 0.7, k: 1.7, x.dot: 1.1, t: 2.0}
+    exact = {leaf: sp.Rational(number) for leaf, number in values.items()}
+    # Derivatives first: replacing x would take it out of them.
+    plain = expression.xreplace({x.dot: exact[x.dot]}).xreplace({x: exact[x], y: exact[y]}).xreplace(exact)
+    expected = HIGH.mpf(str(sp.N(plain, 60)))
+    assert abs(value(expression, digits=60) - expected) <= 1e-45 * (1 + abs(expected))

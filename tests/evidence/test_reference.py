@@ -1,0 +1,135 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import mpmath
+import pytest
+import sympy as sp
+
+from lagrange.evidence import laws
+from lagrange.evidence.operations import OutsideDomain
+from lagrange.evidence.reference import Reference
+from lagrange.evidence.sample import KINDS, Point, Sampler
+from lagrange.statement.coordinate import coordinate, t
+from lagrange.statement.declare import declare
+from lagrange.statement.statement import Statement
+from tests.evidence import statements
+from tests.evidence.stand_in import StandIn
+
+x, y = coordinate("x"), coordinate("y")
+MP = mpmath.MPContext()
+MP.dps = 60
+
+
+def columns_of(statement: Statement) -> list[int]:
+    return list(range(2 * len(statement.coordinates)))
+
+
+@pytest.mark.parametrize("make", statements.ALL, ids=lambda make: make.__name__)
+def test_every_quantity_agrees_with_symbolic_differentiation(make: Callable[[], Statement]) -> None:
+    statement = make()
+    reference, symbolic = Reference(statement), StandIn(statement)
+    sampler = Sampler(statement, seed=3)
+    point = next(p for p in (sampler.point(KINDS[1], i) for i in range(99)) if inside(reference, p))
+    entries = reference.at(point, columns_of(statement))
+    n = len(statement.coordinates)
+    replace = {**dict(zip(symbolic.q, point.q, strict=True)), **dict(zip(symbolic.v, point.v, strict=True))}
+    replace |= {t: point.t, **point.parameters}
+    exact = {symbol: sp.Rational(number) for symbol, number in replace.items()}
+    for name, part in entries.items():
+        wanted = symbolic.expressions[name]
+        if name == "jacobian":
+            wanted = [wanted[(n + i) * 2 * n + j] for j in range(2 * n) for i in range(n)]
+        for expression, value, error, size in zip(wanted, part.value, part.error, part.size, strict=True):
+            expected = MP.mpf(str(sp.N(expression.xreplace(exact), 60)))
+            assert abs(value - expected) <= error + 1e-19 * size, (name, expression)
+            assert error <= 1e-19 * size
+            assert size <= 1e-10 or abs(value - expected) <= 1e-30 * size, (name, expression)
+
+
+def inside(reference: Reference, point: Point) -> bool:
+    try:
+        reference.inspect(point)
+    except OutsideDomain:
+        return False
+    return True
+
+
+@pytest.mark.parametrize("make", [statements.pendulum, statements.kepler, statements.driven_oscillator])
+def test_sizes_are_those_of_the_terms(make: Callable[[], Statement]) -> None:
+    """Between the value and a modest multiple of it at a point where nothing cancels badly."""
+    statement = make()
+    point = Sampler(statement, seed=1).point(KINDS[1])
+    for name, part in Reference(statement).at(point, columns_of(statement)).items():
+        largest = max(map(abs, part.value))
+        for value, size in zip(part.value, part.size, strict=True):
+            assert abs(value) <= size <= 60 * largest, name
+
+
+def test_cancellation_makes_the_size_larger_than_the_value() -> None:
+    statement = declare(kinetic=x.dot**2 / 2, potential=x - sp.sin(x), name="nearly flat")
+    point = Point((1e-5,), (0.3,), 0.0, {}, "")
+    force = Reference(statement).at(point, [])["forces"]
+    assert abs(force.value[0]) < 1e-10
+    assert 0.2 < force.size[0] < 3
+
+
+def test_a_bias_that_cancels_identically_has_the_size_of_its_parts() -> None:
+    """A total time derivative in L changes nothing, but costs digits; compiled code may leave some 1e-13."""
+    statement = declare(lagrangian=x.dot**2 / 2 + 1000 * sp.cos(x) * x.dot, name="gauge")
+    bias = Reference(statement).at(Point((0.5,), (0.8,), 0.0, {}, ""), [])["bias"]
+    assert abs(bias.value[0]) < 1e-30
+    assert 50 < bias.size[0] < 2000
+
+
+def test_a_kink_under_the_stencil_is_no_point_to_use() -> None:
+    statement = declare(kinetic=x.dot**2 / 2, potential=sp.Abs(x), name="kink")
+    with pytest.raises(OutsideDomain, match="no derivative"):
+        Reference(statement).at(Point((0.0,), (1.0,), 0.0, {}, ""), [0])
+
+
+def test_numbers_that_doubles_cannot_hold_are_outside() -> None:
+    statement = declare(kinetic=x.dot**2 / 2, potential=sp.exp(x**2), name="steep")
+    reference = Reference(statement)
+    with pytest.raises(OutsideDomain, match="range of double"):
+        reference.at(Point((30.0,), (1.0,), 0.0, {}, ""), [0])
+    assert reference.at(Point((3.0,), (1.0,), 0.0, {}, ""), [0])
+
+
+def test_a_singular_mass_matrix_is_outside() -> None:
+    statement = declare(kinetic=(x.dot + y.dot) ** 2 / 2, potential=x * y, coordinates=[x, y], name="singular")
+    with pytest.raises(laws.Singular):
+        Reference(statement).at(Point((0.4, 0.3), (1.0, 0.2), 0.0, {}, ""), [0])
+
+
+def test_solve_needs_pivoting_and_gets_it() -> None:
+    matrix = [[MP.mpf(0), MP.mpf(2), MP.mpf(1)], [MP.mpf(2), MP.mpf(0), MP.mpf(3)], [MP.mpf(1), MP.mpf(3), MP.mpf(1)]]
+    solutions = laws.solve(matrix, [[MP.mpf(v) for v in (1, 2, 3)], [MP.mpf(v) for v in (0, 1, 0)]], 1e-12)
+    for right, solution in zip(([1, 2, 3], [0, 1, 0]), solutions, strict=True):
+        for row, wanted in zip(matrix, right, strict=True):
+            assert abs(sum(a * b for a, b in zip(row, solution, strict=True)) - wanted) < 1e-50
+
+
+def test_factorization_sizes_bound_the_factors() -> None:
+    matrix = [[MP.mpf(v) for v in row] for row in ([4, -2, 0], [-2, 1.5, 1], [0, 1, 5])]
+    sizes = laws.factorization_sizes(matrix)
+    # L = [[1], [-1/2, 1], [0, 2, 1]], D = (4, 1/2, 3)
+    assert [[float(v) for v in row] for row in sizes] == [[4, 2, 0], [2, 2.5, 1], [0, 1, 7]]
+
+
+def test_sizes_without_a_factorization_fall_back_on_the_rows() -> None:
+    sizes = laws.factorization_sizes([[MP.mpf(0), MP.mpf(4)], [MP.mpf(4), MP.mpf(0)]])
+    assert [[float(v) for v in row] for row in sizes] == [[4, 4], [4, 4]]
+
+
+def steps(make: Callable[[], Statement], point: Point) -> Any:
+    return Reference(make())._steps(point)
+
+
+def test_steps_follow_the_scale_of_the_motion() -> None:
+    slow = steps(statements.earth_and_moon, Point((1.5e11, 1.0, 1.5e11, 1.0), (1e-3, 3e4, 1e-3, 3e4), 5.0, {}, ""))
+    assert float(slow.q[0]) == pytest.approx(1.5e-7)
+    assert float(slow.motion) == pytest.approx(1e-18 / 3e4)
+    timed = steps(statements.bead_on_hoop, Point((1.0,), (1e-9,), 3.0, {}, ""))
+    assert float(timed.motion) == pytest.approx(3e-18)

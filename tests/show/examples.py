@@ -1,0 +1,46 @@
+"""Systems with known motions, as solutions: the model is the real one on the numpy machine, the run is exact."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from lagrange.equations.euler_lagrange import euler_lagrange
+from lagrange.machine.model import Model
+from lagrange.machine.numpy import NumpyMachine
+from lagrange.show.solution import Solution
+from lagrange.statement.coordinate import coordinate, parameters
+from lagrange.statement.declare import declare
+from lagrange.trajectory.trajectory import Status, Trajectory
+
+x = coordinate("x")
+m, k = parameters("m k")
+
+
+def solved(statement: Any, t: Any, path: Any, status: Status = Status.SUCCESS, message: str = "done") -> Solution:
+    """Return the solution of a statement whose state at times (K,) is path(times), (2n, K)."""
+    model = Model(statement, euler_lagrange(statement), NumpyMachine())
+    trajectory = Trajectory(t, path(t), status, message, "exact", len(t) - 1, 3, 44, 0.0123, path)
+    return Solution(trajectory, model, model.parameter_values())
+
+
+def oscillator(times: Any = None, status: Status = Status.SUCCESS, message: str = "done", **more: Any) -> Solution:
+    """Return x = cos(2 t), m = 1, k = 4, over [0, 5] unless told otherwise."""
+    statement = declare(
+        kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2, parameters={m: 1, k: 4}, name="oscillator", **more
+    )
+    t = np.linspace(0.0, 5.0, 51) if times is None else np.asarray(times, dtype=float)
+    return solved(statement, t, lambda t: np.array([np.cos(2 * t), -2 * np.sin(2 * t)]), status, message)
+
+
+def free(count: int, **more: Any) -> Solution:
+    """Return `count` free particles on lines, x1 to xn, at speeds 1 to n."""
+    lines = [coordinate(f"x{i + 1}") for i in range(count)]
+    statement = declare(kinetic=sum(q.dot**2 for q in lines) / 2, coordinates=lines, name="free", **more)
+    speeds = np.arange(1.0, count + 1.0)
+    return solved(
+        statement,
+        np.linspace(0.0, 1.0, 5),
+        lambda t: np.concatenate([np.outer(speeds, t), np.repeat(speeds[:, None], len(t), axis=1)]),
+    )

@@ -1,0 +1,184 @@
+"""Pictures: the right panels with the right curves, for few and many coordinates, in the plane and in space."""
+
+from __future__ import annotations
+
+import io
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+from sympy import Float, cos, sin
+
+from lagrange.errors import StatementError
+from lagrange.show.solution import Solution
+from lagrange.statement.coordinate import coordinate, coordinates
+from lagrange.statement.declare import declare
+from lagrange.trajectory.trajectory import Status
+from tests.show.examples import free, m, oscillator, solved, x
+
+
+def drawn(solution: Solution) -> Any:
+    """Return the figure after it was really drawn; warnings are errors here."""
+    figure = solution.plot()
+    figure.savefig(io.BytesIO(), format="png", dpi=60)
+    return figure
+
+
+def titles(figure: Any) -> list[str]:
+    return [axis.get_title("left") for axis in figure.axes]
+
+
+def labels(figure: Any) -> list[str]:
+    return [axis.get_ylabel() or axis.get_title("right") for axis in figure.axes]
+
+
+def test_one_coordinate_and_its_energy() -> None:
+    figure = drawn(oscillator())
+    assert titles(figure) == ["coordinates over time t", "energy drift: (E - E0) relative to the initial energy"]
+    assert labels(figure)[0] == "$x$" and "oscillator   exact, 50 steps" in figure.get_suptitle()
+    (line,) = figure.axes[0].lines
+    times, values = line.get_data()
+    assert len(times) > 1000, "the path between the outputs is drawn"
+    np.testing.assert_allclose(values, np.cos(2 * times), atol=1e-12)
+    assert np.abs(figure.axes[1].lines[0].get_ydata()).max() < 1e-14
+
+
+def test_fourteen_coordinates_each_have_a_panel() -> None:
+    figure = drawn(free(14))
+    assert labels(figure)[:14] == [f"$x_{{{i}}}$" for i in range(1, 15)]
+    assert len(figure.axes) == 15
+    boxes = [axis.get_tightbbox() for axis in figure.axes]
+    overlaps = sum(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
+    assert overlaps == 0, "no panel writes over another"
+
+
+def test_a_hundred_coordinates_share_panels() -> None:
+    figure = drawn(free(100))
+    assert len(figure.axes) == 26 and labels(figure)[0] == "$x_{1}$ ... $x_{4}$"
+    assert sum(len(axis.lines) for axis in figure.axes[:-1]) == 100
+
+
+def test_a_long_name_stands_above() -> None:
+    q = coordinate("angle_of_the_first_link")
+    statement = declare(kinetic=q.dot**2 / 2, name="s")
+    figure = drawn(solved(statement, np.array([0.0, 1.0]), lambda t: np.array([t, np.ones_like(t)])))
+    assert figure.axes[0].get_title("right") == "angle_of_the_first_link"
+
+
+def test_an_energy_that_is_not_conserved_is_shown_itself() -> None:
+    solution = oscillator(forces={x: -x.dot / 10})
+    figure = drawn(solution)
+    assert titles(figure)[1] == "energy (the system does not conserve it)"
+    np.testing.assert_array_equal(figure.axes[1].lines[0].get_ydata(), solution.energy)
+
+
+def double_pendulum() -> Solution:
+    a, b = coordinates("a b")
+    first = (sin(a), -cos(a))
+    second = (sin(a) + sin(b), -cos(a) - cos(b))
+    statement = declare(
+        kinetic=a.dot**2 + b.dot**2,
+        positions={"first": first, "second": second},
+        links=[("origin", "first"), ("first", "second")],
+        name="double",
+    )
+    return solved(statement, np.linspace(0, 2, 9), lambda t: np.array([t, -t, np.ones_like(t), -np.ones_like(t)]))
+
+
+def test_the_path_in_the_plane_with_links_at_the_end() -> None:
+    figure = drawn(double_pendulum())
+    path = figure.axes[-1]
+    assert path.get_title("left") == "path in the plane; open circles: start"
+    assert (path.get_xlabel(), path.get_ylabel()) == ("x", "y")
+    data = [line.get_xydata() for line in path.lines]
+    np.testing.assert_allclose(data[0], [(0, 0), (np.sin(2), -np.cos(2))], atol=1e-12)
+    np.testing.assert_allclose(data[1], [(np.sin(2), -np.cos(2)), (0, -2 * np.cos(2))], atol=1e-12)
+    curve = data[2]
+    np.testing.assert_allclose(np.hypot(*curve.T), 1.0)
+    texts = [text.get_text() for legend in figure.subfigs[1].legends for text in legend.get_texts()]
+    assert texts == ["first", "second"]
+    assert path.get_aspect() == 1.0
+
+
+def in_space(*parts: Any) -> Solution:
+    a, b = coordinates("a b")
+    places = [part(a, b) if callable(part) else Float(part) for part in parts]
+    statement = declare(kinetic=a.dot**2 + b.dot**2, positions={"p": places}, links=[("origin", "p")], name="s")
+    return solved(statement, np.linspace(0, 2, 9), lambda t: np.array([t, t**2, np.ones_like(t), 2 * t]))
+
+
+def test_a_path_in_space_is_seen_from_a_side_with_the_axes_shown() -> None:
+    axis = drawn(in_space(lambda a, b: a, lambda a, b: b, lambda a, b: a * b)).axes[-1]
+    assert axis.get_title("left") == "path in space; open circles: start"
+    assert [text.get_text() for text in axis.texts if text.get_text()] == ["x", "y", "z"]
+    curve = axis.lines[1].get_xydata()
+    azimuth, elevation = np.radians(-60), np.radians(25)
+    end = np.array([2.0, 4.0, 8.0])
+    across = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    eye = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    np.testing.assert_allclose(curve[-1], [across @ end, np.cross(eye, across) @ end])
+
+
+@pytest.mark.parametrize(
+    ("parts", "expected"),
+    [
+        ((lambda a, b: a, lambda a, b: b, 0.0), ("x", "y")),
+        ((lambda a, b: a, 0.0, lambda a, b: b), ("x", "z")),
+        ((0.0, lambda a, b: a, lambda a, b: b), ("y", "z")),
+    ],
+)
+def test_a_plane_in_space_is_seen_from_above(parts: Any, expected: tuple[str, str]) -> None:
+    axis = drawn(in_space(*parts)).axes[-1]
+    assert (axis.get_xlabel(), axis.get_ylabel()) == expected
+    np.testing.assert_allclose(axis.lines[1].get_xydata()[-1], [2.0, 4.0])
+
+
+def test_a_thread_is_not_drawn_to_scale_but_a_straight_line_is() -> None:
+    assert drawn(in_space(lambda a, b: 100 * a, lambda a, b: b)).axes[-1].get_aspect() == "auto"
+    assert drawn(in_space(lambda a, b: 100 * a, 0.0)).axes[-1].get_aspect() == 1.0
+
+
+@pytest.mark.parametrize("times", [[0.0], [0.0, -3.0, -4.0], np.linspace(0, 5, 100_001)])
+def test_runs_of_any_length_and_direction(times: Any) -> None:
+    figure = drawn(oscillator(times))
+    drawn_times = figure.axes[0].lines[0].get_xdata()
+    assert drawn_times[0] == times[0] and drawn_times[-1] == times[-1] and len(drawn_times) <= 20_001
+
+
+def test_a_run_that_ended_early_says_so() -> None:
+    assert "ended early: singular" in drawn(oscillator(status=Status.SINGULAR)).get_suptitle()
+
+
+def test_a_state_that_is_not_finite_can_be_drawn() -> None:
+    statement = oscillator().model.statement
+    bad = solved(statement, np.array([0.0]), lambda t: np.full((2, len(t)), np.nan), Status.NON_FINITE)
+    assert titles(drawn(bad))[1] == "energy: it has no value at some state of the run"
+
+
+def test_no_output_at_all_is_refused() -> None:
+    with pytest.raises(StatementError, match="there is nothing to plot: the run ended before"):
+        oscillator([]).plot()
+
+
+def test_a_coordinate_at_rest_is_a_level_line() -> None:
+    statement = declare(kinetic=m * x.dot**2 / 2, parameters={m: 1}, name="rest")
+    axis = drawn(solved(statement, np.linspace(0, 1, 3), lambda t: np.array([1 + 1e-14 * t, 0 * t]))).axes[0]
+    low, high = axis.get_ylim()
+    assert low < 0.6 and high > 1.4
+
+
+def test_matplotlib_comes_with_the_first_picture_only() -> None:
+    code = "import lagrange.show.solution, sys; sys.exit('matplotlib' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+
+
+def test_no_global_state_of_matplotlib_is_touched() -> None:
+    code = (
+        "import matplotlib, sys\n"
+        "settings = lambda: [matplotlib.rcParams[key] for key in matplotlib.rcParams if key != 'backend']\n"
+        "from tests.show.examples import oscillator; before = settings(); oscillator().plot()\n"
+        "sys.exit('matplotlib.pyplot' in sys.modules or settings() != before)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)

@@ -1,0 +1,238 @@
+"""A solution: rows by name, states in between, energy, expressions, the status card, tables and files."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import FrozenInstanceError, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy
+from sympy import sqrt
+from sympy.physics.mechanics import dynamicsymbols
+
+from lagrange.errors import RunError, StatementError
+from lagrange.show.solution import Solution
+from lagrange.statement.coordinate import coordinate, t
+from lagrange.statement.declare import declare
+from lagrange.trajectory.trajectory import Status
+from tests.show.examples import k, m, oscillator, solved, x
+
+HARMONIC = oscillator()
+
+
+def test_rows_by_expression_and_by_name() -> None:
+    for key in (x, "x", dynamicsymbols("x")):
+        np.testing.assert_array_equal(HARMONIC[key], HARMONIC.y[0])
+    for key in (x.dot, "x_dot", sympy.Derivative(x, t)):
+        np.testing.assert_array_equal(HARMONIC[key], HARMONIC.y[1])
+    assert HARMONIC.names == ("x", "x_dot")
+
+
+@pytest.mark.parametrize(
+    ("key", "words"),
+    [
+        ("x_dott", "'x_dott' is no coordinate and no velocity of this system; they are x and x_dot. Did you mean"),
+        (coordinate("theta"), "'theta' is no coordinate"),
+        (coordinate("theta").dot, "'theta_dot' is no coordinate"),
+        (m, "'m' is no coordinate"),
+        (0, "'0' is no coordinate"),
+        (x.ddot, "For an expression use solution.evaluate"),
+        (x**2, "For an expression use solution.evaluate"),
+    ],
+)
+def test_another_row_is_refused(key: Any, words: str) -> None:
+    with pytest.raises(StatementError) as refusal:
+        HARMONIC[key]
+    assert words in str(refusal.value)
+
+
+def test_states_between_the_outputs() -> None:
+    np.testing.assert_allclose(HARMONIC.at(0.123), [np.cos(0.246), -2 * np.sin(0.246)])
+    times = [3, 0.2, 5.0]
+    assert HARMONIC.at(times).shape == (2, 3)
+    np.testing.assert_allclose(HARMONIC.at(times)[0], np.cos(2 * np.array(times)))
+    assert HARMONIC.at([]).shape == (2, 0)
+    np.testing.assert_array_equal(HARMONIC.at(5.0 + 1e-15), HARMONIC.at(5.0))
+
+
+@pytest.mark.parametrize(
+    ("when", "words"),
+    [
+        (5.1, "t = 5.1 is outside the run's output, from 0 to 5"),
+        ([1.0, -0.5], "t = -0.5 is outside the run's output"),
+        (np.nan, "is not a time"),
+        ("2", "is not a time"),
+        (1j, "is not a time"),
+        ([[1.0]], "is not a time"),
+    ],
+)
+def test_nothing_is_extrapolated(when: Any, words: str) -> None:
+    with pytest.raises(StatementError) as refusal:
+        HARMONIC.at(when)
+    assert words in str(refusal.value)
+
+
+def test_states_of_a_run_that_goes_backwards() -> None:
+    run = oscillator(np.linspace(0.0, -3.0, 31))
+    np.testing.assert_allclose(run.at(-1.0)[0], np.cos(2.0))
+    with pytest.raises(StatementError, match=r"from -3 to 0"):
+        run.at(0.1)
+    assert "0 to -3, 31 outputs" in repr(run)
+
+
+def test_energy_and_expressions() -> None:
+    np.testing.assert_allclose(HARMONIC.energy, 2.0)
+    cosine = np.cos(2 * HARMONIC.t)
+    np.testing.assert_allclose(HARMONIC.evaluate(k * x**2 / 2), 2 * cosine**2)
+    np.testing.assert_allclose(HARMONIC.evaluate(m * x.ddot + k * x), 0.0, atol=1e-14)
+    np.testing.assert_allclose(HARMONIC.evaluate(t * x.dot), HARMONIC.t * HARMONIC["x_dot"])
+    assert HARMONIC.evaluate(3).tolist() == [3.0] * 51
+    np.testing.assert_allclose(HARMONIC.evaluate(sqrt(m) + 0.5), [1.5] * 51)
+
+
+@pytest.mark.parametrize(
+    ("expression", "words"),
+    [
+        ("x**2", "'x**2' is a text: give a SymPy expression"),
+        (sympy.Matrix([x, x]), "is a matrix of shape (2, 1)"),
+        (sympy.Symbol("stiffness") * x, "stiffness"),
+        (1j, "complex"),
+    ],
+)
+def test_what_is_no_expression_of_the_system_is_refused(expression: Any, words: str) -> None:
+    with pytest.raises(StatementError) as refusal:
+        HARMONIC.evaluate(expression)
+    assert words in str(refusal.value)
+
+
+def test_the_card_is_plain_json() -> None:
+    card = HARMONIC.card()
+    assert json.loads(json.dumps(card, allow_nan=False)) == card
+    assert card["system"] == "oscillator" and card["status"] == "success" and card["complete"] is True
+    assert card["parameters"] == {"m": 1.0, "k": 4.0} and card["initial"] == {"x": 1.0, "x_dot": 0.0}
+    assert card["steps"] == 50 and card["rejected"] == 3 and card["evaluations"] == 44 and card["wall"] == 0.0123
+    assert card["t_start"] == 0.0 and card["t_end"] == 5.0 and card["outputs"] == 51
+    assert card["energy"]["conserved"] is True and card["energy"]["relative"] < 1e-14
+
+
+def test_repr_is_the_status_card() -> None:
+    assert repr(HARMONIC).splitlines()[0] == "oscillator: success"
+    for words in ("method        exact", "0 to 5, 51 outputs", "50 (3 rejected), 44 evaluations", "12.3 ms"):
+        assert words in repr(HARMONIC)
+    assert "energy drift" in repr(HARMONIC) and "of the initial energy" in repr(HARMONIC)
+    assert "message       done" in repr(HARMONIC), "which says what the method chose on its own"
+
+
+def test_html_is_escaped() -> None:
+    run = oscillator(status=Status.NON_FINITE, message="<script>alert(1)</script> & more")
+    text = run._repr_html_()
+    assert "<script>" not in text and "&lt;script&gt;" in text and "&amp; more" in text and text.startswith("<table>")
+
+
+def test_require_raises_on_all_but_success_and_event() -> None:
+    for status in Status:
+        run = oscillator(status=status, message=f"It was {status.value}.")
+        if status in (Status.SUCCESS, Status.EVENT):
+            assert run.require() is run
+        else:
+            with pytest.raises(RunError, match=f"It was {status.value}"):
+                run.require()
+            assert f"It was {status.value}." in repr(run)
+
+
+def test_drift_is_told_against_an_honest_scale() -> None:
+    wrong = replace(HARMONIC, trajectory=replace(HARMONIC.trajectory, y=HARMONIC.y * np.linspace(1, 1.001, 51)))
+    assert wrong.drift.relative == pytest.approx(0.002001, rel=1e-6) and "2.0e-03 of the initial energy" in repr(wrong)
+    # A potential shifted so that E0 = 0: relative to E0 the drift would be infinite.
+    shifted = declare(kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2 - 2, parameters={m: 1, k: 4}, name="shifted")
+    run = solved(shifted, HARMONIC.t, lambda s: 1.001 ** (s > 2) * np.array([np.cos(2 * s), -2 * np.sin(2 * s)]))
+    assert run.drift.first == 0.0 and run.drift.relative == pytest.approx(2.001e-3, rel=2e-2)
+    assert run.drift.against == "the largest |v.p|/2"
+
+
+def test_an_energy_that_nothing_conserves_is_not_called_drift() -> None:
+    run = oscillator(forces={x: -x.dot / 10})
+    assert "energy drift" not in repr(run) and "(the system does not conserve it)" in repr(run)
+    assert run.card()["energy"]["conserved"] is False
+
+
+def test_a_rest_has_no_drift() -> None:
+    statement = declare(kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2, parameters={m: 1, k: 4}, name="rest")
+    run = solved(statement, np.linspace(0, 1, 3), lambda s: np.zeros((2, len(s))))
+    assert run.drift.relative == 0.0 and "0.0e+00" in repr(run)
+
+
+def test_a_state_that_is_not_finite_still_has_a_card() -> None:
+    statement = HARMONIC.model.statement
+    run = solved(statement, np.array([0.0]), lambda s: np.full((2, len(s)), np.nan), Status.NON_FINITE, "x is nan.")
+    assert "x is nan." in repr(run) and "not known" in repr(run)
+    assert run.card()["initial"] == {"x": None, "x_dot": None} and run.card()["energy"] is None
+    json.dumps(run.card(), allow_nan=False)
+
+
+def test_a_run_without_output_still_has_a_card() -> None:
+    run = oscillator([])
+    assert "0 outputs" in repr(run) and run.card()["t_end"] is None and run.card()["initial"] == {}
+    with pytest.raises(StatementError, match="no output"):
+        run.at(0.0)
+
+
+def test_csv_round_trips(tmp_path: Path) -> None:
+    path = HARMONIC.to_csv(tmp_path / "run.csv")
+    lines = path.read_text().splitlines()
+    assert lines[0] == "t,x,x_dot" and len(lines) == 52
+    read = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]]).T
+    np.testing.assert_array_equal(read, np.vstack([HARMONIC.t, HARMONIC.y]))
+
+
+def test_npz_needs_no_pickle(tmp_path: Path) -> None:
+    path = HARMONIC.to_npz(tmp_path / "run.npz")
+    with np.load(path, allow_pickle=False) as stored:
+        np.testing.assert_array_equal(stored["t"], HARMONIC.t)
+        np.testing.assert_array_equal(stored["y"], HARMONIC.y)
+        np.testing.assert_array_equal(stored["energy"], HARMONIC.energy)
+        assert stored["names"].tolist() == ["x", "x_dot"]
+        assert json.loads(str(stored["card"])) == HARMONIC.card()
+
+
+def test_pandas_and_xarray() -> None:
+    pytest.importorskip("pandas")
+    pytest.importorskip("xarray")
+    frame = HARMONIC.to_pandas()
+    assert list(frame.columns) == ["x", "x_dot"] and frame.index.name == "t" and frame.attrs["method"] == "exact"
+    np.testing.assert_array_equal(frame["x_dot"].to_numpy(), HARMONIC["x_dot"])
+    data = HARMONIC.to_xarray()
+    assert data["x"].dims == ("t",) and data.attrs["status"] == "success"
+    np.testing.assert_array_equal(data["x"].to_numpy(), HARMONIC["x"])
+    frame.loc[0.0, "x"] = 99.0
+    data["x"][0] = 99.0
+    assert HARMONIC["x"][0] == 1.0, "what is handed out is a copy"
+
+
+@pytest.mark.parametrize(("method", "package"), [("to_pandas", "pandas"), ("to_xarray", "xarray")])
+def test_a_missing_package_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch, method: str, package: str) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(StatementError) as refusal:
+        getattr(HARMONIC, method)()
+    expected = f"{method}() needs {package}, which is not installed: pip install 'lagrange[data]'."
+    assert str(refusal.value) == expected
+
+
+@pytest.mark.parametrize("method", ["to_csv", "to_npz", "to_png"])
+def test_a_folder_that_is_not_there_is_named(tmp_path: Path, method: str) -> None:
+    with pytest.raises(StatementError, match="there is no folder"):
+        getattr(HARMONIC, method)(tmp_path / "missing" / "file")
+
+
+def test_png_is_written(tmp_path: Path) -> None:
+    assert HARMONIC.to_png(tmp_path / "run.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_solutions_are_frozen() -> None:
+    for field in fields(Solution):
+        with pytest.raises(FrozenInstanceError):
+            setattr(HARMONIC, field.name, None)

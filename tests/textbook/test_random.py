@@ -1,0 +1,81 @@
+"""Random polynomial-trigonometric Lagrangians against SymPy's LagrangesMethod."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from fractions import Fraction
+from typing import Any
+
+import mpmath
+import pytest
+import sympy
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sympy.physics.mechanics import LagrangesMethod
+
+from lagrange.equations.derivation import derive
+from lagrange.statement.coordinate import coordinate, t, velocity_of
+from lagrange.statement.declare import declare
+from lagrange.statement.statement import Statement
+from tests.textbook.systems import value
+
+Draw = Callable[[st.SearchStrategy[Any]], Any]
+SMALL = st.integers(-3, 3)
+
+
+def terms(draw: Draw, qs: list[Any], most: int) -> Any:
+    """Draw a sum of products of powers, sines and cosines of the coordinates and of time."""
+    total = sympy.Integer(draw(SMALL))
+    for _ in range(draw(st.integers(0, most))):
+        term = sympy.Rational(draw(SMALL), draw(st.integers(1, 3)))
+        for _ in range(draw(st.integers(1, 2))):
+            argument = draw(st.sampled_from([*qs, qs[0] - qs[-1] / 2, qs[0] + qs[-1], t]))
+            kind = draw(st.sampled_from(["power", "sin", "cos"]))
+            term *= argument ** draw(st.integers(1, 3)) if kind == "power" else getattr(sympy, kind)(argument)
+        total += term
+    return total
+
+
+@st.composite
+def statements(draw: Draw, n: int) -> Statement:
+    """Draw L = |W(q, t) v|^2 / 2 + |v|^2 / 2 + b(q, t) . v - V(q, t), whose mass matrix is positive definite."""
+    qs = [coordinate(f"q{i}") for i in range(n)]
+    vs = [velocity_of(q) for q in qs]
+    rows = [sum(terms(draw, qs, 1) * v for v in vs) for _ in range(draw(st.integers(1, 2)))]
+    quadratic = sum(row**2 for row in rows) / 2 + sum(v**2 for v in vs) / 2
+    return declare(lagrangian=quadratic + sum(terms(draw, qs, 1) * v for v in vs) - terms(draw, qs, 3), coordinates=qs)
+
+
+def compare(statement: Statement, numbers: list[Fraction]) -> None:
+    n = len(statement.coordinates)
+    point = [mpmath.mpf(x.numerator) / x.denominator for x in numbers]
+    q, v, time = point[:n], point[n : 2 * n], point[-1]
+    derivation = derive(statement)
+    method = LagrangesMethod(statement.lagrangian, list(statement.coordinates))
+    method.form_lagranges_equations()
+    mass = mpmath.matrix(n, n)
+    for i in range(n):
+        for j in range(n):
+            mass[i, j] = value(method.mass_matrix[i, j], statement, q, v, time)
+    expected = mpmath.lu_solve(mass, mpmath.matrix([value(method.forcing[i], statement, q, v, time) for i in range(n)]))
+    scale = 1 + max(abs(x) for x in expected)
+    for i, coordinate_ in enumerate(statement.coordinates):
+        assert (
+            abs(value(derivation.accelerations[coordinate_], statement, q, v, time) - expected[i])
+            < mpmath.mpf(10) ** -25 * scale
+        )
+
+
+def numbers(count: int) -> st.SearchStrategy[list[Fraction]]:
+    return st.lists(st.fractions(-2, 2, max_denominator=64), min_size=count, max_size=count)
+
+
+@pytest.mark.parametrize(("n", "examples"), [(1, 15), (2, 12), (3, 6)])
+def test_random_lagrangians_agree_with_lagranges_method(n: int, examples: int) -> None:
+    @settings(max_examples=examples)
+    @given(statements(n), numbers(2 * n + 1))
+    def agree(statement: Statement, point: list[Fraction]) -> None:
+        with mpmath.workdps(50):
+            compare(statement, point)
+
+    agree()
