@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from lagrange.equations.structure import Structure, find_structure, mass_blocks
+from lagrange.errors import StatementError
 from lagrange.graph.differentiate import gradient, tangents
 from lagrange.graph.from_sympy import Translator
 from lagrange.graph.node import Binding, Graph, Node
@@ -63,6 +64,7 @@ def euler_lagrange(statement: Statement) -> Equations:
     extra = applied_forces(applied, dissipation, v)
     forces = generalized_forces(lagrangian, q, extra)
     mass = mass_matrix(momenta, v)
+    check_inertia(statement.names, mass)
     bias = bias_forces(forces, momenta, q, v, time)
     accelerations = solve_accelerations(graph, mass, bias)
     structure = find_structure(graph, statement.names, q, time, lagrangian, momenta, extra, mass, accelerations)
@@ -109,6 +111,21 @@ def mass_matrix(momenta: Sequence[Node], v: Sequence[Node]) -> tuple[tuple[Node,
         for i in range(j, n):
             rows[i].append(column(momenta[i]))
     return tuple(tuple(rows[max(i, j)][min(i, j)] for j in range(n)) for i in range(n))
+
+
+def check_inertia(names: Sequence[str], mass: Sequence[Sequence[Node]]) -> None:
+    """Raise StatementError for a coordinate whose row of the mass matrix is zero."""
+    for name, row in zip(names, mass, strict=True):
+        if all(entry is entry.graph.zero for entry in row):
+            raise StatementError(no_inertia(name))
+
+
+def no_inertia(name: str) -> str:
+    """Return the sentence for a coordinate that the Lagrangian gives no inertia."""
+    return (
+        f"the Lagrangian has no term of second order in {name}.dot, so {name} has no inertia and its acceleration is not "
+        f"determined: the mass matrix d2L/dv2 is singular. Add the kinetic energy of {name}, or make {name} a parameter."
+    )
 
 
 def bias_forces(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lagrange.equations.euler_lagrange import Equations
+from lagrange.equations.euler_lagrange import Equations, no_inertia
 from lagrange.errors import StatementError
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.numpy import NumpyMachine
@@ -23,9 +23,6 @@ def check_mass_matrix(equations: Equations) -> None:
     The message names the combination of velocities that has no inertia.
     """
     names = equations.structure.names
-    for block in equations.structure.blocks:
-        if len(block) == 1 and equations.mass[block[0]][block[0]] is equations.graph.zero:
-            raise StatementError(_no_inertia(names[block[0]]))
     coupled = [block for block in equations.structure.blocks if len(block) > 1]
     if not coupled:
         return
@@ -60,20 +57,11 @@ def _common_null_vector(matrices: FloatArray) -> FloatArray | None:
     return found
 
 
-def _no_inertia(name: str) -> str:
-    return (
-        f"the Lagrangian has no term of second order in {name}.dot, so {name} has no inertia and its acceleration is "
-        "not "
-        f"determined: the mass matrix d2L/dv2 is singular. Add the kinetic energy of {name}, or make {name} a "
-        "parameter."
-    )
-
-
 def _no_inertia_along(names: list[str], null: FloatArray) -> str:
     null = null / null[np.argmax(np.abs(null))]
     terms = [f"{name}.dot = {x:.4g}" for name, x in zip(names, null, strict=True) if abs(x) > 1e-9]
     if len(terms) == 1:
-        return _no_inertia(terms[0].partition(".dot")[0])
+        return no_inertia(terms[0].partition(".dot")[0])
     return (
         f"the mass matrix d2L/dv2 is singular in every configuration: a motion with {', '.join(terms)} has no "
         "inertia, so "

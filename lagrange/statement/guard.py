@@ -105,7 +105,8 @@ def check_power(base: Any, exponent: Any) -> None:
         bits = max(abs(base.p).bit_length(), base.q.bit_length())
         if bits > 1 and bits * abs(exponent) > 2 * MOST_BITS:
             raise RefusalError(
-                f"{float(base):g}**{float(exponent):g} is too long for an exact number: write a decimal, such as 1.5e100"
+                f"{float(base):g}**{float(exponent):g} is too long for an exact number: write a decimal, such as "
+                "1.5e100"
             )
 
 
@@ -114,11 +115,13 @@ def check_arguments(build: Any, arguments: list[Any]) -> None:
     if build is sympy.exp and arguments[0].has(sympy.log):
         _check_exponent(arguments[0])  # exp(n*log(x)) becomes the power x**n
     if build in _COMPARING:
-        check_compared(arguments, f"the {'argument' if len(arguments) == 1 else 'arguments'} of {build.__name__.lower()}")
+        check_compared(
+            arguments, f"the {'argument' if len(arguments) == 1 else 'arguments'} of {build.__name__.lower()}"
+        )
     if build in _SPLITTING and _doubtful(arguments[0]) > MOST_DOUBTFUL:
         raise RefusalError(
-            f"the argument of {build.__name__.lower()} has more than {MOST_DOUBTFUL} parts that may be complex, such as "
-            "roots and logarithms: write it with fewer"
+            f"the argument of {build.__name__.lower()} has more than {MOST_DOUBTFUL} parts that may be complex, "
+            "such as roots and logarithms: write it with fewer"
         )
 
 
@@ -167,4 +170,3 @@ def _check_float(number: Any) -> None:
         raise RefusalError("a number here is too large for a floating-point number")
     if number != 0 and float(number) == 0.0:
         raise RefusalError("a number here is too small for a floating-point number")
-

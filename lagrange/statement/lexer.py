@@ -142,8 +142,8 @@ class _Checker:
             refuse(f"{token[:20]}{following} is a complex number: energies and forces are real.", offset)
         if following and _LETTER.match(following):
             refuse(
-                f"{token[:20]}{following} is no number: write decimals such as 12.5 or 1.5e-3, and a product with *, as "
-                "in 2*x.",
+                f"{token[:20]}{following} is no number: write decimals such as 12.5 or 1.5e-3, and a product with *, "
+                "as in 2*x.",
                 offset,
             )
         if len(token) > LONGEST_NUMBER:
@@ -177,7 +177,8 @@ class _Checker:
             if token in self.names:
                 refuse(f"{token!r} is no function: write a product with *, as in {token}*(...).", offset)
             refuse(
-                f"{token!r} is no function here; the functions are {listing(WORDS)}.{suggestion(token, FUNCTIONS)}", offset
+                f"{token!r} is no function here; the functions are {listing(WORDS)}.{suggestion(token, FUNCTIONS)}",
+                offset,
             )
         self.valued, self.called = False, True
 
@@ -270,8 +271,8 @@ def _refuse_character(text: str, offset: int) -> NoReturn:
     if ord(character) > 126 or ord(character) < 32:
         name = unicodedata.name(character, "control character")
         refuse(
-            f"the character U+{ord(character):04X} ({name}) cannot stand in an expression: write letters a to z, digits "
-            "and + - * / **, and spell Greek letters out, as in theta.",
+            f"the character U+{ord(character):04X} ({name}) cannot stand in an expression: write letters a to z, "
+            "digits and + - * / **, and spell Greek letters out, as in theta.",
             offset,
         )
     refuse(f"{character!r} cannot stand in an expression: {_REMEDIES.get(character, _ALLOWED)}.", offset)

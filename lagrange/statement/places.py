@@ -34,7 +34,7 @@ class _Frame:
     index: int = 0
 
     def here(self) -> Path:
-        """The path of the value that is being read."""
+        """Return the path of the value that is being read."""
         return (*self.path, self.index) if self.kind == "list" else (*self.path, *self.keys)
 
 

@@ -5,32 +5,258 @@ from __future__ import annotations
 import keyword
 import os
 import re
-import stat
-import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import sympy
 
 from lagrange.errors import SceneError, StatementError, listing, suggestion
-from lagrange.statement import places
 from lagrange.statement.coordinate import check_name, coordinate, velocity_of
 from lagrange.statement.declare import declare
+from lagrange.statement.document import Document, kind_of
 from lagrange.statement.lexer import FUNCTIONS
-from lagrange.statement.number import real_number
 from lagrange.statement.statement import RunSettings, Statement
-from lagrange.statement.text import read_expression, read_number
-
-LARGEST_FILE = 1_048_576
-"""Bytes in a scene file."""
 
 LIBRARY = Path(__file__).resolve().parents[1] / "scenes"
 
 KEYS = (
-    "name", "about", "source", "coordinates", "kinetic", "potential", "lagrangian", "forces", "dissipation",
-    "constraints", "parameters", "initial", "positions", "links", "run",
-)  # fmt: skip
+    *("name", "about", "source", "coordinates", "kinetic", "potential", "lagrangian", "forces", "dissipation"),
+    *("constraints", "parameters", "initial", "positions", "links", "run"),
+)
 RUN_KEYS = ("t_end", "method", "rtol", "atol", "step")
+CONSTANTS = {"t": "time", "pi": "a constant"}
+
+_TITLE = re.compile(r"[^\W_][\w .,'()+-]{0,63}")
+
+
+@dataclass(frozen=True)
+class LibraryScene:
+    """A scene of the library: what it shows, where it was published, and its file."""
+
+    name: str
+    about: str
+    source: str
+    path: Path
+
+
+def read_scene(path: str | os.PathLike[str]) -> Statement:
+    """Return the statement in a scene file.
+
+    A scene is data: reading it runs, imports and opens nothing. Raises SceneError with file, line and column.
+    """
+    return _Scene(Document(path)).statement()
+
+
+def load(name: str) -> Statement:
+    """Return a scene of the library by its name, such as "double-pendulum"."""
+    return read_scene(library_path(name))
+
+
+def library_path(name: str) -> Path:
+    """Return the file of a scene of the library."""
+    files = {path.stem: path for path in LIBRARY.glob("*.toml")}
+    if name not in files:
+        given = str(name)[:80]
+        raise StatementError(
+            f"the library has no scene {given!r}; it has {listing(sorted(files))}.{suggestion(given, files)}"
+        )
+    return files[name]
+
+
+def library() -> list[LibraryScene]:
+    """Return the scenes of the library, by name."""
+    scenes = [_Scene(Document(path)) for path in sorted(LIBRARY.glob("*.toml"))]
+    return [
+        LibraryScene(
+            scene.title(), scene.document.words("about"), scene.document.words("source"), Path(scene.document.file)
+        )
+        for scene in scenes
+    ]
+
+
+class _Scene:
+    """Reads the fields of one document; each method refuses at the place of what it reads."""
+
+    def __init__(self, document: Document) -> None:
+        self.document = document
+        self.data = document.data
+        document.check_keys(self.data, KEYS, "key of a scene")
+
+    def statement(self) -> Statement:
+        """Return the checked statement."""
+        document = self.document
+        coordinates = {name: coordinate(name) for name in self.coordinate_names()}
+        velocities = {f"{name}_dot": velocity_of(q) for name, q in coordinates.items()}
+        values = self.parameters(coordinates)
+        symbols = {name: sympy.Symbol(name, real=True) for name in values}
+        names = {**coordinates, **velocities, **symbols}
+        if self.data.get("constraints", []) != []:
+            document.refuse(
+                "constraints are not supported yet: choose coordinates that satisfy them, and leave constraints empty.",
+                "constraints",
+            )
+        forces = document.table("forces", coordinates, "coordinate of this scene")
+        initial = document.table("initial", [*coordinates, *velocities], "coordinate or velocity of this scene")
+        try:
+            return declare(
+                **self.energies(names, coordinates),
+                coordinates=list(coordinates.values()),
+                forces={coordinates[name]: document.expression(names, "forces", name) for name in forces},
+                dissipation=document.expression(names, "dissipation") if "dissipation" in self.data else 0,
+                parameters={symbols[name]: value for name, value in values.items()},
+                initial={name: document.number("initial", name) for name in initial},
+                positions=self.positions(names),
+                links=self.links(),
+                name=self.title(),
+                about=document.words("about"),
+                source=document.words("source"),
+                run=self.run(),
+            )
+        except SceneError:
+            raise
+        except StatementError as error:
+            raise SceneError(str(error), file=document.file) from None
+
+    def title(self) -> str:
+        """Return the name of the scene, by default that of its file."""
+        name = self.document.text("name") if "name" in self.data else Path(self.document.file).stem
+        if not _TITLE.fullmatch(name):
+            if "name" not in self.data:
+                return "scene"
+            self.document.refuse(
+                "a scene's name has 1 to 64 letters, digits, spaces and . , ' ( ) + -, and starts with a letter or "
+                "digit.",
+                "name",
+            )
+        return name
+
+    def coordinate_names(self) -> list[str]:
+        """Return the names of the coordinates."""
+        names = self.data.get("coordinates")
+        if not isinstance(names, list) or not names:
+            self.document.refuse(
+                'coordinates is missing or is no list of names: write coordinates = ["theta"].', "coordinates"
+            )
+        known: list[str] = []
+        for i, name in enumerate(names):
+            if not isinstance(name, str):
+                self.document.refuse(f"a coordinate is {kind_of(name)}: give its name as a text.", "coordinates", i)
+            self.check_free(name, "coordinate", known, "coordinates", i)
+            known.append(name)
+        return known
+
+    def parameters(self, coordinates: Mapping[str, Any]) -> dict[str, float]:
+        """Return the values of the parameters."""
+        values: dict[str, float] = {}
+        for name in self.document.table("parameters"):
+            self.check_free(name, "parameter", coordinates, "parameters", name)
+            values[name] = self.document.number("parameters", name)
+        return values
+
+    def check_free(self, name: str, what: str, coordinates: Any, *path: str | int) -> None:
+        """Refuse a name that is malformed or means something else already."""
+        key = path[0] == "parameters"
+        try:
+            check_name(name, what)
+        except StatementError as error:
+            self.document.refuse(str(error), *path, key=key)
+        taken = ""
+        if name in CONSTANTS:
+            taken = CONSTANTS[name]
+        elif name in FUNCTIONS:
+            taken = "a function"
+        elif keyword.iskeyword(name):
+            taken = "a reserved word"
+        elif name in coordinates:
+            taken = "a coordinate already"
+        elif name.removesuffix("_dot") in coordinates or f"{name}_dot" in coordinates:
+            taken = "taken: x_dot is the velocity of x"
+        if taken:
+            self.document.refuse(f"{name!r} cannot name a {what}, it is {taken}: choose another name.", *path, key=key)
+
+    def energies(self, names: Mapping[str, Any], coordinates: Mapping[str, Any]) -> dict[str, Any]:
+        """Return kinetic and potential energy, or the Lagrangian, in all of which each velocity has to stand."""
+        main = "lagrangian" if "lagrangian" in self.data else "kinetic"
+        if main == "lagrangian" and (other := next((key for key in ("kinetic", "potential") if key in self.data), "")):
+            self.document.refuse(
+                f"give either lagrangian, or kinetic and potential, not lagrangian and {other}.", other, key=True
+            )
+        if main not in self.data:
+            self.document.refuse(
+                'there is no energy: write kinetic = "..." and potential = "...", or lagrangian = "...".'
+            )
+        energies = {key: self.document.expression(names, key) for key in (main, "potential") if key in self.data}
+        present = energies[main].atoms(sympy.Derivative)
+        for name, q in coordinates.items():
+            if velocity_of(q) not in present:
+                self.document.refuse(
+                    f"{main} does not contain {name}_dot, so {name} has no inertia and its acceleration is undefined: add "
+                    f"its kinetic energy, or make {name} a parameter.",
+                    main,
+                )
+        return energies
+
+    def positions(self, names: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
+        """Return the named points, two or three expressions each."""
+        points: dict[str, tuple[Any, ...]] = {}
+        table = self.document.table("positions")
+        for name, entries in table.items():
+            try:
+                check_name(name, "point")
+            except StatementError as error:
+                self.document.refuse(str(error), "positions", name, key=True)
+            if name == "origin":
+                self.document.refuse(
+                    "'origin' is the point at zero already: choose another name.", "positions", name, key=True
+                )
+            if not isinstance(entries, list) or len(entries) not in (2, 3):
+                self.document.refuse(
+                    f"the position of {name} is a list of two or three expressions, such as ['x', 'y'].",
+                    "positions",
+                    name,
+                )
+            if points and len(entries) != len(next(iter(points.values()))):
+                self.document.refuse(
+                    "some positions have two entries and some three: give all of them as many.", "positions", name
+                )
+            points[name] = tuple(self.document.expression(names, "positions", name, i) for i in range(len(entries)))
+        return points
+
+    def links(self) -> list[tuple[str, str]]:
+        """Return the pairs of points between which to draw."""
+        known = ["origin", *self.document.table("positions")]
+        links = self.data.get("links", [])
+        if not isinstance(links, list):
+            self.document.refuse(
+                f'links is {kind_of(links)}: write a list of pairs of points, such as [["origin", "bob"]].', "links"
+            )
+        for i, link in enumerate(links):
+            if not isinstance(link, list) or len(link) != 2:
+                self.document.refuse('a link is a pair of points, such as ["origin", "bob"].', "links", i)
+            for j, end in enumerate(link):
+                if end not in known:
+                    shown = repr(end[:80]) if isinstance(end, str) else kind_of(end)
+                    hint = suggestion(end[:80], known) if isinstance(end, str) else ""
+                    self.document.refuse(
+                        f"links names {shown}, which is no position; they are {listing(known)}.{hint}", "links", i, j
+                    )
+        return [(link[0], link[1]) for link in links]
+
+    def run(self) -> RunSettings:
+        """Return how the scene asks to be run."""
+        table = self.document.table("run", RUN_KEYS, "setting of [run]")
+        numbers = {key: self.document.number("run", key) for key in table if key != "method"}
+        if numbers.get("t_end") == 0.0:
+            self.document.refuse(
+                "t_end is 0: give the time at which the run ends, other than the start.", "run", "t_end"
+            )
+        for key in ("rtol", "step"):
+            if numbers.get(key, 1.0) <= 0.0:
+                self.document.refuse(f"{key} is {numbers[key]:g}: give a number above zero.", "run", key)
+        if numbers.get("atol", 0.0) < 0.0:
+            self.document.refuse(f"atol is {numbers['atol']:g}: give zero or a number above.", "run", "atol")
+        if "method" in table and not re.fullmatch(r"[\w.:+-]{1,64}", self.document.text("run", "method")):
+            self.document.refuse("method is no name of a method: write one such as 'dop853'.", "run", "method")
+        return RunSettings(**{**table, **numbers})

@@ -23,7 +23,15 @@ import sympy
 from lagrange.errors import SceneError
 from lagrange.statement import lexer
 from lagrange.statement.coordinate import t
-from lagrange.statement.guard import MOST_BRANCHES, Guard, RefusalError, check_arguments, check_compared, check_power, replace
+from lagrange.statement.guard import (
+    MOST_BRANCHES,
+    Guard,
+    RefusalError,
+    check_arguments,
+    check_compared,
+    check_power,
+    replace,
+)
 from lagrange.statement.vocabulary import ALIASES, WORDS, Word
 
 MOST_CHAINED = 4
@@ -155,9 +163,13 @@ class _Reader:
         try:
             return ast.parse(self.source, mode="eval").body
         except SyntaxError as error:
-            raise SceneError(f"this is not an expression ({error.msg}).", column=max((error.offset or 2) - 1, 1)) from None
+            raise SceneError(
+                f"this is not an expression ({error.msg}).", column=max((error.offset or 2) - 1, 1)
+            ) from None
         except (RecursionError, MemoryError):
-            raise SceneError("the expression is too long: state it in parts, or group it with parentheses.", column=1) from None
+            raise SceneError(
+                "the expression is too long: state it in parts, or group it with parentheses.", column=1
+            ) from None
 
     def _plan(self, node: ast.expr) -> _Plan:
         plan = self.plans.get(type(node))
@@ -214,7 +226,9 @@ class _Reader:
 
     def _product(self, straight: Sequence[bool], parts: list[_Value]) -> _Value:
         factors = [part if times else _reciprocal(part) for part, times in zip(parts, straight, strict=True)]
-        return _Value(self.guard.join(sympy.Mul, [factor.expression for factor in factors]), _constant(math.prod, factors))
+        return _Value(
+            self.guard.join(sympy.Mul, [factor.expression for factor in factors]), _constant(math.prod, factors)
+        )
 
     def _call(self, node: ast.Call) -> _Plan:
         if not isinstance(node.func, ast.Name) or node.keywords:

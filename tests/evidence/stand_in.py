@@ -89,8 +89,9 @@ class StandIn:
         arguments = [*q, *v, np.broadcast_to(time, batch)[()], *(values[s] for s in self.statement.parameters)]
         with np.errstate(all="ignore"):
             entries: list[Any] = [f(*arguments) for f in self.functions[name]]
-        out = np.array([np.broadcast_to(entry, batch) for entry in entries], dtype=float)
-        shape = SHAPES.get(name, lambda n: (n,))(self.dimension)
+        rows: list[Any] = [np.broadcast_to(entry, batch) for entry in entries]
+        out = np.array(rows, dtype=float)
+        shape = SHAPES[name](self.dimension) if name in SHAPES else (self.dimension,)
         return self.late(name, out.reshape(shape + batch)[()])
 
     def accelerations(self, q: Any, v: Any, time: Any = 0.0, parameters: Any = None) -> Any:

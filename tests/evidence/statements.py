@@ -93,7 +93,7 @@ def earth_and_moon() -> Statement:
     qs = [coordinate(name) for name in ("xe", "ye", "xm", "ym")]
     distance = sp.sqrt((qs[0] - qs[2]) ** 2 + (qs[1] - qs[3]) ** 2)
     return declare(
-        kinetic=earth * (qs[0].dot**2 + qs[1].dot**2) / 2 + moon * (qs[2].dot**2 + qs[3].dot**2) / 2,
+        kinetic=earth * (qs[0].dot ** 2 + qs[1].dot ** 2) / 2 + moon * (qs[2].dot ** 2 + qs[3].dot ** 2) / 2,
         potential=-gravity * earth * moon / distance,
         parameters={gravity: 6.6743e-11, earth: 5.972e24, moon: 7.342e22},
         initial={qs[0]: 1.496e11, qs[2]: 1.496e11 + 3.844e8, "ye_dot": 29780.0, "ym_dot": 30802.0},

@@ -3,6 +3,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any, cast
 
 import numpy as np
@@ -240,7 +241,7 @@ def test_the_same_seed_gives_the_same_report() -> None:
 
 def test_many_columns_are_looked_at_in_turn() -> None:
     many = [coordinate(f"x{i}") for i in range(6)]
-    springs = sum((a - b) ** 4 for a, b in zip(many, many[1:], strict=False))
+    springs = sum((a - b) ** 4 for a, b in pairwise(many))
     statement = declare(kinetic=sum(q.dot**2 for q in many), potential=springs, coordinates=many, name="springs")
 
     def wrong(entries: list[Any]) -> list[Any]:

@@ -52,7 +52,7 @@ def test_the_message_names_quantity_place_and_error() -> None:
 
 @pytest.mark.parametrize("lost", [np.nan, np.inf])
 def test_a_lost_value_is_refused(lost: float) -> None:
-    with pytest.raises(RunError, match="theta_ddot is (nan|-?inf)"):
+    with pytest.raises(RunError, match=r"theta_ddot is (nan|-?inf)"):
         looked_at(StandIn(statements.pendulum(), late=lambda name, value: value * lost))
 
 

@@ -40,7 +40,7 @@ def test_every_quantity_agrees_with_symbolic_differentiation(make: Callable[[], 
     for name, part in entries.items():
         wanted = symbolic.expressions[name]
         if name == "jacobian":
-            wanted = [wanted[(n + i) * 2 * n + j] for j in range(2 * n) for i in range(n)]
+            wanted = [wanted[i * 2 * n + j] for j in range(2 * n) for i in range(2 * n)]
         for expression, value, error, size in zip(wanted, part.value, part.error, part.size, strict=True):
             expected = MP.mpf(str(sp.N(expression.xreplace(exact), 60)))
             assert abs(value - expected) <= error + 1e-19 * size, (name, expression)

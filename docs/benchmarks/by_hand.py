@@ -1,0 +1,56 @@
+"""Hand-written C for comparison, compiled by gcc and called through ctypes."""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from measure import FOLDER
+from numpy.typing import NDArray
+from systems import CHAIN_LENGTH, CHAIN_MASS, GRAVITY
+
+FLAGS = ("-O3", "-march=native")
+PARAMETERS = np.array([CHAIN_MASS, CHAIN_MASS, CHAIN_LENGTH, CHAIN_LENGTH, GRAVITY])
+"""m1, m2, l1, l2, g in the order of the C file."""
+
+
+class ByHand:
+    """The functions of double_pendulum.c."""
+
+    def __init__(self) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            target = Path(folder) / "double_pendulum.so"
+            source = FOLDER / "double_pendulum.c"
+            subprocess.run(["gcc", *FLAGS, "-shared", "-fPIC", "-o", target, source, "-lm"], check=True)
+            self.library = ctypes.CDLL(str(target))
+
+    @property
+    def address(self) -> int:
+        """Address of the accelerations."""
+        return ctypes.cast(self.library.by_hand, ctypes.c_void_p).value or 0
+
+    def loop(self, name: str, address: int, parameters: NDArray[Any], states: NDArray[Any]) -> Callable[[], float]:
+        """Return a call of a timing loop, once over all states (N, 4)."""
+        function = self.library[name]
+        function.restype = ctypes.c_double
+        function.argtypes = [ctypes.c_void_p] * 3 + [ctypes.c_int64] * 2
+        pointers = parameters.ctypes.data, states.ctypes.data
+
+        def call(keep: Any = (parameters, states)) -> float:
+            return float(function(address, *pointers, len(keep[1]), 1))
+
+        return call
+
+    def rk4(self, y0: NDArray[Any], h: float, steps: int) -> NDArray[Any]:
+        """Return the states (steps + 1, 4) of the classical Runge-Kutta method."""
+        rows = np.empty((steps + 1, 4))
+        rows[0] = y0
+        function = self.library.rk4
+        function.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_int64, ctypes.c_void_p]
+        function(PARAMETERS.ctypes.data, h, steps, rows.ctypes.data)
+        return rows

@@ -1,0 +1,205 @@
+"""A derivation on paper: plain text, LaTeX or Markdown."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from sympy import Symbol, preorder_traversal
+from sympy.printing.latex import LatexPrinter
+from sympy.printing.str import StrPrinter
+
+from lagrange.equations.derivation import Derivation
+from lagrange.errors import StatementError, listing, suggestion
+from lagrange.show.names import latex_text, letters, markdown_text, plain_text
+from lagrange.statement.coordinate import acceleration_of, name_of
+from lagrange.statement.statement import Statement
+
+FORMATS = ("text", "latex", "markdown")
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A letter such as T or p, with a coordinate for its index or without."""
+
+    letter: str
+    index: str = ""
+
+
+Row = tuple[Any, Any] | str
+"""A formula, as its two sides, or a sentence. A side is a SymPy expression or a Quantity."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading and what stands below it."""
+
+    heading: str
+    rows: tuple[Row, ...]
+
+
+def render(derivation: Derivation, format: str = "text", findings: Sequence[str] = ()) -> str:
+    """Return the derivation: what was stated, L, momenta, equations of motion, accelerations and energy.
+
+    `format` is "text", where formulas are spelled as in a scene file, "latex", a complete document, or "markdown", with
+    formulas between dollar signs. `findings` are sentences about the structure. A part that is too large to be written
+    out is replaced by the sentence that says so. Raises StatementError for any other format.
+    """
+    if format not in FORMATS:
+        raise StatementError(
+            f"{format!r} is no format of a derivation; they are {listing(FORMATS)}.{suggestion(format, FORMATS)}"
+        )
+    page = {"text": TextPage, "latex": LatexPage, "markdown": MarkdownPage}[format](derivation.statement)
+    return page.write([*_sections(derivation), *([Section("Structure", tuple(findings))] if findings else [])])
+
+
+def equations_latex(derivation: Derivation) -> str:
+    """Return the equations of motion as one LaTeX formula, as a notebook shows them."""
+    page = LatexPage(derivation.statement)
+    lines = [f"{page.side(law.lhs)} &= {page.side(law.rhs)}" for law in derivation.equations]
+    return "$\\displaystyle \\begin{aligned} " + " \\\\ ".join(lines) + " \\end{aligned}$"
+
+
+def _sections(derivation: Derivation) -> Iterator[Section]:
+    yield Section("Stated", tuple(_stated(derivation.statement)))
+    parts: tuple[tuple[str, Callable[[], list[Row]]], ...] = (
+        ("Lagrangian", lambda: [(Quantity("L"), derivation.lagrangian)]),
+        ("Momenta", lambda: [(Quantity("p", name_of(q)), p) for q, p in derivation.momenta.items()]),
+        ("Equations of motion", lambda: [(law.lhs, law.rhs) for law in derivation.equations]),
+        ("Accelerations", lambda: [(acceleration_of(q), a) for q, a in derivation.accelerations.items()]),
+        ("Energy", lambda: [(Quantity("E"), derivation.energy)]),
+    )
+    for heading, part in parts:
+        try:
+            yield Section(heading, tuple(part()))
+        except StatementError as refusal:
+            yield Section(heading, (f"Not written out: {refusal}",))
+
+
+def _stated(statement: Statement) -> Iterator[Row]:
+    if statement.about:
+        yield statement.about
+    if statement.source:
+        yield f"Source: {statement.source}"
+    if statement.potential == 0 and statement.kinetic == statement.lagrangian:
+        yield Quantity("L"), statement.lagrangian
+    else:
+        yield Quantity("T"), statement.kinetic
+        yield Quantity("V"), statement.potential
+    for name, force in zip(statement.names, statement.forces, strict=True):
+        if force != 0:
+            yield Quantity("Q", name), force
+    if statement.dissipation != 0:
+        yield Quantity("D"), statement.dissipation
+
+
+class Page(ABC):
+    """Writes sections in one language; formulas are spelled by a SymPy printer over plain symbols of our own."""
+
+    def __init__(self, statement: Statement) -> None:
+        self.statement = statement
+        self.plain = dict(statement.plain)
+        names = len(statement.names)
+        motions = list(self.plain.values())
+        self.rank = {symbol: place % 3 for place, symbol in enumerate(motions[: 3 * names])}
+        self.printer = self.make_printer()
+        order = self.printer._as_ordered_terms
+        self.printer._as_ordered_terms = lambda sum_, order_=None, **options: self.in_order(order(sum_, **options))
+
+    @abstractmethod
+    def make_printer(self) -> Any:
+        """Return the SymPy printer."""
+
+    @abstractmethod
+    def write(self, sections: Sequence[Section]) -> str:
+        """Return the page."""
+
+    @abstractmethod
+    def quantity(self, quantity: Quantity) -> str:
+        """Return the spelling of a letter with its index."""
+
+    def side(self, side: Any) -> str:
+        """Return one side of a formula."""
+        if isinstance(side, Quantity):
+            return self.quantity(side)
+        return str(self.printer.doprint(side.xreplace(self.plain)))
+
+    def formula(self, row: tuple[Any, Any]) -> str:
+        """Return a formula."""
+        return f"{self.side(row[0])} = {self.side(row[1])}"
+
+    def in_order(self, terms: list[Any]) -> list[Any]:
+        """Return the terms of a sum as a book has them: accelerations first, then velocities, then the rest."""
+        return sorted(terms, key=lambda term: -max(self.rank.get(part, 0) for part in preorder_traversal(term)))
+
+
+class TextPage(Page):
+    """Plain text, in the spelling of scene files: theta_dot for a velocity, theta_ddot for an acceleration."""
+
+    def make_printer(self) -> Any:
+        """Return SymPy's plain printer."""
+        return StrPrinter()
+
+    def quantity(self, quantity: Quantity) -> str:
+        """Return L, or p_theta."""
+        return f"{quantity.letter}_{quantity.index}" if quantity.index else quantity.letter
+
+    def write(self, sections: Sequence[Section]) -> str:
+        """Return headings with indented rows."""
+        lines = [plain_text(self.statement.name)]
+        for section in sections:
+            lines += ["", section.heading]
+            lines += [f"    {plain_text(row) if isinstance(row, str) else self.formula(row)}" for row in section.rows]
+        return "\n".join(lines) + "\n"
+
+
+class LatexPage(Page):
+    """A LaTeX document."""
+
+    def make_printer(self) -> Any:
+        """Return SymPy's LaTeX printer with a name of our own for every symbol."""
+        stated = self.statement
+        self.letters = letters([*stated.names, *(symbol.name for symbol in stated.parameters)])
+        spelled = {symbol: str(self.letters[symbol.name]) for symbol in stated.parameters}
+        motions = iter(self.plain.values())
+        for name, position, velocity, acceleration in zip(stated.names, motions, motions, motions, strict=True):
+            spelled[position] = str(self.letters[name])
+            spelled[velocity] = self.letters[name].dotted(1)
+            spelled[acceleration] = self.letters[name].dotted(2)
+        return LatexPrinter({"symbol_names": {**spelled, Symbol("t"): "t"}})
+
+    def quantity(self, quantity: Quantity) -> str:
+        """Return L, or p_{\\theta}."""
+        return f"{quantity.letter}_{{{self.letters[quantity.index]}}}" if quantity.index else quantity.letter
+
+    def write(self, sections: Sequence[Section]) -> str:
+        """Return a document that LaTeX sets as it stands."""
+        lines = [
+            "\\documentclass{article}",
+            "\\usepackage[T1]{fontenc}",
+            "\\usepackage{amsmath}",
+            "\\usepackage[margin=2cm]{geometry}",
+            f"\\title{{{latex_text(self.statement.name)}}}",
+            "\\date{}",
+            "\\begin{document}",
+            "\\maketitle",
+        ]
+        for section in sections:
+            lines += ["", f"\\section*{{{section.heading}}}"]
+            lines += [latex_text(row) + "\\par" if isinstance(row, str) else f"\\[ {self.formula(row)} \\]" for row in section.rows]
+        return "\n".join([*lines, "", "\\end{document}"]) + "\n"
+
+
+class MarkdownPage(LatexPage):
+    """Markdown with LaTeX formulas."""
+
+    def write(self, sections: Sequence[Section]) -> str:
+        """Return headings, sentences, and formulas between double dollar signs."""
+        lines = [f"# {markdown_text(self.statement.name)}"]
+        for section in sections:
+            lines += ["", f"## {section.heading}"]
+            for row in section.rows:
+                lines += ["", markdown_text(row) if isinstance(row, str) else f"$$\n{self.formula(row)}\n$$"]
+        return "\n".join(lines) + "\n"

@@ -1,0 +1,97 @@
+"""Names and sentences on paper: what a person called things, in LaTeX, Markdown and plain text.
+
+Nothing is printed as it came: LaTeX and Markdown are languages, and a name or a title must not speak them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+GREEK = frozenset(
+    "alpha beta gamma delta epsilon zeta eta theta iota kappa lambda mu nu xi rho sigma tau upsilon phi chi psi omega "
+    "Gamma Delta Theta Lambda Xi Pi Sigma Upsilon Phi Psi Omega".split()
+)
+"""Names that LaTeX has a letter for. Not pi, which is a number wherever it is printed."""
+
+_LATEX = {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    **{mark: "\\" + mark for mark in "{}$&#_%"},
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
+    '"': r"\textquotedbl{}",
+}
+_MARKDOWN = re.compile(r"([\\`*_{}\[\]<>()#+\-.!|$~&@:])")
+
+
+@dataclass(frozen=True)
+class Letter:
+    """A symbol in LaTeX: a letter or an upright word, and its indices, which may be empty."""
+
+    head: str
+    index: str = ""
+
+    def __str__(self) -> str:
+        return self.head + self._below()
+
+    def dotted(self, times: int) -> str:
+        """Return the first or second time derivative, the dots above the letter alone."""
+        return f"\\{'d' * times}ot{{{self.head}}}{self._below()}"
+
+    def _below(self) -> str:
+        return f"_{{{self.index}}}" if self.index else ""
+
+
+def letters(names: Iterable[str]) -> dict[str, Letter]:
+    """Return the LaTeX of each name: theta1 and m_bob get an index, and two names never look the same."""
+    found: dict[str, Letter] = {}
+    for name in names:
+        letter = _letter(name)
+        found[name] = letter if letter not in found.values() else Letter(_upright(name))
+    return found
+
+
+def latex_text(sentence: str) -> str:
+    """Return a sentence for LaTeX's text mode, every mark as itself."""
+    return "".join(_LATEX.get(mark, mark) for mark in plain_text(sentence))
+
+
+def markdown_text(sentence: str) -> str:
+    """Return a sentence for Markdown, every mark as itself."""
+    return _MARKDOWN.sub(r"\\\1", plain_text(sentence))
+
+
+def plain_text(sentence: str) -> str:
+    """Return a sentence on one line, without the control characters that a terminal would obey."""
+    return "".join(mark for mark in " ".join(sentence.split()) if mark.isprintable())
+
+
+def _letter(name: str) -> Letter:
+    head, *indices = [part for part in name.split("_") if part]
+    word, digits = _split_digits(head)
+    below = [digits, *(_index(part) for part in indices)]
+    return Letter(_word(word), ", ".join(part for part in below if part))
+
+
+def _index(part: str) -> str:
+    word, digits = _split_digits(part)
+    return (_word(word) if word else "") + digits
+
+
+def _split_digits(text: str) -> tuple[str, str]:
+    word = text.rstrip("0123456789")
+    return word, text[len(word) :]
+
+
+def _word(word: str) -> str:
+    if word in GREEK:
+        return f"\\{word}"
+    return word if len(word) == 1 else _upright(word)
+
+
+def _upright(word: str) -> str:
+    return "\\mathrm{" + word.replace("_", "\\_") + "}"

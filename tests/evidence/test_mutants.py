@@ -1,0 +1,302 @@
+"""The check catches every small fault in a derivative rule or an equation builder.
+
+Each mutant flips a sign, drops a term, swaps an index or scales a factor of one rule while a system is stated and
+compiled; `check` must then find something wrong. A control shows that the same systems pass without a mutant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+from unittest.mock import patch
+
+import pytest
+import sympy
+
+import lagrange as lg
+from lagrange.equations import euler_lagrange
+from lagrange.graph import differentiate
+from lagrange.graph.functions import FUNCTIONS
+from lagrange.graph.node import Kind, Node
+from lagrange.program import catalogue
+
+Rule = Callable[..., Any]
+
+x, y = lg.coordinates("x y")
+m, k = lg.parameters("m k")
+
+TERMS = {
+    "sin": sympy.sin(x + 2 * y),
+    "cos": sympy.cos(2 * x - y),
+    "tan": sympy.tan(x / 3 + y / 5),
+    "asin": sympy.asin(x / 7),
+    "acos": sympy.acos(y / 7),
+    "atan": sympy.atan(x * y),
+    "atan2": sympy.atan2(x + 3, y + 2),
+    "exp": sympy.exp(x / 2 - y),
+    "log": sympy.log(x**2 + y**2 + 1),
+    "sinh": sympy.sinh(x / 2 + y / 3),
+    "cosh": sympy.cosh(x / 2 - y / 3),
+    "tanh": sympy.tanh(x - y),
+    "abs": x * sympy.Abs(y - x / 2),
+    "min": sympy.Min(x**2, y + 1) * x,
+    "max": sympy.Max(x**2, y + 1) * y,
+    "pow": (x**2 + 2) ** (y / 3 + 2),
+}
+"""A potential for each function that has a derivative worth the name."""
+
+
+def plane(potential: Any) -> lg.System:
+    return lg.System(
+        kinetic=m * (x.dot**2 + y.dot**2 * (2 + sympy.sin(x))) / 2,
+        potential=k * potential,
+        coordinates=[x, y],
+        parameters={m: 1.3, k: 0.7},
+        initial={x: 0.4, y: 0.3, x.dot: 0.2, y.dot: -0.5},
+        name="plane",
+    )
+
+
+def rich() -> lg.System:
+    """Return a system in which every equation builder has something to do: coupling, time, forces, dissipation."""
+    t = lg.t
+    return lg.System(
+        lagrangian=m * (x.dot**2 + y.dot**2 + x.dot * y.dot * sympy.cos(x - 2 * y)) / 2
+        + k * (x * y.dot - y * x.dot) * sympy.cos(t)
+        - k * x**2 * y / 3
+        + sympy.sin(t) * x,
+        coordinates=[x, y],
+        forces={x: -0.3 * x.dot * y, y: sympy.cos(t) * x},
+        dissipation=0.2 * (x.dot + 2 * y.dot) ** 2 / 2,
+        parameters={m: 1.3, k: 0.7},
+        initial={x: 0.4, y: 0.3, x.dot: 0.2, y.dot: -0.5},
+        name="rich",
+    )
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A fault, how to put it in, and the system that shows it."""
+
+    name: str
+    inject: Callable[[], Any]
+    system: Callable[[], lg.System]
+
+
+def negated(rule: Rule) -> Rule:
+    return lambda *args: -rule(*args)
+
+
+def scaled(rule: Rule) -> Rule:
+    return lambda *args: 2 * rule(*args)
+
+
+def dropped(rule: Rule) -> Rule:
+    return lambda *args: args[0].graph.zero
+
+
+CHANGES = {"negated": negated, "scaled": scaled, "dropped": dropped}
+
+
+def function_mutants() -> Iterator[Mutant]:
+    for name, term in TERMS.items():
+        function = FUNCTIONS[name]
+        for index, rule in enumerate(function.partials):
+            for kind, change in CHANGES.items():
+                rules = (*function.partials[:index], change(rule), *function.partials[index + 1 :])
+                yield Mutant(f"{name} rule {index} {kind}", _function_patch(name, rules), _with_potential(term))
+        if len(function.partials) == 2:
+            yield Mutant(f"{name} rules swapped", _function_patch(name, function.partials[::-1]), _with_potential(term))
+
+
+def _function_patch(name: str, rules: tuple[Rule, ...]) -> Callable[[], Any]:
+    return lambda: patch.dict(FUNCTIONS, {name: replace(FUNCTIONS[name], partials=rules)})
+
+
+def _with_potential(term: Any) -> Callable[[], lg.System]:
+    return lambda: plane(term)
+
+
+def _first(change: Callable[[Node], Node], rule: Rule) -> Rule:
+    def mutated(node: Node) -> Any:
+        (i, partial), *rest = rule(node)
+        return [(i, change(partial)), *rest]
+
+    return mutated
+
+
+def _last_dropped(rule: Rule) -> Rule:
+    return lambda node: rule(node)[:-1] if len(node.args) > 2 else rule(node)
+
+
+def _rotated(rule: Rule) -> Rule:
+    """Give each argument the derivative that belongs to the next one."""
+
+    def mutated(node: Node) -> Any:
+        pairs = rule(node)
+        return [(i, other) for (i, _), (_, other) in zip(pairs, [*pairs[1:], pairs[0]], strict=True)]
+
+    return mutated
+
+
+def _power_without_factor(node: Node) -> Any:
+    return [(0, node.graph.power(node.args[0], node.data - 1))]
+
+
+def _power_same_exponent(node: Node) -> Any:
+    return [(0, node.graph.sum(((node.data, node),)))]
+
+
+def rule_mutants() -> Iterator[Mutant]:
+    changes: dict[str, Callable[[Rule], Rule]] = {
+        "first negated": lambda rule: _first(lambda p: -p, rule),
+        "first scaled": lambda rule: _first(lambda p: 2 * p, rule),
+        "last dropped": _last_dropped,
+        "indices rotated": _rotated,
+    }
+    for kind in (Kind.PRODUCT, Kind.POWER):
+        for name, change in changes.items():
+            if kind is Kind.POWER and name in ("last dropped", "indices rotated"):
+                continue
+            yield Mutant(f"{kind.value} {name}", _rule_patch(kind, change(differentiate.PARTIALS[kind])), rich)
+    yield Mutant("power without its factor", _rule_patch(Kind.POWER, _power_without_factor), rich)
+    yield Mutant("power with its exponent kept", _rule_patch(Kind.POWER, _power_same_exponent), rich)
+
+
+def _rule_patch(kind: Kind, rule: Rule) -> Callable[[], Any]:
+    return lambda: patch.dict(differentiate.PARTIALS, {kind: rule})
+
+
+def _with_first(values: Sequence[Node], change: Callable[[Node], Node]) -> list[Node]:
+    return [change(values[0]), *values[1:]]
+
+
+def _elementwise(build: Rule) -> dict[str, Rule]:
+    """Return the faults of a builder that gives one node per coordinate."""
+    return {
+        "first negated": lambda *a: _with_first(build(*a), lambda n: -n),
+        "last scaled": lambda *a: _with_first(build(*a)[::-1], lambda n: 3 * n)[::-1],
+        "first dropped": lambda *a: _with_first(build(*a), lambda n: n.graph.zero),
+        "swapped": lambda *a: build(*a)[::-1],
+    }
+
+
+def builder_mutants() -> Iterator[Mutant]:
+    module = euler_lagrange
+    for name in ("conjugate_momenta", "applied_forces", "generalized_forces", "bias_forces", "solve_accelerations"):
+        for fault, build in _elementwise(getattr(module, name)).items():
+            if (name, fault) == ("conjugate_momenta", "first dropped"):
+                continue  # leaves a coordinate without inertia, which is refused when it is stated
+            yield Mutant(f"{name} {fault}", _builder_patch(name, build), rich)
+    for fault, build in _particular().items():
+        yield Mutant(fault, _builder_patch(fault.split()[0], build), rich)
+    for fault, build in _jacobian_faults().items():
+        yield Mutant(f"jacobian {fault}", _quantity_patch("jacobian", build), rich)
+
+
+def _particular() -> dict[str, Rule]:
+    module = euler_lagrange
+    mass, bias = module.mass_matrix, module.bias_forces
+
+    def off_diagonal(change: Callable[[Node], Node]) -> Rule:
+        def build(momenta: Any, v: Any) -> Any:
+            rows = [list(row) for row in mass(momenta, v)]
+            rows[0][1] = rows[1][0] = change(rows[0][1])
+            return tuple(map(tuple, rows))
+
+        return build
+
+    def without(key: str) -> Rule:
+        def build(forces: Any, momenta: Any, q: Any, v: Any, time: Node) -> Any:
+            zero = [time.graph.zero] * len(v)
+            if key == "convection":
+                along = differentiate.tangents(momenta, {time: time.graph.one})
+            elif key == "explicit time":
+                along = differentiate.tangents(momenta, dict(zip(q, v, strict=True)))
+            else:
+                along = differentiate.tangents(momenta, {**dict(zip(q, v[::-1], strict=True)), time: time.graph.one})
+            return [f - along(p) for f, p, _ in zip(forces, momenta, zero, strict=True)]
+
+        return build
+
+    return {
+        "mass_matrix off-diagonal negated": off_diagonal(lambda n: -n),
+        "mass_matrix off-diagonal dropped": off_diagonal(lambda n: n.graph.zero),
+        "mass_matrix off-diagonal scaled": off_diagonal(lambda n: n / 2),
+        "mass_matrix scaled": lambda *a: tuple(tuple(2 * n for n in row) for row in mass(*a)),
+        "bias_forces without dp/dq v": without("convection"),
+        "bias_forces without dp/dt": without("explicit time"),
+        "bias_forces with velocities swapped": without("swap"),
+        "bias_forces added": lambda f, p, q, v, t: [2 * a - b for a, b in zip(f, bias(f, p, q, v, t), strict=True)],
+        "applied_forces without dissipation": lambda forces, drag, v: list(forces),
+        "applied_forces with dissipation added": lambda forces, drag, v: [
+            a + b for a, b in zip(forces, differentiate.gradient(drag, v), strict=True)
+        ],
+        "generalized_forces without applied": lambda lagrangian, q, applied: differentiate.gradient(lagrangian, q),
+        "generalized_forces without dL/dq": lambda lagrangian, q, applied: list(applied),
+        "jacobi_integral with L added": lambda lagrangian, p, v: v[0] * p[0] + v[1] * p[1] + lagrangian,
+        "jacobi_integral without L": lambda lagrangian, p, v: v[0] * p[0] + v[1] * p[1],
+        "jacobi_integral with indices swapped": lambda lagrangian, p, v: v[0] * p[1] + v[1] * p[0] - lagrangian,
+        "jacobi_integral halved": lambda lagrangian, p, v: (v[0] * p[0] + v[1] * p[1]) / 2 - lagrangian,
+    }
+
+
+def _jacobian_faults() -> dict[str, Rule]:
+    right = catalogue.QUANTITIES["jacobian"]
+
+    def changed(change: Callable[[list[Node]], list[Node]]) -> Rule:
+        def build(equations: Any) -> Any:
+            nodes, shape = right(equations)
+            return change(list(nodes)), shape
+
+        return build
+
+    return {
+        "lower half negated": changed(lambda n: [*n[:8], *(-e for e in n[8:])]),
+        "transposed": changed(lambda n: [n[4 * j + i] for i in range(4) for j in range(4)]),
+        "one entry dropped": changed(lambda n: [*n[:8], n[0], *n[9:]]),
+        "one entry scaled": changed(lambda n: [*n[:15], 2 * n[15]]),
+        "identity swapped": changed(lambda n: [*n[4:8], *n[:4], *n[8:]]),
+    }
+
+
+def _builder_patch(name: str, build: Rule) -> Callable[[], Any]:
+    return lambda: patch.object(euler_lagrange, name, build)
+
+
+def _quantity_patch(name: str, build: Rule) -> Callable[[], Any]:
+    return lambda: patch.dict(catalogue.QUANTITIES, {name: build})
+
+
+MUTANTS = [*function_mutants(), *rule_mutants(), *builder_mutants()]
+
+
+@contextmanager
+def injected(mutant: Mutant) -> Iterator[None]:
+    with mutant.inject():
+        yield
+
+
+def test_there_are_enough_mutants() -> None:
+    assert len(MUTANTS) >= 60
+    assert len({mutant.name for mutant in MUTANTS}) == len(MUTANTS)
+
+
+@pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant.name.replace(" ", "-"))
+def test_mutant_is_caught(mutant: Mutant) -> None:
+    with injected(mutant):
+        report = mutant.system().check()
+    assert not report, f"{mutant.name} survived:\n{report}"
+
+
+@pytest.mark.parametrize("term", TERMS.values(), ids=TERMS.keys())
+def test_the_same_system_passes_without_a_mutant(term: Any) -> None:
+    report = plane(term).check()
+    assert report, str(report)
+
+
+def test_the_rich_system_passes_without_a_mutant() -> None:
+    report = rich().check()
+    assert report, str(report)
