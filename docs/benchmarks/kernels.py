@@ -16,17 +16,15 @@ from typing import Any
 import heyoka as hy
 import numpy as np
 from by_hand import FLAGS, PARAMETERS, ByHand
-from measure import Page, best, microseconds, verdict
+from equations import from_lagrangian, from_sympy, textbook
+from measure import Page, best, microseconds, shown, verdict
 from numpy.typing import NDArray
-from sympy import Symbol
 from systems import double_pendulum
 
 import lagrange as lg
-from lagrange.statement.coordinate import velocity_of
 
 STATEMENTS = {"textbook L": False, "Cartesian sums": True}
 SCALAR_BAR, BATCH = 1.1, 4096
-NAMES = ("m1", "m2", "l1", "l2", "g")
 
 
 def random_states(count: int) -> NDArray[Any]:
@@ -40,6 +38,13 @@ def states_of_a_run(count: int) -> NDArray[Any]:
     start = {"theta1": 2.0, "theta2": 2.5}
     t_eval = np.arange(count) * 0.01
     return np.ascontiguousarray(double_pendulum().run(t_eval[-1], start, t_eval=t_eval, rtol=1e-9).y.T)
+
+
+def aligned(shape: tuple[int, int]) -> NDArray[Any]:
+    """Return an array that begins at a cache line, so that no rival has the luck of the allocator."""
+    memory = np.empty(shape[0] * shape[1] + 8)
+    skip = -memory.ctypes.data // 8 % 8
+    return memory[skip : skip + shape[0] * shape[1]].reshape(shape)
 
 
 def scalar(page: Page, models: Mapping[str, lg.Model]) -> None:
@@ -58,7 +63,7 @@ def scalar(page: Page, models: Mapping[str, lg.Model]) -> None:
     ):
         runs = {name: hand.loop(loop, address, p, states) for name, (address, p) in calls.items()}
         _agree({name: np.array(run()) for name, run in runs.items()}, 1e-9)
-        times = {name: seconds / len(states) for name, seconds in best(runs, rounds=40, least=0.004).items()}
+        times = {name: seconds / len(states) for name, seconds in best(runs).items()}
         for name, seconds in times.items():
             ratio = seconds / times["C by hand"]
             within = "" if name == "C by hand" else verdict(ratio, SCALAR_BAR)
@@ -66,52 +71,32 @@ def scalar(page: Page, models: Mapping[str, lg.Model]) -> None:
     page.table(("loop", "kernel", "ns per evaluation", "of C's time", "at most 1.1"), rows)
 
 
-def textbook(symbols: list[Any], p: list[Any]) -> list[Any]:
-    """Return the textbook accelerations as heyoka expressions, the same as in the C file."""
-    a, b, v1, v2 = symbols
-    m1, m2, l1, l2, g = p
-    s, c, s1, s2 = hy.sin(a - b), hy.cos(a - b), hy.sin(a), hy.sin(b)
-    d = m1 + m2 * s * s
-    return [
-        -(m2 * s * (l1 * v1 * v1 * c + l2 * v2 * v2) + g * ((m1 + m2) * s1 - m2 * s2 * c)) / (l1 * d),
-        (s * ((m1 + m2) * l1 * v1 * v1 + m2 * l2 * v2 * v2 * c) + (m1 + m2) * g * (s1 * c - s2)) / (l2 * d),
-    ]
-
-
-def derived(system: lg.System, symbols: list[Any], p: list[Any]) -> list[Any]:
-    """Return SymPy's accelerations of the system as heyoka expressions."""
-    plain = [Symbol(str(symbol)) for symbol in symbols]
-    velocities = [velocity_of(q) for q in system.coordinates]
-    to_plain = dict(zip((*velocities, *system.coordinates), (*plain[2:], *plain[:2]), strict=True))
-    values = {Symbol(name): hy.expression(value) for name, value in zip(NAMES, p, strict=True)}
-    values.update(zip(plain, symbols, strict=True))
-    found = []
-    for expression in system.accelerations().values():
-        flat = expression.subs(to_plain)
-        flat = flat.subs({symbol: Symbol(symbol.name) for symbol in flat.free_symbols})
-        found.append(hy.from_sympy(flat, s_dict=values))
-    return found
-
-
 def heyoka_calls(system: lg.System, y: NDArray[Any]) -> dict[str, Callable[[], NDArray[Any]]]:
     """Return calls of heyoka's compiled functions: both equations, parameters as numbers or per column."""
     symbols = hy.make_vars("a", "b", "u", "v")
     batch = y.shape[1]
     columns = np.repeat(PARAMETERS[:, None], batch, axis=1)
-    out = np.empty((2, batch))
+    out = aligned((2, batch))
+    numbers = [hy.expression(value) for value in PARAMETERS]
     calls: dict[str, Callable[[], NDArray[Any]]] = {}
-    for what, equations in (("textbook", textbook), ("SymPy's", lambda x, p: derived(system, x, p))):
-        fixed = hy.cfunc(equations(symbols, list(PARAMETERS)), vars=symbols)
+    ways: dict[str, Callable[[list[Any], list[Any]], list[Any]]] = {
+        "textbook equations": textbook,
+        "equations by SymPy": lambda x, p: from_sympy(system, x, p),
+        "equations by hy.lagrangian": from_lagrangian,
+    }
+    for what, equations in ways.items():
+        fixed = hy.cfunc(equations(symbols, numbers), vars=symbols)
         free = hy.cfunc(equations(symbols, [hy.par[i] for i in range(5)]), vars=symbols)
-        calls[f"heyoka, {what} equations, parameters fixed at compile time"] = lambda f=fixed: f(y, outputs=out)
-        calls[f"heyoka, {what} equations, parameters given"] = lambda f=free: f(y, pars=columns, outputs=out)
+        calls[f"heyoka, {what}, parameters fixed when compiled"] = lambda f=fixed: f(y, outputs=out)
+        calls[f"heyoka, {what}, parameters given"] = lambda f=free: f(y, pars=columns, outputs=out)
     return calls
 
 
 def batches(page: Page, models: Mapping[str, lg.Model], batch: int) -> None:
     """Compare evaluations of many states at once, called from Python."""
-    y = np.ascontiguousarray(random_states(batch).T)
-    q, v = y[:2].copy(), y[2:].copy()
+    y, q, v = aligned((4, batch)), aligned((2, batch)), aligned((2, batch))
+    y[:] = random_states(batch).T
+    q[:], v[:] = y[:2], y[2:]
     calls: dict[str, Callable[[], NDArray[Any]]] = heyoka_calls(double_pendulum(), y)
     for name, model in models.items():
         kernel, p = model.kernel("accelerations"), model.parameter_array()
@@ -120,10 +105,10 @@ def batches(page: Page, models: Mapping[str, lg.Model], batch: int) -> None:
     reference = double_pendulum().compile("numpy")
     calls["lagrange, textbook L, numpy target"] = lambda: reference.accelerations(q, v)
     _agree({name: np.array(call()) for name, call in calls.items()}, 1e-9)
-    times = best(calls, rounds=25, least=0.004)
+    times = best(calls)
     rival = min(seconds for name, seconds in times.items() if name.startswith("heyoka"))
     rows = [
-        (name, microseconds(seconds), f"{1e9 * seconds / batch:.2f}", f"{seconds / rival:.2f}")
+        (name, microseconds(seconds), shown(1e9 * seconds / batch), f"{seconds / rival:.2f}")
         for name, seconds in times.items()
     ]
     page.table((f"{batch} states", "us per call", "ns per state", "of heyoka's best time"), rows)
@@ -144,9 +129,9 @@ def main() -> None:
         "One evaluation of the accelerations",
         __file__,
         "The double pendulum, stated with the Lagrangian of the textbooks, in cos(theta1 - theta2), and as sums of "
-        f"Cartesian velocities. C by hand is `double_pendulum.c`, gcc {' '.join(FLAGS)}. Each time is the mean over 4000 "
-        "states, of a run (0.01 s apart, as an integrator meets them) or random (which the processor's branch prediction "
-        "cannot follow into the branches of the C library's sine).",
+        f"Cartesian velocities. C by hand is `double_pendulum.c`, gcc {' '.join(FLAGS)}. Each time is the mean over "
+        "4000 states: those of a run, 0.01 s apart, as an integrator meets them, or random ones, with which the "
+        "processor cannot foresee the branches of the C library's sine.",
     )
     models = {name: double_pendulum(cartesian=cartesian).compile() for name, cartesian in STATEMENTS.items()}
     page.text("## One state, called from compiled code through a pointer")

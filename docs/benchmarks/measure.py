@@ -18,11 +18,12 @@ FOLDER = Path(__file__).resolve().parent
 PACKAGES = ("numpy", "scipy", "sympy", "llvmlite", "heyoka")
 
 
-def best(runs: Mapping[str, Callable[[], Any]], *, rounds: int = 15, least: float = 0.01) -> dict[str, float]:
+def best(runs: Mapping[str, Callable[[], Any]], *, rounds: int = 60, least: float = 0.002) -> dict[str, float]:
     """Return the seconds of one call of each, the least of many rounds.
 
     The rivals take turns, each called for at least `least` seconds in every round, so that a busy moment of the machine
-    falls on all of them; the minimum is what the code costs when nothing else runs.
+    falls on all of them. The rounds are short, for one that is not interrupted gives the minimum: what the code costs
+    when nothing else runs.
     """
     counts = {name: _repetitions(run, least) for name, run in runs.items()}
     times = dict.fromkeys(runs, float("inf"))
@@ -124,14 +125,19 @@ class Page:
         print(f"wrote {path.name}", file=sys.stderr)
 
 
+def shown(value: float) -> str:
+    """Return three digits of a number, or all before the point."""
+    return f"{value:.0f}" if value >= 1000 else f"{value:.3g}"
+
+
 def milliseconds(seconds: float) -> str:
-    """Return a duration in ms, three digits."""
-    return f"{1e3 * seconds:.3g}"
+    """Return a duration in ms."""
+    return shown(1e3 * seconds)
 
 
 def microseconds(seconds: float) -> str:
-    """Return a duration in us, three digits."""
-    return f"{1e6 * seconds:.3g}"
+    """Return a duration in us."""
+    return shown(1e6 * seconds)
 
 
 def verdict(value: float, bar: float) -> str:

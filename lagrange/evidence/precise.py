@@ -10,6 +10,7 @@ from __future__ import annotations
 import random
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, NamedTuple
 
 import sympy
@@ -30,11 +31,22 @@ from lagrange.statement.statement import Statement
 Inputs = Sequence[Any]
 
 
+@cache
+def _context(digits: int) -> Any:
+    """Return an mpmath context of our own; its making takes as long as a small check."""
+    context = MPContext()
+    context.dps = digits
+    return context
+
+
 class _Instruction(NamedTuple):
+    """One step of the tape; `needs` has a bit for each input that it depends on."""
+
     out: int
     operation: Operation
     arguments: tuple[int, ...]
     numeric: bool
+    needs: int
 
 
 @dataclass(frozen=True)
@@ -56,14 +68,17 @@ class Precise:
     expression. Python floats are taken as the exact doubles that they are, so are SymPy Floats; fractions and
     constants such as pi are taken to all digits. Of a Piecewise, only the branch taken matters. Raises
     OutsideDomain where an expression has no real, finite value.
+
+    An evaluation repeats only what depends on inputs that have changed since the one before: differencing moves one
+    coordinate at a time. So an instance serves one thread.
     """
 
     def __init__(self, expressions: Iterable[Any], statement: Statement, digits: int = 50) -> None:
-        self.context: Any = MPContext()
-        self.context.dps = digits
+        self.context = _context(digits)
         tape = _Recorder(statement, self.context.prec)
         self._outputs = tuple(tape.record(e) for e in expressions)
         self._template = tape.constants
+        self._values: list[Any] | None = None
         self._code = tuple(tape.code)
         self._load = tuple(tape.inputs.items())
         self.uses_time = any(kind == "t" for kind, _ in tape.inputs.values())
@@ -73,18 +88,12 @@ class Precise:
     def __call__(self, q: Inputs, v: Inputs, t: Any, parameters: Mapping[Any, Any]) -> list[Any]:
         """Return the values. Raises OutsideDomain."""
         values = self._run(q, v, t, parameters)
-        for slot in self._outputs:
-            if isinstance(values[slot], OutsideDomain):
-                raise values[slot]
         make = self.context.make_mpf
         return [make(values[slot]) for slot in self._outputs]
 
     def inspect(self, q: Inputs, v: Inputs, t: Any, parameters: Mapping[Any, Any]) -> Inspection:
         """Evaluate once and report which way every switch went. Raises OutsideDomain as a call does."""
         values = self._run(q, v, t, parameters)
-        for slot in self._outputs:
-            if isinstance(values[slot], OutsideDomain):
-                raise values[slot]
         outcomes = tuple(
             switch_outcome(node, values[out], [values[i] for i in arguments])
             for node, (out, arguments) in zip(self.switches, self._switch_code, strict=True)
@@ -107,32 +116,51 @@ class Precise:
             delta = size * draw.uniform(0.5, 1.0) * draw.choice((-1, 1))
             factor = (1 + self.context.mpf(delta))._mpf_
             operation = _scaled(step.operation, factor, self.context.prec) if step.numeric else step.operation
-            code.append(_Instruction(step.out, operation, step.arguments, step.numeric))
+            code.append(step._replace(operation=operation))
         copy._code = tuple(code)
+        copy._values = None
         return copy
 
     def _run(self, q: Inputs, v: Inputs, t: Any, parameters: Mapping[Any, Any]) -> list[Any]:
-        values = self._template.copy()
+        values, changed = self._values, 0
+        if values is None:
+            values, changed = self._template.copy(), -1
+        self._values = None  # until all of it is consistent again
         number = self.context.mpf
-        for slot, (kind, key) in self._load:
+        for bit, (slot, (kind, key)) in enumerate(self._load):
             given = q[key] if kind == "q" else v[key] if kind == "v" else t if kind == "t" else parameters[key]
-            values[slot] = given._mpf_ if isinstance(given, number) else number(given)._mpf_
+            raw = given._mpf_ if isinstance(given, number) else number(given)._mpf_
+            if values[slot] != raw:
+                values[slot] = raw
+                changed |= 1 << bit
         fetch = values.__getitem__
-        for out, operation, arguments, _ in self._code:
-            try:
-                values[out] = operation(*map(fetch, arguments))
-            except OverflowError as error:
-                values[out] = BeyondDoubles(str(error))
-            except (ArithmeticError, ValueError) as error:
-                values[out] = OutsideDomain(str(error) or "division by zero")
-            except TypeError:
-                # An argument without a value stands as an OutsideDomain in its slot, which no operation accepts:
-                # the result has no value either, and a Piecewise that does not take this branch never asks.
-                broken = [a for a in map(fetch, arguments) if isinstance(a, OutsideDomain)]
-                if not broken:
-                    raise
-                values[out] = broken[0]
+        for out, operation, arguments, _, needs in self._code:
+            if needs & changed:
+                try:
+                    values[out] = operation(*map(fetch, arguments))
+                except (ArithmeticError, ValueError, TypeError) as error:
+                    values[out] = _no_value(error, list(map(fetch, arguments)))
+        self._values = values
+        for slot in self._outputs:
+            if isinstance(values[slot], OutsideDomain):
+                raise type(values[slot])(*values[slot].args)
         return values
+
+
+def _no_value(error: Exception, arguments: Sequence[Any]) -> OutsideDomain:
+    """Return what stands in the slot of a result that has no value.
+
+    No operation accepts it as an argument: what needs it has no value either, and a Piecewise that does not take
+    its branch never asks.
+    """
+    if isinstance(error, TypeError):
+        broken = [argument for argument in arguments if isinstance(argument, OutsideDomain)]
+        if not broken:
+            raise error
+        return broken[0]
+    if isinstance(error, OverflowError):
+        return BeyondDoubles(str(error))
+    return OutsideDomain(str(error) or "division by zero")
 
 
 def _scaled(operation: Operation, factor: Any, prec: int) -> Operation:
@@ -154,6 +182,7 @@ class _Recorder:
         self.inputs: dict[int, tuple[str, Any]] = {}
         self.switches: dict[Any, tuple[int, tuple[int, ...]]] = {}
         self._slots: dict[Any, int] = {}
+        self._needs: list[int] = []
         self._leaves: dict[Any, tuple[str, Any]] = {time: ("t", None)}
         self._leaves.update((p, ("p", p)) for p in statement.parameters)
         self._leaves.update((q, ("q", i)) for i, q in enumerate(statement.coordinates))
@@ -175,26 +204,35 @@ class _Recorder:
 
     def _add(self, node: Any) -> int:
         slot = len(self.constants)
+        self.constants.append(None)
+        self._needs.append(0)
         if node in self._leaves:
+            self._needs[slot] = 1 << len(self.inputs)
             self.inputs[slot] = self._leaves[node]
-            self.constants.append(None)
         elif not _children(node):
-            self.constants.append(_constant(node, self.prec))
+            self.constants[slot] = _constant(node, self.prec)
         else:
-            self.constants.append(None)
-            arguments = tuple(self._slots[child] for child in _children(node))
-            operation = BOOLEAN.get(type(node))
-            numeric = operation is None
-            self.code.append(_Instruction(slot, operation or numeric_operation(node, self.prec), arguments, numeric))
-            if isinstance(node, _SWITCHES):
-                self.switches[node] = (slot, arguments)
+            self._compute(node, slot)
         return slot
 
+    def _compute(self, node: Any, slot: int) -> None:
+        arguments = tuple(self._slots[child] for child in _children(node))
+        operation = BOOLEAN.get(type(node))
+        numeric = operation is None
+        for argument in arguments:
+            self._needs[slot] |= self._needs[argument]
+        # What needs no input at all is computed once, with everything.
+        needs = self._needs[slot] or _ALWAYS
+        self.code.append(_Instruction(slot, operation or numeric_operation(node, self.prec), arguments, numeric, needs))
+        if isinstance(node, _SWITCHES):
+            self.switches[node] = (slot, arguments)
 
-_SWITCHES = (
-    sympy.StrictLessThan, sympy.LessThan, sympy.StrictGreaterThan, sympy.GreaterThan,
-    sympy.Abs, sympy.sign, sympy.Min, sympy.Max,
-)  # fmt: skip
+
+_ALWAYS = 1 << 100_000
+"""A bit beyond any input's: set when everything is to be computed, and only then."""
+
+_CONDITIONS = (sympy.StrictLessThan, sympy.LessThan, sympy.StrictGreaterThan, sympy.GreaterThan)
+_SWITCHES = (*_CONDITIONS, sympy.Abs, sympy.sign, sympy.Min, sympy.Max)
 
 
 def _children(node: Any) -> tuple[Any, ...]:

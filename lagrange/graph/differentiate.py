@@ -1,6 +1,6 @@
 """Derivatives as graph transformations: reverse mode for gradients, forward mode along a direction.
 
-Both modes read the same local rules, `PARTIALS`. A piecewise expression is differentiated branch by branch and
+Both modes read the same local rules, `PARTIALS`. A choice (piecewise, min, max) is differentiated branch by branch and
 the choice is made last: pushing a zero through the branch not taken would multiply it by that branch's
 infinities.
 """
@@ -50,8 +50,8 @@ def gradient(output: Node, symbols: Sequence[Node]) -> list[Node]:
     order = reachable([output], mask)
     inner: dict[Node, dict[Node, Node]] = {}
     for node in order:
-        if _is_piecewise(node):
-            inner[node] = _piecewise_gradient(node, symbols, inner)
+        if _is_choice(node):
+            inner[node] = _choice_gradient(node, symbols, inner)
     table = _sweep(graph, output, order, mask, inner)
     return [table.get(symbol, graph.zero) for symbol in symbols]
 
@@ -71,7 +71,7 @@ def _push(node: Node, table: dict[Node, Node]) -> None:
     graph = node.graph
     if node.kind is Kind.COMPONENT:
         _push_component(node, table)
-    elif _is_piecewise(node):
+    elif _is_choice(node):
         table[node] = _branchwise(node, [table.get(value, graph.zero) for value in _values(node)])
     elif node.kind is Kind.SUM:
         coefficients = node.data[1]
@@ -102,7 +102,7 @@ def _push_component(node: Node, table: dict[Node, Node]) -> None:
 def _sweep(
     graph: Graph, output: Node, order: list[Node], mask: int, inner: Mapping[Node, Mapping[Node, Node]]
 ) -> dict[Node, Node]:
-    """Return the adjoint of every symbol of the mask; `inner` has the gradients of piecewise nodes."""
+    """Return the adjoint of every symbol of the mask; `inner` has the gradients of choices."""
     incoming: dict[Node, list[tuple[int, Node]]] = {output: [(1, graph.one)]}
     adjoints: dict[Node, Node] = {}
     for node in reversed(order):
@@ -125,7 +125,7 @@ def _sweep(
     return adjoints
 
 
-def _piecewise_gradient(
+def _choice_gradient(
     node: Node, symbols: Sequence[Node], inner: Mapping[Node, Mapping[Node, Node]]
 ) -> dict[Node, Node]:
     graph, mask = node.graph, _mask(symbols)
@@ -139,22 +139,24 @@ def _piecewise_gradient(
 
 
 def _branchwise(node: Node, derivatives: list[Node]) -> Node:
-    """Return the piecewise node with a derivative in place of each value; undefined where it is undefined."""
+    """Return the choice with a derivative in place of each value; undefined where it is undefined."""
     last = node.args[-1]
-    otherwise = last if last.data == "nan" else derivatives[-1]
+    undefined = last.kind is Kind.CALL and last.data == "nan"
+    otherwise = last if undefined else derivatives[-1]
     return node.graph.piecewise(list(zip(_conditions(node), derivatives, strict=False)), otherwise)
 
 
-def _is_piecewise(node: Node) -> bool:
-    return node.kind is Kind.CALL and node.data == "piecewise"
+def _is_choice(node: Node) -> bool:
+    return node.kind is Kind.CALL and (node.data == "piecewise" or FUNCTIONS[node.data].first is not None)
 
 
 def _conditions(node: Node) -> list[Node]:
-    return list(node.args[:-1:2])
+    first = FUNCTIONS[node.data].first
+    return list(node.args[:-1:2]) if first is None else [first(*node.args)]
 
 
 def _values(node: Node) -> list[Node]:
-    return [*node.args[1::2], node.args[-1]]
+    return [*node.args[1::2], node.args[-1]] if FUNCTIONS[node.data].first is None else list(node.args)
 
 
 def _mask(symbols: Iterable[Node]) -> int:

@@ -19,11 +19,16 @@ Rule = Callable[..., "Node"]
 
 @dataclass(frozen=True)
 class Function:
-    """One elementary function: its name, number of arguments (None: any) and derivative rules."""
+    """One elementary function: its name, number of arguments (None: any) and derivative rules.
+
+    A function that is always one of its two arguments has in place of rules the condition for being the `first`: it
+    is differentiated as a choice, so that an infinite derivative of the other argument does not matter.
+    """
 
     name: str
     arity: int | None
     partials: tuple[Rule, ...] = ()
+    first: Rule | None = None
 
 
 def _apply(name: str) -> Rule:
@@ -37,12 +42,6 @@ sin, cos, tan, sinh, cosh, tanh, exp, log, sign, pow_ = map(
 
 def _sqrt(a: Node) -> Node:
     return a ** Fraction(1, 2)
-
-
-def _chosen(condition: Node) -> Node:
-    """Return 1 where the condition holds and 0 elsewhere."""
-    graph = condition.graph
-    return graph.piecewise([(condition, graph.one)], graph.zero)
 
 
 FUNCTIONS: dict[str, Function] = {
@@ -62,22 +61,8 @@ FUNCTIONS: dict[str, Function] = {
         Function("tanh", 1, (lambda y, a: 1 - y**2,)),
         Function("abs", 1, (lambda y, a: sign(a),)),
         Function("sign", 1, (lambda y, a: a.graph.zero,)),
-        Function(
-            "min",
-            2,
-            (
-                lambda y, a, b: _chosen(a.graph.call("less_equal", a, b)),
-                lambda y, a, b: _chosen(a.graph.call("less", b, a)),
-            ),
-        ),
-        Function(
-            "max",
-            2,
-            (
-                lambda y, a, b: _chosen(a.graph.call("less_equal", b, a)),
-                lambda y, a, b: _chosen(a.graph.call("less", a, b)),
-            ),
-        ),
+        Function("min", 2, first=lambda a, b: a.graph.call("less_equal", a, b)),
+        Function("max", 2, first=lambda a, b: a.graph.call("less_equal", b, a)),
         Function("pow", 2, (lambda y, a, b: b * pow_(a, b - 1), lambda y, a, b: y * log(a))),
         Function("pi", 0),
         Function("e", 0),

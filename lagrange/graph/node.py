@@ -167,6 +167,8 @@ class Graph:
             if node.kind is Kind.SUM and len(node.args) == 1 and not node.data[0]:
                 coefficient, node = coefficient * node.data[1][0], node.args[0]
             merged[node] = merged[node] + coefficient if node in merged else coefficient
+        if len(merged) > 1:
+            constant = constant + self._join_squares(merged)
         items = sorted(((node.id, node, exact(c)) for node, c in merged.items() if c), key=_first)
         constant = exact(constant)
         if not items:
@@ -176,6 +178,27 @@ class Graph:
         if constant == 0 and items[0][2] == 1:
             return items[0][1]
         return self._intern(Kind.SUM, tuple(node for _, node, _ in items), (constant, tuple(c for _, _, c in items)))
+
+    def _join_squares(self, terms: dict[Node, Exact]) -> Exact:
+        """Replace c r sin(a)**2 + c r cos(a)**2 by c r among the terms; return what becomes a constant."""
+        constant: Exact = 0
+        for node in [node for node in terms if _square_of(node, "sin") is not None]:
+            sine = _square_of(node, "sin")
+            coefficient = terms.get(node, 0)
+            if sine is None or not coefficient:
+                continue
+            cosine = self.power(self.call("cos", sine.args[0].args[0]), 2)
+            rest = [factor for factor in _factors(node) if factor is not sine]
+            twin = self.product([cosine, *rest])
+            if terms.get(twin) != coefficient:
+                continue
+            del terms[node], terms[twin]
+            joined = self.product(rest)
+            if joined.kind is Kind.CONSTANT:
+                constant = constant + coefficient * joined.data
+            else:
+                terms[joined] = terms.get(joined, 0) + coefficient
+        return constant
 
     def _factored(self, items: list[tuple[Node, Exact]]) -> Node:
         """Return the sum with a scale that all terms share, and factors that all terms share, taken out."""
@@ -329,6 +352,16 @@ def _is_scaled(node: Node) -> bool:
 
 def _irreducible(node: Node) -> bool:
     return not (node.kind in (Kind.CONSTANT, Kind.PRODUCT) or _is_scaled(node))
+
+
+def _square_of(node: Node, name: str) -> Node | None:
+    """Return the factor sin(a)**2 of a product, or cos(a)**2, if it has one."""
+    for factor in _factors(node):
+        if factor.kind is Kind.POWER and factor.data == 2:
+            base = factor.args[0]
+            if base.kind is Kind.CALL and base.data == name:
+                return factor
+    return None
 
 
 def _factors(node: Node) -> tuple[Node, ...]:

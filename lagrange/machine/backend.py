@@ -37,6 +37,9 @@ class Kernel(Protocol):
         `parameters` has shape (k,). Raises SingularMassMatrix.
         """
 
+    def columns(self, t: float | FloatArray, q: FloatArray, v: FloatArray, parameters: FloatArray) -> FloatArray:
+        """Return the result for columns of coordinates and of velocities, (n, batch) each, without joining them."""
+
 
 class Driver(Protocol):
     """Advances a run by many steps without going through Python for each where the machine can."""

@@ -19,6 +19,9 @@ from lagrange.statement.number import real_number
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 
+State = tuple[FloatArray, FloatArray]
+"""Coordinates and velocities, (n,) each or (n, batch)."""
+
 
 class Model:
     """A system compiled for one machine. Kernels are made when they are first asked for.
@@ -71,7 +74,10 @@ class Model:
         self, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Mapping[Any, Any] | None = None
     ) -> FloatArray:
         """Return the generalized accelerations, (n,) or (n, batch)."""
-        return self.rhs(t, self._state(q, v), parameters)[self.dimension :]
+        state = self._state(q, v)
+        if state[0].ndim > 1:
+            return self._run("accelerations", t, state, parameters)
+        return self._run("rhs", t, state, parameters)[self.dimension :]
 
     def rhs(self, t: float | ArrayLike, y: ArrayLike, parameters: Mapping[Any, Any] | None = None) -> FloatArray:
         """Return dy/dt = [v, a], (2n,) or (2n, batch); t is a number or (batch,)."""
@@ -127,9 +133,9 @@ class Model:
         if unknown:
             raise StatementError(f"the expression contains {unknown[0]}, which this system does not have.")
         program = lower_nodes("expression", [self.equations.translate(expression)], (), self.equations)
-        states = self._checked_state(y)
-        values = np.asarray(self._call(NumpyMachine().load(program), t, states, parameters))
-        return np.broadcast_to(values, states.shape[1:]).copy()
+        state = self._checked_state(y)
+        values = np.asarray(self._call(NumpyMachine().load(program), t, state, parameters))
+        return np.broadcast_to(values, state[0].shape[1:]).copy()
 
     def parameter_values(self, given: Mapping[Any, Any] | None = None) -> dict[Any, float]:
         """Return a value for every parameter: the defaults overlaid with `given`, by symbol or name."""
@@ -147,12 +153,13 @@ class Model:
         values = self.parameter_values()
         return np.array([values[symbol] for symbol in self.statement.parameters], dtype=float)
 
-    def _run(self, name: str, t: float | ArrayLike, y: FloatArray, parameters: Mapping[Any, Any] | None) -> FloatArray:
-        return self._call(self.kernel(name), t, y, parameters)
+    def _run(self, name: str, t: float | ArrayLike, state: State, parameters: Mapping[Any, Any] | None) -> FloatArray:
+        return self._call(self.kernel(name), t, state, parameters)
 
     def _call(
-        self, kernel: Kernel, t: float | ArrayLike, y: FloatArray, parameters: Mapping[Any, Any] | None
+        self, kernel: Kernel, t: float | ArrayLike, state: State, parameters: Mapping[Any, Any] | None
     ) -> FloatArray:
+        q, v = state
         time: float | FloatArray
         if isinstance(t, (float, int)):
             time = float(t)
@@ -160,52 +167,50 @@ class Model:
             time = real_number(np.asarray(t)[()], "the time t")
         else:
             time = _floats(t, "the time t")
-            if y.ndim == 1 or time.shape != y.shape[1:]:
+            if q.ndim == 1 or time.shape != q.shape[1:]:
                 raise StatementError(
-                    f"t has shape {time.shape} and the states have {y.shape[1:] or 'no'} columns: give one time, or "
+                    f"t has shape {time.shape} and the states have {q.shape[1:] or 'no'} columns: give one time, or "
                     "one per column."
                 )
         values = self.parameter_array(parameters)
         try:
-            return kernel(time, y, values)
+            return kernel.columns(time, q, v, values) if q.ndim > 1 else kernel(time, np.concatenate(state), values)
         except SingularMassMatrix as error:
-            raise RunError(self.singular_message(time, y, error.column)) from error
+            raise RunError(self.singular_message(time, q, error.column)) from error
 
-    def singular_message(self, t: float | FloatArray, y: FloatArray, column: int | None = None) -> str:
-        """Return a sentence that says at which configuration the mass matrix is singular."""
-        state = y if y.ndim == 1 else y[:, column or 0]
-        time = float(np.broadcast_to(t, y.shape[1:])[column or 0]) if y.ndim > 1 else float(np.asarray(t))
-        place = ", ".join(f"{name} = {x:.6g}" for name, x in zip(self.statement.names, state, strict=False))
+    def singular_message(self, t: float | FloatArray, q: FloatArray, column: int | None = None) -> str:
+        """Return a sentence that says at which configuration q, the first n rows, the mass matrix is singular."""
+        chosen = q if q.ndim == 1 else q[:, column or 0]
+        time = float(np.broadcast_to(t, q.shape[1:])[column or 0]) if q.ndim > 1 else float(np.asarray(t))
+        place = ", ".join(f"{name} = {x:.6g}" for name, x in zip(self.statement.names, chosen, strict=False))
         return (
-            f"the mass matrix is singular at t = {time:.6g}, {place}: the accelerations are not determined there. "
-            "Start "
+            f"the mass matrix is singular at t = {time:.6g}, {place}: the accelerations are not determined there. Start "
             "elsewhere, or choose coordinates that are regular at this configuration."
         )
 
-    def _state(self, q: ArrayLike, v: ArrayLike) -> FloatArray:
+    def _state(self, q: ArrayLike, v: ArrayLike) -> State:
         coordinates = self._vector(q, "q")
         velocities = self._vector(v, "v")
         if coordinates.shape != velocities.shape:
             raise StatementError(f"q has shape {coordinates.shape} and v {velocities.shape}: give both the same shape.")
-        return np.concatenate([coordinates, velocities])
+        return coordinates, velocities
 
     def _vector(self, value: ArrayLike, what: str) -> FloatArray:
         array = _floats(value, what)
         n = self.dimension
         if array.ndim not in (1, 2) or array.shape[0] != n:
             raise StatementError(
-                f"{what} has shape {array.shape}; this system has {n} coordinates "
-                f"({', '.join(self.statement.names)}): give "
-                f"({n},), or ({n}, batch)."
+                f"{what} has shape {array.shape}; this system has {n} coordinates ({', '.join(self.statement.names)}): "
+                f"give ({n},), or ({n}, batch)."
             )
         return array
 
-    def _checked_state(self, y: ArrayLike) -> FloatArray:
+    def _checked_state(self, y: ArrayLike) -> State:
         array = _floats(y, "y")
         n = 2 * self.dimension
         if array.ndim not in (1, 2) or array.shape[0] != n:
             raise StatementError(f"y has shape {array.shape}: give [q, v] of shape ({n},), or ({n}, batch).")
-        return array
+        return array[: self.dimension], array[self.dimension :]
 
     @staticmethod
     def _scalar(value: FloatArray) -> Any:

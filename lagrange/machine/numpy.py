@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -60,9 +60,17 @@ class NumpyKernel:
 
     def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
         """Evaluate the program; see `Kernel`."""
+        return self._rows(t, y, y.shape[1:], parameters)
+
+    def columns(self, t: float | FloatArray, q: FloatArray, v: FloatArray, parameters: FloatArray) -> FloatArray:
+        """Evaluate every column; see `Kernel`."""
+        return self._rows(t, (*q, *v), q.shape[1:], parameters)
+
+    def _rows(
+        self, t: float | FloatArray, y: Sequence[Any] | FloatArray, columns: tuple[int, ...], parameters: FloatArray
+    ) -> FloatArray:
         with np.errstate(all="ignore"):
             values = interpret(self.program, t, y, parameters)
-        columns = y.shape[1:]
         out = np.empty((len(self.program.outputs), *columns))
         for row, ref in enumerate(self.program.outputs):
             out[row] = values[ref]
@@ -84,7 +92,9 @@ class NumpyMachine:
         return NumpyDriver(step, kernel, parameters)
 
 
-def interpret(program: Program, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> list[Any]:
+def interpret(
+    program: Program, t: float | FloatArray, y: Sequence[Any] | FloatArray, parameters: FloatArray
+) -> list[Any]:
     """Return the value of every instruction."""
     values: list[Any] = []
     for op, args, data in program.instructions:

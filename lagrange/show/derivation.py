@@ -5,17 +5,16 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from sympy import Symbol, preorder_traversal
-from sympy.printing.latex import LatexPrinter
-from sympy.printing.str import StrPrinter
-
-from lagrange.equations.derivation import Derivation
 from lagrange.errors import StatementError, listing, suggestion
 from lagrange.show.names import latex_text, letters, markdown_text, plain_text
-from lagrange.statement.coordinate import acceleration_of, name_of
-from lagrange.statement.statement import Statement
+
+if TYPE_CHECKING:
+    from lagrange.equations.derivation import Derivation
+    from lagrange.statement.statement import Statement
+
+# SymPy is imported where it is needed: the command line reads FORMATS before it knows what it is asked for.
 
 FORMATS = ("text", "latex", "markdown")
 
@@ -40,18 +39,18 @@ class Section:
     rows: tuple[Row, ...]
 
 
-def render(derivation: Derivation, format: str = "text", findings: Sequence[str] = ()) -> str:
+def render(derivation: Derivation, style: str = "text", findings: Sequence[str] = ()) -> str:
     """Return the derivation: what was stated, L, momenta, equations of motion, accelerations and energy.
 
-    `format` is "text", where formulas are spelled as in a scene file, "latex", a complete document, or "markdown", with
+    `style` is "text", where formulas are spelled as in a scene file, "latex", a complete document, or "markdown", with
     formulas between dollar signs. `findings` are sentences about the structure. A part that is too large to be written
     out is replaced by the sentence that says so. Raises StatementError for any other format.
     """
-    if format not in FORMATS:
+    if style not in FORMATS:
         raise StatementError(
-            f"{format!r} is no format of a derivation; they are {listing(FORMATS)}.{suggestion(format, FORMATS)}"
+            f"{style!r} is no format of a derivation; they are {listing(FORMATS)}.{suggestion(style, FORMATS)}"
         )
-    page = {"text": TextPage, "latex": LatexPage, "markdown": MarkdownPage}[format](derivation.statement)
+    page = PAGES[style](derivation.statement)
     return page.write([*_sections(derivation), *([Section("Structure", tuple(findings))] if findings else [])])
 
 
@@ -63,12 +62,19 @@ def equations_latex(derivation: Derivation) -> str:
 
 
 def _sections(derivation: Derivation) -> Iterator[Section]:
-    yield Section("Stated", tuple(_stated(derivation.statement)))
+    statement = derivation.statement
+    yield Section("Stated", tuple(_stated(statement)))
+    accelerations = list(statement.plain.values())[2::3]
     parts: tuple[tuple[str, Callable[[], list[Row]]], ...] = (
         ("Lagrangian", lambda: [(Quantity("L"), derivation.lagrangian)]),
-        ("Momenta", lambda: [(Quantity("p", name_of(q)), p) for q, p in derivation.momenta.items()]),
+        (
+            "Momenta",
+            lambda: [
+                (Quantity("p", name), p) for name, p in zip(statement.names, derivation.momenta.values(), strict=True)
+            ],
+        ),
         ("Equations of motion", lambda: [(law.lhs, law.rhs) for law in derivation.equations]),
-        ("Accelerations", lambda: [(acceleration_of(q), a) for q, a in derivation.accelerations.items()]),
+        ("Accelerations", lambda: list(zip(accelerations, derivation.accelerations.values(), strict=True))),
         ("Energy", lambda: [(Quantity("E"), derivation.energy)]),
     )
     for heading, part in parts:
@@ -100,13 +106,11 @@ class Page(ABC):
 
     def __init__(self, statement: Statement) -> None:
         self.statement = statement
-        self.plain = dict(statement.plain)
-        names = len(statement.names)
-        motions = list(self.plain.values())
-        self.rank = {symbol: place % 3 for place, symbol in enumerate(motions[: 3 * names])}
+        self.plain = statement.plain
+        self.rank = {symbol: place % 3 for place, symbol in enumerate(self.plain.values())}
         self.printer = self.make_printer()
-        order = self.printer._as_ordered_terms
-        self.printer._as_ordered_terms = lambda sum_, order_=None, **options: self.in_order(order(sum_, **options))
+        given = self.printer._as_ordered_terms
+        self.printer._as_ordered_terms = lambda *arguments, **options: self.in_order(given(*arguments, **options))
 
     @abstractmethod
     def make_printer(self) -> Any:
@@ -132,7 +136,9 @@ class Page(ABC):
 
     def in_order(self, terms: list[Any]) -> list[Any]:
         """Return the terms of a sum as a book has them: accelerations first, then velocities, then the rest."""
-        return sorted(terms, key=lambda term: -max(self.rank.get(part, 0) for part in preorder_traversal(term)))
+        return sorted(
+            terms, key=lambda term: -max((self.rank.get(symbol, 0) for symbol in term.free_symbols), default=0)
+        )
 
 
 class TextPage(Page):
@@ -140,6 +146,8 @@ class TextPage(Page):
 
     def make_printer(self) -> Any:
         """Return SymPy's plain printer."""
+        from sympy.printing.str import StrPrinter
+
         return StrPrinter()
 
     def quantity(self, quantity: Quantity) -> str:
@@ -160,6 +168,9 @@ class LatexPage(Page):
 
     def make_printer(self) -> Any:
         """Return SymPy's LaTeX printer with a name of our own for every symbol."""
+        from sympy import Symbol
+        from sympy.printing.latex import LatexPrinter
+
         stated = self.statement
         self.letters = letters([*stated.names, *(symbol.name for symbol in stated.parameters)])
         spelled = {symbol: str(self.letters[symbol.name]) for symbol in stated.parameters}
@@ -171,7 +182,7 @@ class LatexPage(Page):
         return LatexPrinter({"symbol_names": {**spelled, Symbol("t"): "t"}})
 
     def quantity(self, quantity: Quantity) -> str:
-        """Return L, or p_{\\theta}."""
+        """Return L, or p with an index."""
         return f"{quantity.letter}_{{{self.letters[quantity.index]}}}" if quantity.index else quantity.letter
 
     def write(self, sections: Sequence[Section]) -> str:
@@ -188,7 +199,10 @@ class LatexPage(Page):
         ]
         for section in sections:
             lines += ["", f"\\section*{{{section.heading}}}"]
-            lines += [latex_text(row) + "\\par" if isinstance(row, str) else f"\\[ {self.formula(row)} \\]" for row in section.rows]
+            lines += [
+                latex_text(row) + "\\par" if isinstance(row, str) else f"\\[ {self.formula(row)} \\]"
+                for row in section.rows
+            ]
         return "\n".join([*lines, "", "\\end{document}"]) + "\n"
 
 
@@ -203,3 +217,6 @@ class MarkdownPage(LatexPage):
             for row in section.rows:
                 lines += ["", markdown_text(row) if isinstance(row, str) else f"$$\n{self.formula(row)}\n$$"]
         return "\n".join(lines) + "\n"
+
+
+PAGES: dict[str, Callable[[Statement], Page]] = {"text": TextPage, "latex": LatexPage, "markdown": MarkdownPage}

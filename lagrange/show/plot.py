@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lagrange.errors import StatementError
+from lagrange.show.names import letters
 from lagrange.trajectory.trajectory import FloatArray
 
 if TYPE_CHECKING:
@@ -122,11 +122,11 @@ def _draw_coordinates(axis: Axes, names: Sequence[str], t: FloatArray, rows: Flo
     _dress(axis)
     for k, row in enumerate(rows):
         axis.plot(t, row, color=_COLOURS[k % len(_COLOURS)], linewidth=1.3)
-    label = _words(names[0]) if len(names) == 1 else f"{_words(names[0])} ... {_words(names[-1])}"
-    if max(map(len, names)) * len(names) <= _SHORT:
-        axis.set_ylabel(label, rotation=0, ha="right", va="center")
+    if len(names) == 1 and len(names[0]) <= _SHORT:
+        axis.set_ylabel(f"${letters(names)[names[0]]}$", rotation=0, ha="right", va="center")
     else:
-        axis.set_title(label, loc="right", fontsize=8, color=_INK)
+        shown = names[0] if len(names) == 1 else f"{names[0]} ... {names[-1]}"
+        axis.set_title(shown, loc="right", fontsize=8, color=_INK)
     axis.margins(x=0.0)
     _widen(axis, rows)
     axis.locator_params(axis="y", nbins=3)
@@ -155,22 +155,6 @@ def _widen(axis: Axes, values: FloatArray) -> None:
     if np.ptp(values) <= 1e-9 * size:
         middle, half = float(values.flat[0]), 0.5 * size or 1.0
         axis.set_ylim(middle - half, middle + half)
-
-
-def _words(name: str) -> str:
-    """Return a coordinate's name as mathematics where Matplotlib knows it: theta1 as a Greek letter with an index."""
-    found = _INDEXED.fullmatch(name)
-    if found is None or not (len(found[1]) == 1 or _GREEK.fullmatch(found[1])):
-        return name
-    symbol = found[1] if len(found[1]) == 1 else f"\\{found[1]}"
-    return f"${symbol}_{{{found[2]}}}$" if found[2] else f"${symbol}$"
-
-
-_INDEXED = re.compile("([A-Za-z]+?)_?([0-9]*)")
-_GREEK = re.compile(
-    "alpha|beta|gamma|delta|epsilon|zeta|eta|theta|iota|kappa|lambda|mu|nu|xi|pi|rho|sigma|tau|upsilon|phi|chi|psi|"
-    "omega|Gamma|Delta|Theta|Lambda|Xi|Pi|Sigma|Phi|Psi|Omega"
-)
 
 
 # --- the path in the plane ------------------------------------------------------------------------------------

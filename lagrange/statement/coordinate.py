@@ -18,9 +18,9 @@ t = Symbol("t")
 
 def check_name(name: str, what: str) -> str:
     """Return the name, or refuse it: a letter, then letters, digits and underscores, at most 64 characters."""
-    if not NAME.fullmatch(name):
+    if not isinstance(name, str) or not NAME.fullmatch(name):
         raise StatementError(
-            f"{name[:80]!r} cannot name a {what}: a name starts with a letter, goes on with letters, digits and "
+            f"{str(name)[:80]!r} cannot name a {what}: a name starts with a letter, goes on with letters, digits and "
             "underscores, and has at most 64 characters."
         )
     return name

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import numbers
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
 import sympy
+from sympy.core.function import AppliedUndef
 
 from lagrange.errors import StatementError, listing, suggestion
 from lagrange.statement.coordinate import check_name, name_of, t, velocity_of
@@ -38,16 +41,14 @@ def declare(
         raise StatementError(
             "constraints are not supported yet: choose coordinates that satisfy them, and leave constraints empty."
         )
+    main = "the kinetic energy" if lagrangian is None else "the Lagrangian"
     kinetic, potential, lagrangian = _energies(kinetic, potential, lagrangian)
     survey = Survey()
-    survey.add(
-        kinetic,
-        "the kinetic energy" if potential is not sympy.S.Zero or lagrangian is not kinetic else "the Lagrangian",
-    )
+    survey.add(kinetic, main)
     survey.add(potential, "the potential energy")
     chosen = _coordinates(coordinates, survey)
     by_name = {name_of(q): q for q in chosen}
-    _check_velocities(chosen, survey)
+    _check_velocities(chosen, survey, main)
 
     force_table = _forces(forces, by_name, survey)
     dissipation = _expression(dissipation, "the dissipation")
@@ -55,8 +56,8 @@ def declare(
     points = _positions(positions, survey)
     _check_declared(survey, chosen)
 
-    symbols, unify = _parameter_symbols(survey, parameters or {}, by_name)
-    defaults = _defaults(parameters or {}, symbols)
+    values = _table(parameters, "parameters", "parameter to value")
+    symbols, unify = _parameter_symbols(survey, values, by_name)
 
     def clean(expression: Any) -> Any:
         return expression.xreplace(unify) if unify else expression
@@ -69,7 +70,7 @@ def declare(
         forces=tuple(clean(force_table.get(q, sympy.S.Zero)) for q in chosen),
         dissipation=clean(dissipation),
         parameters=tuple(symbols.values()),
-        defaults=MappingProxyType(defaults),
+        defaults=MappingProxyType(_defaults(values, symbols)),
         initial=initial_state(initial or {}, chosen, (0.0,) * (2 * len(chosen))),
         positions=MappingProxyType({label: tuple(map(clean, point)) for label, point in points.items()}),
         links=_links(links, points),
@@ -87,9 +88,8 @@ def initial_state(given: Mapping[Any, Any], coordinates: tuple[Any, ...], base: 
     """
     if not isinstance(given, Mapping):
         raise StatementError(
-            f"initial is {type(given).__name__}: give a dict such as {{{name_of(coordinates[0])}: 1.0}}; what is not "
-            "named keeps "
-            "its default."
+            f"initial is a {type(given).__name__}: give a dict such as {{{name_of(coordinates[0])}: 1.0}}; what is not "
+            "named keeps its default."
         )
     n = len(coordinates)
     rows: dict[Any, int] = {}
@@ -154,13 +154,19 @@ def _expression(value: Any, what: str) -> Any:
         raise StatementError(f"{what} is a matrix of shape {value.shape}: give a scalar, such as its entry [0, 0].")
     if isinstance(value, sympy.Expr):
         return value
-    if isinstance(value, complex):
-        raise StatementError(f"{what} is {value!r}, a complex number: energies and forces are real.")
-    return (
-        sympy.Float(real_number(value, what))
-        if isinstance(value, float)
-        else sympy.Integer(int(real_number(value, what)))
-    )
+    if isinstance(value, sympy.Basic):
+        raise StatementError(f"{what} is {str(value)[:60]}, which has no value: give an expression.")
+    number = real_number(value, what)
+    if isinstance(value, numbers.Rational):  # an int too, exactly
+        return sympy.Rational(value.numerator, value.denominator)
+    return sympy.Float(number)
+
+
+def _table(given: Any, what: str, entries: str) -> Mapping[Any, Any]:
+    """Return a mapping, empty for None; `entries` says what it maps to what."""
+    if given is not None and not isinstance(given, Mapping):
+        raise StatementError(f"{what} is a {type(given).__name__}: give a dict from {entries}.")
+    return given or {}
 
 
 def _energies(kinetic: Any, potential: Any, lagrangian: Any) -> tuple[Any, Any, Any]:
@@ -178,13 +184,15 @@ def _energies(kinetic: Any, potential: Any, lagrangian: Any) -> tuple[Any, Any, 
 
 
 def _coordinates(given: Sequence[Any] | None, survey: Survey) -> tuple[Any, ...]:
+    if given is not None and not isinstance(given, Iterable):
+        raise StatementError(f"coordinates is {given!r}: give a list, such as [{given!r}].")
     found = tuple(survey.coordinates) if given is None else tuple(given)
     if not found:
         raise StatementError(
             "no coordinates: the energies contain no function of time. Make one with lg.coordinate('x')."
         )
     for q in found:
-        if getattr(q, "args", None) != (t,) or not isinstance(q, sympy.Function):
+        if not isinstance(q, AppliedUndef) or q.args != (t,):
             raise StatementError(
                 f"coordinates contains {q!r}, which is no coordinate: make one with lg.coordinate('x')."
             )
@@ -196,13 +204,12 @@ def _coordinates(given: Sequence[Any] | None, survey: Survey) -> tuple[Any, ...]
     return found
 
 
-def _check_velocities(coordinates: tuple[Any, ...], survey: Survey) -> None:
+def _check_velocities(coordinates: tuple[Any, ...], survey: Survey, main: str) -> None:
     for q in coordinates:
         if velocity_of(q) not in survey.velocities:
             raise StatementError(
-                f"the kinetic energy does not contain {name_of(q)}.dot, so {name_of(q)} has no inertia and its "
-                "acceleration "
-                f"is undefined: add its kinetic energy, or make {name_of(q)} a parameter."
+                f"{main} does not contain {name_of(q)}.dot, so {name_of(q)} has no inertia and its acceleration is "
+                f"undefined: add its kinetic energy, or make {name_of(q)} a parameter."
             )
 
 
@@ -217,10 +224,8 @@ def _check_declared(survey: Survey, coordinates: tuple[Any, ...]) -> None:
 
 
 def _forces(given: Mapping[Any, Any] | None, by_name: dict[str, Any], survey: Survey) -> dict[Any, Any]:
-    if given is not None and not isinstance(given, Mapping):
-        raise StatementError(f"forces is a {type(given).__name__}: give a dict from coordinate to generalized force.")
     table: dict[Any, Any] = {}
-    for key, value in (given or {}).items():
+    for key, value in _table(given, "forces", "coordinate to generalized force").items():
         label = _label(key)
         if label not in by_name:
             raise StatementError(
@@ -236,9 +241,9 @@ def _forces(given: Mapping[Any, Any] | None, by_name: dict[str, Any], survey: Su
 
 def _positions(given: Mapping[str, Any] | None, survey: Survey) -> dict[str, tuple[Any, ...]]:
     points: dict[str, tuple[Any, ...]] = {}
-    for label, point in (given or {}).items():
+    for label, point in _table(given, "positions", "name to point").items():
         what = f"the position of {check_name(str(label), 'point')}"
-        if isinstance(point, (str, sympy.Expr)) or len(point) not in (2, 3):
+        if not _has_length(point, 2, 3):
             raise StatementError(f"{what} is {point!r}: give two or three expressions, (x, y) or (x, y, z).")
         points[str(label)] = tuple(_expression(entry, what) for entry in point)
         for entry in points[str(label)]:
@@ -255,7 +260,7 @@ def _links(links: Iterable[Sequence[str]], points: dict[str, Any]) -> tuple[tupl
     known = ["origin", *points]
     pairs = []
     for link in links:
-        if isinstance(link, str) or len(link) != 2:
+        if not _has_length(link, 2):
             raise StatementError(f"links contains {link!r}: give pairs of point names, such as ('origin', 'bob').")
         for end in link:
             if end not in known:
@@ -265,6 +270,11 @@ def _links(links: Iterable[Sequence[str]], points: dict[str, Any]) -> tuple[tupl
                 )
         pairs.append((str(link[0]), str(link[1])))
     return tuple(pairs)
+
+
+def _has_length(value: Any, *lengths: int) -> bool:
+    """Return whether the value is a sequence, or a vector, of one of these lengths."""
+    return isinstance(value, (list, tuple, np.ndarray, sympy.MatrixBase)) and len(value) in lengths
 
 
 def _parameter_symbols(
@@ -293,8 +303,7 @@ def _check_clash(name: str, by_name: dict[str, Any]) -> None:
     if name in by_name:
         raise StatementError(
             f"{name} is both a coordinate and a parameter: rename one. If the plain symbol {name} was meant as the "
-            "coordinate, "
-            f"use lg.coordinate('{name}') there."
+            f"coordinate, use lg.coordinate('{name}') there."
         )
     if name.removesuffix("_dot") in by_name:
         raise StatementError(

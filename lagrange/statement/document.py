@@ -145,7 +145,7 @@ class Document:
 
     def _decode(self, data: bytes) -> str:
         try:
-            return data.decode("utf-8-sig")
+            return data.decode("utf-8").removeprefix("\ufeff")
         except UnicodeDecodeError as error:
             before = data[: error.start]
             line, column = before.count(b"\n") + 1, error.start - before.rfind(b"\n")

@@ -13,6 +13,9 @@ from functools import cmp_to_key
 from typing import Any
 
 import sympy
+import sympy.assumptions.wrapper  # SymPy loads these three late: named here, reading a scene imports nothing
+import sympy.sets.setexpr
+import sympy.tensor.tensor
 from sympy.functions.elementary.piecewise import ExprCondPair
 
 LARGEST_EXPONENT = 1000

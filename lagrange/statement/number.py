@@ -36,8 +36,12 @@ def _as_float(value: Any, what: str) -> float:
 
 
 def _from_sympy(value: Any, what: str) -> float:
+    if not isinstance(value, sympy.Expr):
+        raise StatementError(f"{what} is {str(value)[:60]}, which has no value: give a number.")
     if value.free_symbols or not value.is_number:
-        raise StatementError(f"{what} is {value}, an expression with symbols in it: give a number.")
+        raise StatementError(f"{what} is {str(value)[:60]}, an expression with symbols in it: give a number.")
+    if value in (sympy.nan, sympy.zoo):
+        raise StatementError(f"{what} is {value}: give a finite number.")
     number = complex(value)
     if number.imag != 0.0:
         raise StatementError(f"{what} is {value}, a complex number: give a real number.")

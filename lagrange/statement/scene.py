@@ -192,8 +192,8 @@ class _Scene:
         for name, q in coordinates.items():
             if velocity_of(q) not in present:
                 self.document.refuse(
-                    f"{main} does not contain {name}_dot, so {name} has no inertia and its acceleration is undefined: add "
-                    f"its kinetic energy, or make {name} a parameter.",
+                    f"{main} does not contain {name}_dot, so {name} has no inertia and its acceleration is "
+                    f"undefined: add its kinetic energy, or make {name} a parameter.",
                     main,
                 )
         return energies

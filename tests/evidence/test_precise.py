@@ -184,6 +184,35 @@ def test_perturbation_shows_cancellation() -> None:
     assert 1e11 < change / 1e-20 < 1e13
 
 
+@given(st.lists(st.tuples(*[st.sampled_from([-0.5, 0.0, 0.5, 2.0])] * 4), min_size=2, max_size=6))
+def test_what_was_computed_before_does_not_matter(states: list[tuple[float, ...]]) -> None:
+    expressions = [sp.sqrt(x) + y * k, sp.Piecewise((1 / y, y > 0), (x.dot, True)) + sp.sin(3), t * y.dot]
+    used = Precise(expressions, STATEMENT)
+
+    def outcome(tape: Precise, a: float, b: float, c_: float, d: float) -> Any:
+        try:
+            return tape((a, b), (c_, d), b, {k: a, c: 1.0})
+        except OutsideDomain as reason:
+            return str(reason)
+
+    for state in states:
+        assert outcome(used, *state) == outcome(Precise(expressions, STATEMENT), *state)
+
+
+def test_it_goes_on_after_a_mistake_of_the_caller() -> None:
+    tape = Precise([x * k], STATEMENT)
+    with pytest.raises(KeyError):
+        tape((0.3, 0.7), (0, 0), 0, {})
+    assert tape((0.3, 0.7), (0, 0), 0, {k: 2.0}) == [2 * HIGH.mpf(0.3)]
+
+
+def test_what_the_system_does_not_have_is_said() -> None:
+    with pytest.raises(OutsideDomain, match="stranger has no value here"):
+        Precise([sp.Symbol("stranger") * x], STATEMENT)
+    with pytest.raises(OutsideDomain, match="gamma cannot be evaluated"):
+        Precise([sp.gamma(x)], STATEMENT)
+
+
 def leaves() -> Any:
     return st.sampled_from([x, y, k, x.dot, t, sp.Rational(2, 7), sp.Integer(-3), sp.pi])
 

@@ -29,7 +29,7 @@ def looked_at(model: StandIn) -> None:
 def test_what_is_right_passes_and_needs_one_kernel(make: Callable[[], Statement]) -> None:
     model = StandIn(make())
     looked_at(model)
-    assert model.calls == ["accelerations"]
+    assert set(model.calls) == {"accelerations"}
 
 
 @pytest.mark.parametrize("fault", FAULTS)
@@ -103,7 +103,7 @@ def test_honest_cancellation_raises_no_alarm() -> None:
     looked_at(StandIn(statement, late=rounded))
 
 
-def test_it_costs_a_dozen_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_costs_six_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[int] = []
     evaluate = Precise.__call__
 
@@ -113,4 +113,4 @@ def test_it_costs_a_dozen_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(Precise, "__call__", counted)
     looked_at(StandIn(statements.pendulum_chain(2)))
-    assert len(calls) <= 14
+    assert len(calls) == 6

@@ -75,7 +75,8 @@ ARGUMENTS: dict[str, tuple[str, ...]] = {
     "max": ("0.7", "1.9"),
     "pow": ("1.3", "-0.6"),
 }
-ELEMENTARY = [name for name, function in FUNCTIONS.items() if function.partials]
+CHOICES = ("min", "max", "piecewise")
+ELEMENTARY = [name for name, function in FUNCTIONS.items() if function.partials or function.first]
 
 
 @pytest.mark.parametrize("swapped", [False, True], ids=["", "swapped"])
@@ -97,7 +98,7 @@ def test_every_rule_of_the_table(name: str, swapped: bool) -> None:
 
 def test_every_function_but_the_conditions_and_constants_has_a_rule_per_argument() -> None:
     for name, function in FUNCTIONS.items():
-        if name in CONDITIONS or function.arity == 0 or name == "piecewise":  # branch by branch, see below
+        if name in CONDITIONS or function.arity == 0 or name in CHOICES:  # choices go branch by branch, see below
             assert not function.partials
         else:
             assert len(function.partials) == function.arity
@@ -154,6 +155,13 @@ def test_the_derivative_is_undefined_where_the_expression_is() -> None:
     assert all(mpmath.isnan(part) for part in derivatives(bounded, x, {x: mpmath.mpf(2)}))
     flat = graph.piecewise([(graph.call("less", x, graph.one), graph.constant(4))])
     assert all(mpmath.isnan(part) for part in derivatives(flat, x, {x: mpmath.mpf(2)}))
+
+
+def test_a_coordinate_may_be_called_nan() -> None:
+    graph = Graph()
+    x, nan = graph.symbol("x", Binding.CONFIGURATION), graph.symbol("nan", Binding.CONFIGURATION)
+    node = graph.piecewise([(graph.call("less", x, graph.zero), x)], nan)
+    assert derivatives(node, nan, {x: mpmath.mpf(1), nan: mpmath.mpf(5)}) == [1, 1]
 
 
 def test_what_does_not_depend_has_the_zero_node_as_its_derivative() -> None:

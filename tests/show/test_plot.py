@@ -56,7 +56,7 @@ def test_fourteen_coordinates_each_have_a_panel() -> None:
 
 def test_a_hundred_coordinates_share_panels() -> None:
     figure = drawn(free(100))
-    assert len(figure.axes) == 26 and labels(figure)[0] == "$x_{1}$ ... $x_{4}$"
+    assert len(figure.axes) == 26 and labels(figure)[0] == "x1 ... x4"
     assert sum(len(axis.lines) for axis in figure.axes[:-1]) == 100
 
 

@@ -260,6 +260,14 @@ def test_an_endless_step_is_broken_off(monkeypatch: Any) -> None:
     monkeypatch.setattr(RK45, "solver", Stuck)
     run = RK45().integrate(problem(oscillator))
     assert run.status is Status.DIVERGED and "5000 evaluations inside one step" in run.message
+    assert 5000 < run.evaluations < 5100
+
+
+def test_what_scipy_warns_of_is_told_and_not_leaked() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run = LSODA(first_step=1e6).integrate(problem(oscillator, 1e6))
+    assert run.status is Status.DIVERGED and "SciPy says: lsoda: Repeated convergence failures" in run.message
 
 
 def test_threads_do_not_disturb_each_other(method: Any) -> None:

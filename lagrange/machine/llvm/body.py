@@ -6,6 +6,7 @@ from lagrange.machine.llvm import unrolled
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.linear_solver import factor_size
 from lagrange.machine.llvm.spelling import BOOLEAN, LIBRARY, element, number, spell, truth
+from lagrange.machine.llvm.trigonometry import call_sine_and_cosine, sine_and_cosine
 from lagrange.program.program import Instruction, Program
 
 UNROLLED = 6
@@ -13,6 +14,18 @@ UNROLLED = 6
 
 C_NAMES = {"power": "pow"}
 """Names of the C library that differ from ours."""
+
+
+ANGLES = ("sin", "cos")
+
+INLINE_ANGLES = 8
+"""Up to this many different angles, sine and cosine are written out at each; beyond it they are a function, which
+keeps the time to compile a long chain in bounds."""
+
+
+def shares_angle_function(program: Program) -> bool:
+    """Return whether sine and cosine are a function of the module."""
+    return len({i.args for i in program.instructions if i.op in ANGLES}) > INLINE_ANGLES
 
 
 def saved_slots(program: Program) -> dict[int, int]:
@@ -51,6 +64,7 @@ class Body:
         self.vectors: dict[int, list[str]] = {}
         self.singular: list[str] = []
         self.slots = saved_slots(program)
+        self.inline = not shares_angle_function(program)
         self.by_code = {instruction: i for i, instruction in enumerate(program.instructions)}
 
     def ref(self, i: int) -> str:
@@ -121,17 +135,22 @@ class Body:
             return self.values[i]
         op, args, _ = instruction
         operands = [self.ref(arg) for arg in args]
+        if op in ANGLES:
+            return self.angle(op, args, operands[0])
         if self.lanes > 1:
             return self.vector_call(op, operands)
-        twin = self.by_code.get(Instruction({"sin": "cos", "cos": "sin"}.get(op, ""), args))
-        if twin is None:
-            typed = ", ".join(f"double {operand}" for operand in operands)
-            return self.e.value(f"call double @{C_NAMES.get(op, op)}({typed})")
-        pair = [self.e.reserve("double"), self.e.reserve("double")]
-        self.e.do(f"call void @sincos(double {operands[0]}, ptr {pair[0]}, ptr {pair[1]})")
-        sine, cosine = self.e.load(pair[0]), self.e.load(pair[1])
-        self.values[twin] = cosine if op == "sin" else sine
-        return sine if op == "sin" else cosine
+        typed = ", ".join(f"double {operand}" for operand in operands)
+        return self.e.value(f"call double @{C_NAMES.get(op, op)}({typed})")
+
+    def angle(self, op: str, args: tuple[int, ...], x: str) -> str:
+        """Return the sine or cosine of an angle, and keep the other if the program has it."""
+        make = sine_and_cosine if self.inline else call_sine_and_cosine
+        pair = dict(zip(ANGLES, make(self.e, x, self.lanes), strict=True))
+        for name, value in pair.items():
+            place = self.by_code.get(Instruction(name, args))
+            if place is not None:
+                self.values[place] = value
+        return pair[op]
 
     def vector_call(self, op: str, operands: list[str]) -> str:
         """Call a vector routine, or the scalar one for each lane."""

@@ -19,6 +19,7 @@ from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.error_norm import first_step_function, norm_function
 from lagrange.machine.llvm.loaded import LlvmKernel
 from lagrange.machine.llvm.loops import adaptive_loop, fixed_loop
+from lagrange.machine.llvm.memory import address
 from lagrange.machine.llvm.step import record_function, step_function
 from lagrange.machine.llvm.vectors import BLOCK, KIND, Layout
 from lagrange.program.step import StepProgram
@@ -46,8 +47,8 @@ class LlvmDriver:
         self._drive = _DRIVE(self._module.address("drive"))
         self._prepared = kernel.prepare(parameters)
         self._work = np.zeros(self._layout.size)
-        self._fixed = (kernel.address, self._prepared.ctypes.data)
-        self._work_address = self._work.ctypes.data
+        self._fixed = (kernel.address, address(self._prepared))
+        self._work_address = address(self._work)
         n = kernel.program.states // 2
         # Where the state stands in `work`: as one vector, or coordinates and velocities each padded to whole blocks.
         second = self._layout.width if step.partitioned else n
@@ -56,7 +57,7 @@ class LlvmDriver:
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Advance a run; see `Driver`. `rows` needs one block of slack behind its last row."""
         self._work[self._places] = state.y
-        recorded = (times.ctypes.data, rows.ctypes.data) if state.counts[DriverState.RECORD] else (None, None)
+        recorded = (address(times), address(rows)) if state.counts[DriverState.RECORD] else (None, None)
         outcome = self._drive(*self._fixed, *state.addresses, self._work_address, budget, *recorded)
         state.y[:] = self._work[self._places]
         return Outcome(outcome)

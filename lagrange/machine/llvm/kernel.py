@@ -4,34 +4,36 @@ Parameters live in one array: the k given values, then the saved results of the 
 
     i32 NAME_prepare(ptr parameters)                       fills in the saved results
     i32 NAME(double t, ptr y, ptr parameters, ptr out)     1 if a matrix is singular, else 0
-    i64 NAME_columns(i64 count, ptr t, ptr y, ptr parameters, ptr out)
+    i64 NAME_columns(i64 count, ptr t, ptr q, ptr v, ptr parameters, ptr out)
 
-The last takes `count` columns, a multiple of the lanes, of C-ordered arrays: t[count], y[2n][count],
+The last takes `count` columns, a multiple of the lanes, of C-ordered arrays: t[count], q[n][count], v[n][count],
 out[size][count]; it returns the first column of a block with a singular matrix, or -1.
 """
 
 from __future__ import annotations
 
-from lagrange.machine.llvm.body import C_NAMES, UNROLLED, Body
+from lagrange.machine.llvm.body import C_NAMES, UNROLLED, Body, shares_angle_function
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.linear_solver import factor_size
 from lagrange.machine.llvm.spelling import BOOLEAN, LIBRARY, element, number, spell
+from lagrange.machine.llvm.trigonometry import angle_function
 from lagrange.program.program import Program
 
+METADATA = '!0 = !{!"branch_weights", i32 2000, i32 1}'
 ATTRIBUTES = 'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" }'
 
 
 def scalar_module(program: Program) -> str:
     """Return the IR of `prepare` and of the scalar kernel."""
-    return _module([_prepare(program), _scalar(program)], 1, {})
+    return _module(program, [_prepare(program), _scalar(program)], 1, {})
 
 
 def column_module(program: Program, lanes: int, vector_names: dict[str, str]) -> str:
     """Return the IR of the kernel over columns; `vector_names` maps operations to vector routines of the C library."""
-    return _module([_block(program, lanes, vector_names), _columns(program, lanes)], lanes, vector_names)
+    return _module(program, [_block(program, lanes, vector_names), _columns(program, lanes)], lanes, vector_names)
 
 
-def _module(functions: list[str], lanes: int, vector_names: dict[str, str]) -> str:
+def _module(program: Program, functions: list[str], lanes: int, vector_names: dict[str, str]) -> str:
     kind = element(lanes)
     code = f"v{lanes}f64" if lanes > 1 else "f64"
     names = ("fma", "minimum", "maximum")
@@ -48,7 +50,9 @@ def _module(functions: list[str], lanes: int, vector_names: dict[str, str]) -> s
         "declare void @solve_factored(i64, ptr, ptr, ptr)",
         "declare i32 @solve_lanes(i64, i64, ptr, ptr, ptr)",
     ]
-    return "\n".join([*lines, "", *functions, ATTRIBUTES, ""])
+    if shares_angle_function(program):
+        functions = [angle_function(lanes), *functions]
+    return "\n".join([*lines, "", *functions, METADATA, ATTRIBUTES, ""])
 
 
 def _prepare(program: Program) -> str:
@@ -83,7 +87,7 @@ def _scalar(program: Program) -> str:
             body.values[i] = "%t"
     _finish(body)
     signature = f"define i32 @{program.name}(double %t, ptr noalias %y, ptr noalias readonly %p, ptr noalias %out) #0"
-    return e.function(signature) + '!0 = !{!"branch_weights", i32 2000, i32 1}\n'
+    return e.function(signature)
 
 
 def _finish(body: Body, stride: str = "") -> None:
@@ -105,23 +109,26 @@ def _block(program: Program, lanes: int, vector_names: dict[str, str]) -> str:
     e = body.e
     for i, (op, _, data) in enumerate(program.instructions):
         if op == "state":
-            row = e.value(f"mul nsw i64 %stride, {int(data)}") if data else 0
-            body.values[i] = e.load(e.address("%y", row), body.kind)
+            half = program.states // 2
+            base, place = ("%q", int(data)) if data < half else ("%v", int(data) - half)
+            row = e.value(f"mul nsw i64 %stride, {place}") if place else 0
+            body.values[i] = e.load(e.address(base, row), body.kind)
         elif op == "time":
             body.values[i] = e.load("%t", body.kind)
     _finish(body, "%stride")
     signature = (
-        f"define internal i32 @{program.name}_block(ptr noalias %t, ptr noalias %y, i64 %stride, "
-        "ptr noalias readonly %p, ptr noalias %out) #0"
+        f"define internal i32 @{program.name}_block(ptr noalias %t, ptr noalias %q, ptr noalias %v, "
+        "i64 %stride, ptr noalias readonly %p, ptr noalias %out) #0"
     )
-    return e.function(signature) + '!0 = !{!"branch_weights", i32 2000, i32 1}\n'
+    return e.function(signature)
 
 
 def _columns(program: Program, lanes: int) -> str:
     e = Emitter()
     with e.loop(0, "%count", lanes) as i:
-        places = [e.address(base, i) for base in ("%t", "%y", "%out")]
-        arguments = f"ptr {places[0]}, ptr {places[1]}, i64 %count, ptr %p, ptr {places[2]}"
+        places = [e.address(base, i) for base in ("%t", "%q", "%v", "%out")]
+        inputs = ", ".join(f"ptr {place}" for place in places[:3])
+        arguments = f"{inputs}, i64 %count, ptr %p, ptr {places[3]}"
         status = e.value(f"call i32 @{program.name}_block({arguments})")
         bad = e.value(f"icmp ne i32 {status}, 0")
         with e.when(bad):
@@ -129,6 +136,6 @@ def _columns(program: Program, lanes: int) -> str:
             e.label(e.fresh("never"))
     e.do("ret i64 -1")
     return e.function(
-        f"define i64 @{program.name}_columns(i64 %count, ptr noalias %t, ptr noalias %y, ptr noalias %p, "
-        "ptr noalias %out) #0"
+        f"define i64 @{program.name}_columns(i64 %count, ptr noalias %t, ptr noalias %q, ptr noalias %v, "
+        "ptr noalias %p, ptr noalias %out) #0"
     )

@@ -11,13 +11,12 @@ from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.llvm.body import prepared_size
 from lagrange.machine.llvm.engine import Module, lanes, linear_solver, vector_routines
 from lagrange.machine.llvm.kernel import column_module, scalar_module
+from lagrange.machine.llvm.memory import address
 from lagrange.program.program import Program
 
 _PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 _SCALAR = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
-_COLUMNS = ctypes.CFUNCTYPE(
-    ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p
-)
+_COLUMNS = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, *([ctypes.c_void_p] * 5))
 
 
 class LlvmKernel:
@@ -59,53 +58,57 @@ class LlvmKernel:
             return known[1]
         prepared = np.zeros(prepared_size(self._program) + 1)
         prepared[: len(parameters)] = parameters
-        if self._prepare(prepared.ctypes.data):
+        if self._prepare(address(prepared)):
             raise SingularMassMatrix
         self._prepared = (key, prepared)
         return prepared
 
     def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
         """Evaluate the program; see `Kernel`."""
+        if y.ndim > 1:
+            half = self._program.states // 2
+            return self.columns(t, y[:half], y[half:], parameters)
         prepared = self.prepare(parameters)
-        if y.ndim == 1:
-            y = np.ascontiguousarray(y, dtype=float)
-            out = np.empty(self._program.shape)
-            if self._scalar(float(t), y.ctypes.data, prepared.ctypes.data, out.ctypes.data):
-                raise SingularMassMatrix
-            return out
-        return self._over_columns(t, y, prepared)
+        y = np.ascontiguousarray(y, dtype=float)
+        out = np.empty(self._program.shape)
+        if self._scalar(float(t), address(y), address(prepared), address(out)):
+            raise SingularMassMatrix
+        return out
 
-    def _over_columns(self, t: float | FloatArray, y: FloatArray, prepared: FloatArray) -> FloatArray:
-        """Evaluate every column; a last incomplete block is filled up with copies of the last column."""
-        batch = y.shape[1]
+    def columns(self, t: float | FloatArray, q: FloatArray, v: FloatArray, parameters: FloatArray) -> FloatArray:
+        """Evaluate every column; see `Kernel`. An incomplete last block is filled up with copies of the last column."""
+        prepared = self.prepare(parameters)
+        batch = q.shape[1]
         shape = self._program.shape
         if batch == 0:
             return np.empty((*shape, 0))
         width = self._lanes
         count = -(-batch // width) * width
-        times = np.empty(count)
-        times[:batch] = t
-        times[batch:] = times[batch - 1]
-        states = np.ascontiguousarray(y, dtype=float)
-        if count != batch:
-            states = np.concatenate([states, np.repeat(states[:, -1:], count - batch, axis=1)], axis=1)
+        arrays = [_filled(array, count) for array in (q, v)]
+        times = _filled(np.broadcast_to(t, (1, batch)), count) if self._reads_time else arrays[0]
         out = np.empty((len(self._program.outputs), count))
-        _module, columns = self._column_kernel
-        first = columns(count, times.ctypes.data, states.ctypes.data, prepared.ctypes.data, out.ctypes.data)
+        _module, run = self._column_kernel
+        addresses = [address(array) for array in (times, *arrays, prepared, out)]
+        first = run(count, *addresses)
         if first >= 0:
-            raise SingularMassMatrix(self._singular_column(first, min(first + width, batch), times, states, prepared))
+            states = np.concatenate(arrays)
+            raise SingularMassMatrix(
+                self._singular_column(range(first, min(first + width, batch)), times, states, prepared)
+            )
         return out[:, :batch].reshape(*shape, batch)
 
-    def _singular_column(
-        self, first: int, last: int, times: FloatArray, states: FloatArray, prepared: FloatArray
-    ) -> int:
+    def _singular_column(self, block: range, times: FloatArray, states: FloatArray, prepared: FloatArray) -> int:
         """Return which column of a block is singular, by evaluating each alone."""
         out = np.empty(self._program.shape)
-        for column in range(first, last):
+        for column in block:
             y = np.ascontiguousarray(states[:, column])
-            if self._scalar(times[column], y.ctypes.data, prepared.ctypes.data, out.ctypes.data):
+            if self._scalar(times[0, column], address(y), address(prepared), address(out)):
                 return column
-        return first
+        return block.start
+
+    @cached_property
+    def _reads_time(self) -> bool:
+        return any(instruction.op == "time" for instruction in self._program.instructions)
 
     @cached_property
     def _lanes(self) -> int:
@@ -118,3 +121,10 @@ class LlvmKernel:
         """The module and its function as one value: threads that compile it at once each keep their own pair."""
         module = Module(column_module(self._program, self._lanes, vector_routines() if self._lanes > 1 else {}))
         return module, _COLUMNS(module.address(f"{self._program.name}_columns"))
+
+
+def _filled(array: FloatArray, count: int) -> FloatArray:
+    """Return the rows as contiguous doubles, continued to `count` columns with copies of the last."""
+    if array.shape[1] != count:
+        array = np.concatenate([array, np.repeat(array[:, -1:], count - array.shape[1], axis=1)], axis=1)
+    return np.ascontiguousarray(array, dtype=float)

@@ -243,12 +243,7 @@ class ScipyMethod(ABC):
             options["jac"] = run.law.jacobian
         first = None if self.first_step is None else min(self.first_step, span)
         run.law.begin_step()
-        solver = self.solver(run.law.rhs, problem.t0, problem.y0.copy(), problem.t1, first_step=first, **options)
-        if run.law.fault and first is None:
-            # The probe for the first step left the domain, and a NaN step would never be found too small.
-            first = min(span, max(1e-8 * span, 100 * float(np.spacing(abs(problem.t0)))))
-            solver = self.solver(run.law.rhs, problem.t0, problem.y0.copy(), problem.t1, first_step=first, **options)
-        return solver
+        return self.solver(run.law.rhs, problem.t0, problem.y0.copy(), problem.t1, first_step=first, **options)
 
     def _step(self, solver: OdeSolver, run: _Run) -> _Fault | None:
         """Take one step and keep it if it, its end and its interpolant are sound; else return the fault."""

@@ -1,0 +1,342 @@
+"""The command line: run, derive, check, list and start scenes.
+
+Only argparse is imported before the request is understood, so that help is there at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+import os
+import re
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from math import pi
+from pathlib import Path
+from tomllib import loads
+from typing import TYPE_CHECKING, Any
+
+import lagrange as lg
+from lagrange.errors import LagrangeError, StatementError, listing
+from lagrange.show.derivation import FORMATS, render
+from lagrange.show.files import write_atomically
+from lagrange.show.names import plain_text
+from lagrange.show.table import text_table
+
+if TYPE_CHECKING:
+    from lagrange.show.solution import Solution
+    from lagrange.system import System
+
+DONE, FAILED, WRONG, INTERRUPTED = 0, 1, 2, 130
+
+SCENES = Path(__file__).resolve().parent / "scenes"
+
+NUMBER = re.compile(r"([+-]?)(?:([0-9.]+(?:[eE][+-]?[0-9]+)?)\*?)?(pi|deg)?(?:/([0-9.]+))?")
+"""A number, with pi or deg behind it and a divisor if need be: 9.81, -1e-3, 30deg, pi/6, 2*pi/3."""
+
+STARTER = """\
+# A scene: one mechanical system, stated by its energies. Run it with:  lagrange run {file}
+# Expressions know + - * / **, sin cos tan asin acos atan atan2 exp log sqrt sinh cosh tanh abs sign min max, and pi.
+
+name = "{name}"
+about = "A pendulum with friction, to be changed into your system."
+source = ""  # where it was published
+
+# The generalized coordinates. theta_dot is the velocity of theta; t is time.
+coordinates = ["theta"]
+
+# L = T - V. Instead of the two, lagrangian = "..." may be given.
+kinetic = "m*l**2*theta_dot**2/2"
+potential = "-m*g*l*cos(theta)"
+
+# Generalized forces, one expression per coordinate, and Rayleigh's dissipation function (force -dD/d(velocity)).
+forces = {{ theta = "-c*theta_dot" }}
+dissipation = 0
+
+# What to draw, if anything: named points (x, y) or (x, y, z), and rods between them.
+links = [["origin", "bob"]]
+
+[positions]
+bob = ["l*sin(theta)", "-l*cos(theta)"]
+
+# Every other name in the expressions, with its value. Units are yours; keep them consistent.
+[parameters]
+m = 1.0  # kg
+g = 9.81  # m/s^2
+l = 1.0  # m
+c = 0.1  # kg m^2/s
+
+# The state at the start; what is not named is zero.
+[initial]
+theta = "pi/3"
+theta_dot = 0.0
+
+# How to run it; each line may be left out.
+[run]
+t_end = 10.0
+# method = "dop853"
+# rtol = 1e-8
+"""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a command found: its exit code, what people read, and the same as data."""
+
+    code: int
+    text: str
+    data: Any = None
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Do what the arguments ask for and return the exit code: 0 done, 1 failed, 2 wrong request, 130 interrupted."""
+    try:
+        request = parser().parse_args(argv)
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    try:
+        answer: Answer = request.command(request)
+    except KeyboardInterrupt:
+        answer = _refusal(INTERRUPTED, "interrupted; no file was left half written.")
+    except StatementError as error:
+        answer = _refusal(WRONG, str(error))
+    except LagrangeError as error:
+        answer = _refusal(FAILED, str(error))
+    return _print(answer, as_json=getattr(request, "json", False))
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    top = argparse.ArgumentParser(
+        "lagrange",
+        description="State kinetic and potential energy, get checked, compiled equations of motion and trajectories.",
+        epilog="Exit codes: 0 done, 1 the run or the check failed, 2 the request was wrong, 130 interrupted.",
+        allow_abbrev=False,
+    )
+    top.add_argument("--version", action="version", version=f"lagrange {lg.__version__}")
+    commands = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    _add_run(commands)
+    derive_ = _command(commands, "derive", derive, "print Lagrangian, momenta, equations of motion and accelerations")
+    derive_.add_argument("--format", choices=FORMATS, default="text", help="language of the page (default: text)")
+    check_ = _command(commands, "check", check, "compare everything compiled with numerical differentiation of T and V")
+    _add_json(check_)
+    list_ = _command(commands, "scenes", scenes, "list the library of scenes", takes_scene=False)
+    _add_json(list_)
+    new_ = _command(commands, "new", new, "write a commented scene file to start from", takes_scene=False)
+    new_.add_argument("name", metavar="NAME", help="name of the scene; the file is NAME.toml")
+    new_.add_argument("--out", metavar="DIR", default=".", help="folder to write it to (default: this one)")
+    return top
+
+
+def _add_run(commands: Any) -> None:
+    run_ = _command(commands, "run", run, "compile a scene, run it and print how it went")
+    run_.add_argument(
+        "--set", metavar="NAME=VALUE", action="append", default=[], help="value of a parameter, such as m=2"
+    )
+    run_.add_argument(
+        "--initial",
+        metavar="NAME=VALUE",
+        action="append",
+        default=[],
+        help="initial value, such as theta=30deg or theta_dot=1",
+    )
+    run_.add_argument("--t-end", metavar="T", help="time at which the run ends")
+    run_.add_argument("--method", metavar="NAME", help="integrator, such as dop853 or rk4")
+    run_.add_argument("--rtol", metavar="X", help="relative tolerance of an adaptive method")
+    run_.add_argument("--atol", metavar="X", help="absolute tolerance of an adaptive method")
+    run_.add_argument("--step", metavar="H", help="step of a method with fixed steps")
+    run_.add_argument("--points", metavar="N", help="output at N equally spaced times instead of at every step")
+    run_.add_argument(
+        "--out", metavar="DIR", help="folder for trajectory.csv, trajectory.png and card.json; made if need be"
+    )
+    run_.add_argument("--no-check", action="store_true", help="skip the check of the compiled equations before the run")
+    _add_json(run_)
+
+
+def _command(commands: Any, name: str, function: Any, summary: str, *, takes_scene: bool = True) -> Any:
+    command = commands.add_parser(
+        name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.", allow_abbrev=False
+    )
+    command.set_defaults(command=function)
+    if takes_scene:
+        command.add_argument("scene", metavar="SCENE", help="a scene file, or a name that `lagrange scenes` lists")
+    return command
+
+
+def _add_json(command: Any) -> None:
+    command.add_argument("--json", action="store_true", help="print one JSON document instead of text")
+
+
+def run(request: argparse.Namespace) -> Answer:
+    """Run a scene, write what came of it, and return its status card."""
+    initial, parameters = _assignments("--initial", request.initial), _assignments("--set", request.set)
+    t_end = _given("--t-end", request.t_end)
+    rtol, atol, step = (_given(f"--{key}", getattr(request, key)) for key in ("rtol", "atol", "step"))
+    points = _count("--points", request.points)
+    system = _load(request.scene)
+    folder = _folder(request.out) if request.out is not None else None
+    solution = system.run(
+        t_end,
+        initial,
+        method=request.method,
+        rtol=rtol,
+        atol=atol,
+        step=step,
+        parameters=parameters,
+        t_eval=None if points is None else _times(system.statement.run.t_end if t_end is None else t_end, points),
+        progress=not request.json,
+        check=not request.no_check,
+    )
+    files = _write(solution, folder) if folder is not None else []
+    code = INTERRUPTED if solution.status is lg.Status.INTERRUPTED else DONE if solution.status.complete else FAILED
+    written = f"\nwritten to {folder}: {listing(path.name for path in files)}" if folder is not None else ""
+    return Answer(code, repr(solution) + written, {**solution.card(), "files": [str(path) for path in files]})
+
+
+def _write(solution: Solution, folder: Path) -> list[Path]:
+    """Write the trajectory, its picture and, when both are there, the card."""
+    picture = folder / "trajectory.png"
+    files = [solution.to_csv(folder / "trajectory.csv")]
+    if len(solution.t):
+        files.append(solution.to_png(picture))
+    else:
+        picture.unlink(missing_ok=True)  # the picture of an earlier run must not stand beside this one's card
+    return [*files, _write_card(solution, folder)]
+
+
+def _write_card(solution: Solution, folder: Path) -> Path:
+    text = json.dumps(solution.card(), indent=2, allow_nan=False) + "\n"
+    return write_atomically(folder / "card.json", lambda file: file.write(text.encode()))
+
+
+def derive(request: argparse.Namespace) -> Answer:
+    """Return the derivation of a scene's equations of motion."""
+    system = _load(request.scene)
+    return Answer(DONE, render(system.derivation(), request.format, system.structure).rstrip("\n"))
+
+
+def check(request: argparse.Namespace) -> Answer:
+    """Check a scene's compiled equations and return the report."""
+    report = _load(request.scene).check()
+    return Answer(DONE if report else FAILED, str(report), report.to_dict())
+
+
+def scenes(_: argparse.Namespace) -> Answer:
+    """Return the scenes of the library. Only the titles are read, which takes no time."""
+    found = []
+    for path in sorted(SCENES.glob("*.toml")):
+        scene = loads(path.read_text("utf-8"))
+        found.append({"name": path.stem, "about": scene.get("about", ""), "source": scene.get("source", "")})
+    table = text_table(("scene", "what it shows"), [(scene["name"], plain_text(scene["about"])) for scene in found])
+    return Answer(DONE, table, found)
+
+
+def new(request: argparse.Namespace) -> Answer:
+    """Write a scene to start from, and never over one that is there."""
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", request.name):
+        raise StatementError(
+            f"{request.name[:80]!r} cannot name a scene: use 1 to 64 letters, digits, - and _, such as double-pendulum."
+        )
+    path = _folder(request.out) / f"{request.name}.toml"
+    if path.exists():
+        raise StatementError(f"{path} is there already and stays as it is: choose another name, or remove it first.")
+    text = STARTER.format(name=request.name, file=path.name)
+    write_atomically(path, lambda file: file.write(text.encode()))
+    return Answer(DONE, f"{path} is a pendulum for now: change it, then  lagrange run {path}")
+
+
+def _times(t_end: float, points: int) -> Any:
+    import numpy as np
+
+    return np.linspace(0.0, t_end, points)
+
+
+def _load(scene: str) -> System:
+    # a library name has neither; anything else is meant as a file, there or not
+    if scene.endswith(".toml") or "/" in scene or os.sep in scene or (len(scene) < 255 and Path(scene).is_file()):
+        return lg.System.from_scene(scene)
+    return lg.scene(scene)
+
+
+def _folder(name: str) -> Path:
+    folder = Path(name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StatementError(f"--out {name}: the folder cannot be made ({error.strerror}). Name another.") from None
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise StatementError(f"--out {name}: the folder may not be written to. Name another.")
+    return folder
+
+
+def _assignments(option: str, given: Sequence[str]) -> dict[str, float]:
+    values: dict[str, float] = {}
+    for text in given:
+        name, equals, value = text.partition("=")
+        if not (name.strip() and equals):
+            raise StatementError(f"{option} {text[:80]}: write NAME=VALUE, such as {option} m=2.")
+        if name.strip() in values:
+            raise StatementError(f"{option} gives {name.strip()[:80]} twice: give it once.")
+        values[name.strip()] = _number(f"{option} {name.strip()}", value.strip())
+    return values
+
+
+def _given(option: str, text: str | None) -> float | None:
+    return None if text is None else _number(option, text)
+
+
+def _number(option: str, text: str) -> float:
+    match = NUMBER.fullmatch(text)
+    if match and (match[2] or match[3] == "pi"):
+        sign, number, unit, divisor = match.groups()
+        try:
+            scale = {None: 1.0, "pi": pi, "deg": pi / 180}[unit]
+            return float(f"{sign}{number or 1}") * scale / float(divisor or 1)
+        except (ValueError, ZeroDivisionError):
+            pass
+    raise StatementError(f"{option}: {text[:80]!r} is not a number. Write one such as 2, 1e-3, 30deg or pi/6.")
+
+
+def _count(option: str, text: str | None) -> int | None:
+    if text is None:
+        return None
+    if not re.fullmatch(r"[0-9]{1,8}", text) or int(text) < 2:
+        raise StatementError(
+            f"{option}: {text[:80]!r} is no number of output times. Give 2 or more, below 100 million."
+        )
+    return int(text)
+
+
+def _refusal(code: int, message: str) -> Answer:
+    return Answer(code, message, {"error": message, "exit_code": code})
+
+
+def _print(answer: Answer, *, as_json: bool) -> int:
+    """Print an answer; a reader who went away and a full disk are no reason for a traceback."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    refused = isinstance(answer.data, dict) and "error" in answer.data
+    try:
+        if refused:
+            print(f"lagrange: {answer.text}", file=sys.stderr, flush=True)
+        if as_json:
+            print(json.dumps(answer.data, indent=2, allow_nan=False), flush=True)
+        elif not refused:
+            print(answer.text, flush=True)
+    except BrokenPipeError:
+        _silence()
+    except OSError as error:
+        _silence()
+        print(f"lagrange: the output cannot be written ({error.strerror}).", file=sys.stderr)
+        return answer.code or FAILED
+    return answer.code
+
+
+def _silence() -> None:
+    """Let nothing more go to standard output, not even what Python flushes when it ends."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

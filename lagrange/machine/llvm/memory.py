@@ -1,0 +1,35 @@
+"""Where an array's numbers stand in memory, found quickly: a call of a small kernel costs less than `ctypes.data`."""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+
+import numpy as np
+
+from lagrange.machine.backend import FloatArray
+
+_HEADER = object.__basicsize__
+_pointer_at = ctypes.c_void_p.from_address
+
+
+def _by_layout(array: FloatArray) -> int:
+    """Read the data pointer, which follows the object's header in NumPy's C structure (0.13 us)."""
+    return _pointer_at(id(array) + _HEADER).value or 0
+
+
+def _by_attribute(array: FloatArray) -> int:
+    """Ask NumPy (1 us)."""
+    return int(array.ctypes.data)
+
+
+def _layout_is_as_documented() -> bool:
+    """Return whether both ways agree; id() is an address in CPython only, so this is tried and not assumed."""
+    if sys.implementation.name != "cpython":
+        return False
+    probes = [np.zeros(shape) for shape in (1, 7, (3, 5))]
+    return all(_by_layout(probe[..., :1]) == _by_attribute(probe[..., :1]) for probe in probes)
+
+
+address = _by_layout if _layout_is_as_documented() else _by_attribute
+"""Return the address of an array's first number; the array must stay referenced while it is used."""

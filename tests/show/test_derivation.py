@@ -1,0 +1,162 @@
+"""Derivations on paper: golden pages, and what must not get into them."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import pytest
+from sympy import cos, sin
+
+from lagrange.equations import derivation as equations
+from lagrange.equations.derivation import Derivation, derive
+from lagrange.errors import StatementError
+from lagrange.show.derivation import FORMATS, equations_latex, render
+from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
+from lagrange.statement.declare import declare
+
+m, g, l, k, c = parameters("m g l k c")
+theta, x = coordinates("theta x")
+
+
+def cart() -> Derivation:
+    return derive(
+        declare(
+            kinetic=m * (x.dot**2 + (l + x) ** 2 * theta.dot**2) / 2,
+            potential=-m * g * (l + x) * cos(theta) + k * x**2 / 2,
+            coordinates=[x, theta],
+            forces={x: sin(t)},
+            dissipation=c * theta.dot**2 / 2,
+            name="elastic pendulum",
+            about="A swinging spring.",
+            source="A book.",
+        )
+    )
+
+
+TEXT = """\
+elastic pendulum
+
+Stated
+    A swinging spring.
+    Source: A book.
+    T = m*(theta_dot**2*(l + x)**2 + x_dot**2)/2
+    V = -g*m*(l + x)*cos(theta) + k*x**2/2
+    Q_x = sin(t)
+    D = c*theta_dot**2/2
+
+Lagrangian
+    L = m*theta_dot**2*(l + x)**2/2 + m*x_dot**2/2 + g*m*(l + x)*cos(theta) - k*x**2/2
+
+Momenta
+    p_x = m*x_dot
+    p_theta = m*theta_dot*(l + x)**2
+
+Equations of motion
+    m*x_ddot - m*theta_dot**2*(l + x) - g*m*cos(theta) + k*x = sin(t)
+    m*theta_ddot*(l + x)**2 + c*theta_dot + 2*m*theta_dot*x_dot*(l + x) + g*m*(l + x)*sin(theta) = 0
+
+Accelerations
+    x_ddot = theta_dot**2*(l + x) + g*cos(theta) - k*x/m + sin(t)/m
+    theta_ddot = -(c*theta_dot + 2*m*theta_dot*x_dot*(l + x) + g*m*(l + x)*sin(theta))/(m*(l + x)**2)
+
+Energy
+    E = m*theta_dot**2*(l + x)**2/2 + m*x_dot**2/2 - g*m*(l + x)*cos(theta) + k*x**2/2
+
+Structure
+    The energy is not conserved.
+"""
+
+
+def test_text_page() -> None:
+    assert render(cart(), "text", ["The energy is not conserved."]) == TEXT
+
+
+def test_latex_page_is_a_document() -> None:
+    page = render(cart(), "latex", ["50% & more"])
+    angle = r"{\left(\theta \right)}"
+    assert page.startswith("\\documentclass{article}\n")
+    assert page.endswith("\\end{document}\n")
+    assert "\\title{elastic pendulum}" in page
+    left = rf"m \ddot{{x}} - m \dot{{\theta}}^{{2}} \left(l + x\right) - g m \cos{angle} + k x"
+    assert rf"\[ {left} = \sin{{\left(t \right)}} \]" in page
+
+    assert r"\[ p_{\theta} = m \dot{\theta} \left(l + x\right)^{2} \]" in page
+    assert r"50\% \& more" in page
+    for begin, end in (("{", "}"), (r"\left", r"\right"), (r"\[", r"\]"), (r"\begin", r"\end")):
+        assert page.count(begin) == page.count(end)
+
+
+def test_markdown_page_has_its_formulas_between_dollars() -> None:
+    page = render(cart(), "markdown", ["a_b is *odd*"])
+    assert page.startswith("# elastic pendulum\n\n## Stated\n\nA swinging spring\\.\n")
+    assert "## Momenta\n\n$$\np_{x} = m \\dot{x}\n$$\n" in page
+    assert page.count("$$") % 2 == 0
+    assert page.endswith("## Structure\n\na\\_b is \\*odd\\*\n")
+
+
+def test_notebooks_show_the_equations() -> None:
+    free = derive(declare(kinetic=m * x.dot**2 / 2 + m * theta.dot**2, coordinates=[x, theta]))
+    assert equations_latex(free) == (
+        r"$\displaystyle \begin{aligned} m \ddot{x} &= 0 \\ 2 m \ddot{\theta} &= 0 \end{aligned}$"
+    )
+
+
+def test_a_lagrangian_is_shown_as_stated() -> None:
+    page = render(derive(declare(lagrangian=m * x.dot**2 / 2 - k * x**2 / 2)))
+    assert "Stated\n    L = m*x_dot**2/2 - k*x**2/2\n" in page
+    assert "V =" not in page and "Structure" not in page
+
+
+def test_what_is_too_large_is_said_in_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(equations, "BUDGET", 3)
+    page = render(cart(), "text")
+    assert "Equations of motion\n    Not written out: elastic pendulum is too large for the equations of motion" in page
+    assert "Q_x = sin(t)" in page
+
+
+def test_unknown_format_is_refused() -> None:
+    with pytest.raises(StatementError) as refusal:
+        render(cart(), "markdwon")
+    assert str(refusal.value) == (
+        "'markdwon' is no format of a derivation; they are text, latex and markdown. Did you mean 'markdown'?"
+    )
+
+
+HOSTILE_NAMES = [
+    "input",
+    "write18",
+    "left",
+    "def",
+    "Symbol",
+    "Add",
+    "Float",
+    "Function",
+    "gamma",
+    "E",
+    "S",
+    "I",
+    "zeta_mathbf",
+]
+
+
+@pytest.mark.parametrize("style", FORMATS)
+def test_names_are_never_commands(style: str) -> None:
+    qs = [coordinate(name) for name in HOSTILE_NAMES]
+    words = [parameters(f"{name}_par") for name in HOSTILE_NAMES]
+    kinetic: Any = sum(word * q.dot**2 for word, q in zip(words, qs, strict=True))
+    page = render(
+        derive(declare(kinetic=kinetic, coordinates=qs, name="a\\input{b}$_c", about="\\write18{x} *y* \x1b[0m")), style
+    )
+    assert "\x1b" not in page
+    if style != "text":
+        commands = set(re.findall(r"\\([A-Za-z]+)", page.replace("\\\\", "")))
+        assert not commands & {"input", "write", "def", "mathbf"}
+        assert re.search(r"\\left(?![(\[{.|])", page) is None
+
+
+def test_every_style_holds_every_section() -> None:
+    for style in FORMATS:
+        page = render(cart(), style, ["Found."])
+        headings = ("Stated", "Lagrangian", "Momenta", "Equations of motion", "Accelerations", "Energy", "Structure")
+        assert [page.index(heading) for heading in headings] == sorted(page.index(heading) for heading in headings)

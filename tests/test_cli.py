@@ -1,0 +1,446 @@
+"""The command line: what it prints and writes, its exit codes, and every message of its own."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lagrange as lg
+from lagrange import cli
+from lagrange.cli import main
+from lagrange.trajectory.trajectory import Status
+
+SCENE = """\
+name = "drop"
+about = "A stone that falls."
+source = "Galilei"
+coordinates = ["y"]
+kinetic = "m*y_dot**2/2"
+potential = "m*g*y"
+positions = { stone = ["0", "y"] }
+[parameters]
+m = 2.0
+g = 10.0
+[initial]
+y = 5.0
+[run]
+t_end = 2.0
+"""
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> str:
+    path = tmp_path / "drop.toml"
+    path.write_text(SCENE, "utf-8")
+    return str(path)
+
+
+def command(*arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "lagrange", *arguments], capture_output=True, text=True, check=False, **options
+    )
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 2) -> str:
+    assert main(arguments) == code
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("lagrange: ")
+    assert "Traceback" not in captured.err
+    return captured.err.removeprefix("lagrange: ").rstrip("\n")
+
+
+# --- run ----------------------------------------------------------------------------------------------------
+
+
+def test_run_prints_the_status_card(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", scene]) == 0
+    captured = capsys.readouterr()
+    assert captured.out.startswith("drop: success\n")
+    assert "dop853 reached t = 2." in captured.out
+    assert captured.err == ""
+
+
+def test_run_writes_trajectory_picture_and_card(scene: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "deep" / "er"
+    assert main(["run", scene, "--out", str(out), "--points", "5", "--set", "g=4", "--initial", "y_dot=1"]) == 0
+    assert capsys.readouterr().out.endswith(f"written to {out}: trajectory.csv, trajectory.png and card.json\n")
+    assert sorted(path.name for path in out.iterdir()) == ["card.json", "trajectory.csv", "trajectory.png"]
+    table = np.genfromtxt(out / "trajectory.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(table["t"], [0, 0.5, 1, 1.5, 2])
+    np.testing.assert_allclose(table["y"], 5 + table["t"] - 2 * table["t"] ** 2, rtol=1e-8)
+    assert (out / "trajectory.png").read_bytes().startswith(b"\x89PNG")
+    card = json.loads((out / "card.json").read_text("utf-8"))
+    assert (card["system"], card["status"], card["parameters"]) == ("drop", "success", {"m": 2.0, "g": 4.0})
+    assert card["initial"] == {"y": 5.0, "y_dot": 1.0}
+
+
+def test_run_options_reach_the_run(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", scene, "--method", "rk4", "--step", "0.25", "--t-end", "1", "--json"]) == 0
+    card = json.loads(capsys.readouterr().out)
+    assert (card["method"], card["steps"], card["t_end"]) == ("rk4", 4, 1.0)
+    assert main(["run", scene, "--rtol", "1e-3", "--atol", "1e-3", "--no-check", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["files"] == []
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("2", 2.0),
+        ("-1e-3", -1e-3),
+        ("+.5", 0.5),
+        ("pi", np.pi),
+        ("-pi/6", -np.pi / 6),
+        ("2*pi/3", 2 * np.pi / 3),
+        ("30deg", np.pi / 6),
+        ("1/4", 0.25),
+    ],
+)
+def test_numbers(text: str, value: float, scene: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", scene, "--t-end", "0.1", "--initial", f"y = {text}", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["initial"]["y"] == pytest.approx(value, rel=1e-15)
+
+
+def test_json_is_one_document_with_the_card_and_the_files(
+    scene: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["run", scene, "--json", "--out", str(tmp_path)]) == 0
+    captured = capsys.readouterr()
+    data = json.loads(captured.out)
+    assert captured.err == ""
+    assert data["files"] == [str(tmp_path / name) for name in ("trajectory.csv", "trajectory.png", "card.json")]
+    assert data["complete"] is True
+
+
+BLOW_UP = SCENE.replace('"m*g*y"', '"-m*y**4/4"').replace("y = 5.0", "y = 1.0").replace("g = 10.0\n", "")
+
+
+def test_a_run_that_ends_early_fails_and_keeps_what_there_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "blow.toml"
+    path.write_text(BLOW_UP, "utf-8")
+    assert main(["run", str(path), "--out", str(tmp_path / "out"), "--t-end", "50"]) == 1
+    captured = capsys.readouterr()
+    assert not captured.out.startswith("drop: success")
+    assert len((tmp_path / "out" / "trajectory.csv").read_text("utf-8").splitlines()) > 3
+    assert json.loads((tmp_path / "out" / "card.json").read_text("utf-8"))["complete"] is False
+
+
+def test_a_run_without_output_leaves_no_old_picture(
+    scene: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    finished = lg.System.from_scene(scene).run(0.5)
+    empty = replace(finished.trajectory, t=np.empty(0), y=np.empty((2, 0)), status=Status.NON_FINITE)
+    monkeypatch.setattr(lg.System, "run", lambda *_, **__: replace(finished, trajectory=empty))
+    (tmp_path / "trajectory.png").write_text("old")
+    assert main(["run", scene, "--out", str(tmp_path)]) == 1
+    assert not (tmp_path / "trajectory.png").exists()
+    assert (tmp_path / "trajectory.csv").read_text("utf-8") == "t,y,y_dot\n"
+
+
+def test_an_interrupted_run_is_written_and_says_130(
+    scene: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    finished = lg.System.from_scene(scene).run(0.5)
+    stopped = replace(finished, trajectory=replace(finished.trajectory, status=Status.INTERRUPTED))
+    monkeypatch.setattr(lg.System, "run", lambda *_, **__: stopped)
+    assert main(["run", scene, "--out", str(tmp_path / "out")]) == 130
+    assert json.loads((tmp_path / "out" / "card.json").read_text("utf-8"))["status"] == "interrupted"
+
+
+def test_an_interruption_elsewhere_says_130(
+    scene: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupt(*_: Any, **__: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(lg.System, "from_scene", interrupt)
+    assert refused(capsys, "run", scene, code=130) == "interrupted; no file was left half written."
+
+
+# --- refusals of run ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--set", "m"], "--set m: write NAME=VALUE, such as --set m=2."),
+        (["--set", "=2"], "--set =2: write NAME=VALUE, such as --set m=2."),
+        (["--set", "m=1", "--set", "m=2"], "--set gives m twice: give it once."),
+        (["--set", "m=heavy"], "--set m: 'heavy' is not a number. Write one such as 2, 1e-3, 30deg or pi/6."),
+        (["--set", "m=nan"], "--set m: 'nan' is not a number. Write one such as 2, 1e-3, 30deg or pi/6."),
+        (["--set", "m="], "--set m: '' is not a number. Write one such as 2, 1e-3, 30deg or pi/6."),
+        (["--set", "m=1/0"], "--set m: '1/0' is not a number. Write one such as 2, 1e-3, 30deg or pi/6."),
+        (["--set", "m=1.2.3"], "--set m: '1.2.3' is not a number. Write one such as 2, 1e-3, 30deg or pi/6."),
+        (
+            ["--initial", "y=__import__('os')"],
+            "--initial y: \"__import__('os')\" is not a number. Write one such as 2, 1e-3, 30deg or pi/6.",
+        ),
+        (["--t-end", "soon"], "--t-end: 'soon' is not a number. Write one such as 2, 1e-3, 30deg or pi/6."),
+        (["--rtol", "x"], "--rtol: 'x' is not a number. Write one such as 2, 1e-3, 30deg or pi/6."),
+        (["--points", "1"], "--points: '1' is no number of output times. Give 2 or more, below 100 million."),
+        (["--points", "1e3"], "--points: '1e3' is no number of output times. Give 2 or more, below 100 million."),
+    ],
+)
+def test_wrong_requests(arguments: list[str], message: str, scene: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert refused(capsys, "run", scene, *arguments) == message
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--set", "M=1"], "'M' is no parameter of this system; its parameters are m and g."),
+        (
+            ["--initial", "z=1"],
+            "initial names 'z', which is no coordinate or velocity of this system; they are y and y_dot.",
+        ),
+        (["--method", "dop835"], "Did you mean 'dop853'?"),
+    ],
+)
+def test_requests_that_the_system_refuses(
+    arguments: list[str], message: str, scene: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert message in refused(capsys, "run", scene, *arguments)
+
+
+def test_unknown_scenes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert refused(capsys, "run", "pendulun").endswith("Did you mean 'pendulum'?")
+    assert "the library has no scene" in refused(capsys, "run", "x" * 5000)
+    missing = str(tmp_path / "nowhere.toml")
+    assert missing in refused(capsys, "run", missing)
+    assert "nowhere.toml" in refused(capsys, "derive", "nowhere.toml")
+    assert refused(capsys, "check", str(tmp_path)).startswith(str(tmp_path))
+
+
+def test_refusals_as_json(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", scene, "--set", "m", "--json"]) == 2
+    captured = capsys.readouterr()
+    message = "--set m: write NAME=VALUE, such as --set m=2."
+    assert json.loads(captured.out) == {"error": message, "exit_code": 2}
+    assert captured.err == f"lagrange: {message}\n"
+
+
+def test_out_that_cannot_be_a_folder(
+    scene: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = f"{scene}/inside"
+    assert (
+        refused(capsys, "run", scene, "--out", out)
+        == f"--out {out}: the folder cannot be made (Not a directory). Name another."
+    )
+    assert (
+        refused(capsys, "run", scene, "--out", scene)
+        == f"--out {scene}: the folder cannot be made (File exists). Name another."
+    )
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    folder = str(Path(scene).parent)
+    assert (
+        refused(capsys, "run", scene, "--out", folder)
+        == f"--out {folder}: the folder may not be written to. Name another."
+    )
+
+
+def test_a_full_disk_is_one_message_and_leaves_nothing_half_written(
+    scene: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    out = tmp_path / "out"
+    message = refused(capsys, "run", scene, "--out", str(out), code=1)
+    assert message == (
+        f"Cannot write {out / 'trajectory.csv'}: the disk is full. Nothing was written; free some space or write "
+        "elsewhere."
+    )
+    assert list(out.iterdir()) == []
+
+
+def test_argparse_refuses_with_2(capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments in (
+        [],
+        ["fly"],
+        ["run"],
+        ["run", "pendulum", "--speed", "3"],
+        ["derive", "pendulum", "--format", "pdf"],
+        ["run", "a", "--meth", "rk4"],
+    ):
+        assert main(arguments) == 2
+        captured = capsys.readouterr()
+        assert captured.out == "" and captured.err.startswith("usage: lagrange")
+
+
+# --- derive, check, scenes, new -----------------------------------------------------------------------------
+
+
+def test_derive(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["derive", scene]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith("drop\n\nStated\n    A stone that falls.\n    Source: Galilei\n    T = m*y_dot**2/2\n")
+    assert "\n    m*y_ddot + g*m = 0\n" in text
+    assert "\nStructure\n    The mass matrix is diagonal and constant.\n" in text
+    assert main(["derive", scene, "--format", "latex"]) == 0
+    assert r"\[ m \ddot{y} + g m = 0 \]" in capsys.readouterr().out
+    assert main(["derive", scene, "--format", "markdown"]) == 0
+    assert capsys.readouterr().out.startswith("# drop\n")
+
+
+def test_check(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", scene]) == 0
+    assert capsys.readouterr().out.rstrip().splitlines()[-1] == "Everything holds."
+    assert main(["check", scene, "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data["holds"] is True and data["system"] == "drop"
+
+
+def test_a_check_that_fails_says_1(
+    scene: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    report = lg.System.from_scene(scene).check()
+    wrong = replace(report, unexplained=("the compiled energy has no value at point 1",))
+    monkeypatch.setattr(lg.System, "check", lambda *_, **__: wrong)
+    assert main(["check", scene]) == 1
+    assert "no value at point 1" in capsys.readouterr().out
+
+
+def test_scenes(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["scenes"]) == 0
+    text = capsys.readouterr().out
+    assert main(["scenes", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [entry["name"] for entry in found] == lg.scenes()
+    assert all(entry["source"] for entry in found)
+    assert all(entry["name"] in text and entry["about"] in text for entry in found)
+
+
+def test_new_writes_a_scene_that_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["new", "my-swing", "--out", str(tmp_path / "made")]) == 0
+    path = tmp_path / "made" / "my-swing.toml"
+    assert capsys.readouterr().out == f"{path} is a pendulum for now: change it, then  lagrange run {path}\n"
+    assert lg.System.from_scene(path).name == "my-swing"
+    assert main(["run", str(path)]) == 0
+    assert main(["check", str(path)]) == 0
+
+
+def test_new_never_overwrites(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text("precious")
+    assert refused(capsys, "new", "mine", "--out", str(tmp_path)) == (
+        f"{path} is there already and stays as it is: choose another name, or remove it first."
+    )
+    assert path.read_text() == "precious"
+
+
+@pytest.mark.parametrize("name", ["", "../x", "a/b", "-x", ".hidden", 'a"b', "x" * 65, "é"])
+def test_new_refuses_names(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["new", "--out", str(tmp_path), "--", name]) == 2
+    assert capsys.readouterr().err == (
+        f"lagrange: {name!r} cannot name a scene: use 1 to 64 letters, digits, - and _, such as double-pendulum.\n"
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+# --- as a program -------------------------------------------------------------------------------------------
+
+
+def test_help_imports_nothing_heavy() -> None:
+    program = (
+        "import sys\nfrom lagrange.cli import main\nmain(['--help'])\nmain(['scenes'])\n"
+        "print(sorted({'numpy', 'scipy', 'sympy', 'mpmath', 'matplotlib', 'llvmlite', 'rich'} & set(sys.modules)))"
+    )
+    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert found.stdout.startswith("usage: lagrange [-h] [--version] COMMAND ...")
+    assert found.stdout.endswith("\n[]\n")
+
+
+def test_a_run_without_out_imports_no_plotting(scene: str) -> None:
+    program = f"import sys\nfrom lagrange.cli import main\nmain(['run', {scene!r}])\nprint('matplotlib' in sys.modules)"
+    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert found.stdout.endswith("\nFalse\n")
+
+
+def test_as_a_program(scene: str) -> None:
+    done = command("run", scene)
+    assert (done.returncode, done.stderr) == (0, "")
+    wrong = command("run", scene, "--set", "k=1")
+    assert wrong.returncode == 2
+    assert wrong.stderr == "lagrange: 'k' is no parameter of this system; its parameters are m and g.\n"
+    assert command("--version").stdout == f"lagrange {lg.__version__}\n"
+
+
+def test_a_reader_who_goes_away_is_no_error() -> None:
+    read, write = os.pipe()
+    os.close(read)
+    with os.fdopen(write, "w") as broken:
+        done = subprocess.run(
+            [sys.executable, "-m", "lagrange", "scenes"], stdout=broken, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no /dev/full")
+def test_standard_output_on_a_full_disk() -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "lagrange", "scenes"], stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert done.returncode == 1
+    assert done.stderr == "lagrange: the output cannot be written (No space left on device).\n"
+
+
+def test_a_terminal_that_knows_no_accents(tmp_path: Path) -> None:
+    path = tmp_path / "accent.toml"
+    path.write_text(SCENE.replace("Galilei", "Störmer"), "utf-8")
+    done = command("derive", str(path), env={**os.environ, "PYTHONIOENCODING": "ascii"})
+    assert done.returncode == 0
+    assert "Source: St\\xf6rmer" in done.stdout
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals are sent the POSIX way")
+def test_ctrl_c_keeps_the_partial_result(scene: str, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    arguments = [
+        sys.executable,
+        "-m",
+        "lagrange",
+        "run",
+        scene,
+        "--method",
+        "rk4",
+        "--step",
+        "1e-6",
+        "--t-end",
+        "1e5",
+        "--points",
+        "9",
+    ]
+    with subprocess.Popen(
+        [*arguments, "--out", str(out)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        for _ in range(200):  # the folder is made right before the run
+            if out.exists():
+                break
+            time.sleep(0.1)
+        time.sleep(2.0)
+        process.send_signal(signal.SIGINT)
+        printed, complaint = process.communicate(timeout=60)
+    assert process.returncode == 130, complaint
+    assert "Traceback" not in complaint
+    assert printed.startswith("drop: interrupted\n")
+    assert json.loads((out / "card.json").read_text("utf-8"))["status"] == "interrupted"
+
+
+def test_the_library_is_where_it_is_read_from() -> None:
+    assert cli.SCENES.is_dir()
