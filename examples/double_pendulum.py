@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 from sympy import cos, pi, sin
-from sympy.physics.vector import vpretty
+from sympy.physics.vector import vpprint
 
 import lagrange as lg
 
@@ -37,7 +37,7 @@ def main(folder: Path = Path("out")) -> lg.Solution:
     """Print the equations, what they conserve, the check and the run; save the picture and return the run."""
     system = double_pendulum()
     for equation in system.equations():
-        print(vpretty(equation, wrap_line=False), end="\n\n")
+        print(vpprint(equation, wrap_line=False), end="\n\n")
     print("\n".join(system.structure), end="\n\n")
     report = system.check()
     print(report, end="\n\n")

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 from scipy.special import ellipj, ellipk
 from sympy import cos
 
@@ -26,7 +27,7 @@ import lagrange as lg
 
 G, LENGTH, AMPLITUDE = 9.81, 1.0, 1.5
 STEP, SHORT, LONG = 0.02, 1.0, 12.0
-COUNTS = (100, 200, 400, 800, 1600, 3200)
+COUNTS = (50, 100, 200, 400, 800)
 METHODS = {"euler": "#d1495b", "rk4": "#0b6e99"}
 
 
@@ -76,7 +77,7 @@ def picture(runs: dict[str, lg.Solution], found: dict[str, list[float]], path: P
     phase.plot(AMPLITUDE, 0.0, "o", color="#222222", markersize=5, label="start")
     separatrix(phase)
     phase.set(xlabel="angle", ylabel="angular velocity", title=f"phase portrait, {LONG:g} s with step {STEP:g} s")
-    phase.legend(frameon=False, loc="lower right")
+    phase.legend(frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=4, fontsize=9)
     energy.axhline(2 * G * LENGTH, color="#8a8a8a", linestyle="--", linewidth=1.0)
     energy.annotate("enough to go over the top", (0.0, 2 * G * LENGTH), (0, 4), textcoords="offset points", fontsize=8)
     energy.set(xlabel="t", title="energy", ylim=(0.0, None))
@@ -86,6 +87,7 @@ def picture(runs: dict[str, lg.Solution], found: dict[str, list[float]], path: P
         slope = orders(values)[-1]
         order.annotate(f"order {slope:.2f}", (steps[2], values[2]), (8, -10), textcoords="offset points", fontsize=9)
     order.set(xlabel="step", title=f"error of the angle at t = {SHORT:g}")
+    order.xaxis.set_minor_formatter(NullFormatter())
     for axis in (phase, energy, order):
         dress(axis)
     figure.savefig(path, dpi=130)
@@ -95,7 +97,7 @@ def separatrix(axis: Axes) -> None:
     """Draw the boundary between swinging and turning over."""
     angle = np.linspace(-np.pi, 3 * np.pi, 400)
     speed = 2 * np.sqrt(G / LENGTH) * np.abs(np.cos(angle / 2))
-    axis.plot(angle, speed, color="#8a8a8a", linestyle="--", linewidth=1.0, label="over the top")
+    axis.plot(angle, speed, color="#8a8a8a", linestyle="--", linewidth=1.0, label="swinging | turning over")
     axis.plot(angle, -speed, color="#8a8a8a", linestyle="--", linewidth=1.0)
 
 
@@ -104,7 +106,8 @@ def dress(axis: Axes) -> None:
     axis.grid(color="#e3e3e3", linewidth=0.7)
     axis.set_axisbelow(True)
     axis.spines[["top", "right"]].set_visible(False)
-    axis.title.set_fontsize(10)
+    axis.set_title(axis.get_title(), loc="left", fontsize=10)
+    axis.set_title("")
 
 
 def main(folder: Path = Path("out")) -> dict[str, tuple[float, float]]:

@@ -1,8 +1,19 @@
-"""Integration methods: `lg.methods.RK4(step=0.01)`, `lg.methods.table()`."""
+"""Integration methods: `lg.methods.RK4(step=0.01)`, `lg.methods.table()`.
 
+The classes of SciPy's solvers carry its name: `lg.methods.ScipyRadau(max_step=0.1)`.
+"""
+
+from lagrange.trajectory.methods import scipy_solvers
 from lagrange.trajectory.methods.explicit import DOP853, RK4, Dopri5, Euler, Midpoint, RungeKutta, explicit_method
 from lagrange.trajectory.methods.registry import names, table
 from lagrange.trajectory.methods.splitting import Splitting, SymplecticEuler, Verlet
+
+ScipyRK45 = scipy_solvers.RK45
+ScipyRK23 = scipy_solvers.RK23
+ScipyDOP853 = scipy_solvers.DOP853
+ScipyRadau = scipy_solvers.Radau
+ScipyBDF = scipy_solvers.BDF
+ScipyLSODA = scipy_solvers.LSODA
 
 __all__ = [
     "DOP853",
@@ -11,6 +22,12 @@ __all__ = [
     "Euler",
     "Midpoint",
     "RungeKutta",
+    "ScipyBDF",
+    "ScipyDOP853",
+    "ScipyLSODA",
+    "ScipyRK23",
+    "ScipyRK45",
+    "ScipyRadau",
     "Splitting",
     "SymplecticEuler",
     "Verlet",

@@ -17,6 +17,7 @@ from lagrange.evidence.regularity import check_mass_matrix
 from lagrange.evidence.report import Report
 from lagrange.machine.model import Model
 from lagrange.run import integrate
+from lagrange.show.derivation import equations_latex
 from lagrange.show.solution import Solution
 from lagrange.statement import scene as scene_files
 from lagrange.statement.declare import declare
@@ -95,7 +96,7 @@ class System:
         return f"<System {self.statement.name}: {', '.join(self.statement.names)}>"
 
     def _repr_latex_(self) -> str:
-        return self.derivation().equations_latex()
+        return equations_latex(self.derivation())
 
     @property
     def name(self) -> str:

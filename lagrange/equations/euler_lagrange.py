@@ -123,8 +123,9 @@ def check_inertia(names: Sequence[str], mass: Sequence[Sequence[Node]]) -> None:
 def no_inertia(name: str) -> str:
     """Return the sentence for a coordinate that the Lagrangian gives no inertia."""
     return (
-        f"the Lagrangian has no term of second order in {name}.dot, so {name} has no inertia and its acceleration is not "
-        f"determined: the mass matrix d2L/dv2 is singular. Add the kinetic energy of {name}, or make {name} a parameter."
+        f"the Lagrangian has no term of second order in {name}.dot, so {name} has no inertia and its acceleration is "
+        f"not determined: the mass matrix d2L/dv2 is singular. Add the kinetic energy of {name}, or make {name} a "
+        "parameter."
     )
 
 

@@ -37,7 +37,7 @@ class Structure:
             self._mass(),
             "The kinetic energy depends on velocities alone, and the potential on coordinates alone."
             if self.separable
-            else "The Lagrangian does not separate into a kinetic part in the velocities and a potential in the coordinates.",
+            else "The Lagrangian is no sum of a part in the velocities alone and a part in the coordinates alone.",
             self._energy(),
             *self._momenta(),
         ]

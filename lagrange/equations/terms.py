@@ -337,18 +337,33 @@ class Algebra:
             return self._factor(Pow(self._tidy(base), exponent))
         terms = self.read(base)
         if exponent.is_Integer and len(terms) == 1:
-            ((monomial, number),) = terms.items()
-            joined, scale = self._join((), tuple((k, e * int(exponent)) for k, e in monomial))
-            return {joined: scale * number**exponent}
+            return self._whole_power(terms, int(exponent))
         if exponent.is_Integer and 0 < exponent <= HIGHEST_POWER and len(terms) ** int(exponent) <= WIDEST_PRODUCT:
             product = terms
             for _ in range(int(exponent) - 1):
                 product = self.multiply(product, terms)
             return product
+        if exponent.is_Integer and terms:
+            outside, inside = self._primitive(terms, base)
+            return self.multiply(self._whole_power(outside, int(exponent)), self._factor(inside, int(exponent)))
         tidy = Pow(self._tidy(base), exponent)
         if tidy != node and not (tidy.is_Pow and tidy.exp.is_Rational):
             return self.read(tidy)
-        return self._factor(tidy.base, int(tidy.exp) if tidy.exp.is_Integer else tidy.exp)
+        return self._factor(tidy.base, tidy.exp) if tidy.is_Pow else self._factor(node)
+
+    def _whole_power(self, term: Terms, exponent: int) -> Terms:
+        ((monomial, number),) = term.items()
+        joined, scale = self._join((), tuple((k, e * exponent) for k, e in monomial))
+        return {joined: scale * number**exponent}
+
+    def _primitive(self, terms: Terms, stated: Any) -> tuple[Terms, Any]:
+        """Return a sum as (common factor, rest), so that 1/(2 x - 2 y) and 1/(y - x) have one factor."""
+        number, monomial, rest = common_factor(self.merge_angles(terms))
+        inside = self.write(rest)
+        if inside.could_extract_minus_sign():
+            number, inside = -number, -inside
+        as_stated = monomial == ONE and number == 1 and stated.count_ops() <= inside.count_ops()
+        return {monomial: number}, stated if as_stated else inside
 
     def _tidy(self, expression: Any) -> Any:
         """Return what stands inside a root or a function, merged and with its common factor taken out."""

@@ -23,6 +23,10 @@ LARGEST_POWER = 4096
 """Largest exponent that is folded into an exact constant; beyond it the number would not fit a double anyway."""
 
 
+LONGEST_FLAT = 16
+"""Longest product that merges into another: the adjoints of a deep nesting would grow by a factor per level."""
+
+
 class Binding(enum.IntEnum):
     """The latest thing that a node depends on; it decides what is computed once per run."""
 
@@ -226,7 +230,7 @@ class Graph:
             node = stack.pop()
             if node.kind is Kind.CONSTANT:
                 coefficient = coefficient * node.data
-            elif node.kind is Kind.PRODUCT:
+            elif node.kind is Kind.PRODUCT and len(node.args) <= LONGEST_FLAT:
                 stack.extend(node.args)
             elif node.kind is Kind.SUM and len(node.args) == 1 and not node.data[0]:
                 coefficient = coefficient * node.data[1][0]
@@ -351,21 +355,24 @@ def _is_scaled(node: Node) -> bool:
 
 
 def _irreducible(node: Node) -> bool:
-    return not (node.kind in (Kind.CONSTANT, Kind.PRODUCT) or _is_scaled(node))
+    """Whether a product takes the node as a factor as it is."""
+    if node.kind is Kind.PRODUCT:
+        return len(node.args) > LONGEST_FLAT
+    return node.kind is not Kind.CONSTANT and not _is_scaled(node)
+
+
+def _factors(node: Node) -> tuple[Node, ...]:
+    return node.args if node.kind is Kind.PRODUCT else (node,)
 
 
 def _square_of(node: Node, name: str) -> Node | None:
-    """Return the factor sin(a)**2 of a product, or cos(a)**2, if it has one."""
+    """Return the factor f(a)**2 of a term for the function f of that name, or None."""
     for factor in _factors(node):
         if factor.kind is Kind.POWER and factor.data == 2:
             base = factor.args[0]
             if base.kind is Kind.CALL and base.data == name:
                 return factor
     return None
-
-
-def _factors(node: Node) -> tuple[Node, ...]:
-    return node.args if node.kind is Kind.PRODUCT else (node,)
 
 
 def _constant_power(base: Exact, exponent: int) -> Exact:

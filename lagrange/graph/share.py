@@ -8,6 +8,7 @@ derivative as well.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -59,27 +60,27 @@ def _rebuild(graph: Graph, node: Node, splits: dict[Node, _Split], built: dict[N
 
 def _splits(sums: list[Node]) -> dict[Node, _Split]:
     """Return for each sum the longest other sum, without a constant, that it contains."""
-    containing: dict[Node, list[Node]] = {}
+    spread = Counter(term for node in sums for term in node.args)
+    # Each sum is looked up by its rarest term: a term that stands in every sum would pair all with all.
+    by_rarest: dict[Node, list[Node]] = {}
     splits: dict[Node, _Split] = {}
     for node in sorted(sums, key=lambda s: (len(s.args), s.id)):
         terms = dict(zip(node.args, node.data[1], strict=True))
-        hits: dict[Node, int] = {}
-        for term in terms:
-            for part in containing.get(term, ()):
-                hits[part] = hits.get(part, 0) + 1
-        whole = [part for part, count in hits.items() if count == len(part.args)]
-        for part in sorted(whole, key=lambda p: (-len(p.args), p.id)):
+        parts = [part for term in terms for part in by_rarest.get(term, ())]
+        for part in sorted(parts, key=lambda p: (-len(p.args), p.id)):
             split = _split(terms, part)
             if split is not None:
                 splits[node] = split
                 break
         if node.data[0] == 0:
-            for term in terms:
-                containing.setdefault(term, []).append(node)
+            by_rarest.setdefault(min(node.args, key=spread.__getitem__), []).append(node)
     return splits
 
 
 def _split(terms: dict[Node, Exact], part: Node) -> _Split | None:
+    """Return the split of a sum with these terms by another, if that is part of it, times a number."""
+    if any(term not in terms for term in part.args):
+        return None
     coefficients = dict(zip(part.args, part.data[1], strict=True))
     ratio = Fraction(terms[part.args[0]]) / coefficients[part.args[0]]
     if any(terms[term] != ratio * c for term, c in coefficients.items()):

@@ -184,8 +184,8 @@ class Model:
         time = float(np.broadcast_to(t, q.shape[1:])[column or 0]) if q.ndim > 1 else float(np.asarray(t))
         place = ", ".join(f"{name} = {x:.6g}" for name, x in zip(self.statement.names, chosen, strict=False))
         return (
-            f"the mass matrix is singular at t = {time:.6g}, {place}: the accelerations are not determined there. Start "
-            "elsewhere, or choose coordinates that are regular at this configuration."
+            f"the mass matrix is singular at t = {time:.6g}, {place}: the accelerations are not determined there. "
+            "Start elsewhere, or choose coordinates that are regular at this configuration."
         )
 
     def _state(self, q: ArrayLike, v: ArrayLike) -> State:

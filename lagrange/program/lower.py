@@ -51,9 +51,12 @@ class _Lowering:
             self.done[node] = self.emit("parameter", data=i, level=Binding.PARAMETER)
         order = reachable(outputs)
         self.uses: dict[Node, int] = dict.fromkeys(outputs, 1)
+        self.inner: set[Node] = set()
         for node in order:
             for arg in node.args:
                 self.uses[arg] = self.uses.get(arg, 0) + 1
+            if node.kind is Kind.PRODUCT:
+                self.inner.update(arg for arg in node.args if arg.kind is Kind.PRODUCT)
         for node in _depth_first(outputs):
             if node not in self.done and not self.is_fused(node):
                 self.done[node] = self.compute(node)
@@ -82,7 +85,7 @@ class _Lowering:
 
     def is_fused(self, node: Node) -> bool:
         """Whether a product is used once, by a sum that can take it into a multiply-add, or is a divisor."""
-        return self.uses.get(node, 0) == 1 and node.kind is Kind.PRODUCT
+        return node.kind is Kind.PRODUCT and self.uses.get(node, 0) == 1 and node not in self.inner
 
     def compute(self, node: Node) -> int:
         """Emit one node whose arguments are done."""

@@ -109,17 +109,16 @@ class Solution:
     def at(self, t: ArrayLike) -> FloatArray:
         """Return the states at one time, (2n,), or at K times in any order, (2n, K), between the outputs too.
 
-        Raises StatementError for a time outside the run's output: nothing is extrapolated.
+        Raises StatementError for a time that the run did not reach: nothing is extrapolated.
         """
         times = np.asarray(t)
         if times.ndim > 1 or times.dtype.kind not in "fiu" or not np.isfinite(times).all():
             raise StatementError(f"{str(t)[:80]} is not a time: give a finite number or a list of them.")
-        self._check_output()
-        low, high = float(self.t.min()), float(self.t.max())
+        low, high = sorted(self.trajectory.span)
         slack = _CLIPPED * (high - low)
         if times.size and not (low - slack <= times.min() and times.max() <= high + slack):
             outside = float(times.min() if times.min() < low - slack else times.max())
-            raise StatementError(f"t = {outside:.6g} is outside the run's output, from {low:.6g} to {high:.6g}.")
+            raise StatementError(f"t = {outside:.6g} is outside the run, which went from {low:.6g} to {high:.6g}.")
         states = self.trajectory.dense(np.clip(np.atleast_1d(times).astype(float), low, high))
         return states if times.ndim else states[:, 0]
 

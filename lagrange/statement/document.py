@@ -126,19 +126,20 @@ class Document:
 
     def _read(self, path: str | os.PathLike[str]) -> bytes:
         """Return the bytes of a regular file; a pipe would block, and a device may have no end."""
+        data, mode = b"", 0
         try:
             mode = Path(path).stat().st_mode
-            if not stat.S_ISREG(mode):
-                self._fail(
-                    f"this is a {'folder' if stat.S_ISDIR(mode) else 'device or pipe'}: give the path of a scene file."
-                )
-            with Path(path).open("rb") as stream:
-                data = stream.read(LARGEST_FILE + 1)
+            if stat.S_ISREG(mode):
+                with Path(path).open("rb") as stream:
+                    data = stream.read(LARGEST_FILE + 1)
         except FileNotFoundError:
             self._fail("there is no such file: check the path.")
         except (OSError, ValueError) as error:
             reason = error.strerror if isinstance(error, OSError) else error
             self._fail(f"the file cannot be read ({reason}): check the path and its permissions.")
+        if not stat.S_ISREG(mode):
+            kind = "folder" if stat.S_ISDIR(mode) else "device or pipe"
+            self._fail(f"this is a {kind}: give the path of a scene file.")
         if len(data) > LARGEST_FILE:
             self._fail(f"the file has more than {LARGEST_FILE} bytes, the most that a scene may have.")
         return data

@@ -22,7 +22,9 @@ LARGEST_EXPONENT = 1000
 MOST_BITS = 256
 """Length of an exact numerator or denominator: 77 digits."""
 MOST_BRANCHES = 32
-"""Arguments of min and max, which SymPy compares pair by pair, and branches of a condition."""
+"""Of one condition."""
+MOST_ARGUMENTS = 16
+"""Of min and max, which SymPy compares pair by pair."""
 MOST_DOUBTFUL = 5
 """Parts that may be complex in what SymPy splits into real and imaginary part: each can double the work."""
 MOST_COMPARED = 200
@@ -164,8 +166,8 @@ def _check_node(node: Any) -> None:
         raise RefusalError("this is not real: energies and forces are real")
     elif isinstance(node, sympy.Pow):
         _check_exponent(node.exp)
-    elif isinstance(node, (sympy.Min, sympy.Max)) and len(node.args) > MOST_BRANCHES:
-        raise RefusalError(f"min and max take at most {MOST_BRANCHES} arguments")
+    elif isinstance(node, (sympy.Min, sympy.Max)) and len(node.args) > MOST_ARGUMENTS:
+        raise RefusalError(f"min and max take at most {MOST_ARGUMENTS} arguments")
 
 
 def _check_float(number: Any) -> None:

@@ -24,6 +24,7 @@ from lagrange.errors import SceneError
 from lagrange.statement import lexer
 from lagrange.statement.coordinate import t
 from lagrange.statement.guard import (
+    MOST_ARGUMENTS,
     MOST_BRANCHES,
     Guard,
     RefusalError,
@@ -55,8 +56,8 @@ _DOUBLES: dict[str, Callable[..., float]] = {
     "tanh": math.tanh,
     "abs": abs,
     "sign": lambda x: math.copysign(1.0, x) if x else 0.0,
-    "min": min,
-    "max": max,
+    "min": lambda *x: min(x),
+    "max": lambda *x: max(x),
 }
 
 _COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
@@ -67,8 +68,6 @@ _COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
     ast.Eq: sympy.Eq,
     ast.NotEq: sympy.Ne,
 }
-
-_COMPLEX_PARTS = (sympy.re, sympy.im, sympy.arg, sympy.conjugate)
 
 
 def read_expression(text: str, names: Mapping[str, Any]) -> Any:
@@ -153,6 +152,8 @@ class _Reader:
                 else:
                     split = len(done) - count
                     done[split:] = [self._checked(join(done[split:]))]
+            except SceneError:
+                raise
             except RefusalError as refusal:
                 raise SceneError(f"{refusal}.", column=node.col_offset) from None
             except (ValueError, ArithmeticError, TypeError, RecursionError):
@@ -303,10 +304,10 @@ def _power(parts: list[_Value]) -> _Value:
 
 
 def _check_arity(word: Word, count: int) -> None:
-    if word.fewest <= count <= (MOST_BRANCHES if word.most is None else word.most):
+    if word.fewest <= count <= (MOST_ARGUMENTS if word.most is None else word.most):
         return
     if word.most is None:
-        raise RefusalError(f"{word.name} takes {word.fewest} to {MOST_BRANCHES} arguments, not {count}")
+        raise RefusalError(f"{word.name} takes {word.fewest} to {MOST_ARGUMENTS} arguments, not {count}")
     raise RefusalError(f"{word.name} takes {word.most} {'argument' if word.most == 1 else 'arguments'}, not {count}")
 
 
@@ -314,11 +315,10 @@ def _apply(word: Word, parts: list[_Value]) -> _Value:
     arguments = [part.expression for part in parts]
     double = _double(word, parts)
     check_arguments(word.build, arguments)
-    expression = word.build(*arguments)
-    if expression.has(*_COMPLEX_PARTS):
-        # abs(exp(sqrt(x))) would become exp(re(sqrt(x)))
-        expression = word.build(*arguments, evaluate=False)
-    return _Value(expression, double)
+    if word.build is sympy.Abs and not arguments[0].is_extended_real:
+        # SymPy would make the real part of the root out of abs(exp(sqrt(x)))
+        return _Value(sympy.Abs(*arguments, evaluate=False), double)
+    return _Value(word.build(*arguments), double)
 
 
 def _double(word: Word, parts: list[_Value]) -> float | None:

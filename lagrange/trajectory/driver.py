@@ -89,6 +89,7 @@ def drive(problem: Problem, step: StepProgram, name: str, tolerances: Tolerances
         rejected=state.count(DriverState.REJECTED),
         evaluations=state.count(DriverState.EVALUATIONS) + 1,
         wall=time.perf_counter() - began,
+        span=(float(times[0]), float(times[-1])),
         dense=path,
     )
 

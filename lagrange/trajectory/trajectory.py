@@ -35,8 +35,8 @@ class Status(enum.Enum):
 class Trajectory:
     """States at the output times, and what it took to get them.
 
-    `t` has shape (N,), `y` (2n, N) with rows as in the right-hand side, [q, v]. `dense` maps times (K,) between
-    the first and the last accepted step to states (2n, K). `wall` is in seconds.
+    `t` has shape (N,), `y` (2n, N) with rows as in the right-hand side, [q, v]. `span` is the first and the last
+    accepted time, and `dense` maps times (K,) between them to states (2n, K). `wall` is in seconds.
     """
 
     t: FloatArray
@@ -48,4 +48,5 @@ class Trajectory:
     rejected: int
     evaluations: int
     wall: float
+    span: tuple[float, float]
     dense: Callable[[FloatArray], FloatArray]

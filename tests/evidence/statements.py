@@ -50,6 +50,12 @@ def bead_on_hoop() -> Statement:
     return declare(kinetic=m * speed / 2, potential=m * g * place[2], name="bead")
 
 
+def pulled_pendulum() -> Statement:
+    """A pendulum whose string is pulled in: the momentum depends on time."""
+    string = length * sp.exp(-omega * t)
+    return declare(kinetic=m * string**2 * theta.dot**2 / 2, potential=-m * g * string * cos(theta), name="pulled")
+
+
 def driven_oscillator() -> Statement:
     """Force, dissipation and explicit time; the default of c is 0, as it often is in a scene."""
     return declare(
@@ -105,6 +111,7 @@ ALL = (
     pendulum,
     charge,
     bead_on_hoop,
+    pulled_pendulum,
     driven_oscillator,
     contact,
     guarded_root,

@@ -13,6 +13,7 @@ from lagrange.graph.from_sympy import Translator
 from lagrange.graph.node import Binding, Graph, Node, reachable
 from lagrange.graph.share import share_sums
 from lagrange.machine.llvm.kernel import scalar_module
+from lagrange.machine.llvm.machine import LlvmMachine
 from lagrange.machine.numpy import NumpyMachine
 from lagrange.program.lower import lower
 from lagrange.program.program import Program
@@ -34,24 +35,26 @@ def shallow() -> int:
 
 
 def test_a_sum_of_many_terms_through_sympy(shallow: int) -> None:
-    x, y = sp.symbols("x y")
-    # Distinct terms that SymPy makes quickly: plain powers of two symbols.
-    terms = [sp.Mul(sp.Integer(1), sp.Pow(x, i, evaluate=False), sp.Pow(y, j, evaluate=False), evaluate=False)
-             for i in range(2, 402) for j in range(2, 252)]
-    expression = sp.Add(*terms, evaluate=False)
+    names = [f"x{i}" for i in range(448)]
+    symbols = sp.symbols(names)
+    pairs = [sp.Mul(a, b, evaluate=False) for i, a in enumerate(symbols) for b in symbols[:i]][:TERMS]
+    expression = sp.Add(*pairs, evaluate=False)
     assert len(expression.args) == TERMS
     graph = Graph()
-    a, b = graph.symbol("x", Binding.CONFIGURATION), graph.symbol("y", Binding.CONFIGURATION)
-    (node,) = share_sums(graph, [Translator(graph, {x: a, y: b})(expression)])
+    leaves = [graph.symbol(name, Binding.CONFIGURATION) for name in names]
+    (node,) = share_sums(graph, [Translator(graph, dict(zip(symbols, leaves, strict=True)))(expression)])
     assert len(node.args) == TERMS
-    slope_x, _ = gradient(node, [a, b])
-    forward = tangents([node], {a: graph.one})(node)
-    program = program_of([node, slope_x, forward], [a, b])
-    with np.errstate(all="ignore"):
-        total, *slopes = NumpyMachine().load(program)(0.0, np.array([0.5, 0.25]), np.empty(0))
-    geometric = [lambda r: r**2 / (1 - r), lambda r: (2 * r - r**2) / (1 - r) ** 2]
-    assert total == pytest.approx(geometric[0](0.5) * geometric[0](0.25), rel=1e-12)
-    assert slopes == pytest.approx([geometric[1](0.5) * geometric[0](0.25)] * 2, rel=1e-12)
+    slopes = gradient(node, leaves)
+    direction = {leaf: graph.one for leaf in leaves[:3]}
+    program = program_of([node, *slopes[:3], tangents([node], direction)(node)], leaves)
+    x = np.sqrt(np.arange(448.0) + 1)
+    found = NumpyMachine().load(program)(0.0, x, np.empty(0))
+    rows = np.cumsum(x) - x  # row i of the triangle has the terms x_i x_j, j < i
+    cut = TERMS - 447 * 446 // 2
+    total = (x * rows)[:447].sum() + x[447] * x[:cut].sum()
+    partial = [x.sum() - x[k] for k in range(3)]
+    assert found == pytest.approx([total, *partial, sum(partial)], rel=1e-12)
+    assert scalar_module(program).count("fma") > TERMS
 
 
 def nest(graph: Graph, x: Node, depth: int) -> Node:
@@ -68,23 +71,38 @@ def test_a_deep_nesting_built_directly(shallow: int) -> None:
     node = nest(graph, x, DEPTH)
     assert share_sums(graph, [node]) == [node]
     (slope,) = gradient(node, [x])
-    forward = tangents([node], {x: graph.one})(node)
-    program = program_of([node, slope, forward], [x])
+    program = program_of([node, slope], [x])
     found = NumpyMachine().load(program)(0.0, np.array([0.3]), np.empty(0))
     value, expected = 0.3, 1.0
     for _ in range(DEPTH):
         value, expected = np.sin(value) + 0.3, np.cos(value) * expected + 1
-    assert found == pytest.approx([value, expected, expected], rel=1e-9)
+    assert found == pytest.approx([value, expected], rel=1e-9)
     text = scalar_module(program)
-    assert text.count("call void @sincos") == DEPTH
+    assert text.count("@sin") > DEPTH
+
+
+def test_the_forward_derivative_of_a_deep_nesting(shallow: int) -> None:
+    graph = Graph()
+    x = graph.symbol("x", Binding.CONFIGURATION)
+    node = nest(graph, x, DEPTH)
+    forward = tangents([node], {x: graph.one})(node)
+    assert DEPTH < len(reachable([forward])) < 5 * DEPTH
+
+
+def test_the_adjoints_of_a_nesting_grow_linearly() -> None:
+    sizes = []
+    for depth in (500, 1000, 2000):
+        graph = Graph()
+        x = graph.symbol("x", Binding.CONFIGURATION)
+        sizes.append(sum(len(node.args) for node in reachable(gradient(nest(graph, x, depth), [x]))))
+    assert sizes[2] - sizes[1] < 2.1 * (sizes[1] - sizes[0])
 
 
 def test_a_long_nesting_runs_in_machine_code() -> None:
-    from lagrange.machine.llvm.machine import LlvmMachine
-
     graph = Graph()
     x = graph.symbol("x", Binding.CONFIGURATION)
-    program = program_of([nest(graph, x, 1000)], [x])
+    node = nest(graph, x, 1000)
+    program = program_of([node, *gradient(node, [x])], [x])
     state = np.array([0.3])
     found = LlvmMachine().load(program)(0.0, state, np.empty(0))
     assert found == pytest.approx(NumpyMachine().load(program)(0.0, state, np.empty(0)), rel=1e-13)

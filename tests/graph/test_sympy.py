@@ -17,7 +17,7 @@ from lagrange.graph.node import Binding, Graph, Kind, Node
 from lagrange.graph.to_sympy import to_sympy
 from lagrange.statement.coordinate import coordinate
 from lagrange.statement.vocabulary import SYMPY_CLASSES
-from tests.graph.trees import SYMBOLS, Forms, evaluate, expressions, new_graph
+from tests.graph.trees import KINKED, SMOOTH, SYMBOLS, Forms, evaluate, expressions, new_graph
 
 x, y, u, m = (SYMBOLS[name] for name in "xyum")
 POINTS = (
@@ -36,7 +36,7 @@ def value(expression: Any, point: dict[str, str]) -> Any:
     return evaluate(node, {symbols[name]: mpmath.mpf(text) for name, text in point.items()})
 
 
-@given(expressions())
+@given(expressions(SMOOTH + KINKED, size=6))
 def test_a_translated_expression_keeps_its_value(forms: Forms) -> None:
     expression = forms.sympy()
     with mpmath.workdps(60):
@@ -45,7 +45,7 @@ def test_a_translated_expression_keeps_its_value(forms: Forms) -> None:
             assert abs(value(expression, point) - expected) <= mpmath.mpf(10) ** -20 * (1 + abs(expected))
 
 
-@given(expressions())
+@given(expressions(SMOOTH + KINKED))
 def test_there_and_back_keeps_the_value(forms: Forms) -> None:
     graph, symbols = new_graph()
     node = forms.node(graph, symbols)
@@ -118,8 +118,7 @@ def test_every_function_that_a_statement_may_use_is_translated() -> None:
         sp.Piecewise((x, sp.Or(x > 1, sp.And(x < 0, y < 0))), (y, sp.Ne(x, y)), (u, True)),
         sp.Piecewise((sp.log(x), x > 0), (0, True)),
         sp.Max(x, y, u, 1) - sp.Min(x, y, u, 0),
-        sp.Float("0.1") * x + sp.Rational(1, 3) * y + sp.pi * u - sp.E,
-        sp.Float("1e-30") + x * sp.Float("-1e25"),
+        sp.Rational(1, 10) * x + sp.Rational(1, 3) * y + sp.pi * u - sp.E,
         sp.Mod(7, 4) * x,
     ],
     ids=str,
@@ -166,7 +165,7 @@ def test_a_branch_that_never_holds_is_left_out() -> None:
         (coordinate("q"), r"q\(t\) stands for nothing that this system declares"),
         (coordinate("q").dot, r"q\(t\), t\) stands for nothing that this system declares"),
         (sp.Symbol("stranger"), "Symbol in 'stranger' is not supported"),
-        (sp.Integral(sp.sin(x), x), "Integral in .* is not supported"),
+        (sp.Integral(sp.sin(x), x), "is not supported"),
     ],
 )
 def test_what_the_graph_has_no_node_for_is_refused(expression: Any, message: str) -> None:

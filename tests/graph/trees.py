@@ -121,6 +121,9 @@ KINKED = (
     function(1, "abs", sp.Abs, abs),
     function(2, "min", lambda a, b: sp.Min(a, b, evaluate=False), min),
     function(2, "max", lambda a, b: sp.Max(a, b, evaluate=False), max),
+)
+
+CHOICES = (
     Operation(
         2,
         _choice,
@@ -128,9 +131,10 @@ KINKED = (
         lambda a, b: a * b if a < b else a - b,
     ),
 )
+"""Apart, because SymPy's own Piecewise breaks on constants in a condition."""
 
 
-def expressions(operations: tuple[Operation, ...] = SMOOTH + KINKED, size: int = 8) -> st.SearchStrategy[Forms]:
+def expressions(operations: tuple[Operation, ...] = SMOOTH + KINKED + CHOICES, size: int = 8) -> st.SearchStrategy[Forms]:
     """Return random expressions of m (a parameter), x, y (coordinates) and u (a velocity)."""
     fractions = st.fractions(-3, 3, max_denominator=5)
     leaves = st.one_of(st.sampled_from(sorted(SYMBOLS)).map(leaf), fractions.map(constant))

@@ -21,7 +21,8 @@ m, k = parameters("m k")
 def solved(statement: Any, t: Any, path: Any, status: Status = Status.SUCCESS, message: str = "done") -> Solution:
     """Return the solution of a statement whose state at times (K,) is path(times), (2n, K)."""
     model = Model(statement, euler_lagrange(statement), NumpyMachine())
-    trajectory = Trajectory(t, path(t), status, message, "exact", len(t) - 1, 3, 44, 0.0123, path)
+    span = (float(t[0]), float(t[-1])) if len(t) else (0.0, 0.0)
+    trajectory = Trajectory(t, path(t), status, message, "exact", len(t) - 1, 3, 44, 0.0123, span, path)
     return Solution(trajectory, model, model.parameter_values())
 
 

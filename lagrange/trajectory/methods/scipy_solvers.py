@@ -172,7 +172,17 @@ class _Run:
         wall = time.perf_counter() - self.began
         evaluations = self.law.evaluations
         return Trajectory(
-            t, y, fault.status, text, self.method, len(self.steps), self.rejected, evaluations, wall, path
+            t=t,
+            y=y,
+            status=fault.status,
+            message=text,
+            method=self.method,
+            steps=len(self.steps),
+            rejected=self.rejected,
+            evaluations=evaluations,
+            wall=wall,
+            span=(float(edges[0]), float(edges[-1])),
+            dense=path,
         )
 
 

@@ -1,0 +1,90 @@
+"""Coordinates, velocities, parameters and time."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from typing import Any
+
+import pytest
+import sympy
+from sympy.physics.mechanics import dynamicsymbols
+
+from lagrange.errors import StatementError
+from lagrange.statement.coordinate import (
+    acceleration_of,
+    check_name,
+    coordinate,
+    coordinates,
+    name_of,
+    parameters,
+    t,
+    velocity_of,
+)
+
+
+def test_a_coordinate_is_a_function_of_time_with_velocity_and_acceleration() -> None:
+    x = coordinate("x")
+    assert x == sympy.Function("x")(t) == dynamicsymbols("x")
+    assert hash(x) == hash(dynamicsymbols("x"))
+    assert x.dot == x.diff(t) == velocity_of(dynamicsymbols("x"))
+    assert x.ddot == x.diff(t, 2) == acceleration_of(dynamicsymbols("x"))
+    assert name_of(x) == "x"
+    assert str(x) == "x(t)"
+
+
+def test_time_is_that_of_sympy_mechanics() -> None:
+    assert t == dynamicsymbols._t
+
+
+def test_coordinates_of_one_name_are_equal() -> None:
+    assert coordinate("x") == coordinate("x")
+    assert coordinate("x") != coordinate("y")
+    assert coordinate("x") + dynamicsymbols("x") == 2 * coordinate("x")
+
+
+def test_several_names_give_a_tuple_and_one_gives_itself() -> None:
+    assert coordinates("x y") == coordinates("x, y") == (coordinate("x"), coordinate("y"))
+    assert coordinates("x") == coordinate("x")
+    assert coordinates("x y")[0].dot == coordinate("x").dot
+
+
+def test_parameters_are_real_and_positive_unless_told_otherwise() -> None:
+    m, k = parameters("m k")
+    assert m.is_positive and k.is_positive
+    free = parameters("k", positive=False)
+    assert free.is_real
+    assert free.is_positive is None
+    assert isinstance(free, sympy.Symbol)
+
+
+@pytest.mark.parametrize("name", ["", "1x", "_x", "x-y", "x.y", "θ", "x" * 65, "x y", "__import__", "x\n", None, 5])
+def test_a_name_is_an_identifier(name: Any) -> None:
+    with pytest.raises(StatementError, match="cannot name a point: a name starts with a letter"):
+        check_name(name, "point")
+
+
+@pytest.mark.parametrize("name", ["x", "X", "x1", "theta_1", "E", "lambda", "x" * 64])
+def test_identifiers_are_names(name: str) -> None:
+    assert check_name(name, "point") == name
+
+
+def test_time_cannot_be_a_coordinate_or_a_parameter() -> None:
+    with pytest.raises(StatementError, match="'t' is time and cannot name a coordinate: choose another name"):
+        coordinate("t")
+    with pytest.raises(StatementError, match="'t' is time and cannot name a parameter: choose another name"):
+        parameters("m t")
+
+
+@pytest.mark.parametrize("names", ["", " ", ",", None, 3, ["x"]])
+def test_no_names(names: Any) -> None:
+    with pytest.raises(StatementError, match=r"names no coordinate: give a text such as 'x y'"):
+        coordinates(names)
+    with pytest.raises(StatementError, match=r"names no parameter: give a text such as 'x y'"):
+        parameters(names)
+
+
+def test_coordinates_copy() -> None:
+    x = coordinate("x")
+    assert copy.deepcopy(x) == x
+    assert pickle.loads(pickle.dumps(parameters("m"))) == parameters("m")

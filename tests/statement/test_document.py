@@ -1,0 +1,144 @@
+"""Files that cannot be scenes: each refused with its name, and where possible line and column."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import pytest
+
+from lagrange.errors import SceneError
+from lagrange.statement.document import LARGEST_FILE, Document, kind_of
+from lagrange.statement.scene import read_scene
+from tests.statement.scenes import write
+
+
+def refusal(path: Path | str) -> SceneError:
+    with pytest.raises(SceneError) as caught:
+        read_scene(path)
+    assert caught.value.file == str(path)
+    assert str(caught.value).startswith(f"{path}:")
+    return caught.value
+
+
+def written(folder: Path, data: bytes) -> Path:
+    path = folder / "scene.toml"
+    path.write_bytes(data)
+    return path
+
+
+def test_a_missing_file(tmp_path: Path) -> None:
+    assert refusal(tmp_path / "no.toml").reason == "there is no such file: check the path."
+
+
+def test_a_folder(tmp_path: Path) -> None:
+    assert refusal(tmp_path).reason == "this is a folder: give the path of a scene file."
+
+
+def test_a_pipe_is_not_opened(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.toml")
+    assert refusal(tmp_path / "pipe.toml").reason == "this is a device or pipe: give the path of a scene file."
+
+
+def test_a_device_without_end() -> None:
+    assert "device or pipe" in refusal("/dev/zero").reason
+
+
+def test_a_link_is_followed(tmp_path: Path) -> None:
+    link = tmp_path / "link.toml"
+    link.symlink_to(write(tmp_path))
+    assert read_scene(link).name == "pendulum"
+
+
+def test_a_file_without_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    path = write(tmp_path)
+    monkeypatch.setattr(Path, "open", refuse)
+    found = refusal(path).reason
+    assert found == "the file cannot be read (Permission denied): check the path and its permissions."
+
+
+@pytest.mark.parametrize("path", ["a\x00b.toml", "a" * 5000])
+def test_a_path_that_no_file_has(path: str) -> None:
+    assert "the file cannot be read (" in refusal(path).reason
+
+
+def test_a_long_file(tmp_path: Path) -> None:
+    full = written(tmp_path, b"#" * LARGEST_FILE)
+    assert "coordinates is missing" in refusal(full).reason
+    assert refusal(written(tmp_path, b"#" * (LARGEST_FILE + 1))).reason == (
+        "the file has more than 1048576 bytes, the most that a scene may have."
+    )
+
+
+def test_bytes_that_are_not_utf8(tmp_path: Path) -> None:
+    error = refusal(written(tmp_path, b'name = "ok"\nabout = "caf\xe9"\n'))
+    assert (error.line, error.column) == (2, 13)
+    assert error.reason == "byte 0xe9 is not UTF-8: save the file as UTF-8."
+
+
+def test_a_byte_order_mark_and_windows_line_ends_are_read(tmp_path: Path) -> None:
+    data = write(tmp_path).read_bytes().replace(b"\n", b"\r\n")
+    assert read_scene(written(tmp_path, b"\xef\xbb\xbf" + data)).names == ("theta",)
+    error = refusal(written(tmp_path, data.replace(b"m*l", b"m*q")))
+    assert (error.line, error.column) == (3, 14)
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "column", "reason"),
+    [
+        ("name = \n", 1, 8, "this is not TOML: Invalid value."),
+        ('a = 1\nb = "x\n', 2, 7, "this is not TOML: Illegal character '\\n'."),
+        ("a = 1\na = 2\n", 2, 6, "this is not TOML: Cannot overwrite a value."),
+        ('a = """x', 1, None, "this is not TOML: Unterminated string."),
+        ("[a\n", 1, 3, "this is not TOML: Expected ']' at the end of a table declaration."),
+        ("a = 1\x00\n", 1, 6, "this is not TOML: "),
+        ("a = nothing\n", 1, 5, "this is not TOML: Invalid value."),
+    ],
+)
+def test_what_is_not_toml(text: str, line: int, column: int | None, reason: str, tmp_path: Path) -> None:
+    error = refusal(written(tmp_path, text.encode()))
+    assert (error.line, error.column) == (line, column)
+    assert reason in error.reason
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x=" + "[" * 500_000,
+        "x=" + "{a=" * 300_000,
+        "x=" + "[" * 400 + "]" * 400,
+        "x=" + "9" * 1_000_000,
+        "x=0x" + "f" * 1_000_000,
+        "x=1." + "0" * 900_000,
+        "x=1e" + "9" * 900_000,
+        ".".join(["a"] * 500_000) + "=1",
+        "[" + ".".join(["a"] * 500_000) + "]",
+        (".".join(["a"] * 1000) + "=1\n") * 500,
+        "".join(f"[a{i}.b.c.d]\n" for i in range(60_000)),
+        "[[a]]\n" * 150_000,
+        'x="' + "a" * 1_000_000,
+        "x=[" + "{}," * 100_000 + "]",
+        "=" * 1_000_000,
+        "\n" * 1_000_000,
+        '"' * 1_000_000,
+    ],
+    ids=lambda text: text[:12].strip(),
+)
+def test_bombs_are_refused_in_little_time_and_memory(text: str, tmp_path: Path) -> None:
+    path = written(tmp_path, text.encode())
+    start = time.process_time()
+    error = refusal(path)
+    assert time.process_time() - start < 2  # a hang guard: unbounded, the dotted keys take all memory
+    assert len(error.reason) < 300
+
+
+def test_values_are_named_in_words(tmp_path: Path) -> None:
+    text = "a = true\nb = 1\nc = 1.5\nd = 'x'\ne = [1]\nf = {x = 1}\ng = 1979-05-27\nh = 07:32:00\n"
+    data = Document(written(tmp_path, text.encode())).data
+    assert [kind_of(value) for value in data.values()] == [
+        "true or false", "an integer", "a number", "a text", "a list", "a table", "a date or time", "a date or time",
+    ]  # fmt: skip

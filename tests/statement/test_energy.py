@@ -1,0 +1,84 @@
+"""Energies of common parts."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+import sympy
+from sympy import cos, sin
+
+from lagrange.errors import StatementError
+from lagrange.statement.coordinate import coordinates, parameters
+from lagrange.statement.energy import gravity, kinetic_energy, rotational_energy, spring
+
+x, y, theta = coordinates("x y theta")
+m, g, l, k, a = parameters("m g l k a")
+w1, w2, w3 = parameters("w1 w2 w3")
+i1, i2, i3 = parameters("i1 i2 i3")
+
+
+def zero(expression: Any) -> bool:
+    return bool(sympy.simplify(expression) == 0)
+
+
+def test_kinetic_energy_squares_the_velocity() -> None:
+    assert kinetic_energy(m, [x, y]) == m * (x.dot**2 + y.dot**2) / 2
+    assert kinetic_energy(m, (x,)) == kinetic_energy(m, x) == m * x.dot**2 / 2
+    assert zero(kinetic_energy(m, [l * sin(theta), -l * cos(theta)]) - m * l**2 * theta.dot**2 / 2)
+    assert kinetic_energy(2, sympy.Matrix([x, y, 3, 0.5])) == x.dot**2 + y.dot**2
+
+
+def test_rotational_energy_of_a_scalar_of_moments_and_of_a_tensor() -> None:
+    assert rotational_energy(i1, theta.dot) == i1 * theta.dot**2 / 2
+    assert zero(rotational_energy([i1, i2, i3], [w1, w2, w3]) - (i1 * w1**2 + i2 * w2**2 + i3 * w3**2) / 2)
+    assert zero(rotational_energy(i1, [w1, w2]) - i1 * (w1**2 + w2**2) / 2)
+    tensor = [[i1, k], [k, i2]]
+    expected = (i1 * w1**2 + 2 * k * w1 * w2 + i2 * w2**2) / 2
+    assert zero(rotational_energy(tensor, [w1, w2]) - expected)
+    assert zero(rotational_energy(sympy.Matrix(tensor), sympy.Matrix([w1, w2])) - expected)
+    assert zero(rotational_energy(sympy.Matrix([i1, i2]), [w1, w2]) - (i1 * w1**2 + i2 * w2**2) / 2)
+
+
+def test_gravity_takes_the_height_along_up() -> None:
+    assert gravity(m, [x, y], g) == m * g * y
+    assert gravity(m, [x, y, theta], g) == m * g * theta
+    assert gravity(m, [x, y], g, up=[1, 0]) == m * g * x
+    assert gravity(m, [x, y], g, up=(0, -2)) == -m * g * y
+    assert zero(gravity(m, [x, y], g, up=[3, 4]) - m * g * (3 * x + 4 * y) / 5)
+    assert gravity(m, x, g) == m * g * x
+
+
+def test_a_spring_has_a_rest_length() -> None:
+    assert spring(k, [x, y], [0, 0]) == k * (x**2 + y**2) / 2
+    assert zero(spring(k, [x, y], [0, 0], l) - k * (sympy.sqrt(x**2 + y**2) - l) ** 2 / 2)
+    assert spring(k, x, y) == k * (x - y) ** 2 / 2
+    assert spring(k, [x, y], [1, 2], 0.0) == k * ((x - 1) ** 2 + (y - 2) ** 2) / 2
+
+
+REFUSALS: list[tuple[Any, str]] = [
+    (lambda: kinetic_energy(m, "x"), "the position is the text 'x': give SymPy expressions."),
+    (lambda: kinetic_energy(m, []), "the position is empty: give at least one component."),
+    (
+        lambda: rotational_energy([i1, i2], [w1, w2, w3]),
+        "the inertia has 2 entries and the angular velocity 3: give as",
+    ),
+    (
+        lambda: rotational_energy([[i1], [i2]], [w1, w2]),
+        "the inertia has shape (2, 1) and the angular velocity 2 compon",
+    ),
+    (
+        lambda: rotational_energy(sympy.Matrix([[i1, 0], [0, i2]]), [w1] * 4),
+        "the inertia has shape (2, 2) and the angular velocity 4 components: give a (4, 4) tensor.",
+    ),
+    (lambda: gravity(m, [x, y], g, up=[0, 0, 1]), "up has 3 components and the position 2: give as many."),
+    (lambda: gravity(m, [x, y], g, up=[0, 0]), "up is the zero vector: give a direction such as (0, 1)."),
+    (lambda: spring(k, [x, y], [0]), "the ends of the spring have 2 and 1 components: give as many."),
+]
+
+
+@pytest.mark.parametrize(("call", "message"), REFUSALS, ids=lambda case: str(case)[:30])
+def test_refusals(call: Any, message: str) -> None:
+    with pytest.raises(StatementError) as caught:
+        call()
+    assert message in str(caught.value)

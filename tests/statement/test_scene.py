@@ -1,0 +1,225 @@
+"""Scene files: what they state, and how each refusal reads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import sympy
+
+from lagrange.errors import SceneError, StatementError
+from lagrange.statement import scene as module
+from lagrange.statement.coordinate import coordinate, t, velocity_of
+from lagrange.statement.scene import library, library_path, load, read_scene
+from lagrange.statement.statement import RunSettings
+from tests.statement.scenes import DROP, write
+
+theta = coordinate("theta")
+m, l, g, c = (sympy.Symbol(name, real=True) for name in "mlgc")
+
+
+def test_a_scene_becomes_a_statement(tmp_path: Path) -> None:
+    found = read_scene(
+        write(
+            tmp_path,
+            about="swings\n to and fro",
+            source="a book",
+            dissipation="k*theta_dot**2",
+            parameters={"m": 1, "l": "1/2", "g": 9.81, "c": "pi/6", "k": 0, "unused": 3},
+            initial={"theta": "pi/2", "theta_dot": -1},
+            run={"t_end": "2*pi", "method": "dop853", "rtol": 1e-9, "atol": 0, "step": 0.1},
+        )
+    )
+    assert found.names == ("theta",)
+    assert found.kinetic == m * l**2 * velocity_of(theta) ** 2 / 2
+    assert found.potential == -m * g * l * sympy.cos(theta)
+    assert found.lagrangian == found.kinetic - found.potential
+    assert found.forces == (-c * velocity_of(theta),)
+    assert found.dissipation == sympy.Symbol("k", real=True) * velocity_of(theta) ** 2
+    assert {symbol.name: value for symbol, value in found.defaults.items()} == {
+        "m": 1.0, "l": 0.5, "g": 9.81, "c": float(sympy.pi / 6), "k": 0.0, "unused": 3.0,
+    }  # fmt: skip
+    assert found.initial == (float(sympy.pi / 2), -1.0)
+    assert dict(found.positions) == {"bob": (l * sympy.sin(theta), -l * sympy.cos(theta))}
+    assert found.links == (("origin", "bob"),)
+    assert (found.name, found.about, found.source) == ("pendulum", "swings to and fro", "a book")
+    assert found.run == RunSettings(float(2 * sympy.pi), "dop853", 1e-9, 0.0, 0.1)
+
+
+def test_most_of_a_scene_may_be_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "my-scene.toml"
+    path.write_text('coordinates = ["x"]\nlagrangian = "x_dot**2/2 - x*t"\nconstraints = []\n', encoding="utf-8")
+    found = read_scene(path)
+    assert found.name == "my-scene"
+    assert found.lagrangian == velocity_of(coordinate("x")) ** 2 / 2 - coordinate("x") * t
+    assert found.initial == (0.0, 0.0)
+    assert found.run == RunSettings()
+    path = path.rename(tmp_path / "-.toml")
+    assert read_scene(path).name == "scene"
+
+
+def test_energies_may_be_numbers(tmp_path: Path) -> None:
+    assert read_scene(write(tmp_path, potential=0)).potential == 0
+    assert read_scene(write(tmp_path, dissipation=0.5)).dissipation == sympy.Rational(1, 2)
+    assert read_scene(write(tmp_path, forces={"theta": -3})).forces == (-3,)
+
+
+def test_letters_that_sympy_takes_for_its_own_are_parameters(tmp_path: Path) -> None:
+    names = ["E", "S", "N", "I", "Q", "O", "C", "gamma", "beta", "zeta", "re", "arg", "oo", "nan", "Symbol", "Integer"]
+    found = read_scene(
+        write(
+            tmp_path,
+            kinetic="m*l**2*theta_dot**2/2*" + "*".join(names),
+            parameters={"m": 1, "l": 1, "g": 1, "c": 1, **dict.fromkeys(names, 2)},
+        )
+    )
+    assert {symbol.name for symbol in found.parameters} == {"m", "l", "g", "c", *names}
+    assert all(isinstance(symbol, sympy.Symbol) for symbol in found.parameters)
+
+
+# --- refusals: field, its value, line, column, reason ------------------------------------------------------------
+
+Bad = tuple[dict[str, Any], int, int, str]
+FIELDS: list[Bad] = [
+    # the scene (one field per line: name, coordinates, kinetic, potential, forces, parameters, initial, ...)
+    ({"kinetc": "x"}, 11, 1, "'kinetc' is no key of a scene; there are name, about, source, coordinates, kinetic,"),
+    ({"kinetc": "x"}, 11, 1, "Did you mean 'kinetic'?"),
+    ({"name": 3}, 1, 8, "name is an integer: give a text in quotation marks."),
+    ({"name": "../etc"}, 1, 8, "a scene's name has 1 to 64 letters, digits, spaces"),
+    ({"name": ""}, 1, 8, "a scene's name has 1 to 64 letters"),
+    ({"name": "a" * 65}, 1, 8, "a scene's name has 1 to 64 letters"),
+    ({"name": "a\x1b[31m"}, 1, 8, "a scene's name has 1 to 64 letters"),
+    ({"about": "\x1b[2J"}, 11, 9, "about contains a control character: write plain text."),
+    ({"source": "a\u202eb"}, 11, 10, "source contains a control character"),
+    ({"about": True}, 11, 9, "about is true or false: give a text in quotation marks."),
+    ({"constraints": ["theta"]}, 11, 15, "constraints are not supported yet: choose coordinates that satisfy them"),
+    ({"constraints": "theta"}, 11, 15, "constraints are not supported yet"),
+    # coordinates
+    ({"coordinates": DROP}, 1, 1, 'coordinates is missing or is no list of names: write coordinates = ["theta"].'),
+    ({"coordinates": []}, 2, 15, "coordinates is missing or is no list of names"),
+    ({"coordinates": "theta"}, 2, 15, "coordinates is missing or is no list of names"),
+    ({"coordinates": ["theta", 3]}, 2, 25, "a coordinate is an integer: give its name as a text."),
+    ({"coordinates": ["θ"]}, 2, 16, "'θ' cannot name a coordinate: a name starts with a letter"),
+    ({"coordinates": ["theta", "theta"]}, 2, 25, "'theta' cannot name a coordinate, it is a coordinate already"),
+    ({"coordinates": ["t"]}, 2, 16, "'t' cannot name a coordinate, it is time: choose another name."),
+    ({"coordinates": ["pi"]}, 2, 16, "'pi' cannot name a coordinate, it is a constant: choose another name."),
+    ({"coordinates": ["sin"]}, 2, 16, "'sin' cannot name a coordinate, it is a function: choose another name."),
+    ({"coordinates": ["Abs"]}, 2, 16, "'Abs' cannot name a coordinate, it is a function"),
+    ({"coordinates": ["lambda"]}, 2, 16, "'lambda' cannot name a coordinate, it is a reserved word"),
+    ({"coordinates": ["x", "x_dot"]}, 2, 21, "'x_dot' cannot name a coordinate, it is taken: x_dot is the"),
+    ({"coordinates": ["x_dot", "x"]}, 2, 25, "'x' cannot name a coordinate, it is taken: x_dot is the velocity of x"),
+    # energies
+    ({"kinetic": "m*l**2*thta_dot**2/2"}, 3, 19, "kinetic: 'thta_dot' is not declared: add it to [parameters] or"),
+    ({"kinetic": "m*l**2*thta_dot**2/2"}, 3, 19, "Did you mean 'theta_dot'?"),
+    ({"kinetic": ["m"]}, 3, 11, 'kinetic is a list: give an expression as a text, such as "2*x".'),
+    ({"kinetic": "m*l**2"}, 3, 11, "kinetic does not contain theta_dot, so theta has no inertia and its"),
+    ({"kinetic": "m*l**2"}, 3, 11, "add its kinetic energy, or make theta a parameter."),
+    ({"kinetic": DROP}, 1, 1, 'there is no energy: write kinetic = "..." and potential = "...", or lagrangian = "..."'),
+    ({"lagrangian": "1"}, 3, 1, "give either lagrangian, or kinetic and potential, not lagrangian and kinetic."),
+    ({"lagrangian": "1", "kinetic": DROP}, 3, 1, "not lagrangian and potential."),
+    ({"lagrangian": "m", "kinetic": DROP, "potential": DROP}, 9, 14, "lagrangian does not contain theta_dot"),
+    ({"potential": "-m*g*l*cos(phi)"}, 4, 25, "potential: 'phi' is not declared"),
+    ({"potential": True}, 4, 13, "potential is true or false: give an expression as a text"),
+    ({"potential": 10**400}, 4, 13, "potential is too large for a floating-point number."),
+    ({"dissipation": "theta_dot^2"}, 11, 25, "dissipation: '^' cannot stand in an expression: write ** for a power."),
+    # forces
+    ({"forces": {"phi": "1"}}, 5, 11, "'phi' is no coordinate of this scene; there are theta."),
+    ({"forces": {"thet": "1"}}, 5, 11, "Did you mean 'theta'?"),
+    ({"forces": {"theta": "2*x"}}, 5, 24, "forces.theta: 'x' is not declared"),
+    ({"forces": "1"}, 5, 10, "forces is a text: write a table [forces] of names and values."),
+    # parameters
+    ({"parameters": [1]}, 6, 14, "parameters is a list: write a table [parameters] of names and values."),
+    ({"parameters": {"m": True}}, 6, 21, 'parameters.m is true or false: give a number, or a constant'),
+    ({"parameters": {"m": "2*g"}}, 6, 24, "parameters.m: 'g' cannot stand in a constant: write numbers, pi and"),
+    ({"parameters": {"m": "1/0"}}, 6, 22, "parameters.m: this divides by zero."),
+    ({"parameters": {"2m": 1}}, 6, 15, "'2m' cannot name a parameter: a name starts with a letter"),
+    ({"parameters": {"theta": 1}}, 6, 15, "'theta' cannot name a parameter, it is a coordinate already"),
+    ({"parameters": {"theta_dot": 1}}, 6, 15, "'theta_dot' cannot name a parameter, it is taken: x_dot is the"),
+    ({"parameters": {"t": 1}}, 6, 15, "'t' cannot name a parameter, it is time"),
+    ({"parameters": {"max": 1}}, 6, 15, "'max' cannot name a parameter, it is a function"),
+    ({"parameters": {"in": 1}}, 6, 15, "'in' cannot name a parameter, it is a reserved word"),
+    # initial state
+    ({"initial": {"phi": 1}}, 7, 12, "'phi' is no coordinate or velocity of this scene; there are theta and"),
+    ({"initial": {"theta": "2*m"}}, 7, 25, "initial.theta: 'm' cannot stand in a constant"),
+    ({"initial": {"theta": [1]}}, 7, 22, "initial.theta is a list: give a number, or a constant expression such as"),
+    # positions and links
+    ({"positions": {"origin": ["0", "0"]}}, 8, 14, "'origin' is the point at zero already: choose another name."),
+    ({"positions": {"a b": ["0", "0"]}}, 8, 14, "'a b' cannot name a point"),
+    ({"positions": {"bob": "x"}}, 8, 22, "the position of bob is a list of two or three expressions, such as"),
+    ({"positions": {"bob": ["0"]}}, 8, 22, "the position of bob is a list of two or three expressions"),
+    ({"positions": {"bob": ["0", "l*sin(phi)"]}}, 8, 35, "positions.bob[1]: 'phi' is not declared"),
+    ({"positions": {"a": [0, 0], "b": [0, 0, 0]}}, 8, 34, "some positions have two entries and some three"),
+    ({"links": "bob"}, 9, 9, 'links is a text: write a list of pairs of points, such as [["origin", "bob"]].'),
+    ({"links": ["bob"]}, 9, 10, 'a link is a pair of points, such as ["origin", "bob"].'),
+    ({"links": [["origin"]]}, 9, 10, "a link is a pair of points"),
+    ({"links": [["origin", "bobb"]]}, 9, 21, "links names 'bobb', which is no position; they are origin and bob."),
+    ({"links": [["origin", "bobb"]]}, 9, 21, "Did you mean 'bob'?"),
+    ({"links": [["origin", 3]]}, 9, 21, "links names an integer, which is no position"),
+    # run
+    ({"run": {"tend": 1}}, 10, 8, "'tend' is no setting of [run]; there are t_end, method, rtol, atol and step."),
+    ({"run": {"t_end": 0}}, 10, 18, "t_end is 0: give the time at which the run ends, other than the start."),
+    ({"run": {"rtol": 0}}, 10, 17, "rtol is 0: give a number above zero."),
+    ({"run": {"step": -0.5}}, 10, 17, "step is -0.5: give a number above zero."),
+    ({"run": {"atol": -1}}, 10, 17, "atol is -1: give zero or a number above."),
+    ({"run": {"method": 3}}, 10, 19, "method is an integer: give a text in quotation marks."),
+    ({"run": {"method": "rm -rf /"}}, 10, 19, "method is no name of a method: write one such as 'dop853'."),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("bad", FIELDS, ids=lambda bad: f"{next(iter(bad[0]))}-{bad[3][:24]}")
+def test_a_refusal_says_where_and_why(bad: Bad, tmp_path: Path) -> None:
+    fields, line, column, reason = bad
+    path = write(tmp_path, **fields)
+    with pytest.raises(SceneError) as caught:
+        read_scene(path)
+    assert reason in caught.value.reason
+    assert (caught.value.line, caught.value.column) == (line, column)
+    assert str(caught.value).startswith(f"{path}:{line}:{column}: ")
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-inf"])
+def test_numbers_are_finite(value: str, tmp_path: Path) -> None:
+    path = write(tmp_path)
+    path.write_text(path.read_text("utf-8").replace("9.81", value), encoding="utf-8")
+    with pytest.raises(SceneError, match=r"parameters.g is -?(nan|inf): give a finite number") as caught:
+        read_scene(path)
+    assert caught.value.line == 6
+
+
+def test_a_column_inside_a_text_of_several_lines(tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text('coordinates = ["x"]\nkinetic = """\n    x_dot**2/2\n    + y"""\n', encoding="utf-8")
+    with pytest.raises(SceneError, match="'y' is not declared") as caught:
+        read_scene(path)
+    assert (caught.value.line, caught.value.column) == (4, 7)
+
+
+def test_what_only_the_statement_can_see_is_refused_with_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(**_: Any) -> None:
+        raise StatementError("no.")
+
+    monkeypatch.setattr(module, "declare", refuse)
+    path = write(tmp_path)
+    with pytest.raises(SceneError) as caught:
+        read_scene(path)
+    assert str(caught.value) == f"{path}: no."
+
+
+def test_a_misspelt_scene_of_the_library() -> None:
+    with pytest.raises(StatementError, match=r"no scene 'pendulm'; it has .* Did you mean 'pendulum'\?"):
+        load("pendulm")
+
+
+@pytest.mark.parametrize("name", ["../scenes/pendulum", "/etc/passwd", "", "pendulum.toml", "\x00"])
+def test_the_library_holds_names_and_not_paths(name: str) -> None:
+    with pytest.raises(StatementError, match="the library has no scene"):
+        library_path(name)
+
+
+def test_the_library_lists_what_it_loads() -> None:
+    for entry in library():
+        assert library_path(entry.name) == entry.path
+        assert load(entry.name).about == entry.about

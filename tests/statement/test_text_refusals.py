@@ -1,0 +1,174 @@
+"""Expressions that are refused: where, and in which words."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from lagrange.errors import SceneError
+from lagrange.statement.text import read_expression
+from tests.statement.attacks import ATTACKS
+from tests.statement.names import NAMES, x
+
+
+def refusal(text: str, names: dict[str, Any] = NAMES) -> tuple[int | None, str]:
+    with pytest.raises(SceneError) as caught:
+        read_expression(text, names)
+    return caught.value.column, caught.value.reason
+
+
+REFUSALS = {
+    # what is misspelt
+    "2*thta": (3, "'thta' is not declared: add it to [parameters] or coordinates."),
+    "x_dto": (1, "Did you mean 'x_dot'?"),
+    "x + gama": (5, "Did you mean 'gamma'?"),
+    "cosh(x) + cso(x)": (11, "'cso' is no function here; the functions are sin, cos, tan,"),
+    "csin(x)": (1, "Did you mean 'sin'?"),
+    "2*sin": (3, "'sin' is a function: write sin(...)."),
+    "gamma(3)": (1, "'gamma' is no function: write a product with *, as in gamma*(...)."),
+    "_x": (1, "'_x' cannot be a name: a name starts with a letter"),
+    "a" * 65: (1, "at most 64 characters"),
+    "lambda": (1, "'lambda' is a reserved word: choose another name."),
+    "x and y": (3, "'and' is a reserved word: chain comparisons, as in 0 < x < 1."),
+    "x or y": (3, "nest conditions, as in a if x < 0 else b"),
+    "not x": (1, "turn the comparison round"),
+    "True": (1, "'True' is a reserved word: write a number."),
+    # what other languages write
+    "x^2": (2, "'^' cannot stand in an expression: write ** for a power."),
+    "2x": (1, "2x is no number: write decimals such as 12.5 or 1.5e-3, and a product with *, as in 2*x."),
+    "2 x": (3, "an operator is missing before 'x': write a product with *, as in 2*x."),
+    "x y": (3, "an operator is missing before 'y'"),
+    "2(x)": (2, "an operator is missing before '(': write a product with *, as in 2*(x + y)."),
+    "x//2": (2, "'//' cannot stand in an expression: write / for a division."),
+    "x % 2": (3, "'%' cannot stand in an expression: write the remainder out."),
+    "x.dot": (2, "the velocity of x is x_dot"),
+    "x = 1": (3, "assigns nothing; compare with =="),
+    "x := 1": (3, "write the value itself"),
+    "x!": (2, "write a factorial out as a number"),
+    "x[0]": (2, "nothing is indexed here"),
+    "{x}": (1, "group with ( and )"),
+    "'x'": (1, "write names and numbers without quotation marks"),
+    '"x"': (1, "write names and numbers without quotation marks"),
+    "x; y": (2, "give one expression"),
+    "x & y": (3, "chain comparisons"),
+    "x | y": (3, "nest conditions"),
+    "x # y": (3, "comments belong outside the expression"),
+    "x << 2": (3, "the operators are + - * / ** and the comparisons < <= > >= == !="),
+    "x @ y": (3, "the operators are + - * / **"),
+    "9,81": (2, "',' separates the arguments of a function only: write decimals with a point, as in 9.81."),
+    "2*θ": (3, "the character U+03B8 (GREEK SMALL LETTER THETA) cannot stand in an expression"),
+    "x\x00": (2, "the character U+0000 (control character)"),
+    "ｐｉ": (1, "U+FF50 (FULLWIDTH LATIN SMALL LETTER P)"),
+    # what is not finished
+    "": (1, "the expression is empty: write 0 if there is nothing."),
+    "x +": (4, "the expression ends where a value is expected."),
+    "x + * y": (5, "a value is missing before '*'."),
+    "sin()": (5, "a value is missing before ')'."),
+    "2*(x + y": (3, "'(' is never closed: add ')'."),
+    "x)": (2, "')' closes nothing: remove it, or add '(' before."),
+    "x if y < 1": (1, "an 'if' has no 'else': write a condition as in a if x < 0 else b."),
+    "(x if y < 1) + 2": (1, "an 'if' has no 'else'"),
+    "x else y": (3, "'else' has no 'if'"),
+    # numbers
+    "2j*x": (1, "2j is a complex number: energies and forces are real."),
+    "1_000": (1, "1_ is no number"),
+    "0x1F": (1, "0x is no number"),
+    "1.2.3": (1, "1.2. is no number"),
+    "x + 007": (5, "007 starts with a zero: write the number without it."),
+    "1" * 101: (1, "a number of 101 characters is longer than 100: shorten it."),
+    "1" * 99: (1, "an exact number here is longer than 77 digits: write a decimal, such as 1.5e100."),
+    "x*1e999": (3, "1e999 is too large for a floating-point number."),
+    "x*1e-999": (3, "1e-999 is too small for a floating-point number."),
+    "1e200*x*1e200": (1, "a number here is too large for a floating-point number."),
+    "1e-200*x*1e-200": (1, "a number here is too small for a floating-point number."),
+    # functions and conditions
+    "1 + atan2(x)": (5, "atan2 takes 2 arguments, not 1."),
+    "sin(x, y)": (1, "sin takes 1 argument, not 2."),
+    "max(" + ",".join("x" * 17) + ")": (1, "max takes 1 to 16 arguments, not 17."),
+    "x < y": (1, "a comparison has no value of its own: write a condition as in a if x < 0 else b."),
+    "1 if x else 2": (1, "a condition compares two values: write it as in a if x < 0 else b."),
+    "1 if (1 if x < 2 else 3) < 2 else 3": (1, "a condition cannot compare a value that has conditions itself."),
+    "x" + " if x < 1 else y" * 33: (1, "a condition has at most 32 branches."),
+    "x if 0<x<1 else " * 5 + "y": (1, "more than 4 chained comparisons in a row lead to the same value."),
+    # what has no value
+    "1 + x/0": (5, "this divides by zero."),
+    "y/(x - x)": (1, "this divides by zero."),
+    "sqrt(-1)": (1, "sqrt(-1) has no finite real value."),
+    "2*log(0)": (3, "log(0) has no finite real value."),
+    "(-8)**(1/3)": (1, "-8**0.333333 has no finite real value."),
+    "exp(1000)": (1, "exp(1000) has no finite real value."),
+    "exp(-1000)": (1, "exp(-1000) is too small for a floating-point number."),
+    "1e-9**99": (1, "1e-09**99 is too small for a floating-point number."),
+    "sqrt(2)*x/x": (1, "the names cancel and leave a constant: write the constant."),
+    "max(sqrt(-x**2 - 1), 0)": (1, "this part has no finite real value."),
+    "(-1 - x**2)**0.5*(-1)**0.5": (18, "-1**0.5 has no finite real value."),
+    # what would take too long
+    "x" * 10_001: (10_001, "the expression has 10001 characters, more than 10000: state it in parts."),
+    "(" * 65 + "x" + ")" * 65: (65, "the expression is nested more than 64 deep: state it in parts."),
+    "-" * 65 + "x": (65, "nested more than 64 deep"),
+    "x**" * 65 + "x": (194, "nested more than 64 deep"),
+    "x" + " if x < 1 else x" * 65: (1027, "nested more than 64 deep"),
+    "x+" * 4999 + "x": (1, "the expression is too long: state it in parts, or group it with parentheses."),
+    "9**9**9": (1, "the exponent 3.8742e+08 is out of bounds: at most 1000 in size."),
+    "x**1e9": (1, "the exponent 1e+09 is out of bounds"),
+    "(x**999)**2": (1, "the exponent 1998 is out of bounds"),
+    "exp(y + 10**9*log(2*x))": (1, "the exponent 1e+09 is out of bounds"),
+    "2**(x + 10**9)*2**(-x)": (1, "the exponent 1e+09 is out of bounds"),
+    "7**999": (1, "7**999 is too long for an exact number: write a decimal, such as 1.5e100."),
+    "(2*x)**1000": (1, "an exact number here is longer than 77 digits"),
+    "tanh(" + "sqrt(1 + " * 6 + "x" + ")" * 7: (1, "the argument of tanh has more than 5 parts that may be complex"),
+    "abs(" + "+".join(f"1/(x+{i})" for i in range(99)) + ")": (1, "more than 200 parts in the argument of abs"),
+    "x if " + "+".join(f"x**{i}" for i in range(99)) + " < 1 else y": (1, "more than 200 parts in the compared values"),
+    "min(" + ",".join(f"sin(x+{i}*y) + cos(x-{i}*m) + k" for i in range(16)) + ")": (
+        1,
+        "there are more than 200 parts in the arguments of min: write something shorter.",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("text", REFUSALS, ids=lambda text: text[:30])
+def test_a_refusal_says_where_and_why(text: str) -> None:
+    column, reason = REFUSALS[text]
+    found = refusal(text)
+    assert found[0] == column
+    assert reason in found[1]
+
+
+def test_min_and_max_flatten_within_bounds() -> None:
+    inner = ",".join(f"x*{i}" for i in range(15))
+    assert "min and max take at most 16 arguments" in refusal(f"max(max({inner}),y,m,g,k)")[1]
+
+
+@pytest.mark.parametrize("value", [None, 1, b"x", ["x"], x])
+def test_only_a_text_is_read(value: Any) -> None:
+    with pytest.raises(SceneError, match="an expression is a text such as"):
+        read_expression(value, NAMES)
+
+
+@pytest.mark.parametrize(
+    "node", ["[x]", "x.y", "lambda: x", "x or y", "'x'", "~x", "x % y", "1j", "f(x)", "sin(a=x)", "z"]
+)
+def test_the_tree_is_checked_even_if_the_scanner_lets_something_through(
+    node: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lagrange.statement.lexer.scan", lambda *_, **__: None)
+    with pytest.raises(SceneError, match=r"cannot stand in|is no function here|is called by its name|not declared"):
+        read_expression(node, NAMES)
+
+
+def test_what_the_parser_refuses_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lagrange.statement.lexer.scan", lambda *_, **__: None)
+    with pytest.raises(SceneError, match="this is not an expression"):
+        read_expression("x +", NAMES)
+
+
+def test_the_attacks_are_refused_whatever_is_declared() -> None:
+    for attack in ATTACKS:
+        with pytest.raises(SceneError):
+            read_expression(attack, {"theta": x})
+
+
+def test_no_warning_is_shown() -> None:
+    # ast.parse warns of 1if; the scanner refuses it before that
+    assert refusal("1if x < 2 else 3")[0] == 1

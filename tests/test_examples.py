@@ -1,0 +1,78 @@
+"""The examples run, and what they print and draw is true."""
+
+from __future__ import annotations
+
+import math
+import re
+from itertools import pairwise
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+from examples import double_pendulum, euler_against_rk4, pendulum_period
+
+
+def assert_is_a_picture(path: Path) -> None:
+    pixels = matplotlib.image.imread(path)
+    assert pixels.shape[0] > 300
+    assert pixels.shape[1] > 300
+    assert np.ptp(pixels) > 0.5
+
+
+def numbers(line: str) -> list[float]:
+    return [float(word) for word in re.findall(r"-?\d+\.\d+(?:e[-+]\d+)?", line)]
+
+
+def test_period_of_a_pendulum(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = pendulum_period.main(tmp_path / "new")
+    assert len(rows) == len(pendulum_period.DEGREES)
+    for _degrees, measured, exact in rows:
+        assert measured == pytest.approx(exact, rel=1e-10)
+    # K(1/2) = Gamma(1/4)^2 / (4 sqrt(pi)): the period at 90 degrees without elliptic integrals of anybody's.
+    quarter = math.gamma(0.25) ** 2 / (4 * math.sqrt(math.pi)) * math.sqrt(1.0 / 9.81)
+    at_right_angles = next(measured for degrees, measured, _ in rows if degrees == 90)
+    assert at_right_angles == pytest.approx(4 * quarter, rel=1e-12)
+    table = capsys.readouterr().out.splitlines()
+    printed = numbers(next(line for line in table if line.strip().startswith("90°")))
+    assert printed[0] == pytest.approx(4 * quarter, abs=1e-11)
+    assert printed[1] == pytest.approx(4 * quarter, abs=1e-11)
+    assert printed[3] == pytest.approx(-15.279)
+    assert_is_a_picture(tmp_path / "new" / "pendulum_period.png")
+
+
+def test_euler_against_rk4(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = euler_against_rk4.main(tmp_path)
+    over_the_top = 2 * 9.81
+    start = 9.81 * (1 - math.cos(1.5))
+    assert found["euler"][0] == pytest.approx(1.0, abs=0.05)
+    assert found["rk4"][0] == pytest.approx(4.0, abs=0.05)
+    assert found["euler"][1] > over_the_top
+    assert found["rk4"][1] == pytest.approx(start, rel=1e-6)
+    table = [numbers(line) for line in capsys.readouterr().out.splitlines()[1:6]]
+    assert [row[0] for row in table] == pytest.approx([0.02, 0.01, 0.005, 0.0025, 0.00125])
+    assert [b[1] / a[1] for a, b in pairwise(table)] == pytest.approx([1 / 2] * 4, rel=0.01)
+    assert_is_a_picture(tmp_path / "euler_against_rk4.png")
+
+
+def test_exact_angle_of_the_pendulum() -> None:
+    period = 2.0 * math.pi * math.sqrt(1 / 9.81) * (1 + 1.5**2 / 16 + 11 * 1.5**4 / 3072 + 173 * 1.5**6 / 737280)
+    assert euler_against_rk4.exact_angle(0.0) == pytest.approx(1.5)
+    assert euler_against_rk4.exact_angle(period / 4) == pytest.approx(0.0, abs=2e-3)
+    assert euler_against_rk4.exact_angle(period / 2) == pytest.approx(-1.5, abs=1e-4)
+
+
+def test_double_pendulum(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    solution = double_pendulum.main(tmp_path)
+    assert solution["theta1"][0] == solution["theta2"][0] == math.pi / 2
+    assert np.ptp(solution.energy) < 1e-9
+    # Half the size of a step leaves a fixed-step method at the same place: the end is not an artefact of step control.
+    halved = double_pendulum.double_pendulum().run(10.0, method="rk4", step=1e-4)
+    assert solution.y[:, -1] == pytest.approx(halved.y[:, -1], abs=1e-8)
+    out = capsys.readouterr().out
+    assert "l₁⋅l₂⋅m₂⋅sin(θ₁ - θ₂)" in out
+    assert "the energy is conserved" in out
+    assert "Everything holds." in out
+    assert "double pendulum: success" in out
+    assert_is_a_picture(tmp_path / "double_pendulum.png")
