@@ -101,8 +101,8 @@ def adaptive(page: Page, system: lg.System, expected: NDArray[Any]) -> None:
     ratio = times["SciPy, lambdified"] / times["lagrange"]
     same = errors["lagrange"] / errors["SciPy, lambdified"]
     page.text(
-        f"At least {RATIO_BAR:.0f} times faster than SciPy on the lambdified function: {verdict(RATIO_BAR, ratio)}. Both "
-        f"take the same steps, so that the errors agree to round-off: their ratio is {same:.6f}."
+        f"At least {RATIO_BAR:.0f} times faster than SciPy on the lambdified function: {verdict(RATIO_BAR, ratio)}. "
+        f"Both take the same steps, so that the errors agree to round-off: their ratio is {same:.6f}."
     )
 
 

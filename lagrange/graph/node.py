@@ -12,6 +12,7 @@ import enum
 import math
 from collections.abc import Collection, Iterable, Sequence
 from fractions import Fraction
+from numbers import Rational
 from typing import Any, TypeAlias
 
 from lagrange.errors import StatementError
@@ -84,6 +85,8 @@ class Node:
         return self.graph.sum(((-1, self), (1, self.graph.node(other))))
 
     def __mul__(self, other: Node | Exact | float) -> Node:
+        if not isinstance(other, (Node, float, Rational)):
+            return NotImplemented  # so that a step function may write h * f(t, y) as well as f(t, y) * h
         return self.graph.product((self, self.graph.node(other)))
 
     __rmul__ = __mul__

@@ -118,7 +118,7 @@ def parameter_values(
     """
     by_name = {symbol.name: symbol for symbol in parameters}
     values = dict(defaults)
-    for key, value in (given or {}).items():
+    for key, value in _table(given, "parameters", "parameter to value").items():
         label = _label(key)
         if label not in by_name:
             raise StatementError(

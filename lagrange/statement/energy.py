@@ -24,7 +24,7 @@ def rotational_energy(inertia: Any, angular_velocity: Any) -> Any:
     """
     omega = sympy.Matrix(_vector(angular_velocity, "angular velocity"))
     k = omega.rows
-    if isinstance(inertia, sympy.MatrixBase) and inertia.shape == (k, k):
+    if isinstance(inertia, sympy.MatrixBase) and 1 not in inertia.shape:
         tensor = sympy.Matrix(inertia)
     elif isinstance(inertia, (Sequence, sympy.MatrixBase)):
         rows = list(inertia)

@@ -61,11 +61,11 @@ REFUSALS: list[tuple[Any, str]] = [
     (lambda: kinetic_energy(m, []), "the position is empty: give at least one component."),
     (
         lambda: rotational_energy([i1, i2], [w1, w2, w3]),
-        "the inertia has 2 entries and the angular velocity 3: give as",
+        "the inertia has 2 entries and the angular velocity 3",
     ),
     (
         lambda: rotational_energy([[i1], [i2]], [w1, w2]),
-        "the inertia has shape (2, 1) and the angular velocity 2 compon",
+        "the inertia has shape (2, 1) and the angular velocity 2",
     ),
     (
         lambda: rotational_energy(sympy.Matrix([[i1, 0], [0, i2]]), [w1] * 4),

@@ -49,7 +49,7 @@ REFUSALS: list[tuple[Any, str]] = [
     (sympy.Eq(m, 1), "parameter m is Eq(m, 1), which has no value: give a number."),
     (sympy.true, "parameter m is True, which has no value: give a number."),
     (True, "parameter m is True (bool): give a number."),
-    (np.bool_(True), "(bool): give a number."),
+    (np.bool_(1), "(bool): give a number."),
     ("1.0", "parameter m is '1.0' (str): give a number."),
     (None, "parameter m is None (NoneType): give a number."),
     (Decimal(1), "parameter m is Decimal('1') (Decimal): give a number."),

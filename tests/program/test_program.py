@@ -1,0 +1,122 @@
+"""Programs: what is malformed is refused, what is right prints, and the tables of operations are complete."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from lagrange.errors import LagrangeError
+from lagrange.machine.llvm.spelling import LIBRARY, SPELLED
+from lagrange.machine.numpy import OPERATIONS
+from lagrange.program.program import ARITY, Instruction, Program
+
+I = Instruction
+SOUND = Program(
+    name="sound",
+    states=2,
+    parameters=1,
+    instructions=(
+        I("parameter", data=0),
+        I("constant", data=0.1),
+        I("mul", (0, 1)),
+        I("state", data=0),
+        I("state", data=1),
+        I("time"),
+        I("fma", (2, 3, 5)),
+        I("factor", (3, 1, 4), 2),
+        I("solve", (7, 6, 4), 2),
+        I("component", (8,), 1),
+    ),
+    hoisted=3,
+    outputs=(9, 6, 9),
+    shape=(3,),
+)
+
+
+def changed(i: int, instruction: Instruction) -> tuple[Instruction, ...]:
+    return (*SOUND.instructions[:i], instruction, *SOUND.instructions[i + 1 :])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"instructions": changed(6, I("fuse", (2, 3, 5)))}, "%6 has the unknown operation fuse"),
+        ({"instructions": changed(6, I("fma", (2, 3)))}, "%6 = fma has 2 operands"),
+        ({"instructions": changed(6, I("fma", (2, 3, 6)))}, "%6 = fma reads a later result"),
+        ({"instructions": changed(6, I("fma", (2, 3, 9)))}, "%6 = fma reads a later result"),
+        ({"instructions": changed(6, I("fma", (2, 3, -1)))}, "%6 = fma reads a later result"),
+        ({"instructions": changed(5, I("time", (0,)))}, "%5 = time has 1 operands"),
+        ({"instructions": changed(7, I("factor", (3, 1), 2))}, "%7 factors a matrix of order 2 from 2 entries"),
+        ({"instructions": changed(8, I("solve", (7, 6), 2))}, "%8 solves a system of order 2 with 1 right-hand sides"),
+        ({"hoisted": 4}, "%3 = state is hoisted but depends on the state"),
+        ({"hoisted": 6}, "is hoisted but depends on the state"),
+        ({"shape": (2,)}, r"3 outputs do not fill the shape \(2,\)"),
+        ({"outputs": (9, 6, 10)}, "an output is no result"),
+        ({"outputs": (9, 6, -1)}, "an output is no result"),
+    ],
+)
+def test_a_malformed_program_is_refused(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(LagrangeError, match=f"program sound is malformed: .*{message}"):
+        replace(SOUND, **change)
+
+
+def test_a_program_prints_every_instruction_with_its_exact_numbers() -> None:
+    assert str(SOUND).splitlines() == [
+        "sound: t, y[2], p[1] -> [3]",
+        "once per parameters:",
+        "  %0 = parameter 0",
+        "  %1 = constant 0.10000000000000001",
+        "  %2 = mul %0 %1",
+        "every time:",
+        "  %3 = state 0",
+        "  %4 = state 1",
+        "  %5 = time",
+        "  %6 = fma %2 %3 %5",
+        "  %7 = factor 2 %3 %1 %4",
+        "  %8 = solve 2 %7 %6 %4",
+        "  %9 = component 1 %8",
+        "return %9 %6 %9",
+    ]
+
+
+def test_what_is_saved_is_what_the_rest_reads() -> None:
+    assert SOUND.saved == (2,)
+    hoisted = Program(
+        name="hoisted",
+        states=2,
+        parameters=3,
+        instructions=(
+            *(I("parameter", data=i) for i in range(3)),
+            I("mul", (0, 1)),
+            I("mul", (1, 2)),
+            I("factor", (3, 4, 2), 2),
+            I("sin", (3,)),
+            I("state", data=0),
+            I("solve", (5, 7, 7), 2),
+            I("component", (8,), 0),
+        ),
+        hoisted=7,
+        outputs=(9,),
+        shape=(1,),
+    )
+    # The entries of a saved matrix are kept with its factors, to factor it again with pivoting; sin is read by nobody.
+    assert hoisted.saved == (3, 4, 5)
+
+
+LEAVES = {"time", "state", "parameter", "constant"}
+SYSTEMS = {"factor", "solve", "component"}
+
+
+def test_every_operation_is_spelled_for_numpy() -> None:
+    assert set(OPERATIONS) == set(ARITY) - LEAVES - SYSTEMS
+
+
+def test_every_operation_is_spelled_for_llvm_once() -> None:
+    assert SPELLED | LIBRARY == set(ARITY) - LEAVES - SYSTEMS
+    assert not SPELLED & LIBRARY
+
+
+def test_only_matrices_have_any_number_of_operands() -> None:
+    assert {op for op, arity in ARITY.items() if arity is None} == {"factor", "solve"}

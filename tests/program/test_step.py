@@ -1,0 +1,135 @@
+"""Steps as programs: what a step function does is traced exactly, and what is no combination is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lagrange.errors import StatementError
+from lagrange.graph.node import Node
+from lagrange.graph.to_sympy import to_sympy
+from lagrange.program.step import Control, StepProgram, Vector, trace
+from lagrange.trajectory.methods.classical import EULER, MIDPOINT, RK4
+from lagrange.trajectory.methods.dop853 import DOP853
+from lagrange.trajectory.methods.dopri5 import DOPRI5
+from lagrange.trajectory.methods.explicit import runge_kutta_step
+from lagrange.trajectory.methods.splitting import SymplecticEuler, Verlet, splitting_step
+
+STEPS = {
+    **{tableau.name: runge_kutta_step(tableau) for tableau in (EULER, MIDPOINT, RK4, DOPRI5, DOP853)},
+    **{method.name: splitting_step(method.name, method.stages) for method in (SymplecticEuler(), Verlet())},
+}
+
+
+def number(step: StepProgram, node: Node, t: float, h: float) -> float:
+    symbols = {step.time: sympy.Symbol("t"), step.h: sympy.Symbol("h")}
+    return float(to_sympy(node, symbols).subs({symbols[step.time]: t, symbols[step.h]: h}))
+
+
+def replay(step: StepProgram, f: Callable[..., Any], t: float, states: list[Any], h: float) -> list[Any]:
+    """Run the traced program by its definition: calls in order, then results and errors."""
+    vectors = list(states)
+
+    def combined(combination: Any) -> Any:
+        return sum((number(step, c, t, h) * vectors[i] for i, c in combination), np.zeros_like(states[0]))
+
+    for call in step.calls:
+        vectors.append(f(number(step, call.time, t, h), combined(call.argument)))
+    return [combined(c) for c in (*step.results, *step.errors)]
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_the_trace_does_what_the_function_does(name: str) -> None:
+    step = STEPS[name]
+    rng = np.random.default_rng(3)
+    states = [rng.normal(size=3) for _ in range(step.states)]
+
+    def f(t: float, y: Any) -> Any:
+        return np.cos(y) * (1 + t) - y[::-1]
+
+    direct = step.function(f, 0.3, *states, 0.07)
+    direct = list(direct) if isinstance(direct, tuple) else [direct]
+    for found, expected in zip(replay(step, f, 0.3, states, 0.07), direct, strict=True):
+        assert found == pytest.approx(expected, rel=1e-13, abs=1e-15)
+
+
+def test_which_steps_know_their_first_slope() -> None:
+    first = {name for name, step in STEPS.items() if step.starts_with_slope}
+    last = {name for name, step in STEPS.items() if step.ends_with_slope}
+    assert first == set(STEPS)
+    assert last == {"dopri5", "dop853", "verlet"}
+
+
+def test_the_number_of_calls_is_that_of_the_method() -> None:
+    calls = {name: len(step.calls) for name, step in STEPS.items()}
+    assert calls == {
+        "euler": 1, "midpoint": 2, "rk4": 4, "dopri5": 7, "dop853": 13, "symplectic-euler": 1, "verlet": 2,
+    }  # fmt: skip
+
+
+def test_a_step_prints() -> None:
+    text = str(STEPS["midpoint"])
+    assert text.startswith("midpoint: y, t, h\n")
+    assert text.count("= f(") == 2 and "new = " in text
+    assert str(STEPS["verlet"]).startswith("verlet: q, v, t, h")
+    assert "error = " in str(STEPS["dopri5"])
+
+
+coefficients = st.lists(st.integers(-5, 5), min_size=2, max_size=2)
+
+
+@given(coefficients, coefficients, st.integers(1, 4))
+def test_vectors_are_a_vector_space(a: list[int], b: list[int], k: int) -> None:
+    def value(vector: Vector) -> list[Any]:
+        found = dict(vector.combination())
+        return [found[i].data if i in found else 0 for i in range(2)]
+
+    def step(f: Any, t: Any, y: Any, h: Any) -> Any:
+        slope = f(t, y)
+        p, q = y * a[0] + slope * a[1], b[0] * y + b[1] * slope
+        assert value(p + q) == [i + j for i, j in zip(a, b, strict=True)]
+        assert value(p - q) == [i - j for i, j in zip(a, b, strict=True)]
+        assert value(k * p) == value(p * k) == [k * i for i in a]
+        assert [x * k for x in value(p / k)] == a
+        assert value(-p) == [-i for i in a]
+        assert value(sum([p, q])) == value(p + q)
+        return y
+
+    trace("space", step)
+
+
+def test_a_step_is_written_with_its_factors_on_either_side() -> None:
+    left = trace("left", lambda f, t, y, h: y + h * (2 * f(t, y)) / 3)
+    right = trace("right", lambda f, t, y, h: y + f(t, y) * 2 * (h / 3))
+    assert [number(left, c, 0.0, 0.6) for _, c in left.results[0]] == pytest.approx([1, 0.4])
+    assert [number(right, c, 0.0, 0.6) for _, c in right.results[0]] == pytest.approx([1, 0.4])
+
+
+def test_a_step_that_does_more_than_combine_is_refused() -> None:
+    with pytest.raises(StatementError, match="adds a number to a vector: a step is a combination of vectors"):
+        trace("bad", lambda f, t, y, h: y + h * f(t, y) + 1.0)
+    with pytest.raises(StatementError, match=r"step function bad cannot be compiled: .*multiplies them by numbers made of t"):
+        trace("bad", lambda f, t, y, h: f(t, y) * y)
+    with pytest.raises(StatementError, match="cannot be compiled"):
+        trace("bad", lambda f, t, y, h: np.sin(y))
+    with pytest.raises(StatementError, match="calls f with float, not with a state"):
+        trace("bad", lambda f, t, y, h: f(t, 1.0))
+
+
+def test_a_step_must_return_what_its_kind_does() -> None:
+    with pytest.raises(StatementError, match=r"returns 2 values; it must return 1 new state vector\(s\)\."):
+        trace("bad", lambda f, t, y, h: (y, y))
+    with pytest.raises(StatementError, match=r"returns 1 values; it must return 1 new state vector\(s\) and 1 error"):
+        trace("bad", lambda f, t, y, h: y, control=Control(3))
+    with pytest.raises(StatementError, match=r"it must return 1 new state vector\(s\) and 2 error"):
+        trace("bad", lambda f, t, y, h: (y, y), control=Control(3, damped=True))
+    with pytest.raises(StatementError, match="it must return 2 new state"):
+        trace("bad", lambda a, t, q, v, h: q, partitioned=True)
+    with pytest.raises(StatementError, match="returns 1 values"):
+        trace("bad", lambda f, t, y, h: 3.0)

@@ -1,0 +1,270 @@
+"""From what a user passes to a checked statement."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy
+from sympy import cos, sin
+from sympy.physics.mechanics import dynamicsymbols
+
+from lagrange.errors import StatementError
+from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
+from lagrange.statement.declare import declare, initial_state, parameter_values
+from lagrange.statement.statement import Statement
+
+theta, x, y = coordinates("theta x y")
+m, g, l = parameters("m g l")
+T = m * l**2 * theta.dot**2 / 2
+V = -m * g * l * cos(theta)
+
+
+def pendulum(**changes: Any) -> Statement:
+    return declare(**{"kinetic": T, "potential": V, **changes})
+
+
+def refusal(**changes: Any) -> str:
+    with pytest.raises(StatementError) as caught:
+        pendulum(**changes)
+    assert isinstance(caught.value, ValueError)
+    return str(caught.value)
+
+
+def test_a_pendulum() -> None:
+    found = pendulum(
+        forces={theta: -3 * theta.dot},
+        dissipation=theta.dot**2,
+        parameters={m: 1, "g": 9.81, l: None},
+        initial={theta: 2, theta.dot: 0.5},
+        positions={"bob": (l * sin(theta), -l * cos(theta))},
+        links=[("origin", "bob")],
+        name="pendulum",
+    )
+    assert found.coordinates == (theta,)
+    assert (found.kinetic, found.potential, found.lagrangian) == (T, V, T - V)
+    assert found.forces == (-3 * theta.dot,)
+    assert found.dissipation == theta.dot**2
+    assert set(found.parameters) == {m, g, l}
+    assert found.defaults == {m: 1.0, g: 9.81}
+    assert found.initial == (2.0, 0.5)
+    assert found.positions == {"bob": (l * sin(theta), -l * cos(theta))}
+    assert found.links == (("origin", "bob"),)
+    assert found.name == "pendulum"
+
+
+def test_what_is_left_out() -> None:
+    found = pendulum()
+    assert found.forces == (0,)
+    assert found.dissipation == 0
+    assert found.defaults == {}
+    assert found.initial == (0.0, 0.0)
+    assert found.positions == {} and found.links == ()
+
+
+def test_a_lagrangian_alone() -> None:
+    found = declare(lagrangian=T - V)
+    assert (found.kinetic, found.potential, found.lagrangian) == (T - V, 0, T - V)
+
+
+def test_coordinates_are_inferred_in_order_kinetic_energy_first() -> None:
+    assert declare(kinetic=y.dot**2, potential=x * y * 0).names == ("y",)
+    assert declare(kinetic=y.dot**2 + y.dot * x.dot, potential=theta**0).names in (("x", "y"), ("y", "x"))
+    assert declare(kinetic=x.dot**2 + theta.dot**2, coordinates=[theta, x]).names == ("theta", "x")
+
+
+def test_dynamicsymbols_are_accepted_everywhere() -> None:
+    q = dynamicsymbols("q")
+    found = declare(
+        kinetic=q.diff(t) ** 2, potential=q**2, coordinates=[q], forces={q: 1}, initial={q: 1, q.diff(): 2, "q_dot": 3}
+    )
+    assert found.coordinates == (coordinate("q"),)
+    assert found.initial == (1.0, 3.0)
+
+
+def test_keys_may_be_names() -> None:
+    found = pendulum(forces={"theta": 1}, initial={"theta": 1, "theta_dot": 2}, parameters={"m": 3})
+    assert found.forces == (1,)
+    assert found.initial == (1.0, 2.0)
+    assert found.defaults == {m: 3.0}
+
+
+def test_symbols_of_one_name_are_one_parameter() -> None:
+    free = sympy.Symbol("m")
+    found = pendulum(potential=-free * g * l * cos(theta), parameters={sympy.Symbol("m", real=True): 2})
+    assert [symbol.name for symbol in found.parameters].count("m") == 1
+    assert {symbol.name for symbol in found.lagrangian.free_symbols} == {"m", "g", "l", "t"}
+    assert len(found.lagrangian.free_symbols) == 4
+    assert next(iter(found.defaults.values())) == 2.0
+
+
+@pytest.mark.parametrize(
+    ("value", "exact"),
+    [
+        (3, sympy.Integer(3)),
+        (np.int64(3), sympy.Integer(3)),
+        (Fraction(1, 3), sympy.Rational(1, 3)),
+        (0.5, sympy.Float(0.5)),
+        (np.float64(0.5), sympy.Float(0.5)),
+        (np.float32(0.5), sympy.Float(0.5)),
+        (np.array(0.5), sympy.Float(0.5)),
+    ],
+)
+def test_numbers_of_every_kind_keep_their_value(value: Any, exact: Any) -> None:
+    assert pendulum(potential=value).potential == exact
+    assert pendulum(forces={theta: value}).forces == (exact,)
+
+
+def test_vectors_are_positions() -> None:
+    expected = (sin(theta), cos(theta))
+    for point in (expected, list(expected), sympy.Matrix(expected), np.array(expected)):
+        assert pendulum(positions={"bob": point}).positions["bob"] == expected
+    assert len(pendulum(positions={"bob": (1, 2.0, x * 0)}).positions["bob"]) == 3
+
+
+def test_two_forces_on_two_coordinates() -> None:
+    found = declare(kinetic=x.dot**2 + y.dot**2, forces=dict.fromkeys((y, x), 2) | {y: -x.dot, x: -y.dot})
+    assert dict(zip(found.coordinates, found.forces, strict=True)) == {x: -y.dot, y: -x.dot}
+
+
+REFUSALS: list[tuple[dict[str, Any], str]] = [
+    ({"constraints": [x - y]}, "constraints are not supported yet: choose coordinates that satisfy them"),
+    # energies
+    ({"kinetic": None}, "no kinetic energy: give kinetic= and potential=, or lagrangian=."),
+    ({"lagrangian": T}, "give either lagrangian=, or kinetic= and potential=, not both."),
+    (
+        {"kinetic": "m*v**2"},
+        "the kinetic energy is the text 'm*v**2': give a SymPy expression; texts belong in a scene",
+    ),
+    (
+        {"potential": sympy.Matrix([1])},
+        "the potential energy is a matrix of shape (1, 1): give a scalar, such as its en",
+    ),
+    ({"potential": 1j}, "the potential energy is 1j, a complex number: energies and forces are real."),
+    ({"potential": sympy.Eq(m, 1)}, "the potential energy is Eq(m, 1), which has no value: give an expression."),
+    ({"potential": sympy.true}, "the potential energy is True, which has no value: give an expression."),
+    ({"potential": float("nan")}, "the potential energy is nan: give a finite number."),
+    ({"potential": [1]}, "the potential energy is [1] (list): give a number."),
+    ({"potential": True}, "the potential energy is True (bool): give a number."),
+    ({"potential": sympy.I}, "the potential energy contains the imaginary unit I."),
+    ({"potential": sympy.gamma(theta)}, "the potential energy contains gamma"),
+    ({"kinetic": m}, "the kinetic energy does not contain theta.dot, so theta has no inertia and its acceleration is"),
+    ({"kinetic": None, "potential": None, "lagrangian": cos(theta)}, "the Lagrangian does not contain theta.dot, so"),
+    ({"kinetic": None, "potential": None, "lagrangian": sympy.zoo}, "the Lagrangian contains zoo"),
+    ({"dissipation": "c"}, "the dissipation is the text 'c'"),
+    ({"dissipation": sympy.I}, "the dissipation contains the imaginary unit"),
+    # coordinates
+    ({"kinetic": m, "potential": 0}, "no coordinates: the energies contain no function of time."),
+    ({"coordinates": theta}, "coordinates is theta(t): give a list, such as [theta(t)]."),
+    ({"coordinates": [theta, m]}, "coordinates contains m, which is no coordinate: make one with lg.coordinate('x')."),
+    ({"coordinates": ["theta"]}, "coordinates contains 'theta', which is no coordinate"),
+    ({"coordinates": [sin(t)]}, "coordinates contains sin(t), which is no coordinate"),
+    ({"coordinates": [theta.dot]}, "which is no coordinate"),
+    ({"coordinates": [sympy.Function("θ")(t)]}, "'θ' cannot name a coordinate"),
+    ({"coordinates": [theta, theta]}, "coordinate theta is listed twice: name each coordinate once."),
+    ({"coordinates": [theta, x]}, "the kinetic energy does not contain x.dot, so x has no inertia"),
+    ({"coordinates": [theta, x]}, "add its kinetic energy, or make x a parameter."),
+    (
+        {"potential": V + x, "coordinates": [theta]},
+        "x(t) is used but not declared: add it to coordinates, which are theta.",
+    ),
+    ({"potential": V * coordinate("thet"), "coordinates": [theta]}, "Did you mean 'theta'?"),
+    # forces
+    ({"forces": {x: 1}}, "forces names 'x', which is no coordinate of this system; they are theta."),
+    ({"forces": {"thet": 1}}, "Did you mean 'theta'?"),
+    ({"forces": {theta.dot: 1}}, "forces names 'theta_dot', which is no coordinate"),
+    ({"forces": {theta: 1, "theta": 2}}, "forces names 'theta' twice: give the sum of the forces on it."),
+    ({"forces": [1]}, "forces is a list: give a dict from coordinate to generalized force."),
+    ({"forces": {theta: "1"}}, "the force on theta is the text '1'"),
+    ({"forces": {theta: x}}, "x(t) is used but not declared"),
+    ({"forces": {theta: theta.ddot}}, "the force on theta contains the derivative of order 2 of theta"),
+    # parameters
+    ({"parameters": [m]}, "parameters is a list: give a dict from parameter to value."),
+    ({"parameters": {m: "1"}}, "parameter m is '1' (str): give a number."),
+    ({"parameters": {m: float("nan")}}, "parameter m is nan: give a finite number."),
+    ({"parameters": {m: g}}, "parameter m is g, an expression with symbols in it: give a number."),
+    ({"parameters": {m: 1, "m": 2}}, "parameters gives m twice: give it once."),
+    ({"parameters": {3: 1}}, "parameters names 3: its keys are parameters (symbols) or their names."),
+    ({"parameters": {theta: 1}}, "its keys are parameters (symbols) or their names."),
+    ({"parameters": {"m m": 1}}, "'m m' cannot name a parameter"),
+    ({"parameters": {"theta": 1}}, "theta is both a coordinate and a parameter: rename one."),
+    ({"potential": sympy.Symbol("theta")}, "use lg.coordinate('theta') there."),
+    (
+        {"parameters": {"theta_dot": 1}},
+        "parameter theta_dot has the name of a velocity: write theta.dot for the velocity",
+    ),
+    (
+        {"potential": sympy.Symbol("t", real=True)},
+        "parameter 't' clashes with time: use lg.t for time, and another name",
+    ),
+    ({"potential": sympy.Symbol("a b")}, "'a b' cannot name a parameter"),
+    ({"potential": sympy.Symbol("__import__('os').getpid()")}, "cannot name a parameter"),
+    # initial state
+    ({"initial": [1]}, "initial is a list: give a dict such as {theta: 1.0}; what is not named keeps its default."),
+    (
+        {"initial": {"phi": 1}},
+        "initial names 'phi', which is no coordinate or velocity of this system; they are theta and",
+    ),
+    ({"initial": {"thta": 1}}, "Did you mean 'theta'?"),
+    ({"initial": {theta.ddot: 1}}, "which is no coordinate or velocity"),
+    ({"initial": {theta: float("inf")}}, "the initial value of theta is inf: give a finite number."),
+    ({"initial": {theta.dot: m}}, "the initial value of theta_dot is m, an expression with symbols in it"),
+    # positions and links
+    ({"positions": [1]}, "positions is a list: give a dict from name to point."),
+    ({"positions": {"a b": (0, 0)}}, "'a b' cannot name a point"),
+    ({"positions": {"bob": 3}}, "the position of bob is 3: give two or three expressions, (x, y) or (x, y, z)."),
+    ({"positions": {"bob": "xy"}}, "the position of bob is 'xy': give two or three expressions"),
+    ({"positions": {"bob": theta}}, "the position of bob is theta(t): give two or three expressions"),
+    ({"positions": {"bob": (1,)}}, "the position of bob is (1,): give two or three expressions"),
+    ({"positions": {"bob": ("1", 2)}}, "the position of bob is the text '1'"),
+    ({"positions": {"a": (0, 0), "b": (0, 0, 0)}}, "positions mixes points in the plane with points in space"),
+    ({"links": [("origin", "bob")]}, "links names 'bob', which is no position; they are origin."),
+    ({"positions": {"bob": (0, 0)}, "links": [("origin", "bo")]}, "Did you mean 'bob'?"),
+    ({"links": ["origin"]}, "links contains 'origin': give pairs of point names, such as ('origin', 'bob')."),
+    ({"links": [("origin",)]}, "links contains ('origin',): give pairs of point names"),
+    ({"links": [3]}, "links contains 3: give pairs of point names"),
+]
+
+
+@pytest.mark.parametrize(("changes", "message"), REFUSALS, ids=lambda case: str(case)[:40])
+def test_refusals(changes: dict[str, Any], message: str) -> None:
+    assert message in refusal(**changes)
+
+
+# --- initial state and parameter values, which runs use too ------------------------------------------------------
+
+
+def test_the_initial_state_is_overlaid() -> None:
+    base = (1.0, 2.0, 3.0, 4.0)
+    assert initial_state({}, (x, y), base) == base
+    assert initial_state({y: 5, "x_dot": np.float64(6), y.dot: sympy.pi}, (x, y), base) == (
+        1.0,
+        5.0,
+        6.0,
+        float(sympy.pi),
+    )
+
+
+def test_parameter_values_are_overlaid() -> None:
+    assert parameter_values(None, (m, g), {m: 1.0, g: 2.0}) == {m: 1.0, g: 2.0}
+    assert parameter_values({"g": 3, sympy.Symbol("m"): 4}, (m, g), {m: 1.0}) == {m: 4.0, g: 3.0}
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"mm": 1}, "'mm' is no parameter of this system; its parameters are m, g and l. Did you mean 'm'?"),
+        ({theta: 1}, "'theta' is no parameter of this system"),
+        ({m: 1, g: 1}, "no value for parameter l: give one, for example parameters={'l': 1.0}."),
+        ({}, "no value for parameters m, g and l: give one, for example parameters={'m': 1.0}."),
+        ({m: float("nan")}, "parameter m is nan: give a finite number."),
+        ({m: None}, "parameter m is None (NoneType): give a number."),
+        ([m], "parameters is a list: give a dict from parameter to value."),
+    ],
+)
+def test_parameter_values_that_are_refused(given: Any, message: str) -> None:
+    with pytest.raises(StatementError) as caught:
+        parameter_values(given, (m, g, l), {})
+    assert message in str(caught.value)

@@ -1,0 +1,41 @@
+"""The record that every later stage reads."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import pytest
+import sympy
+
+from lagrange.statement.coordinate import coordinates
+from lagrange.statement.declare import declare
+from lagrange.statement.statement import RunSettings, Statement
+
+x, y = coordinates("x y")
+
+
+@pytest.fixture
+def statement() -> Statement:
+    return declare(kinetic=x.dot**2 + y.dot**2, potential=x * y)
+
+
+def test_names_and_velocities(statement: Statement) -> None:
+    assert statement.names == ("x", "y")
+    assert statement.velocities == (x.dot, y.dot)
+    assert statement.run == RunSettings(10.0, None, None, None, None)
+
+
+def test_plain_symbols_are_real_and_differentiate(statement: Statement) -> None:
+    plain = statement.plain
+    assert [str(plain[q]) for q in (x, x.dot, x.ddot, y)] == ["x", "x_dot", "x_ddot", "y"]
+    assert all(symbol.is_real for symbol in plain.values())
+    assert (x.dot**2 + x).xreplace(plain).diff(plain[x.dot]) == 2 * sympy.Symbol("x_dot", real=True)
+
+
+def test_a_statement_cannot_be_changed(statement: Statement) -> None:
+    opened: Any = statement
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        opened.kinetic = 0
+    with pytest.raises(TypeError):
+        opened.defaults["m"] = 1.0
