@@ -111,6 +111,8 @@ class Vector:
     __radd__ = __add__
 
     def __mul__(self, factor: Node | Exact | float) -> Vector:
+        if isinstance(factor, Vector):
+            raise StatementError("a step function multiplies two vectors: a step is a combination of vectors.")
         scaled = {i: coefficient * factor for i, coefficient in self.terms.items()}
         return Vector({i: c for i, c in scaled.items() if c is not c.graph.zero})
 

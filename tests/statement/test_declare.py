@@ -142,7 +142,7 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
         {"potential": sympy.Matrix([1])},
         "the potential energy is a matrix of shape (1, 1): give a scalar, such as its en",
     ),
-    ({"potential": 1j}, "the potential energy is 1j, a complex number: energies and forces are real."),
+    ({"potential": 1j}, "the potential energy is 1j, a complex number: give a real number."),
     ({"potential": sympy.Eq(m, 1)}, "the potential energy is Eq(m, 1), which has no value: give an expression."),
     ({"potential": sympy.true}, "the potential energy is True, which has no value: give an expression."),
     ({"potential": float("nan")}, "the potential energy is nan: give a finite number."),

@@ -19,6 +19,9 @@ from lagrange.machine.llvm.spelling import BOOLEAN, LIBRARY, element, number, sp
 from lagrange.machine.llvm.trigonometry import angle_function
 from lagrange.program.program import Program
 
+MANY_ZEROS = 32
+"""From this many outputs that are always zero they are cleared in a loop; LLVM takes long over so many stores."""
+
 METADATA = '!0 = !{!"branch_weights", i32 2000, i32 1}'
 ATTRIBUTES = 'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" }'
 
@@ -94,7 +97,16 @@ def _finish(body: Body, stride: str = "") -> None:
     """Emit the part that runs every time, and store the outputs, one behind the other or a stride apart."""
     program, e = body.program, body.e
     body.run(range(program.hoisted, len(program.instructions)))
+    zeros = {k for k, ref in enumerate(program.outputs) if program.instructions[ref][::2] == ("constant", 0.0)}
+    if len(zeros) < MANY_ZEROS:
+        zeros.clear()
+    else:
+        with e.loop(0, len(program.outputs)) as k:
+            place = e.value(f"mul nsw i64 {stride}, {k}") if stride else k
+            e.store("zeroinitializer" if body.lanes > 1 else number(0.0, 1), e.address("%out", place), body.kind)
     for k, ref in enumerate(program.outputs):
+        if k in zeros:
+            continue
         place = e.value(f"mul nsw i64 {stride}, {k}") if stride and k else k
         op = program.instructions[ref].op
         value = body.ref(ref)

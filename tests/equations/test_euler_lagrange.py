@@ -1,0 +1,180 @@
+"""The laws as nodes: against SymPy's own derivatives, against each other, and no more code than the system needs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from lagrange.equations.euler_lagrange import Equations, euler_lagrange
+from lagrange.errors import StatementError
+from lagrange.graph.node import Binding, Kind, reachable
+from lagrange.graph.to_sympy import to_sympy
+from lagrange.program.catalogue import QUANTITIES, program_of
+from lagrange.statement.coordinate import acceleration_of, t
+from lagrange.statement.statement import Statement
+from tests.models import SYSTEMS, c, chain, k, laws, m, model, stated, x, y, z
+
+SMALL = [name for name in SYSTEMS if name not in ("chain of 7", "8 carried masses", "blocks")]
+
+
+class Book:
+    """The same laws by SymPy, in plain symbols, for numbers."""
+
+    def __init__(self, statement: Statement) -> None:
+        n = len(statement.coordinates)
+        self.q = sp.symbols(f"q:{n}", real=True)
+        self.v = sp.symbols(f"v:{n}", real=True)
+        self.a = sp.symbols(f"a:{n}", real=True)
+        table = dict(zip(statement.velocities, self.v, strict=True))
+
+        def plain(expression: Any) -> Any:
+            return expression.subs(table).subs(dict(zip(statement.coordinates, self.q, strict=True)))
+
+        kinetic, potential, dissipation = map(plain, (statement.kinetic, statement.potential, statement.dissipation))
+        self.L = kinetic - potential
+        self.p = [sp.diff(self.L, v) for v in self.v]
+        self.f = [
+            sp.diff(self.L, q) + plain(force) - sp.diff(dissipation, v)
+            for q, v, force in zip(self.q, self.v, statement.forces, strict=True)
+        ]
+        self.M = sp.Matrix([[sp.diff(p, v) for v in self.v] for p in self.p])
+        along = [
+            sum(sp.diff(p, q) * v for q, v in zip(self.q, self.v, strict=True)) + sp.diff(p, t) for p in self.p
+        ]
+        self.h = [f - drift for f, drift in zip(self.f, along, strict=True)]
+        self.energy = sum(v * p for v, p in zip(self.v, self.p, strict=True)) - self.L
+
+    def number(self, expression: Any, at: dict[Any, float]) -> float:
+        return float(sp.N(sp.sympify(expression).subs(at)))
+
+
+def numbers(statement: Statement, seed: int) -> tuple[Any, Any, float]:
+    rng = np.random.default_rng(seed)
+    n = len(statement.coordinates)
+    return rng.uniform(0.3, 1.2, n), rng.uniform(-1.0, 1.0, n), 0.6
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_every_quantity_is_what_sympy_derives(name: str) -> None:
+    statement = SYSTEMS[name]()
+    book, compiled = Book(statement), model(name, "numpy")
+    q, v, time = numbers(statement, 5)
+    at = {**statement.defaults, t: time, **dict(zip(book.q, q, strict=True)), **dict(zip(book.v, v, strict=True))}
+    by_book = {
+        "lagrangian": book.L,
+        "energy": book.energy,
+        "momenta": book.p,
+        "forces": book.f,
+        "bias": book.h,
+        "mass_matrix": list(book.M),
+    }
+    for quantity, expected in by_book.items():
+        listed = expected if isinstance(expected, list) else [expected]
+        values = [book.number(entry, at) for entry in listed]
+        found = np.ravel(compiled.evaluate(quantity, q, v, time))
+        assert found == pytest.approx(values, rel=1e-11, abs=1e-12), quantity
+    M, h = compiled.evaluate("mass_matrix", q, v, time), compiled.evaluate("bias", q, v, time)
+    assert M @ compiled.accelerations(q, v, time) == pytest.approx(h, rel=1e-10, abs=1e-10)
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_the_jacobian_is_the_slope_of_the_right_hand_side(name: str) -> None:
+    compiled = model(name, "numpy")
+    q, v, time = numbers(compiled.statement, 11)
+    point = np.concatenate([q, v])
+    exact = compiled.jacobian(time, point)
+    slopes = []
+    for i in range(len(point)):
+        h = 1e-3
+        shift = np.eye(len(point))[i]
+        rows = [
+            (compiled.rhs(time, point + d * shift) - compiled.rhs(time, point - d * shift)) / (2 * d) for d in (h, h / 2)
+        ]
+        slopes.append((4 * rows[1] - rows[0]) / 3)
+    assert exact == pytest.approx(np.array(slopes).T, rel=2e-7, abs=2e-7 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_the_mass_matrix_is_symmetric_to_the_node(name: str) -> None:
+    equations = laws(name)
+    n = len(equations.q)
+    assert all(equations.mass[i][j] is equations.mass[j][i] for i in range(n) for j in range(n))
+
+
+def test_every_coordinate_gets_its_force() -> None:
+    statement = stated(
+        kinetic=m * (x.dot**2 + y.dot**2 + z.dot**2) / 2,
+        forces={x: k * y, y: -c * z.dot, z: m + x},
+        coordinates=[x, y, z],
+    )
+    equations = euler_lagrange(statement)
+    by_name = {node.data.removeprefix("parameter "): node for node in equations.parameters}
+    qx, qy, _ = equations.q
+    vz = equations.v[2]
+    expected = (by_name["k"] * qy, -(by_name["c"] * vz), by_name["m"] + qx)
+    assert equations.forces == expected
+
+
+def test_a_constant_mass_matrix_leaves_no_bias_beyond_the_forces() -> None:
+    for name in ("oscillator", "Henon-Heiles", "Kepler orbit", "coupled masses", "8 carried masses", "saddle"):
+        assert laws(name).bias == laws(name).forces
+    assert laws("double pendulum").bias != laws("double pendulum").forces
+
+
+def test_energy_is_t_plus_v_where_t_is_quadratic_and_the_jacobi_integral_elsewhere() -> None:
+    equations = laws("elastic pendulum")
+    statement = SYSTEMS["elastic pendulum"]()
+    total = equations.translate(statement.kinetic + statement.potential)
+    point = {s: sp.Rational(i + 2, 7) for i, s in enumerate((*equations.q, *equations.v, *equations.parameters))}
+    assert abs(float(to_sympy(equations.energy, point) - to_sympy(total, point))) < 1e-14
+    q, v = np.array([0.7]), np.array([1.1])
+    hoop = model("bead on a hoop", "numpy")
+    values = {p.name: value for p, value in hoop.parameter_values().items()}
+    ml2 = values["m"] * values["l"] ** 2
+    jacobi = ml2 * (1.1**2 - values["omega"] ** 2 * np.sin(0.7) ** 2) / 2
+    assert hoop.energy(q, v) == pytest.approx(jacobi - values["m"] * values["g"] * values["l"] * np.cos(0.7), rel=1e-13)
+
+
+def test_translate_knows_accelerations_and_refuses_strangers() -> None:
+    equations = laws("pendulum")
+    theta = SYSTEMS["pendulum"]().coordinates[0]
+    assert equations.translate(acceleration_of(theta)) is equations.accelerations[0]
+    with pytest.raises(StatementError, match="Symbol in 'stranger' is not supported"):
+        equations.translate(sp.Symbol("stranger"))
+
+
+def size(equations: Equations, name: str) -> int:
+    return len(program_of(name, equations).instructions)
+
+
+def test_the_work_grows_mildly_with_the_length_of_a_chain() -> None:
+    """Per link the right-hand side needs its row of M and of the solve: quadratic and not more."""
+    sizes = {n: size(euler_lagrange(chain(n)), "rhs") for n in (3, 6, 12)}
+    assert sizes[12] < 4.5 * sizes[6] < 4.5 * 4.5 * sizes[3]
+    assert sizes[12] < 12 * 12 * 6
+
+
+def test_nothing_of_zero_is_computed() -> None:
+    equations = laws("charge")
+    program = program_of("rhs", equations)
+    assert not any(instruction.op in ("factor", "solve") for instruction in program.instructions)
+    zeros = [i for i in program.instructions if i.op == "constant" and i.data == 0]
+    assert not zeros
+
+
+@pytest.mark.parametrize("name", QUANTITIES)
+def test_a_quantity_of_the_equations_reads_nothing_it_may_not(name: str) -> None:
+    equations = laws("double pendulum")
+    nodes, shape = QUANTITIES[name](equations)
+    assert len(nodes) == np.prod(shape, dtype=int)
+    highest = max(node.binding for node in nodes)
+    assert highest <= (Binding.CONFIGURATION if name == "mass_matrix" else Binding.VELOCITY)
+
+
+def test_blocks_are_solved_each_alone() -> None:
+    factors = [node for node in reachable(laws("blocks").accelerations) if node.kind is Kind.FACTOR]
+    assert sorted(node.data for node in factors) == [2, 2]
+    assert laws("blocks").structure.blocks == ((0, 2), (1, 3), (4,))

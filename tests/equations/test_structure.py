@@ -1,0 +1,133 @@
+"""What kind of system it is: each finding, the sentence that says it, and the block structure of random matrices."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sympy import cos, sin
+
+from lagrange.equations.euler_lagrange import euler_lagrange
+from lagrange.equations.structure import Structure, mass_blocks
+from lagrange.graph.node import Binding, Graph
+from lagrange.statement.coordinate import t
+from tests.models import c, k, l, laws, m, omega, phi, r, stated, theta, x, y
+
+
+def structure(name: str) -> Structure:
+    return laws(name).structure
+
+
+FINDINGS = {
+    #                     blocks           constant separable autonomous forced cyclic position_only
+    "oscillator": (((0,),), True, True, True, False, (), True),
+    "pendulum": (((0,),), True, True, True, False, (), True),
+    "double pendulum": (((0, 1),), False, False, True, False, (), False),
+    "elastic pendulum": (((0,), (1,)), False, False, True, False, (), False),
+    "spherical pendulum": (((0,), (1,)), False, False, True, False, (1,), False),
+    "cart and pole": (((0, 1),), False, False, True, True, (), False),
+    "charge": (((0,), (1,), (2,)), True, False, True, False, (), False),
+    "bead on a hoop": (((0,),), True, False, True, False, (), True),
+    "Henon-Heiles": (((0,), (1,)), True, True, True, False, (), True),
+    "coupled masses": (((0, 1),), True, True, True, False, (), True),
+    "8 carried masses": ((tuple(range(8)),), True, True, True, False, (), True),
+    "saddle": (((0, 1), (2,)), True, True, True, False, (), True),
+    "friction": (((0,), (1,)), True, True, True, True, (), False),
+}
+
+
+@pytest.mark.parametrize("name", FINDINGS)
+def test_findings(name: str) -> None:
+    found = structure(name)
+    assert (
+        found.blocks,
+        found.constant_mass,
+        found.separable,
+        found.autonomous,
+        found.forced,
+        found.cyclic,
+        found.position_only,
+    ) == FINDINGS[name]
+    assert found.conservative == (found.autonomous and not found.forced)
+
+
+def test_a_coordinate_with_a_force_on_it_is_not_cyclic() -> None:
+    free = euler_lagrange(stated(kinetic=m * (x.dot**2 + y.dot**2) / 2, potential=k * x, coordinates=[x, y]))
+    assert free.structure.cyclic == (1,)
+    pushed = euler_lagrange(
+        stated(kinetic=m * (x.dot**2 + y.dot**2) / 2, potential=k * x, forces={y: c}, coordinates=[x, y])
+    )
+    assert pushed.structure.cyclic == ()
+    dragged = euler_lagrange(
+        stated(kinetic=m * (x.dot**2 + y.dot**2) / 2, dissipation=c * y.dot**2, coordinates=[x, y])
+    )
+    assert dragged.structure.cyclic == (0,)
+
+
+def test_a_force_on_one_coordinate_leaves_the_momentum_of_another() -> None:
+    equations = euler_lagrange(
+        stated(kinetic=m * (r.dot**2 + r**2 * phi.dot**2) / 2, forces={r: -k * r}, coordinates=[r, phi])
+    )
+    assert equations.structure.cyclic == (1,)
+
+
+def test_explicit_time_is_found_and_time_that_cancels_is_not() -> None:
+    driven = euler_lagrange(stated(kinetic=m * x.dot**2 / 2, potential=k * x * cos(omega * t)))
+    assert not driven.structure.autonomous
+    still = euler_lagrange(stated(kinetic=m * x.dot**2 / 2 * (sin(t) ** 2 + cos(t) ** 2)))
+    assert still.structure.autonomous == (not still.lagrangian.depends & still.time.depends)
+    forced = euler_lagrange(stated(kinetic=m * x.dot**2 / 2, forces={x: cos(t)}))
+    assert forced.structure.autonomous and forced.structure.forced
+
+
+def test_sentences_for_the_user() -> None:
+    assert structure("Henon-Heiles").sentences() == [
+        "The mass matrix is diagonal and constant.",
+        "The kinetic energy depends on velocities alone, and the potential on coordinates alone.",
+        "Nothing depends on time explicitly and no force acts beside the potential: the energy is conserved.",
+    ]
+    assert structure("spherical pendulum").sentences() == [
+        "The mass matrix is diagonal and changes along the motion.",
+        "The Lagrangian does not separate into a kinetic part in the velocities and a potential in the coordinates.",
+        "Nothing depends on time explicitly and no force acts beside the potential: the energy is conserved.",
+        "phi does not appear in the Lagrangian: its conjugate momentum is conserved.",
+    ]
+    assert structure("double pendulum").sentences()[0] == (
+        "The mass matrix couples all coordinates and changes along the motion."
+    )
+    assert structure("coupled masses").sentences()[0] == "The mass matrix couples all coordinates and is constant."
+    assert structure("saddle").sentences()[0] == "The mass matrix falls into blocks (x, y) and (z) and is constant."
+    assert structure("cart and pole").sentences()[2] == "The energy is not conserved: forces or dissipation act."
+    both = replace(structure("cart and pole"), autonomous=False)
+    assert both.sentences()[2] == (
+        "The energy is not conserved: the Lagrangian depends on time and forces or dissipation act."
+    )
+
+
+@given(st.integers(1, 9), st.lists(st.tuples(st.integers(0, 8), st.integers(0, 8)), max_size=9))
+def test_blocks_are_the_connected_groups(n: int, pairs: list[tuple[int, int]]) -> None:
+    graph = Graph()
+    one = graph.symbol("one", Binding.CONFIGURATION)
+    full = np.eye(n, dtype=bool)
+    for i, j in pairs:
+        if i < n and j < n:
+            full[i, j] = full[j, i] = True
+    mass = [[one if full[i, j] else graph.zero for j in range(n)] for i in range(n)]
+    reached = np.linalg.matrix_power(full.astype(int), n) > 0
+    expected = sorted({tuple(np.flatnonzero(row)) for row in reached})
+    assert sorted(mass_blocks(mass)) == expected
+
+
+def test_zero_by_cancellation_splits_a_block() -> None:
+    equations = euler_lagrange(
+        stated(kinetic=m * (x.dot + y.dot) ** 2 / 2 + m * (x.dot - y.dot) ** 2 / 2, coordinates=[x, y])
+    )
+    assert equations.structure.blocks == ((0,), (1,))
+    assert equations.structure.cyclic == (0, 1)
+
+
+def test_a_mass_that_depends_on_time_is_not_constant() -> None:
+    assert not euler_lagrange(stated(kinetic=m * (1 + t) * theta.dot**2 * l)).structure.constant_mass

@@ -1,0 +1,226 @@
+"""Systems that tests of several stages share, and models of them on either machine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import sympy as sp
+from sympy import cos, exp, sin, sqrt
+
+from lagrange.compiler import machine
+from lagrange.equations.euler_lagrange import Equations, euler_lagrange
+from lagrange.machine.model import Model
+from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
+from lagrange.statement.declare import declare
+from lagrange.statement.statement import Statement
+
+TARGETS = ("numpy", "llvm")
+x, y, z, theta, phi, r = coordinates("x y z theta phi r")
+m, M, g, l, k, c, omega, B = parameters("m M g l k c omega B")
+VALUES = {m: 1.3, M: 2.1, g: 9.81, l: 0.7, k: 3.2, c: 0.15, omega: 1.9, B: 0.8}
+
+
+def stated(**given: Any) -> Statement:
+    """Declare a statement with default values for the parameters above."""
+    statement = declare(**given)
+    missing = {p: VALUES[p] for p in statement.parameters if p in VALUES and p not in statement.defaults}
+    return declare(**given | {"parameters": {**given.get("parameters", {}), **missing}}) if missing else statement
+
+
+@cache
+def laws(name: str) -> Equations:
+    """Return the equations of a named system."""
+    return euler_lagrange(SYSTEMS[name]())
+
+
+@cache
+def model(name: str, target: str = "llvm") -> Model:
+    """Return the model of a named system, one for all tests: kernels are compiled once."""
+    return Model(SYSTEMS[name](), laws(name), machine(target))
+
+
+def build(target: str = "llvm", **given: Any) -> Model:
+    """Return a model of a system stated on the spot."""
+    statement = stated(**given)
+    return Model(statement, euler_lagrange(statement), machine(target))
+
+
+def oscillator() -> Statement:
+    return stated(kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2, initial={x: 1.0}, name="oscillator")
+
+
+def pendulum() -> Statement:
+    return stated(
+        kinetic=m * l**2 * theta.dot**2 / 2, potential=-m * g * l * cos(theta), initial={theta: 2.0}, name="pendulum"
+    )
+
+
+def double_pendulum() -> Statement:
+    return chain(2)
+
+
+def chain(n: int) -> Statement:
+    """Return n pendulums one below the other, stated in Cartesian sums."""
+    angles = [coordinate(f"a{i}") for i in range(n)]
+    px = py = sp.S.Zero
+    kinetic = potential = sp.S.Zero
+    for angle in angles:
+        px, py = px + l * sin(angle), py - l * cos(angle)
+        kinetic += m * (sp.diff(px, t) ** 2 + sp.diff(py, t) ** 2) / 2
+        potential += m * g * py
+    start = {angle: 0.5 + 0.1 * i for i, angle in enumerate(angles)}
+    return stated(kinetic=kinetic, potential=potential, coordinates=angles, initial=start, name=f"chain of {n}")
+
+
+def elastic_pendulum() -> Statement:
+    return stated(
+        kinetic=m * (r.dot**2 + r**2 * theta.dot**2) / 2,
+        potential=k * (r - l) ** 2 / 2 - m * g * r * cos(theta),
+        coordinates=[r, theta],
+        initial={r: 1.1, theta: 0.4, theta.dot: 0.3},
+        name="elastic pendulum",
+    )
+
+
+def spherical_pendulum() -> Statement:
+    """Two blocks of one coordinate each, the second singular at the poles."""
+    return stated(
+        kinetic=m * l**2 * (theta.dot**2 + sin(theta) ** 2 * phi.dot**2) / 2,
+        potential=m * g * l * cos(theta),
+        coordinates=[theta, phi],
+        initial={theta: 1.0, phi.dot: 0.4},
+        name="spherical pendulum",
+    )
+
+
+def cart_and_pole() -> Statement:
+    bob = (x + l * sin(theta), -l * cos(theta))
+    speed = sum(sp.diff(part, t) ** 2 for part in bob)
+    return stated(
+        kinetic=M * x.dot**2 / 2 + m * speed / 2,
+        potential=m * g * bob[1],
+        coordinates=[x, theta],
+        forces={x: cos(omega * t) - c * x.dot, theta: -c * theta.dot * theta},
+        dissipation=c * theta.dot**2 / 2,
+        initial={theta: 0.6},
+        name="cart and pole",
+    )
+
+
+def charge() -> Statement:
+    """A charge in a magnetic field: the potential depends on velocities, and M is constant and diagonal."""
+    return stated(
+        lagrangian=m * (x.dot**2 + y.dot**2 + z.dot**2) / 2 + B * (x * y.dot - y * x.dot) / 2 - k * z**2 / 2,
+        coordinates=[x, y, z],
+        initial={x: 1.0, y.dot: 0.5, z: 0.2},
+        name="charge",
+    )
+
+
+def bead_on_hoop() -> Statement:
+    """Time stands in the kinetic energy."""
+    place = [l * sin(theta) * cos(omega * t), l * sin(theta) * sin(omega * t), -l * cos(theta)]
+    speed = sum(sp.diff(part, t) ** 2 for part in place)
+    return stated(kinetic=m * speed / 2, potential=m * g * place[2], initial={theta: 0.7}, name="bead on a hoop")
+
+
+def henon_heiles() -> Statement:
+    return stated(
+        kinetic=(x.dot**2 + y.dot**2) / 2,
+        potential=(x**2 + y**2) / 2 + x**2 * y - y**3 / 3,
+        initial={x: 0.1, y: 0.2, x.dot: 0.3, y.dot: -0.1},
+        name="Henon-Heiles",
+    )
+
+
+def kepler() -> Statement:
+    return stated(
+        kinetic=m * (x.dot**2 + y.dot**2) / 2,
+        potential=-k * m / sqrt(x**2 + y**2),
+        parameters={k: 1.0},
+        initial={x: 1.0, y.dot: 1.2},
+        name="Kepler orbit",
+    )
+
+
+def coupled_masses() -> Statement:
+    """A constant mass matrix that couples: its factors are hoisted."""
+    return stated(
+        kinetic=m * x.dot**2 / 2 + M * l * (x.dot + y.dot) ** 2 / 2,
+        potential=k * x**2 / 2 + m * g * sin(x * y) + k * y**4 / 4,
+        coordinates=[x, y],
+        initial={x: 0.3, y: 0.5},
+        name="coupled masses",
+    )
+
+
+def masses(n: int) -> Statement:
+    """Return n masses, each carried by the one before: M is constant, full, and larger than what is unrolled."""
+    xs = [coordinate(f"x{i}") for i in range(n)]
+    kinetic = potential = place = sp.S.Zero
+    for i, mass in enumerate(xs):
+        place += mass
+        kinetic += (m + i * M / 10) * sp.diff(place, t) ** 2 / 2
+        potential += k * mass**2 / 2 + m * g * cos(place)
+    start = {mass: 0.1 * (i + 1) for i, mass in enumerate(xs)}
+    return stated(kinetic=kinetic, potential=potential, coordinates=xs, initial=start, name=f"{n} carried masses")
+
+
+def saddle() -> Statement:
+    """An indefinite mass matrix with zeros on its diagonal."""
+    return stated(
+        lagrangian=m * x.dot * y.dot + l * z.dot**2 / 2 - k * x * y - k * z**2 / 2 - k * x**2 * z,
+        coordinates=[x, y, z],
+        initial={x: 0.4, y: 0.3, z: 0.2, x.dot: 0.1},
+        name="saddle",
+    )
+
+
+def blocks() -> Statement:
+    """Two blocks of two and one of one, with a mass matrix that moves."""
+    u, w = coordinates("u w")
+    return stated(
+        kinetic=m * (x.dot**2 + l * x.dot * y.dot * cos(x - y) + y.dot**2) / 2
+        + M * (u.dot**2 + u.dot * w.dot * sin(u) / 2 + w.dot**2) / 2
+        + m * (1 + z**2) * z.dot**2 / 2,
+        potential=k * (x - u) ** 2 / 2 + k * (y - w) ** 2 / 2 + exp(z * x / 5),
+        coordinates=[x, u, y, w, z],
+        initial={x: 0.4, u: 0.3, y: -0.2, w: 0.1, z: 0.5},
+        name="blocks",
+    )
+
+
+def friction() -> Statement:
+    """Conditions on parameters alone, on time, on the state; min, max, abs and sign."""
+    side = sp.Piecewise((k, k > c), (m, True))
+    pulse = sp.Piecewise((1, (t > 1) & (t < 2)), (0, True))
+    return stated(
+        kinetic=m * (x.dot**2 + y.dot**2) / 2,
+        potential=side * x**2 / 2 + sp.Max(0, y - 1) ** 2 * k / 2 + k * sp.Abs(y) ** 3,
+        forces={x: pulse - c * sp.sign(x.dot), y: sp.Min(0, -y) - sp.Max(k, c) * y.dot},
+        coordinates=[x, y],
+        initial={x: 0.5, y: 1.5, x.dot: 0.3},
+        name="friction",
+    )
+
+
+SYSTEMS: dict[str, Callable[[], Statement]] = {
+    "oscillator": oscillator,
+    "pendulum": pendulum,
+    "double pendulum": double_pendulum,
+    "chain of 7": lambda: chain(7),
+    "elastic pendulum": elastic_pendulum,
+    "spherical pendulum": spherical_pendulum,
+    "cart and pole": cart_and_pole,
+    "charge": charge,
+    "bead on a hoop": bead_on_hoop,
+    "Henon-Heiles": henon_heiles,
+    "Kepler orbit": kepler,
+    "coupled masses": coupled_masses,
+    "8 carried masses": lambda: masses(8),
+    "saddle": saddle,
+    "blocks": blocks,
+    "friction": friction,
+}
