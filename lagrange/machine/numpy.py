@@ -132,8 +132,12 @@ def _solve(matrix: FloatArray, right: list[Any]) -> FloatArray:
     """Return the solution (n,) or (n, batch) by Gaussian elimination with scaled partial pivoting."""
     n = len(right)
     columns = np.broadcast_shapes(matrix.shape[2:], *(np.shape(entry) for entry in right))
-    a = np.broadcast_to(matrix, (n, n, *columns)).reshape(n, n, -1).copy()
+    whole = matrix[..., None] if columns and matrix.ndim == 2 else matrix
+    a = np.broadcast_to(whole, (n, n, *columns)).reshape(n, n, -1).copy()
     b = np.array(np.broadcast_arrays(*right, np.empty(columns))[:n], dtype=float).reshape(n, -1)
+    scale = _scale(a)
+    a *= scale[:, None] * scale
+    b *= scale
     lanes = np.arange(a.shape[2])
     largest = np.abs(a).max(axis=1)
     for j in range(n):
@@ -149,7 +153,13 @@ def _solve(matrix: FloatArray, right: list[Any]) -> FloatArray:
     x = np.empty_like(b)
     for j in reversed(range(n)):
         x[j] = (b[j] - (a[j, j + 1 :] * x[j + 1 :]).sum(axis=0)) / a[j, j]
-    return x.reshape((n, *columns))
+    return (scale * x).reshape((n, *columns))
+
+
+def _scale(a: FloatArray) -> FloatArray:
+    """Return the units (n, k) in which a positive definite matrix has a unit diagonal, and ones for any other."""
+    diagonal = np.einsum("iik->ik", a)
+    return np.where((diagonal > 0).all(axis=0), 1 / np.sqrt(np.abs(diagonal)), 1.0)
 
 
 def _check_pivot(pivot: FloatArray, largest: FloatArray, columns: tuple[int, ...]) -> None:

@@ -101,13 +101,13 @@ def _finish(body: Body, stride: str = "") -> None:
     if len(zeros) < MANY_ZEROS:
         zeros.clear()
     else:
-        with e.loop(0, len(program.outputs)) as k:
-            place = e.value(f"mul nsw i64 {stride}, {k}") if stride else k
+        with e.loop(0, len(program.outputs)) as i:
+            place = e.value(f"mul nsw i64 {stride}, {i}") if stride else i
             e.store("zeroinitializer" if body.lanes > 1 else number(0.0, 1), e.address("%out", place), body.kind)
     for k, ref in enumerate(program.outputs):
         if k in zeros:
             continue
-        place = e.value(f"mul nsw i64 {stride}, {k}") if stride and k else k
+        place = e.value(f"mul nsw i64 {stride}, {k}") if stride and k else str(k)
         op = program.instructions[ref].op
         value = body.ref(ref)
         if op in BOOLEAN:

@@ -1,0 +1,248 @@
+"""Symmetric systems inside kernels: every size, definite or not, singular or not, alone and in columns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lagrange.compiler import machine
+from lagrange.graph.node import Binding, Graph
+from lagrange.machine.backend import Kernel, SingularMassMatrix
+from lagrange.program.lower import lower
+from tests.models import TARGETS
+
+SIZES = (2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 30)
+FEW = (2, 3, 6, 7, 12)
+WIDTHS = (1, 2, 7, 8, 9, 64)
+Matrix = Callable[[np.random.Generator, int], Any]
+
+
+@cache
+def solver(target: str, n: int, where: str = "state", extra: int = 1) -> Kernel:
+    """Return a kernel that solves A x = b; A comes from the state or the parameters, b from the state."""
+    graph = Graph()
+    hoisted = where == "parameters"
+    binding = Binding.PARAMETER if hoisted else Binding.CONFIGURATION
+    entries = [graph.symbol(f"a{i}", binding) for i in range(n * (n + 1) // 2)]
+    right = [graph.symbol(f"b{i}", Binding.CONFIGURATION) for i in range(n * extra)]
+    lower_rows = [[entries[i * (i + 1) // 2 + j] * (1 if j == i else graph.constant(1)) for j in range(i + 1)] for i in range(n)]
+    if hoisted:  # not the parameters themselves, which are at hand anyway
+        lower_rows = [[2 * entry for entry in row] for row in lower_rows]
+        right = [2 * entry for entry in right]
+    outputs = [x for k in range(extra) for x in graph.solve(lower_rows, right[k * n : (k + 1) * n])]
+    time = graph.symbol("t", Binding.TIME)
+    symbols = [node for node in graph.nodes if node.kind.value == "symbol" and node is not time]
+    states = [node for node in symbols if node.data.startswith("b" if hoisted else ("a", "b"))]
+    given = [node for node in symbols if node not in states]
+    program = lower(f"solve{n}", outputs, (n * extra,), states, time, given)
+    return machine(target).load(program)
+
+
+def solve(target: str, a: Any, b: Any, where: str = "state", extra: int = 1) -> Any:
+    """Return x of a x = b for one matrix (n, n), or for a batch (n, n, k)."""
+    n = len(a)
+    i, j = np.tril_indices(n)
+    kernel = solver(target, n, where, extra)
+    if where == "parameters":
+        return kernel(0.0, b, a[i, j])
+    return kernel(0.0, np.concatenate([a[i, j], b]), np.empty(0))
+
+
+def positive(rng: np.random.Generator, n: int) -> Any:
+    a = rng.normal(size=(n, n))
+    return a @ a.T + 0.1 * np.eye(n)
+
+
+def indefinite(rng: np.random.Generator, n: int) -> Any:
+    a = rng.normal(size=(n, n))
+    return a + a.T
+
+
+def hollow(rng: np.random.Generator, n: int) -> Any:
+    """Zeros on the whole diagonal: no pivot without an exchange."""
+    a = indefinite(rng, n)
+    np.fill_diagonal(a, 0.0)
+    return a if n > 2 or abs(a[0, 1]) > 0.1 else a + 1.0 - np.eye(2)
+
+
+def permuted(rng: np.random.Generator, n: int) -> Any:
+    """Ones on the other diagonal."""
+    return np.fliplr(np.eye(n))
+
+
+def scaled(rng: np.random.Generator, n: int) -> Any:
+    """Units that differ by sixteen orders of magnitude."""
+    scale = 10.0 ** np.linspace(-8, 8, n)
+    return positive(rng, n) * np.outer(scale, scale)
+
+
+def negative(rng: np.random.Generator, n: int) -> Any:
+    return -positive(rng, n)
+
+
+KINDS: tuple[Matrix, ...] = (positive, indefinite, hollow, permuted, scaled, negative)
+
+
+def backward_error(a: Any, x: Any, b: Any) -> float:
+    """Return |a x - b| row by row against |a| |x| + |b|: of order round-off for a stable solution."""
+    return float(np.max(np.abs(a @ x - b) / (np.abs(a) @ np.abs(x) + np.abs(b))))
+
+
+@pytest.mark.parametrize("where", ["state", "parameters"])
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize("target", TARGETS)
+def test_one_system(target: str, kind: Matrix, where: str) -> None:
+    rng = np.random.default_rng(1)
+    for n in SIZES:
+        a, b = kind(rng, n), rng.normal(size=n)
+        x = solve(target, a, b, where)
+        assert backward_error(a, x, b) < 1e-11 * n, n
+
+
+@pytest.mark.parametrize("where", ["state", "parameters"])
+@pytest.mark.parametrize("target", TARGETS)
+def test_columns_of_mixed_kinds(target: str, where: str) -> None:
+    rng = np.random.default_rng(2)
+    for n in (*FEW, 30):
+        for width in WIDTHS:
+            b = rng.normal(size=(n, width))
+            if where == "parameters":
+                a = indefinite(rng, n)
+                x = solve(target, a, b, where)
+                assert backward_error(a, x, b) < 1e-11 * n, (n, width)
+            else:
+                matrices = [KINDS[k % len(KINDS)](rng, n) for k in range(width)]
+                x = solve(target, np.array(matrices).transpose(1, 2, 0), b)
+                errors = [backward_error(a, x[:, k], b[:, k]) for k, a in enumerate(matrices)]
+                assert max(errors) < 1e-11 * n, (n, width)
+
+
+def dependent(rng: np.random.Generator, n: int) -> Any:
+    """A matrix whose last row is the first."""
+    a = positive(rng, n)
+    a[-1] = a[0]
+    a[:, -1] = a[:, 0]
+    a[-1, -1] = a[0, 0]
+    return a
+
+
+def empty_row(rng: np.random.Generator, n: int) -> Any:
+    a = positive(rng, n)
+    a[n // 2] = a[:, n // 2] = 0.0
+    return a
+
+
+def zero(rng: np.random.Generator, n: int) -> Any:
+    return np.zeros((n, n))
+
+
+def rank_one(rng: np.random.Generator, n: int) -> Any:
+    return np.ones((n, n)) * 3.0
+
+
+SINGULAR: tuple[Matrix, ...] = (dependent, empty_row, zero, rank_one)
+
+
+@pytest.mark.parametrize("where", ["state", "parameters"])
+@pytest.mark.parametrize("kind", SINGULAR, ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_singular_matrix_is_said_to_be(target: str, kind: Matrix, where: str) -> None:
+    rng = np.random.default_rng(3)
+    for n in SIZES:
+        with pytest.raises(SingularMassMatrix) as raised:
+            solve(target, kind(rng, n), rng.normal(size=n), where)
+        assert raised.value.column is None
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_the_singular_column_is_found(target: str) -> None:
+    rng = np.random.default_rng(4)
+    for n in FEW:
+        for width in WIDTHS:
+            for bad in {0, width // 2, width - 1}:
+                matrices = [positive(rng, n) for _ in range(width)]
+                matrices[bad] = SINGULAR[bad % len(SINGULAR)](rng, n)
+                with pytest.raises(SingularMassMatrix) as raised:
+                    solve(target, np.array(matrices).transpose(1, 2, 0), rng.normal(size=(n, width)))
+                assert raised.value.column == bad, (n, width)
+
+
+@pytest.mark.parametrize("where", ["state", "parameters"])
+@pytest.mark.parametrize("target", TARGETS)
+def test_nan_in_gives_nan_out_and_is_not_called_singular(target: str, where: str) -> None:
+    rng = np.random.default_rng(5)
+    for n in SIZES:
+        a, b = positive(rng, n), rng.normal(size=n)
+        a[n - 1, 0] = a[0, n - 1] = np.nan
+        assert np.isnan(solve(target, a, b, where)).all(), n
+        a = positive(rng, n)
+        b[0] = np.nan
+        assert np.isnan(solve(target, a, b, where)).any(), n
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_nan_stays_in_its_column(target: str) -> None:
+    rng = np.random.default_rng(6)
+    for n in FEW:
+        a = np.array([positive(rng, n) for _ in range(9)]).transpose(1, 2, 0)
+        b = rng.normal(size=(n, 9))
+        clean = solve(target, a, b)
+        a[0, 0, 4] = np.nan
+        found = solve(target, a, b)
+        assert np.isnan(found[:, 4]).all()
+        others = [k for k in range(9) if k != 4]
+        assert found[:, others] == pytest.approx(clean[:, others], rel=1e-9)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_call_leaves_nothing_behind(target: str) -> None:
+    """The memory of the factors is reused: after a singular and a NaN system the first one solves as before."""
+    rng = np.random.default_rng(7)
+    for n in SIZES:
+        a, b = hollow(rng, n), rng.normal(size=n)
+        first = solve(target, a, b)
+        assert np.isnan(solve(target, np.full((n, n), np.nan), b)).all()
+        with pytest.raises(SingularMassMatrix):
+            solve(target, np.zeros((n, n)), b)
+        assert (solve(target, a, b) == first).all()
+        many = np.repeat(a[:, :, None], 9, axis=2)
+        columns = np.repeat(b[:, None], 9, axis=1)
+        before = solve(target, many, columns)
+        assert np.isnan(solve(target, many * np.nan, columns)).all()
+        assert (solve(target, many, columns) == before).all()
+
+
+@pytest.mark.parametrize("where", ["state", "parameters"])
+@pytest.mark.parametrize("target", TARGETS)
+def test_one_factorization_serves_several_right_hand_sides(target: str, where: str) -> None:
+    rng = np.random.default_rng(8)
+    for n in (2, 6, 7, 12):
+        for kind in (positive, hollow):
+            a, b = kind(rng, n), rng.normal(size=3 * n)
+            x = solve(target, a, b, where, extra=3)
+            for k in range(3):
+                part = slice(k * n, (k + 1) * n)
+                assert backward_error(a, x[part], b[part]) < 1e-11 * n
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_nearly_singular_is_solved_and_not_refused(target: str) -> None:
+    """A mass of 1e-12 beside one of 1 is small, not zero: each pivot counts against its own row."""
+    for n in (2, 6, 7):
+        a = np.eye(n) + 0.1
+        a[-1] *= 1e-12
+        a[:, -1] = a[-1]
+        b = np.ones(n)
+        x = solve(target, a, b)
+        assert backward_error(a, x, b) < 1e-12
+
+
+def test_both_machines_agree_on_well_conditioned_systems() -> None:
+    rng = np.random.default_rng(9)
+    for n in SIZES:
+        a, b = positive(rng, n) + n * np.eye(n), rng.normal(size=n)
+        assert solve("llvm", a, b) == pytest.approx(solve("numpy", a, b), rel=1e-12)
