@@ -289,15 +289,16 @@ def _given(option: str, text: str | None) -> float | None:
 
 
 def _number(option: str, text: str) -> float:
+    wrong = StatementError(f"{option}: {text[:80]!r} is not a number. Write one such as 2, 1e-3, 30deg or pi/6.")
     match = NUMBER.fullmatch(text)
-    if match and (match[2] or match[3] == "pi"):
-        sign, number, unit, divisor = match.groups()
-        try:
-            scale = {None: 1.0, "pi": pi, "deg": pi / 180}[unit]
-            return float(f"{sign}{number or 1}") * scale / float(divisor or 1)
-        except (ValueError, ZeroDivisionError):
-            pass
-    raise StatementError(f"{option}: {text[:80]!r} is not a number. Write one such as 2, 1e-3, 30deg or pi/6.")
+    if not match or not (match[2] or match[3] == "pi"):
+        raise wrong
+    sign, number, unit, divisor = match.groups()
+    try:
+        value = float(f"{sign}{number or 1}") / float(divisor or 1)
+    except (ValueError, ZeroDivisionError):
+        raise wrong from None
+    return value * {None: 1.0, "pi": pi, "deg": pi / 180}[unit]
 
 
 def _count(option: str, text: str | None) -> int | None:

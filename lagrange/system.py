@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike
 from lagrange.compiler import compile_model
 from lagrange.equations.derivation import Derivation, derive
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange
+from lagrange.errors import StatementError
 from lagrange.evidence.check import check
 from lagrange.evidence.regularity import check_mass_matrix
 from lagrange.evidence.report import Report
@@ -141,7 +143,7 @@ class System:
 
     @property
     def lagrangian(self) -> Any:
-        """L = T - V, as stated."""
+        """L = T - V, with like terms merged."""
         return self._derivation.lagrangian
 
     @property
@@ -223,10 +225,16 @@ class System:
         """
         model = self.compile(target, check=False)
         other = self.compile("numpy" if target == "llvm" else "llvm", check=False)
-        return check(model, textbook=self._textbook(), other=other, points=points, seed=seed)
+        textbook, notes = self._textbook()
+        report = check(model, textbook=textbook, other=other, points=points, seed=seed)
+        return replace(report, notes=(*report.notes, *notes))
 
-    def _textbook(self) -> Mapping[Any, Any] | None:
-        return self._derivation.accelerations
+    def _textbook(self) -> tuple[Mapping[Any, Any] | None, tuple[str, ...]]:
+        """Return the accelerations of the textbook derivation, or a note that they are too large to be derived."""
+        try:
+            return self._derivation.accelerations, ()
+        except StatementError as refusal:
+            return None, (f"not compared with the textbook derivation: {refusal}",)
 
 
 def _is_name(method: Any) -> bool:

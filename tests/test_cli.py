@@ -5,10 +5,6 @@ from __future__ import annotations
 import errno
 import json
 import os
-import signal
-import subprocess
-import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +13,6 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from lagrange import cli
 from lagrange.cli import main
 from lagrange.trajectory.trajectory import Status
 
@@ -44,12 +39,6 @@ def scene(tmp_path: Path) -> str:
     path = tmp_path / "drop.toml"
     path.write_text(SCENE, "utf-8")
     return str(path)
-
-
-def command(*arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "lagrange", *arguments], capture_output=True, text=True, check=False, **options
-    )
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 2) -> str:
@@ -350,80 +339,3 @@ def test_new_refuses_names(name: str, tmp_path: Path, capsys: pytest.CaptureFixt
         f"lagrange: {name!r} cannot name a scene: use 1 to 64 letters, digits, - and _, such as double-pendulum.\n"
     )
     assert list(tmp_path.iterdir()) == []
-
-
-# --- as a program -------------------------------------------------------------------------------------------
-
-
-def test_help_imports_nothing_heavy() -> None:
-    program = (
-        "import sys\nfrom lagrange.cli import main\nmain(['--help'])\nmain(['scenes'])\n"
-        "print(sorted({'numpy', 'scipy', 'sympy', 'mpmath', 'matplotlib', 'llvmlite', 'rich'} & set(sys.modules)))"
-    )
-    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert found.stdout.startswith("usage: lagrange [-h] [--version] COMMAND ...")
-    assert found.stdout.endswith("\n[]\n")
-
-
-def test_a_run_without_out_imports_no_plotting(scene: str) -> None:
-    program = f"import sys\nfrom lagrange.cli import main\nmain(['run', {scene!r}])\nprint('matplotlib' in sys.modules)"
-    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert found.stdout.endswith("\nFalse\n")
-
-
-def test_as_a_program(scene: str) -> None:
-    done = command("run", scene)
-    assert (done.returncode, done.stderr) == (0, "")
-    wrong = command("run", scene, "--set", "k=1")
-    assert wrong.returncode == 2
-    assert wrong.stderr == "lagrange: 'k' is no parameter of this system; its parameters are m and g.\n"
-    assert command("--version").stdout == f"lagrange {lg.__version__}\n"
-
-
-def test_a_reader_who_goes_away_is_no_error() -> None:
-    read, write = os.pipe()
-    os.close(read)
-    with os.fdopen(write, "w") as broken:
-        done = subprocess.run(
-            [sys.executable, "-m", "lagrange", "scenes"], stdout=broken, stderr=subprocess.PIPE, text=True, check=False
-        )
-    assert (done.returncode, done.stderr) == (0, "")
-
-
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no /dev/full")
-def test_standard_output_on_a_full_disk() -> None:
-    with Path("/dev/full").open("w") as full:
-        done = subprocess.run(
-            [sys.executable, "-m", "lagrange", "scenes"], stdout=full, stderr=subprocess.PIPE, text=True, check=False
-        )
-    assert done.returncode == 1
-    assert done.stderr == "lagrange: the output cannot be written (No space left on device).\n"
-
-
-def test_a_terminal_that_knows_no_accents(tmp_path: Path) -> None:
-    path = tmp_path / "accent.toml"
-    path.write_text(SCENE.replace("Galilei", "Störmer"), "utf-8")
-    done = command("derive", str(path), env={**os.environ, "PYTHONIOENCODING": "ascii"})
-    assert done.returncode == 0
-    assert "Source: St\\xf6rmer" in done.stdout
-
-
-@pytest.mark.skipif(os.name != "posix", reason="signals are sent the POSIX way")
-def test_ctrl_c_keeps_the_partial_result(tmp_path: Path) -> None:
-    options = ["--method", "rk4", "--step", "1e-6", "--t-end", "1e5", "--points", "9", "--out"]
-    program = [sys.executable, "-m", "lagrange", "run", "double-pendulum", *options, str(tmp_path)]
-    for pause in (3.0, 5.0, 8.0):  # on a busy machine it may still be compiling, and has nothing to keep yet
-        with subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-            time.sleep(pause)
-            process.send_signal(signal.SIGINT)
-            printed, complaint = process.communicate(timeout=60)
-        assert process.returncode == 130, complaint
-        assert "Traceback" not in complaint
-        if printed:
-            break
-    assert printed.startswith("double-pendulum: interrupted\n")
-    assert json.loads((tmp_path / "card.json").read_text("utf-8"))["status"] == "interrupted"
-
-
-def test_the_library_is_where_it_is_read_from() -> None:
-    assert cli.SCENES.is_dir()

@@ -21,7 +21,7 @@ from lagrange.statement.statement import Statement
 Part = TypeVar("Part")
 
 BUDGET = 300_000
-"""Monomials that one part may make, 3 to 4 s of them; the equations of a 30-link chain take 150,000."""
+"""Monomials that one part may make, 3 to 4 s of them; the equations of a 30-link chain take 200,000."""
 EXPANDED_BLOCK = 3
 """Up to this many coupled coordinates are solved with the determinants multiplied out and merged."""
 EXPANDED_TERMS = 10_000
@@ -197,7 +197,7 @@ class _Page:
                 with self.algebra.at_most(EXPANDED_TERMS):
                     return self.solve_expanded(block, matrix, bias)
             except TooLargeError:
-                pass
+                return self.solve_nested(block, matrix, bias)
         return self.solve_nested(block, matrix, bias)
 
     def solve_expanded(self, block: list[int], matrix: list[list[Terms]], bias: list[Terms]) -> list[Any]:
@@ -223,7 +223,7 @@ class _Page:
     def read(self, expression: Any) -> Terms:
         """Return a stated expression as terms, its decimals exact: 0.1 is one tenth."""
         plain = expression.xreplace(self.plain)
-        decimals = plain.atoms(Float)
+        decimals = sorted(plain.atoms(Float), key=str)
         if decimals:
             self.decimal = True
             plain = plain.xreplace({number: Rational(repr(float(number))) for number in decimals})
@@ -240,9 +240,8 @@ class _Page:
         expression = printable(expression).xreplace(self.stated)
         if not self.decimal:
             return expression
-        return expression.xreplace(
-            {number: Float(float(number)) for number in expression.atoms(Rational) if _unreadable(number)}
-        )
+        fractions = sorted(expression.atoms(Rational), key=str)
+        return expression.xreplace({number: Float(number) for number in fractions if _unreadable(number)})
 
     def by_coordinate(self, parts: Iterable[Any]) -> Mapping[Any, Any]:
         return MappingProxyType(dict(zip(self.statement.coordinates, parts, strict=True)))

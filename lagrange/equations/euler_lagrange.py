@@ -15,8 +15,9 @@ from lagrange.equations.structure import Structure, find_structure, mass_blocks
 from lagrange.errors import StatementError
 from lagrange.graph.differentiate import gradient, tangents
 from lagrange.graph.from_sympy import Translator
-from lagrange.graph.node import Binding, Graph, Node
+from lagrange.graph.node import Binding, Graph, Kind, Node
 from lagrange.graph.share import share_sums
+from lagrange.graph.to_sympy import to_sympy
 from lagrange.statement.coordinate import acceleration_of, t
 from lagrange.statement.statement import Statement
 
@@ -47,6 +48,11 @@ class Equations:
     def translate(self, expression: Any) -> Node:
         """Return the node of a SymPy expression in q, v, accelerations, parameters and t."""
         return Translator(self.graph, self.leaves)(expression)
+
+    def express(self, node: Node) -> Any:
+        """Return a node as SymPy, in the statement's symbols; what compiled code computes, to be read."""
+        symbols = {leaf: name for name, leaf in self.leaves.items() if leaf.kind is Kind.SYMBOL}
+        return to_sympy(node, symbols)
 
 
 def euler_lagrange(statement: Statement) -> Equations:

@@ -1,7 +1,7 @@
 """What kind of system it is: findings that choose code, allow methods, and are told to the user in words.
 
 A finding is made from the expressions as they stand, so it is never wrong but can be missed: a Lagrangian
-that depends on a coordinate only through sin(q)**2 + cos(q)**2 counts as depending on it.
+that depends on a coordinate only through cosh(q)**2 - sinh(q)**2 counts as depending on it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,10 @@ from lagrange.graph.node import Binding, Graph, Node
 
 @dataclass(frozen=True)
 class Structure:
-    """The findings; `blocks` are the groups of coordinates that the mass matrix couples."""
+    """The findings; `blocks` are the groups of coordinates that the mass matrix couples.
+
+    `position_only` and `timed` are about the accelerations: free of velocities, and dependent on time explicitly.
+    """
 
     names: tuple[str, ...]
     blocks: tuple[tuple[int, ...], ...]
@@ -25,6 +28,7 @@ class Structure:
     forced: bool
     cyclic: tuple[int, ...]
     position_only: bool
+    timed: bool
 
     @property
     def conservative(self) -> bool:
@@ -100,6 +104,7 @@ def find_structure(
         forced=not all(free),
         cyclic=tuple(i for i, x in enumerate(q) if not lagrangian.depends & x.depends and free[i]),
         position_only=all(a.binding <= Binding.CONFIGURATION for a in accelerations),
+        timed=any(a.depends & time.depends for a in accelerations),
     )
 
 

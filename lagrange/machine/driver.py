@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +22,12 @@ class Outcome(enum.IntEnum):
 class DriverState:
     """Where a run stands. Arrays are shared with machine code, entries in the order of the constants below."""
 
-    T, END, H, RTOL, ATOL, PREVIOUS, START, STEP, CAUSE = range(9)
+    T, END, H, RTOL, ATOL, PREVIOUS, START, STEP, CAUSE, LONGEST = range(10)
     STEPS, REJECTED, EVALUATIONS, SLOPE_KNOWN, ROWS, RECORD, AFTER_REJECT = range(7)
 
     def __init__(self, t: float, end: float, y: NDArray[np.float64], rtol: float, atol: float, step: float) -> None:
         """Begin at (t, y) towards `end`; `step` is the signed step of a fixed-step method, or a first step, or 0."""
-        self.reals = np.zeros(9)
+        self.reals = np.zeros(10)
         self.counts = np.zeros(7, dtype=np.int64)
         self.y = np.array(y, dtype=float)
         self.reals[[self.T, self.START]] = t
@@ -35,6 +36,7 @@ class DriverState:
         self.reals[self.RTOL] = rtol
         self.reals[self.ATOL] = atol
         self.reals[self.PREVIOUS] = 1.0
+        self.reals[self.LONGEST] = math.inf
         self.counts[self.RECORD] = 1
         self.addresses = (self.reals.ctypes.data, self.counts.ctypes.data)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
@@ -21,6 +22,9 @@ from lagrange.statement.survey import Survey
 
 State = tuple[FloatArray, FloatArray]
 """Coordinates and velocities, (n,) each or (n, batch)."""
+
+SOLVED = frozenset(("rhs", "accelerations", "jacobian"))
+"""The quantities that divide by the mass matrix."""
 
 
 class Model:
@@ -91,8 +95,8 @@ class Model:
         self, q: ArrayLike, t: float | ArrayLike = 0.0, parameters: Mapping[Any, Any] | None = None
     ) -> FloatArray:
         """Return M = d2L/dv2 at v = 0, (n, n), or (n, n, batch). It is free of v for every L quadratic in v."""
-        array = np.asarray(q, dtype=float)
-        return self._run("mass_matrix", t, self._state(array, np.zeros_like(array)), parameters)
+        array = self._vector(q, "q")
+        return self._run("mass_matrix", t, (array, np.zeros_like(array)), parameters)
 
     def energy(
         self, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Mapping[Any, Any] | None = None
@@ -164,7 +168,7 @@ class Model:
         if isinstance(t, (float, int)):
             time = float(t)
         elif np.ndim(t) == 0:
-            time = real_number(np.asarray(t)[()], "the time t")
+            time = real_number(t, "the time t")
         else:
             time = _floats(t, "the time t")
             if q.ndim == 1 or time.shape != q.shape[1:]:
@@ -174,9 +178,33 @@ class Model:
                 )
         values = self.parameter_array(parameters)
         try:
-            return kernel.columns(time, q, v, values) if q.ndim > 1 else kernel(time, np.concatenate(state), values)
+            result = kernel.columns(time, q, v, values) if q.ndim > 1 else kernel(time, np.concatenate(state), values)
         except SingularMassMatrix as error:
             raise RunError(self.singular_message(time, q, error.column)) from error
+        if self._alone and kernel.program.name in SOLVED:
+            flat = result.ravel()
+            if not math.isfinite(flat.dot(flat)):
+                column = self.column_without_inertia(time, q, v, values)
+                if column is not None:
+                    raise RunError(self.singular_message(time, q, column))
+        return result
+
+    @cached_property
+    def _alone(self) -> list[int]:
+        """The coordinates whose acceleration is a division: a kernel gives inf or NaN where their inertia is zero."""
+        return [block[0] for block in self.equations.structure.blocks if len(block) == 1]
+
+    def column_without_inertia(
+        self, t: float | FloatArray, q: FloatArray, v: FloatArray, parameters: FloatArray
+    ) -> int | None:
+        """Return the first column where a coordinate that is coupled to no other has no inertia, or None.
+
+        For one state, q (n,), that is 0 or None. Where the accelerations are not finite this tells why.
+        """
+        q, v = q.reshape(self.dimension, -1), v.reshape(self.dimension, -1)
+        masses = NumpyMachine().load(program_of("mass_matrix", self.equations)).columns(t, q, v, parameters)
+        none = (masses[self._alone, self._alone] == 0.0).any(axis=0)
+        return int(np.argmax(none)) if none.any() else None
 
     def singular_message(self, t: float | FloatArray, q: FloatArray, column: int | None = None) -> str:
         """Return a sentence that says at which configuration q, the first n rows, the mass matrix is singular."""
@@ -219,7 +247,10 @@ class Model:
 
 def _floats(value: ArrayLike, what: str) -> FloatArray:
     """Return an array of doubles; complex numbers and symbols are refused."""
-    array = np.asarray(value)
+    try:
+        array = np.asarray(value)
+    except ValueError as error:
+        raise StatementError(f"{what} is no array: {error}. Give rows of one length.") from error
     if array.dtype.kind not in "fiu":
         raise StatementError(f"{what} has entries of type {array.dtype}: give real numbers.")
     return array.astype(float, copy=False)

@@ -57,7 +57,7 @@ class NumpyDriver:
         reals = state.reals
         if reals[S.H] == 0:
             reals[S.H] = self._first_step(state, control)
-        t, end, h = state.t, reals[S.END], reals[S.H]
+        t, end, h = state.t, reals[S.END], np.copysign(min(abs(reals[S.H]), reals[S.LONGEST]), reals[S.H])
         least = 16 * 2.0**-52 * max(abs(t), 1e-290)
         # A step within one percent of the end goes to the end, so that no sliver is left over.
         final = abs(h) * 1.01 >= abs(end - t)

@@ -6,8 +6,6 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
 
 @contextmanager
 def progress_bar(span: Sequence[float], *, wanted: bool) -> Iterator[Callable[[float], None] | None]:
@@ -15,6 +13,8 @@ def progress_bar(span: Sequence[float], *, wanted: bool) -> Iterator[Callable[[f
     if not wanted or not sys.stderr.isatty():
         yield None
         return
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn  # 50 ms, for nothing in a pipe
+
     start, end = float(span[0]), float(span[1])
     columns = (TextColumn("t = {task.fields[now]:.6g}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, transient=True) as progress:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numbers
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -59,9 +60,7 @@ def declare(
     values = _table(parameters, "parameters", "parameter to value")
     symbols, unify = _parameter_symbols(survey, values, by_name)
 
-    def clean(expression: Any) -> Any:
-        return expression.xreplace(unify) if unify else expression
-
+    clean = partial(_unified, unify)
     return Statement(
         coordinates=chosen,
         kinetic=clean(kinetic),
@@ -79,6 +78,11 @@ def declare(
         source=source,
         run=run or RunSettings(),
     )
+
+
+def _unified(replacements: Mapping[Any, Any], expression: Any) -> Any:
+    """Return the expression with one symbol for each parameter's name."""
+    return expression.xreplace(replacements) if replacements else expression
 
 
 def initial_state(given: Mapping[Any, Any], coordinates: tuple[Any, ...], base: tuple[float, ...]) -> tuple[float, ...]:
@@ -201,6 +205,8 @@ def _coordinates(given: Sequence[Any] | None, survey: Survey) -> tuple[Any, ...]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise StatementError(f"coordinate {twice} is listed twice: name each coordinate once.")
+    for name in names:
+        _check_rate(name, names, "coordinate")
     return found
 
 
@@ -305,10 +311,18 @@ def _check_clash(name: str, by_name: dict[str, Any]) -> None:
             f"{name} is both a coordinate and a parameter: rename one. If the plain symbol {name} was meant as the "
             f"coordinate, use lg.coordinate('{name}') there."
         )
-    if name.removesuffix("_dot") in by_name:
+    _check_rate(name, by_name, "parameter")
+
+
+def _check_rate(name: str, by_name: Iterable[str], what: str) -> None:
+    """Refuse a name that stands for the velocity or the acceleration of a coordinate."""
+    base, _, rate = name.rpartition("_")
+    if base in by_name and rate in ("dot", "ddot"):
+        kind = "velocity" if rate == "dot" else "acceleration"
         raise StatementError(
-            f"parameter {name} has the name of a velocity: write {name.removesuffix('_dot')}.dot for the velocity, or "
-            "rename the parameter."
+            f"{what} {name} has the name of {'a' if rate == 'dot' else 'an'} {kind}: write {base}.{rate} for the "
+            f"{kind}, or "
+            f"rename the {what}."
         )
 
 

@@ -17,6 +17,8 @@ LONGEST = 10_000
 """Characters in one expression."""
 DEEPEST = 64
 """Parentheses, signs, powers and conditions inside each other."""
+LONGEST_CHAIN = 2_200
+"""Terms and factors in a row, which nest in the parser's tree; Python 3.11 builds it up to some 2900 deep."""
 LONGEST_NUMBER = 100
 """Characters in one number."""
 
@@ -101,6 +103,8 @@ class _Level:
     tight: int = 0  # signs and powers that have not ended yet
     conditions: int = 0
     waiting: int = 0  # an `if` whose `else` has not come yet
+    terms: int = 0
+    factors: int = 0  # of the last term
 
 
 class _Checker:
@@ -112,6 +116,7 @@ class _Checker:
         self.constant = constant
         self.levels = [_Level(0, call=False)]
         self.depth = 0
+        self.chain = 0
         self.valued = False  # the last token ended a value, so an operator must follow
         self.called = False  # the last token was the name of a function
 
@@ -126,6 +131,10 @@ class _Checker:
             self._operator(token, offset)
         if self.depth > DEEPEST:
             refuse(f"the expression is nested more than {DEEPEST} deep: state it in parts.", offset)
+        if self.chain > LONGEST_CHAIN:
+            refuse(
+                f"more than {LONGEST_CHAIN} terms or factors follow each other: group them with parentheses.", offset
+            )
 
     def finish(self) -> None:
         """Check that the text does not stop in the middle."""
@@ -191,6 +200,7 @@ class _Checker:
         self._after_value(token, offset)
         level = self.levels[-1]
         self._end_tight(level)
+        self._end_chain(level)
         if token == "if":
             level.conditions += 1
             level.waiting += 1
@@ -219,11 +229,28 @@ class _Checker:
                 self._tighten()
             else:
                 self._end_tight(self.levels[-1])
+                self._lengthen(token)
 
     def _after_value(self, token: str, offset: int) -> None:
         if not self.valued:
             refuse(f"a value is missing before {token!r}.", offset)
         self.valued = False
+
+    def _lengthen(self, token: str) -> None:
+        level = self.levels[-1]
+        if token in ("*", "/"):
+            level.factors += 1
+            self.chain += 1
+        elif token in ("+", "-"):
+            level.terms += 1
+            self.chain += 1 - level.factors
+            level.factors = 0
+        else:
+            self._end_chain(level)
+
+    def _end_chain(self, level: _Level) -> None:
+        self.chain -= level.terms + level.factors
+        level.terms = level.factors = 0
 
     def _tighten(self) -> None:
         self.levels[-1].tight += 1
@@ -250,6 +277,7 @@ class _Checker:
         self._after_value(")", offset)
         level = self.levels.pop()
         self._complete(level)
+        self._end_chain(level)
         self.depth -= level.tight + level.conditions + 1
         self.valued = True
 
@@ -259,6 +287,7 @@ class _Checker:
             refuse("',' separates the arguments of a function only: write decimals with a point, as in 9.81.", offset)
         self._after_value(",", offset)
         self._complete(level)
+        self._end_chain(level)
         self.depth -= level.tight + level.conditions
         level.tight = level.conditions = 0
 

@@ -48,6 +48,14 @@ class Statement:
     source: str = ""
     run: RunSettings = field(default_factory=RunSettings)
 
+    def __getstate__(self) -> dict[str, Any]:
+        # Read-only views of dicts do not pickle.
+        return {**self.__dict__, "defaults": dict(self.defaults), "positions": dict(self.positions)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        views = {name: MappingProxyType(state[name]) for name in ("defaults", "positions")}
+        self.__dict__.update(state | views)
+
     @property
     def velocities(self) -> tuple[Any, ...]:
         """The generalized velocities, n of them."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -33,11 +34,15 @@ _STATUS = {
 
 @dataclass(frozen=True)
 class Tolerances:
-    """What a driver is told: relative and absolute tolerance, or the size of equal steps; and notes for the user."""
+    """What a driver is told, and notes for the user.
+
+    That is the relative and absolute tolerance and the longest step, or the size of equal steps.
+    """
 
     rtol: float = 0.0
     atol: float = 0.0
     step: float = 0.0
+    longest: float = math.inf
     notes: tuple[str, ...] = ()
 
 
@@ -45,17 +50,19 @@ class _Rows:
     """The accepted states so far, in the pieces in which the driver wrote them."""
 
     def __init__(self, t: float, y: FloatArray) -> None:
-        self.times = [np.array([t])]
-        self.states = [y[None].copy()]
-        self.kept = 0
+        self.pieces = [(np.array([t]), y[None].copy())]
 
     def collect(self, state: DriverState, times: FloatArray, rows: FloatArray) -> None:
-        """Keep what the last burst wrote; calling it twice keeps it once."""
+        """Keep what the last burst wrote; calling it twice, as Ctrl-C may, keeps it once."""
         written = state.count(DriverState.ROWS)
-        if written and self.kept < state.count(DriverState.STEPS):
-            self.times.append(times[:written])
-            self.states.append(rows[:written])
-            self.kept = state.count(DriverState.STEPS)
+        kept = sum(len(piece[0]) for piece in self.pieces) - 1
+        if written and kept < state.count(DriverState.STEPS):
+            self.pieces.append((times[:written], rows[:written]))
+
+    def joined(self) -> tuple[FloatArray, FloatArray]:
+        """Return the times (S+1,) and states (S+1, 2n)."""
+        times, states = zip(*self.pieces, strict=True)
+        return np.concatenate(times), np.concatenate(states)
 
 
 def drive(problem: Problem, step: StepProgram, name: str, tolerances: Tolerances, path_of: PathMaker) -> Trajectory:
@@ -66,13 +73,14 @@ def drive(problem: Problem, step: StepProgram, name: str, tolerances: Tolerances
     parameters = model.parameter_array(problem.parameters)
     size = tolerances.step * (1.0 if problem.t1 >= problem.t0 else -1.0)
     state = DriverState(problem.t0, problem.t1, problem.y0, tolerances.rtol, tolerances.atol, size)
+    state.reals[DriverState.LONGEST] = tolerances.longest
     rows = _Rows(problem.t0, problem.y0)
     status, sentence = _first_look(problem, name, parameters)
     if status is None:
         driver = model.machine.driver(step, kernel, parameters)
         status = _bursts(problem, driver, state, rows, began)
         sentence = _closing(problem, step, name, state, status, parameters)
-    times, states = np.concatenate(rows.times), np.concatenate(rows.states)
+    times, states = rows.joined()
     path = path_of(times, states)
     t, y = times, states.T
     if problem.t_eval is not None:
@@ -96,11 +104,18 @@ def drive(problem: Problem, step: StepProgram, name: str, tolerances: Tolerances
 
 def _first_look(problem: Problem, name: str, parameters: FloatArray) -> tuple[Status | None, str]:
     """Return a status and its sentence if the run cannot even begin."""
+    model, y0 = problem.model, problem.y0
+    singular, slope = False, y0
     try:
-        slope = problem.model.kernel("rhs")(problem.t0, problem.y0, parameters)
+        slope = model.kernel("rhs")(problem.t0, y0, parameters)
     except SingularMassMatrix:
-        detail = problem.model.singular_message(problem.t0, problem.y0)
-        return Status.SINGULAR, message(Status.SINGULAR, problem, problem.t0, problem.y0, name, detail=detail)
+        singular = True
+    if not np.isfinite(slope).all():
+        q, v = np.split(y0, 2)
+        singular = model.column_without_inertia(problem.t0, q, v, parameters) is not None
+    if singular:
+        detail = model.singular_message(problem.t0, y0)
+        return Status.SINGULAR, message(Status.SINGULAR, problem, problem.t0, y0, name, detail=detail)
     if not np.isfinite(slope).all():
         return Status.NON_FINITE, message(Status.NON_FINITE, problem, problem.t0, problem.y0, name, slope=slope)
     return None, ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Mapping
 from dataclasses import replace
@@ -107,7 +108,7 @@ class Flow:
         settings = self._tolerances
         size = settings.step * abs(t1 - t0) if self._problem.step is None and settings.notes else settings.step
         signed = size if t1 >= t0 else -size
-        state.reals[:] = (t0, t1, signed, settings.rtol, settings.atol, 1.0, t0, signed, 0.0)
+        state.reals[:] = (t0, t1, signed, settings.rtol, settings.atol, 1.0, t0, signed, 0.0, math.inf)
         state.counts[:] = 0
         state.y[:] = y0
 

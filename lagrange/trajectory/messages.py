@@ -24,8 +24,10 @@ _SENTENCES: dict[Status, str] = {
 _REMEDIES: dict[Status, str] = {
     Status.SUCCESS: "",
     Status.EVENT: "",
-    Status.MAX_STEPS: "Raise max_steps or loosen rtol; a stiff system wants an implicit method such as scipy-radau.",
-    Status.MAX_WALL: "Raise max_wall or loosen rtol; a stiff system wants an implicit method such as scipy-radau.",
+    Status.MAX_STEPS: "Raise max_steps, or loosen rtol (with equal steps: lengthen them); a stiff system wants an "
+    "implicit method such as scipy-radau.",
+    Status.MAX_WALL: "Raise max_wall, or loosen rtol (with equal steps: lengthen them); a stiff system wants an "
+    "implicit method such as scipy-radau.",
     Status.NON_FINITE: "Look for a division by zero, an overflow, or a sqrt, log or power outside its domain in the "
     "energies and forces near that state, and check the initial state and the parameters.",
     Status.SINGULAR: "",

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lagrange.evidence.operations import BeyondDoubles, OutsideDomain
-from lagrange.evidence.precise import Precise
+from lagrange.evidence.precise import Precise, _no_value
 from lagrange.statement.coordinate import coordinate, parameters, t
 from lagrange.statement.declare import declare
 from lagrange.statement.vocabulary import SYMPY_CLASSES, WORDS
@@ -201,9 +201,17 @@ def test_what_was_computed_before_does_not_matter(states: list[tuple[float, ...]
 
 def test_it_goes_on_after_a_mistake_of_the_caller() -> None:
     tape = Precise([x * k], STATEMENT)
+    assert tape((0.2, 0.7), (0, 0), 0, {k: 2.0}) == [2 * HIGH.mpf(0.2)]
     with pytest.raises(KeyError):
         tape((0.3, 0.7), (0, 0), 0, {})
     assert tape((0.3, 0.7), (0, 0), 0, {k: 2.0}) == [2 * HIGH.mpf(0.3)]
+
+
+def test_a_mistake_of_ours_is_not_taken_for_a_missing_value() -> None:
+    missing = OutsideDomain("square root of a negative number")
+    assert _no_value(TypeError("cannot unpack"), [HIGH.one._mpf_, missing]) is missing
+    with pytest.raises(TypeError, match="takes 2 arguments"):
+        _no_value(TypeError("takes 2 arguments"), [HIGH.one._mpf_])
 
 
 def test_what_the_system_does_not_have_is_said() -> None:

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 import numpy as np
@@ -10,6 +10,8 @@ import sympy as sp
 from lagrange.errors import RunError
 from lagrange.evidence.precise import Precise
 from lagrange.evidence.quick import quick_check
+from lagrange.evidence.reference import Reference
+from lagrange.evidence.sample import Point
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import coordinate
 from lagrange.statement.declare import declare
@@ -25,11 +27,26 @@ def looked_at(model: StandIn) -> None:
     quick_check(cast("Model", model))
 
 
+@pytest.fixture
+def confirmations(monkeypatch: pytest.MonkeyPatch) -> list[Point]:
+    """The points at which the accelerations were looked at one by one."""
+    points: list[Point] = []
+    look = Reference.at
+
+    def counted(self: Reference, point: Point, columns: Sequence[int]) -> Any:
+        points.append(point)
+        return look(self, point, columns)
+
+    monkeypatch.setattr(Reference, "at", counted)
+    return points
+
+
 @pytest.mark.parametrize("make", statements.ALL, ids=lambda make: make.__name__)
-def test_what_is_right_passes_and_needs_one_kernel(make: Callable[[], Statement]) -> None:
+def test_what_is_right_passes_at_once(make: Callable[[], Statement], confirmations: list[Point]) -> None:
     model = StandIn(make())
     looked_at(model)
     assert set(model.calls) == {"accelerations"}
+    assert not confirmations
 
 
 @pytest.mark.parametrize("fault", FAULTS)
@@ -61,11 +78,12 @@ def test_a_refusal_without_reason_is_refused() -> None:
         looked_at(Refusing(statements.kepler()))
 
 
-def test_a_singular_mass_matrix_is_no_fault_of_the_compiler() -> None:
+def test_a_singular_mass_matrix_is_no_fault_of_the_compiler(confirmations: list[Point]) -> None:
     statement = declare(kinetic=(x.dot + y.dot) ** 2 / 2, potential=x * y, coordinates=[x, y], name="singular")
     model = Refusing(declare(kinetic=x.dot**2 + y.dot**2, potential=x * y, coordinates=[x, y], name="regular"))
     model.statement = statement
     looked_at(model)
+    assert len(confirmations) == 3
 
 
 @pytest.mark.parametrize(
@@ -86,6 +104,14 @@ def test_a_narrow_domain_around_the_initial_state_is_found() -> None:
     )
     looked_at(StandIn(statement))
     with pytest.raises(RunError):
+        looked_at(StandIn(statement, {"accelerations": FAULTS["sign"]}))
+
+
+def test_the_initial_state_is_the_last_resort() -> None:
+    """Only |x - 50| < 1e-9 has a potential, and no random point is as near."""
+    narrow = sp.sqrt(sp.Rational(1, 10**18) - (x - 50) ** 2)
+    statement = declare(kinetic=x.dot**2 / 2, potential=3 * x + narrow, initial={x: 50.0}, name="narrow")
+    with pytest.raises(RunError, match="x = 50, "):
         looked_at(StandIn(statement, {"accelerations": FAULTS["sign"]}))
 
 

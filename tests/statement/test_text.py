@@ -122,6 +122,11 @@ def test_short_fractions_are_exact(text: str, value: Any) -> None:
     assert isinstance(number_from_text(text), sympy.Rational)
 
 
+@pytest.mark.parametrize("text", ["0.03125", "1234567.5", "0.3", "1e30"])
+def test_longer_fractions_stay_decimals(text: str) -> None:
+    assert isinstance(number_from_text(text), sympy.Float)
+
+
 @given(st.floats(min_value=0, allow_infinity=False, allow_nan=False))
 def test_a_number_is_the_double_it_says(value: float) -> None:
     assert float(number_from_text(repr(value))) == value
@@ -173,6 +178,8 @@ def test_long_sums_and_products_read_fast() -> None:
     start = time.process_time()
     assert len(read_expression(sums, NAMES).args) == 7
     assert read_expression("+".join(["x"] * 2000), NAMES) == 2000 * x
+    assert read_expression("+".join(["(" + "+".join(["x"] * 400) + ")"] * 12), NAMES) == 4800 * x
+    assert read_expression("x if x < 1 else " + "-".join(["2*x"] * 2000), NAMES).args[1].args[0] == -3996 * x
     assert read_expression("*".join(["x"] * 900), NAMES) == x**900
     assert len(read_expression("-".join(f"sin(x+{i})" for i in range(900)), NAMES).args) == 900
     assert time.process_time() - start < 5  # a hang guard: joined two by two, these take minutes

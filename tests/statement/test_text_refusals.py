@@ -109,13 +109,16 @@ REFUSALS = {
     "-" * 65 + "x": (65, "nested more than 64 deep"),
     "x**" * 65 + "x": (194, "nested more than 64 deep"),
     "x" + " if x < 1 else x" * 65: (1027, "nested more than 64 deep"),
-    "x+" * 4999 + "x": (1, "the expression is too long: state it in parts, or group it with parentheses."),
+    "x+" * 4999 + "x": (4402, "more than 2200 terms or factors follow each other: group them with parentheses."),
+    "x*" * 2300 + "x": (4402, "more than 2200 terms or factors follow each other"),
+    "x+" * 1500 + "(" + "x/" * 1500 + "x)": (4403, "more than 2200 terms or factors follow each other"),
     "9**9**9": (1, "the exponent 3.8742e+08 is out of bounds: at most 1000 in size."),
     "x**1e9": (1, "the exponent 1e+09 is out of bounds"),
     "(x**999)**2": (1, "the exponent 1998 is out of bounds"),
     "exp(y + 10**9*log(2*x))": (1, "the exponent 1e+09 is out of bounds"),
     "2**(x + 10**9)*2**(-x)": (1, "the exponent 1e+09 is out of bounds"),
     "7**999": (1, "7**999 is too long for an exact number: write a decimal, such as 1.5e100."),
+    "x/3**90/3**90": (1, "an exact number here is longer than 77 digits"),
     "(2*x)**1000": (1, "an exact number here is longer than 77 digits"),
     "tanh(" + "sqrt(1 + " * 6 + "x" + ")" * 7: (1, "the argument of tanh has more than 5 parts that may be complex"),
     "abs(" + "+".join(f"1/(x+{i})" for i in range(99)) + ")": (1, "more than 200 parts in the argument of abs"),
@@ -155,6 +158,14 @@ def test_the_tree_is_checked_even_if_the_scanner_lets_something_through(
     monkeypatch.setattr("lagrange.statement.lexer.scan", lambda *_, **__: None)
     with pytest.raises(SceneError, match=r"cannot stand in|is no function here|is called by its name|not declared"):
         read_expression(node, NAMES)
+
+
+def test_what_is_too_deep_for_the_parser_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    def overflow(*_: Any, **__: Any) -> None:
+        raise RecursionError
+
+    monkeypatch.setattr("lagrange.statement.text.ast.parse", overflow)
+    assert refusal("x")[1] == "the expression is too long: state it in parts, or group it with parentheses."
 
 
 def test_what_the_parser_refuses_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -67,9 +67,10 @@ def compare(statement: Statement, numbers: list[Fraction]) -> None:
             abs(value(derivation.accelerations[q_i], statement, q, v, time) - expected[i])
             < mpmath.mpf(10) ** -25 * scale
         )
+    position, velocity = (np.array([float(x) for x in part]) for part in (q, v))
     for target in TARGETS:
         model = System.from_statement(statement).compile(target, check=False)
-        found = model.accelerations(*(np.array([float(x) for x in part]) for part in (q, v)), float(time))
+        found = model.accelerations(position, velocity, float(time))
         assert np.abs(found - [float(x) for x in expected]).max() <= 1e-12 * float(scale), target
 
 

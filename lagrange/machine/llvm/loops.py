@@ -43,9 +43,10 @@ def adaptive_loop(step: StepProgram, layout: Layout) -> str:
     """Emit steps whose size follows the error."""
     e = Emitter()
     end = e.get("%reals", DriverState.END)
-    _first_step(e, end)
+    direction = _first_step(e, end)
     with e.loop(0, "%budget"):
         t, h = e.get("%reals", DriverState.T), e.get("%reals", DriverState.H)
+        h = e.real("fmul", direction, e.smaller(e.fabs(h), e.get("%reals", DriverState.LONGEST)))
         _leave_if(e, e.real("fcmp oeq", t, end), Outcome.DONE)
         least = e.real("fmul", e.larger(e.fabs(t), literal(1e-290)), literal(SPACING))
         left = e.real("fsub", end, t)
@@ -83,8 +84,8 @@ def _come_back(e: Emitter, end: str) -> None:
     e.do(f"ret i32 {e.value(f'select i1 {reached}, i32 {int(Outcome.DONE)}, i32 {int(Outcome.PAUSED)}')}")
 
 
-def _first_step(e: Emitter, end: str) -> None:
-    """Choose the size of the first step if none is given."""
+def _first_step(e: Emitter, end: str) -> str:
+    """Choose the size of the first step if none is given; return the direction of time, 1 or -1."""
     t = e.get("%reals", DriverState.T)
     distance = e.real("fsub", end, t)
     direction = e.choose(e.real("fcmp olt", distance, literal(0.0)), literal(-1.0), literal(1.0))
@@ -94,6 +95,7 @@ def _first_step(e: Emitter, end: str) -> None:
         size = e.value(f"call double @first_step({arguments}, {tolerances}, ptr %work)")
         e.put(e.real("fmul", size, direction), "%reals", DriverState.H)
         bump(e, DriverState.EVALUATIONS, 2)
+    return direction
 
 
 def _trial(e: Emitter, step: StepProgram, layout: Layout, length: str, after: str, rejected: str) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -19,6 +19,11 @@ from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 MEMORY = {"dopri5": 0.04}
 """Exponent of the previous error in step control, where its authors use one (Hairer, Norsett, Wanner, IV.2)."""
+
+
+LOOKS = 1000
+"""No adaptive step is longer than this part of the run where accelerations depend on time explicitly: a force that acts
+briefly on a system at rest would be stepped over, and there is no error to see it by."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +52,10 @@ class RungeKutta:
     def prepare(self, problem: Problem) -> tuple[StepProgram, Tolerances]:
         """Return the step program, and what the driver is told. Raises StatementError for a setting without a use."""
         chosen = adaptive_settings if self.claims.adaptive else fixed_settings
-        return runge_kutta_step(self.tableau), chosen(self.name, problem, self.step, self.rtol, self.atol)
+        tolerances = chosen(self.name, problem, self.step, self.rtol, self.atol)
+        if problem.model.equations.structure.timed:
+            tolerances = replace(tolerances, longest=abs(problem.t1 - problem.t0) / LOOKS)
+        return runge_kutta_step(self.tableau), tolerances
 
     def integrate(self, problem: Problem) -> Trajectory:
         """Run the problem; see `Integrator`."""

@@ -1,0 +1,370 @@
+"""Models on both machines: the same numbers alone and in columns, every element, and refusals in words."""
+
+from __future__ import annotations
+
+import pickle
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from sympy import cos, sin
+
+from lagrange.compiler import machine
+from lagrange.equations.euler_lagrange import euler_lagrange
+from lagrange.errors import RunError, StatementError
+from lagrange.machine.backend import SingularMassMatrix
+from lagrange.machine.model import Model
+from lagrange.program.catalogue import QUANTITIES
+from tests.models import SYSTEMS, TARGETS, VALUES, M, build, k, l, m, model, phi, r, stated, theta, x, y, z
+
+WIDTHS = (1, 2, 7, 8, 9, 64)
+
+
+def states(name: str, width: int, seed: int = 1) -> tuple[Any, Any, Any]:
+    rng = np.random.default_rng(seed)
+    n = model(name).dimension
+    return rng.uniform(0.3, 1.2, (n, width)), rng.uniform(-1, 1, (n, width)), rng.uniform(0, 3, width)
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_both_machines_give_the_same_for_every_quantity_and_element(name: str) -> None:
+    q, v, t = states(name, 3)
+    for quantity in QUANTITIES:
+        for i in range(3):
+            compiled = model(name, "llvm").evaluate(quantity, q[:, i], v[:, i], t[i])
+            reference = model(name, "numpy").evaluate(quantity, q[:, i], v[:, i], t[i])
+            assert np.shape(compiled) == np.shape(reference)
+            assert compiled == pytest.approx(reference, rel=1e-11, abs=1e-11), quantity
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_columns_are_the_states_one_by_one(name: str, target: str) -> None:
+    compiled = model(name, target)
+    for width in WIDTHS:
+        q, v, t = states(name, width)
+        for quantity in ("rhs", "accelerations") if width > 2 else QUANTITIES:
+            together = compiled.evaluate(quantity, q, v, t)
+            alone = [compiled.evaluate(quantity, q[:, i], v[:, i], t[i]) for i in range(width)]
+            assert together.shape == (*np.shape(alone[0]), width)
+            assert together == pytest.approx(np.stack(alone, axis=-1), rel=1e-12, abs=1e-12), (quantity, width)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_a_second_call_gives_the_same_bits_with_nan_in_between(name: str, target: str) -> None:
+    compiled = model(name, target)
+    q, v, t = states(name, 9)
+    for quantity in ("rhs", "energy"):
+        first = compiled.evaluate(quantity, q, v, t)
+        alone = compiled.evaluate(quantity, q[:, 0], v[:, 0], t[0])
+        poisoned = compiled.evaluate(quantity, np.full_like(q, np.nan), np.full_like(v, np.nan), t)
+        assert np.isnan(poisoned).any(axis=tuple(range(poisoned.ndim - 1))).all()
+        assert np.isnan(compiled.evaluate(quantity, q[:, 0] * np.nan, v[:, 0] * np.nan, t[0])).any()
+        assert (compiled.evaluate(quantity, q, v, t) == first).all()
+        assert np.all(compiled.evaluate(quantity, q[:, 0], v[:, 0], t[0]) == alone)
+
+
+@pytest.mark.parametrize("name", ["double pendulum", "8 carried masses", "blocks", "friction"])
+def test_every_output_is_written(name: str) -> None:
+    """Call the machine code itself with an output, and a tail behind it, full of NaN."""
+    import ctypes
+
+    compiled = model(name, "llvm")
+    q, v, t = states(name, 1)
+    y = np.concatenate([q[:, 0], v[:, 0]])
+    for quantity in ("rhs", "jacobian", "mass_matrix"):
+        kernel: Any = compiled.kernel(quantity)
+        prepared = kernel.prepare(compiled.parameter_array())
+        call = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, *[ctypes.c_void_p] * 3)(kernel.address)
+        size = len(kernel.program.outputs)
+        out = np.full(size + 8, np.nan)
+        assert call(float(t[0]), y.ctypes.data, prepared.ctypes.data, out.ctypes.data) == 0
+        assert np.isfinite(out[:size]).all() and np.isnan(out[size:]).all()
+        assert out[:size] == pytest.approx(np.ravel(kernel(float(t[0]), y, compiled.parameter_array())), rel=0, abs=0)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_states_in_any_layout_and_of_whole_numbers(target: str) -> None:
+    compiled = model("double pendulum", target)
+    q = np.array([[1, 2, 3], [0, 1, 2]])
+    v = np.array([[0, 1, 0], [1, 0, 1]])
+    expected = compiled.accelerations(q.astype(float), v.astype(float))
+    assert (compiled.accelerations(q, v) == expected).all()
+    assert (compiled.accelerations(np.asfortranarray(q), v.tolist()) == expected).all()
+    wide = np.zeros((2, 6), dtype=int)
+    wide[:, ::2] = q
+    assert (compiled.accelerations(wide[:, ::2], v) == expected).all()
+    assert (compiled.rhs(0.0, np.concatenate([q, v])[::1])[2:] == expected).all()
+    assert compiled.accelerations([1, 0], [0, 1]) == pytest.approx(expected[:, 0], rel=1e-12)
+    assert compiled.accelerations(np.empty((2, 0)), np.empty((2, 0))).shape == (2, 0)
+    assert compiled.energy(np.empty((2, 0)), np.empty((2, 0))).shape == (0,)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_time_is_one_number_or_one_per_column(target: str) -> None:
+    compiled = model("bead on a hoop", target)
+    q, v = np.full((1, 5), 0.4), np.full((1, 5), 0.2)
+    times = np.linspace(0, 1, 5)
+    several = compiled.evaluate("lagrangian", q, v, times)
+    assert several[3] == pytest.approx(compiled.evaluate("lagrangian", q[:, 0], v[:, 0], times[3]), rel=1e-13)
+    one = compiled.evaluate("lagrangian", q, v, np.float64(0.75))
+    assert one == pytest.approx(np.full(5, several[3]), rel=1e-13)
+    assert compiled.evaluate("lagrangian", q, v, sp.Rational(3, 4)) == pytest.approx(one, rel=0, abs=0)
+
+
+class TestSingular:
+    """A mass matrix without an inverse is reported with its configuration; a regular one never is."""
+
+    @pytest.mark.parametrize("target", TARGETS)
+    def test_a_coupled_one(self, target: str) -> None:
+        # Two masses on one rail that a guide couples: at y = 0 nothing resists x.
+        given = {
+            "kinetic": m * (x.dot * sin(y) + y.dot) ** 2 / 2 + M * y.dot**2 / 2,
+            "potential": k * x,
+            "coordinates": [x, y],
+        }
+        compiled = build(target, **given)
+        assert np.isfinite(compiled.accelerations([0.3, 0.5], [0.1, 0.2])).all()
+        with pytest.raises(RunError, match=r"singular at t = 1\.5, x = 0\.3, y = 0: the accelerations are not determined"):
+            compiled.accelerations([0.3, 0.0], [0.1, 0.2], 1.5)
+        q = np.array([np.full(12, 0.3), np.linspace(0.1, 1.2, 12)])
+        q[1, 9] = 0.0
+        with pytest.raises(RunError, match=r"singular at t = 0\.9, x = 0\.3, y = 0:"):
+            compiled.accelerations(q, np.ones((2, 12)), np.arange(12) / 10)
+        assert np.isfinite(compiled.energy(q, np.ones((2, 12)))).all()  # no inverse is needed for it
+
+    @pytest.mark.parametrize("target", TARGETS)
+    @pytest.mark.parametrize("pole", [0.0])
+    def test_one_coordinate_alone(self, target: str, pole: float) -> None:
+        compiled = model("spherical pendulum", target)
+        with pytest.raises(RunError, match="singular at t = 0, theta = 0, phi = 0"):
+            compiled.accelerations([pole, 0.0], [0.1, 0.2])
+        q = np.array([[0.5, 0.6, pole, 0.7], [0.0, 0.0, 0.25, 0.0]])
+        with pytest.raises(RunError, match=r"singular at t = 0, theta = 0, phi = 0\.25"):
+            compiled.accelerations(q, np.ones((2, 4)))
+        with pytest.raises(RunError, match="singular"):
+            compiled.jacobian(0.0, [pole, 0.0, 0.1, 0.2])
+
+    @pytest.mark.parametrize("target", TARGETS)
+    def test_by_parameters(self, target: str) -> None:
+        compiled = model("coupled masses", target)
+        with pytest.raises(RunError, match=r"singular at t = 0, x = 0\.3, y = 0\.5"):
+            compiled.accelerations([0.3, 0.5], [0, 0], parameters={"m": 0.0})
+        with pytest.raises(RunError, match="singular"):
+            compiled.accelerations(np.ones((2, 3)), np.ones((2, 3)), parameters={"m": 0.0})
+        assert np.isfinite(compiled.accelerations([0.3, 0.5], [0, 0])).all()
+
+    @pytest.mark.parametrize("target", TARGETS)
+    @pytest.mark.parametrize("name", SYSTEMS)
+    def test_nan_is_not_singular(self, name: str, target: str) -> None:
+        compiled = model(name, target)
+        n = compiled.dimension
+        assert np.isnan(compiled.accelerations(np.full(n, np.nan), np.ones(n))).any()
+        assert np.isnan(compiled.accelerations(np.full((n, 9), np.nan), np.ones((n, 9)))).any()
+
+    @pytest.mark.parametrize("target", TARGETS)
+    def test_regular_where_pivots_vanish(self, target: str) -> None:
+        compiled = model("saddle", target)
+        for q in ([0.0, 0.0, 0.0], [np.pi / 2] * 3):
+            h, mass = compiled.evaluate("bias", q, [0.1, 0.2, 0.3]), compiled.mass_matrix(q)
+            assert mass @ compiled.accelerations(q, [0.1, 0.2, 0.3]) == pytest.approx(h, rel=1e-13, abs=1e-13)
+        moving = build(
+            target,
+            lagrangian=x.dot * y.dot * (1 + sin(x) ** 2) + cos(x) * x.dot**2 + sin(y) * y.dot**2 - k * x * y,
+            coordinates=[x, y],
+        )
+        for q in ([0.0, 0.0], [np.pi / 2, 0.0], [np.pi / 2, np.pi], [0.3, -0.2]):
+            h, mass = moving.evaluate("bias", q, [0.1, 0.2]), moving.mass_matrix(q)
+            assert mass @ moving.accelerations(q, [0.1, 0.2]) == pytest.approx(h, rel=1e-12, abs=1e-12)
+
+    @pytest.mark.parametrize("target", TARGETS)
+    def test_nearly_massless_is_not_massless(self, target: str) -> None:
+        m1, m2 = sp.symbols("m1 m2", positive=True)
+        a, b = theta, phi
+        tip = (l * sin(a) + l * sin(b), -l * cos(a) - l * cos(b))
+        t = sp.Symbol("t")
+        bob = m2 * sum(sp.diff(part, t) ** 2 for part in tip) / 2
+        compiled = build(
+            target,
+            kinetic=m1 * l**2 * a.dot**2 / 2 + bob,
+            potential=-m1 * l * cos(a) + m2 * tip[1],
+            coordinates=[a, b],
+            parameters={m1: 1.0, m2: 1e-12},
+        )
+        for q in ([0.7, 0.2], [0.0, 0.0], [np.pi / 2, np.pi / 2], [0.4, 0.4]):
+            found = compiled.accelerations(q, [0.3, 0.1])
+            assert found[0] == pytest.approx(-np.sin(q[0]) / VALUES[l], rel=1e-9, abs=1e-9)
+            assert np.isfinite(found).all()
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_conditions_on_parameters_alone(target: str) -> None:
+    compiled = model("friction", target)
+    n = compiled.dimension
+    for stiffness, expected in ((9.0, 9.0), (0.01, VALUES[m])):
+        values = {"k": stiffness, "c": 0.15}
+        slope = compiled.evaluate("forces", [0.5, 0.2], [0.0, 0.0], 0.0, values)[0]
+        assert slope == pytest.approx(-expected * 0.5, rel=1e-13)
+        many = compiled.evaluate("forces", np.full((n, 9), 0.5), np.zeros((n, 9)), 0.0, values)[0]
+        assert many == pytest.approx(np.full(9, -expected * 0.5), rel=1e-13)
+
+
+def both() -> Any:
+    return model("double pendulum", "llvm"), model("double pendulum", "numpy")
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_model_pickles_as_its_statement_and_recompiles(target: str) -> None:
+    for name in ("double pendulum", "8 carried masses", "friction"):
+        original = model(name, target)
+        copy: Model = pickle.loads(pickle.dumps(original))
+        assert copy.target == target and copy.statement.names == original.statement.names
+        q, v, _ = states(name, 4)
+        assert (copy.accelerations(q, v) == original.accelerations(q, v)).all()
+        assert len(pickle.dumps(original)) < 20_000
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_threads_share_a_model(target: str) -> None:
+    """Many threads meet at kernels that nobody has compiled yet, with parameters of their own."""
+    fresh = Model(SYSTEMS["double pendulum"](), euler_lagrange(SYSTEMS["double pendulum"]()), machine(target))
+    q, v, _ = states("double pendulum", 20)
+    lengths = np.linspace(0.5, 1.5, 8)
+    gate = threading.Barrier(8)
+
+    def work(i: int) -> list[Any]:
+        gate.wait()
+        values = {"l": lengths[i]}
+        return [
+            (fresh.accelerations(q, v, parameters=values), fresh.accelerations(q[:, 0], v[:, 0], parameters=values))
+            for _ in range(30)
+        ]
+
+    with ThreadPoolExecutor(8) as pool:
+        found = list(pool.map(work, range(8)))
+    for i, results in enumerate(found):
+        together = model("double pendulum", target).accelerations(q, v, parameters={"l": lengths[i]})
+        for many, one in results:
+            assert (many == together).all()
+            assert one == pytest.approx(together[:, 0], rel=1e-12)
+
+
+class TestRefusals:
+    """What cannot be meant is refused in the system's own names."""
+
+    @pytest.fixture(params=TARGETS)
+    def pendulums(self, request: pytest.FixtureRequest) -> Model:
+        return model("double pendulum", request.param)
+
+    @pytest.mark.parametrize(
+        ("q", "v", "message"),
+        [
+            ([1.0], [1.0], r"q has shape \(1,\); this system has 2 coordinates \(a0, a1\): give \(2,\), or \(2, batch\)"),
+            ([1.0, 2.0], [1.0], r"v has shape \(1,\); this system has 2 coordinates"),
+            (np.ones((2, 2)), np.ones((2, 3)), r"q has shape \(2, 2\) and v \(2, 3\): give both the same shape"),
+            (np.ones((2, 2, 2)), np.ones((2, 2, 2)), r"q has shape \(2, 2, 2\)"),
+            (1.0, 1.0, r"q has shape \(\)"),
+            ([1j, 0], [0, 0], "q has entries of type complex128: give real numbers"),
+            ([sp.Symbol("a"), 0], [0, 0], "q has entries of type object: give real numbers"),
+            (["a", "b"], [0, 0], "q has entries of type <U1: give real numbers"),
+            ([0, 0], [True, False], "v has entries of type bool: give real numbers"),
+            ([None, 0], [0, 0], "q has entries of type object"),
+        ],
+    )
+    def test_states(self, pendulums: Model, q: Any, v: Any, message: str) -> None:
+        with pytest.raises(StatementError, match=message):
+            pendulums.accelerations(q, v)
+
+    def test_whole_states(self, pendulums: Model) -> None:
+        with pytest.raises(StatementError, match=r"y has shape \(3,\): give \[q, v\] of shape \(4,\), or \(4, batch\)"):
+            pendulums.rhs(0.0, [1, 2, 3])
+        with pytest.raises(StatementError, match="y has entries of type complex128"):
+            pendulums.jacobian(0.0, np.ones(4) * 1j)
+
+    def test_ragged_lists(self, pendulums: Model) -> None:
+        with pytest.raises(StatementError, match="q is no array: .* Give rows of one length"):
+            pendulums.accelerations([[1, 2], [3]], [[1, 2], [3]])
+
+    @pytest.mark.parametrize(
+        ("t", "message"),
+        [
+            (np.zeros(3), r"t has shape \(3,\) and the states have \(2,\) columns: give one time, or one per column"),
+            (np.zeros((2, 1)), r"t has shape \(2, 1\)"),
+            (1j, "the time t is 1j, a complex number"),
+            ("now", "the time t is 'now'"),
+            (sp.Symbol("t"), "the time t is t, an expression with symbols in it"),
+            (np.array([1j, 0]), "the time t has entries of type complex128"),
+        ],
+    )
+    def test_times(self, pendulums: Model, t: Any, message: str) -> None:
+        with pytest.raises(StatementError, match=message):
+            pendulums.accelerations(np.ones((2, 2)), np.ones((2, 2)), t)
+
+    def test_a_time_per_column_without_columns(self, pendulums: Model) -> None:
+        with pytest.raises(StatementError, match=r"t has shape \(1,\) and the states have no columns"):
+            pendulums.accelerations(np.ones(2), np.ones(2), [0.0])
+
+    @pytest.mark.parametrize(
+        ("given", "message"),
+        [
+            ({"mass": 1}, "'mass' is no parameter of this system; its parameters are"),
+            ({"m": float("nan")}, "parameter m is nan: give a finite number"),
+            ({"m": 1j}, "parameter m is 1j, a complex number"),
+            ({"m": "heavy"}, r"parameter m is 'heavy' \(str\): give a number"),
+            ({"m": sp.Symbol("a")}, "parameter m is a, an expression with symbols in it"),
+        ],
+    )
+    def test_parameters(self, pendulums: Model, given: Any, message: str) -> None:
+        with pytest.raises(StatementError, match=message):
+            pendulums.accelerations([0.1, 0.2], [0, 0], parameters=given)
+
+    def test_a_missing_parameter(self) -> None:
+        free = build(kinetic=m * r.dot**2 / 2, potential=sp.Symbol("stiffness", real=True) * r**2)
+        with pytest.raises(StatementError, match=r"no value for parameter stiffness: give one, for example parameters="):
+            free.accelerations([0.1], [0.0])
+        assert free.accelerations([0.1], [0.0], parameters={"stiffness": 2})[0] == pytest.approx(-0.4 / VALUES[m])
+
+    def test_a_quantity_that_is_not_there(self, pendulums: Model) -> None:
+        with pytest.raises(StatementError, match="'speed' is no quantity of a model: they are rhs, jacobian"):
+            pendulums.evaluate("speed", [0, 0], [0, 0])
+
+    def test_an_expression_with_a_stranger(self, pendulums: Model) -> None:
+        with pytest.raises(StatementError, match=r"the expression contains z\(t\), which this system does not have"):
+            pendulums.evaluate_expression(z, 0.0, np.ones((4, 2)))
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_any_expression_along_states(target: str) -> None:
+    compiled = model("double pendulum", target)
+    a0, a1 = compiled.statement.coordinates
+    y = np.concatenate(states("double pendulum", 5)[:2])
+    found = compiled.evaluate_expression(a0.ddot * a1.dot + sin(a1) * m - sp.Symbol("t"), np.arange(5.0), y)
+    expected = compiled.accelerations(y[:2], y[2:])[0] * y[3] + np.sin(y[1]) * VALUES[m] - np.arange(5)
+    assert found == pytest.approx(expected, rel=1e-12)
+    assert (compiled.evaluate_expression(sp.Integer(3), 0.0, y) == np.full(5, 3.0)).all()
+
+
+def test_parameters_are_read_anew_for_every_call() -> None:
+    statement = stated(kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2)
+    compiled = Model(statement, euler_lagrange(statement), machine("llvm"))
+    found = [compiled.accelerations([1.0], [0.0], parameters={"k": value})[0] for value in (1.0, 2.0, 1.0)]
+    assert found == pytest.approx([-1 / VALUES[m], -2 / VALUES[m], -1 / VALUES[m]])
+
+
+def test_a_kernel_says_what_it_is() -> None:
+    compiled = model("pendulum")
+    kernel: Any = compiled.kernel("rhs")
+    assert kernel.program.name == "rhs" and "define i32 @rhs(double %t" in kernel.ir
+    assert compiled.kernel("rhs") is kernel
+    assert repr(compiled) == "<Model of pendulum (theta) on llvm>"
+    assert isinstance(SingularMassMatrix(3), RunError)
+
+
+def test_y_is_q_then_v() -> None:
+    compiled = model("oscillator")
+    assert compiled.rhs(0.0, [0.25, 0.5])[0] == 0.5
+    assert y is not compiled.statement.coordinates

@@ -1,0 +1,86 @@
+"""The same statement gives the same bytes: in every process, whatever the hash seed, and again in this one."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+import pytest
+
+from lagrange.equations.euler_lagrange import euler_lagrange
+from lagrange.machine.llvm.kernel import column_module, scalar_module
+from lagrange.machine.llvm.driver import driver_ir
+from lagrange.program.catalogue import QUANTITIES, program_of
+from lagrange.trajectory.methods.explicit import DOP853, RK4
+from lagrange.trajectory.methods.explicit import runge_kutta_step as step_of
+from lagrange.trajectory.methods.splitting import Verlet, splitting_step
+from tests.models import SYSTEMS
+
+PROCESSES = 6
+NAMES = ("double pendulum", "chain of 7", "cart and pole", "blocks", "friction", "8 carried masses", "saddle")
+CHOSEN = ("rhs", "energy")
+VECTOR_NAMES = {"sin": "_ZGVdN4v_sin", "exp": "_ZGVdN4v_exp"}
+
+
+def texts(name: str, quantities: Iterable[str] = QUANTITIES) -> dict[str, str]:
+    """Return all text that is made for a system: programs, and LLVM IR for one state and for columns."""
+    equations = euler_lagrange(SYSTEMS[name]())
+    found = {}
+    for quantity in quantities:
+        program = program_of(quantity, equations)
+        found[f"{name} {quantity} program"] = str(program)
+        found[f"{name} {quantity} scalar"] = scalar_module(program)
+        found[f"{name} {quantity} columns"] = column_module(program, 4, VECTOR_NAMES)
+    return found
+
+
+def drivers() -> dict[str, str]:
+    verlet = Verlet()
+    steps = {"rk4": step_of(RK4().tableau), "dop853": step_of(DOP853().tableau)}
+    steps["verlet"] = splitting_step("verlet", verlet.stages)
+    return {f"{name} driver": driver_ir(step, dimension) for name, step in steps.items() for dimension in (4, 40)}
+
+
+def digests() -> dict[str, str]:
+    found = drivers()
+    for name in NAMES:
+        found |= texts(name, CHOSEN)
+    return {key: hashlib.sha256(text.encode()).hexdigest() for key, text in found.items()}
+
+
+def test_a_second_build_gives_the_same_text() -> None:
+    for name in NAMES:
+        assert texts(name) == texts(name)
+
+
+def test_every_process_gives_the_same_text() -> None:
+    root = str(Path(__file__).resolve().parent.parent)
+    code = "from tests.test_determinism import digests; print(sorted(digests().items()))"
+    runs = []
+    for seed in [0, 1, *(str(s) for s in ("random",) * (PROCESSES - 2))]:
+        environment = {**os.environ, "PYTHONHASHSEED": str(seed), "PYTHONPATH": root}
+        runs.append(
+            subprocess.Popen(
+                [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment, cwd=root
+            )
+        )
+    answers = []
+    for run in runs:
+        out, err = run.communicate(timeout=300)
+        assert run.returncode == 0, err.decode()
+        answers.append(out.decode())
+    assert answers[0].count("scalar") == len(NAMES) * len(CHOSEN)
+    assert set(answers) == {answers[0]}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_text_names_what_the_user_named(name: str) -> None:
+    """A symbol's own name never reaches generated code."""
+    for key, text in texts(name).items():
+        if not key.endswith("program"):
+            for symbol in ("theta", "omega", "parameter m", "a0.dot"):
+                assert symbol not in text, key

@@ -1,0 +1,35 @@
+"""Runs that tests of this folder share: the request in one line, and methods taken with equal steps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from lagrange.machine.model import Model
+from lagrange.trajectory.integrate import integrate
+from lagrange.trajectory.methods.explicit import DOP853, RungeKutta
+from lagrange.trajectory.methods.registry import BUILT_IN, find
+from lagrange.trajectory.trajectory import Trajectory
+
+NAMES = tuple(BUILT_IN)
+FIXED = tuple(name for name in NAMES if not find(name).claims.adaptive)
+ADAPTIVE = tuple(name for name in NAMES if find(name).claims.adaptive)
+SPLITTINGS = tuple(name for name in NAMES if find(name).claims.symplectic)
+
+
+def run(model: Model, end: float, method: Any, start: float = 0.0, initial: Any = None, **options: Any) -> Trajectory:
+    """Return the trajectory from `start` to `end`."""
+    return integrate(model, (start, end), initial, method=method, **options)[0]
+
+
+def stepped(name: str, step: float) -> Any:
+    """Return a method with equal steps, an adaptive one without its step control too."""
+    method = find(name)
+    if isinstance(method, RungeKutta):
+        return RungeKutta(replace(method.tableau, error=None), step=step)
+    return replace(find(name), step=step)
+
+
+def exact(model: Model, end: float, start: float = 0.0, initial: Any = None, **options: Any) -> Trajectory:
+    """Return a run at the edge of round-off."""
+    return run(model, end, DOP853(rtol=3e-14, atol=1e-16), start, initial, **options)
