@@ -6,6 +6,7 @@ from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
 
+import mpmath
 import numpy as np
 import pytest
 import scipy.integrate
@@ -13,7 +14,7 @@ import scipy.integrate
 import lagrange.methods
 from lagrange.errors import StatementError
 from lagrange.machine.model import Model
-from lagrange.trajectory.integrator import Claims, Integrator
+from lagrange.trajectory.integrator import Claims, Integrator, Problem
 from lagrange.trajectory.methods.explicit import RK4, explicit_method
 from lagrange.trajectory.methods.registry import DEFAULT, find, names, table
 from lagrange.trajectory.methods.splitting import Splitting, SymplecticEuler, Verlet
@@ -92,6 +93,9 @@ def driven() -> Any:
     }
 
 
+PROBLEM = Problem(model("oscillator"), {}, 0.0, 1.0, np.zeros(2))
+
+
 def test_every_method_has_its_formula_here() -> None:
     assert set(FORMULAS) == set(NAMES)
 
@@ -120,21 +124,55 @@ def general() -> Model:
 
 CONSERVATIVE = {"Henon-Heiles": 3.0, "coupled masses": 1.0}
 GENERAL = {"cart and pole": 1.2, "elastic pendulum": 1.5}
-COUNTS = {1: (800, 1131, 1600), 2: (200, 283, 400), 4: (40, 57, 80), 5: (28, 40, 57), 8: (10, 14, 20)}
+COUNTS = {1: (800, 1131, 1600), 2: (200, 283, 400), 4: (40, 57, 80)}
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [name for name in NAMES if find(name).claims.order in COUNTS])
 def test_the_observed_order_is_the_claimed_one(name: str) -> None:
-    """On two non-linear systems; errors below 1e-12 of the state are round-off and do not count."""
+    """On two non-linear systems, with errors far above round-off."""
     claims = find(name).claims
     for system, end in (CONSERVATIVE if claims.symplectic else GENERAL).items():
         compiled = model(system)
         truth = exact(compiled, end).y[:, -1]
         counts = COUNTS[claims.order]
         errors = [np.abs(run(compiled, end, stepped(name, end / n)).y[:, -1] - truth).max() for n in counts]
-        assert min(errors) > 1e-12 and max(errors) < 0.2
+        assert min(errors) > 1e-10 and max(errors) < 0.2
         order = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
         assert order == pytest.approx(claims.order, abs=0.15), (system, errors)
+
+
+def driven_pendulum(t: Any, y: Any) -> Any:
+    return np.array([y[1], -mpmath.sin(y[0]) * (1 + t)])
+
+
+def henon_heiles(t: Any, y: Any) -> Any:
+    return np.array([y[2], y[3], -y[0] - 2 * y[0] * y[1], -y[1] - y[0] ** 2 + y[1] ** 2])
+
+
+def accelerations_of(law: Rhs) -> Rhs:
+    return lambda t, q: law(t, np.concatenate([q, q * 0]))[len(q) :]
+
+
+@pytest.mark.parametrize("law", [driven_pendulum, henon_heiles])
+@pytest.mark.parametrize("name", NAMES)
+def test_the_order_without_round_off(name: str, law: Rhs) -> None:
+    """The step as it was written, at 40 digits: halving h divides the change of the result by 2^order."""
+    step = stepped(name, 1.0).prepare(PROBLEM)[0]
+    order = find(name).claims.order
+    with mpmath.workdps(40):
+        start = [mpmath.mpf(value) for value in ("0.4", "0.3", "0.2", "-0.5")[: 2 if law is driven_pendulum else 4]]
+        ends = []
+        for count in {1: (512, 1024, 2048), 2: (64, 128, 256)}.get(order, (32, 64, 128)):
+            h, y = mpmath.mpf(2) / count, np.array(start)
+            n = len(y) // 2
+            for i in range(count):
+                if step.partitioned:
+                    y = np.concatenate(step.function(accelerations_of(law), i * h, y[:n], y[n:], h))
+                else:
+                    y = step.function(law, i * h, y, h)
+            ends.append(y)
+        changes = [float(max(abs(b - a))) for a, b in zip(ends, ends[1:], strict=False)]
+    assert np.log2(changes[0] / changes[1]) == pytest.approx(order, abs=0.15)
 
 
 def momenta(compiled: Model, state: Any) -> Any:
@@ -169,7 +207,7 @@ def defect(compiled: Model, name: str, h: float, z: Any) -> float:
 
 
 @pytest.mark.parametrize("system", ["Henon-Heiles", "coupled masses", "saddle"])
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [name for name in NAMES if find(name).claims.order <= 4])
 def test_what_claims_to_be_symplectic_is_and_the_rest_is_not(name: str, system: str) -> None:
     compiled = model(system)
     z = momenta(compiled, np.array(compiled.statement.initial) + 0.1)

@@ -7,7 +7,7 @@ C library.
 
 With n the integer nearest to x / (pi/2), r = x - n pi/2 is found to twice the precision from pi/2 in three parts of
 53, 33 and 53 bits. The first multiply-add is exact, n < 2**20 times the first part being a multiple of 2**-52 as x
-is. The second is exact where r is small, and what it rounds away elsewhere is kept in a tail, with the third part.
+is. The second is exact where r is small, and what it rounds away elsewhere is kept beside it, with the third part.
 Polynomials on [-pi/4, pi/4] and the quadrant do the rest.
 Source of the polynomials: FreeBSD msun k_sin.c and k_cos.c (Sun Microsystems, 1993).
 """
@@ -99,26 +99,27 @@ def _near(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
         return e.value(f"fneg {kind} {a}")
 
     rounded = e.fma(x, constant(TWO_OVER_PI), constant(ROUNDER), kind)
-    n = negative(binary("fsub", rounded, constant(ROUNDER)))
-    first = e.fma(n, constant(HALF_PI), x, kind)
-    r = e.fma(n, constant(HALF_PI_SECOND), first, kind)
-    tail = e.fma(n, constant(HALF_PI_SECOND), binary("fsub", first, r), kind)
-    tail = e.fma(n, constant(HALF_PI_THIRD), tail, kind)
+    n = binary("fsub", rounded, constant(ROUNDER))
+    first = e.fma(negative(n), constant(HALF_PI), x, kind)
+    r = e.fma(negative(n), constant(HALF_PI_SECOND), first, kind)
+    # What is lost is kept with its sign turned: subtracting it leaves the sign of sin(-0) alone.
+    lost = e.fma(n, constant(HALF_PI_SECOND), binary("fsub", r, first), kind)
+    lost = e.fma(n, constant(HALF_PI_THIRD), lost, kind)
     z = binary("fmul", r, r)
     z2 = binary("fmul", z, z)
     s = [constant(c) for c in SINE]
     c = [constant(c) for c in COSINE]
-    # sin(r + tail) = r + (z r P + tail); z/2 of the tail, an eighth of a unit in the last place, is left out.
+    # sin(r - lost) = r - (lost - z r P); z/2 of what was lost, an eighth of a unit in the last place, is left out.
     upper = e.fma(z2, s[5], e.fma(z, s[4], s[3], kind), kind)
     poly = e.fma(z2, upper, e.fma(z, s[2], s[1], kind), kind)
     poly = e.fma(z, poly, s[0], kind)
-    sine = binary("fadd", r, e.fma(binary("fmul", z, r), poly, tail, kind))
-    # cos(r + tail) = 1 + (z (z Q - 1/2) - r tail)
+    cube = binary("fmul", z, r)
+    sine = binary("fsub", r, e.fma(negative(cube), poly, lost, kind))
+    # cos(r - lost) = 1 + (z (z Q - 1/2) + r lost)
     upper = e.fma(z2, c[5], e.fma(z, c[4], c[3], kind), kind)
     poly = e.fma(z2, upper, e.fma(z, c[2], c[1], kind), kind)
     poly = e.fma(z, e.fma(z, poly, c[0], kind), constant(-0.5), kind)
-    lost = negative(binary("fmul", r, tail))
-    cosine = binary("fadd", constant(1.0), e.fma(z, poly, lost, kind))
+    cosine = binary("fadd", constant(1.0), e.fma(z, poly, binary("fmul", r, lost), kind))
     return _turn(e, rounded, sine, cosine, kind, integers, lanes)
 
 
