@@ -19,12 +19,13 @@ from by_hand import FLAGS, PARAMETERS, ByHand
 from equations import from_lagrangian, from_sympy, textbook
 from measure import Page, best, microseconds, shown, verdict
 from numpy.typing import NDArray
-from systems import double_pendulum
+from systems import chain, double_pendulum
 
 import lagrange as lg
 
 STATEMENTS = {"textbook L": False, "Cartesian sums": True}
 SCALAR_BAR, BATCH = 1.1, 4096
+CHAINS = (2, 5, 8, 12, 20, 30)
 
 
 def random_states(count: int) -> NDArray[Any]:
@@ -114,6 +115,25 @@ def batches(page: Page, models: Mapping[str, lg.Model], batch: int) -> None:
     page.table((f"{batch} states", "us per call", "ns per state", "of heyoka's best time"), rows)
 
 
+def chains(page: Page) -> None:
+    """Measure longer chains, where the linear system in the accelerations takes over."""
+    rows = []
+    steps = 200
+    for n in CHAINS:
+        model = lg.System(**chain(n)).compile()
+        q = np.random.default_rng(n).uniform(-1.0, 1.0, (n, BATCH))
+        y0 = np.concatenate([np.full(n, 0.5), np.zeros(n)])
+        flow = lg.flow(model, method="rk4", step=1e-3)
+        runs: dict[str, Callable[[], NDArray[Any]]] = {
+            "run": lambda flow=flow, y0=y0: flow(y0, 0.0, steps * 1e-3),
+            "batch": lambda model=model, q=q: model.accelerations(q, q),
+        }
+        times = best(runs)
+        rows.append((n, shown(1e9 * times["run"] / (4 * steps)), shown(1e9 * times["batch"] / BATCH)))
+    page.text("## Chains of n pendulums, Cartesian sums")
+    page.table(("n", "ns per evaluation in RK4, steps included", f"ns per state, {BATCH} states"), rows)
+
+
 def _agree(values: Mapping[str, NDArray[Any]], tolerance: float) -> None:
     """Stop unless all rivals compute the same."""
     first, *others = values.items()
@@ -143,6 +163,7 @@ def main() -> None:
     )
     for batch in (BATCH, 8):
         batches(page, models, batch)
+    chains(page)
     page.write()
 
 

@@ -16,7 +16,8 @@ from lagrange.evidence.sample import Point
 from lagrange.machine.model import Model
 
 LIMIT = 2e-12
-"""Largest error that holds, relative to an entry's size: some 10,000 roundings."""
+"""Largest error that holds, relative to an entry's size: some 10,000 roundings. The worst honest error seen is 1e-14,
+in a batch of 30-link chains; over the scenes, and 41 small systems at 10 seeds each, it is 4e-15."""
 
 TINY = 1e-290
 """Absolute error that holds anywhere: below it doubles lose their digits one by one."""
@@ -157,9 +158,7 @@ def computed_batch(
 def _evaluate(
     model: Model, name: str, q: Any, v: Any, t: Any, parameters: Mapping[Any, float], columns: Sequence[int]
 ) -> Any:
-    """Return the entries as an array, through the method that a user would call; the batch is the last axis."""
-    if name == "accelerations":
-        return model.accelerations(q, v, t, parameters)
+    """Return the entries as an array, each quantity from its own kernel; the batch is the last axis."""
     if name == "rhs":
         return model.rhs(t, np.concatenate([q, v]), parameters)
     if name == "jacobian":

@@ -36,6 +36,7 @@ class DriverState:
         self.reals[self.RTOL] = rtol
         self.reals[self.ATOL] = atol
         self.reals[self.PREVIOUS] = 1.0
+        self.reals[self.CAUSE] = Outcome.STEP_TOO_SMALL
         self.reals[self.LONGEST] = math.inf
         self.counts[self.RECORD] = 1
         self.addresses = (self.reals.ctypes.data, self.counts.ctypes.data)

@@ -194,15 +194,22 @@ class Model:
         """The coordinates whose acceleration is a division: a kernel gives inf or NaN where their inertia is zero."""
         return [block[0] for block in self.equations.structure.blocks if len(block) == 1]
 
+    @cached_property
+    def _masses(self) -> Kernel:
+        return NumpyMachine().load(program_of("mass_matrix", self.equations))
+
     def column_without_inertia(
         self, t: float | FloatArray, q: FloatArray, v: FloatArray, parameters: FloatArray
     ) -> int | None:
         """Return the first column where a coordinate that is coupled to no other has no inertia, or None.
 
-        For one state, q (n,), that is 0 or None. Where the accelerations are not finite this tells why.
+        For one state, q (n,), that is 0 or None. Where the accelerations are not finite this tells why; they can be
+        finite all the same, if the inertia cancels in their formula.
         """
+        if not self._alone:
+            return None
         q, v = q.reshape(self.dimension, -1), v.reshape(self.dimension, -1)
-        masses = NumpyMachine().load(program_of("mass_matrix", self.equations)).columns(t, q, v, parameters)
+        masses = self._masses.columns(t, q, v, parameters)
         none = (masses[self._alone, self._alone] == 0.0).any(axis=0)
         return int(np.argmax(none)) if none.any() else None
 

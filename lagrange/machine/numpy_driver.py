@@ -147,7 +147,9 @@ class NumpyDriver:
         try:
             slope = self._kernel(t, y, self._parameters)
             d0, d1 = size(y), size(slope)
-            h0 = min(1e-6 if d0 < 1e-5 or d1 < 1e-5 else 0.01 * d0 / d1, abs(span))
+            ratio = 0.0 if d0 < 1e-5 or d1 < 1e-5 else 0.01 * d0 / d1
+            # A slope infinitely large against its tolerance, as where y = 0 and atol is next to 0, says nothing.
+            h0 = min(ratio if ratio > 0 else 1e-6, abs(span))
             signed = float(np.copysign(h0, span))
             d2 = size(self._kernel(t + signed, y + signed * slope, self._parameters) - slope) / h0
         except SingularMassMatrix:

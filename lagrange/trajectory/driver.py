@@ -105,14 +105,12 @@ def drive(problem: Problem, step: StepProgram, name: str, tolerances: Tolerances
 def _first_look(problem: Problem, name: str, parameters: FloatArray) -> tuple[Status | None, str]:
     """Return a status and its sentence if the run cannot even begin."""
     model, y0 = problem.model, problem.y0
-    singular, slope = False, y0
+    q, v = np.split(y0, 2)
+    singular, slope = model.column_without_inertia(problem.t0, q, v, parameters) is not None, y0
     try:
         slope = model.kernel("rhs")(problem.t0, y0, parameters)
     except SingularMassMatrix:
         singular = True
-    if not np.isfinite(slope).all():
-        q, v = np.split(y0, 2)
-        singular = model.column_without_inertia(problem.t0, q, v, parameters) is not None
     if singular:
         detail = model.singular_message(problem.t0, y0)
         return Status.SINGULAR, message(Status.SINGULAR, problem, problem.t0, y0, name, detail=detail)

@@ -54,6 +54,8 @@ class Flow:
         step: float | None = None,
         max_steps: int | None = None,
     ) -> None:
+        if not isinstance(model, Model):
+            raise StatementError(f"{model!r} is no compiled model: give system.compile().")
         self._integrator = find(DEFAULT if method is None else method)
         self._model = model
         self._dimension = 2 * model.dimension
@@ -108,7 +110,19 @@ class Flow:
         settings = self._tolerances
         size = settings.step * abs(t1 - t0) if self._problem.step is None and settings.notes else settings.step
         signed = size if t1 >= t0 else -size
-        state.reals[:] = (t0, t1, signed, settings.rtol, settings.atol, 1.0, t0, signed, 0.0, math.inf)
+        longest = settings.longest * abs(t1 - t0)  # prepared for a span of 1
+        state.reals[:] = (
+            t0,
+            t1,
+            signed,
+            settings.rtol,
+            settings.atol,
+            1.0,
+            t0,
+            signed,
+            Outcome.STEP_TOO_SMALL,
+            math.inf,
+        )
         state.counts[:] = 0
         state.y[:] = y0
 

@@ -41,6 +41,8 @@ def integrate(
 
     Raises StatementError for a request that cannot be meant; what happens along the way ends in a status.
     """
+    if not isinstance(model, Model):
+        raise StatementError(f"{model!r} is no compiled model: give system.compile(), or call system.run().")
     if events:
         raise StatementError(
             "events are not supported yet: leave events empty, and look for the crossing with solution.at(t)."

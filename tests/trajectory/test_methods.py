@@ -162,8 +162,8 @@ def test_the_order_without_round_off(name: str, law: Rhs) -> None:
     with mpmath.workdps(40):
         start = [mpmath.mpf(value) for value in ("0.4", "0.3", "0.2", "-0.5")[: 2 if law is driven_pendulum else 4]]
         ends = []
-        for count in {1: (512, 1024, 2048), 2: (64, 128, 256)}.get(order, (32, 64, 128)):
-            h, y = mpmath.mpf(2) / count, np.array(start)
+        for count in {1: (512, 1024, 2048), 2: (64, 128, 256), 5: (96, 192, 384), 8: (12, 24, 48)}.get(order, (32, 64, 128)):
+            h, y = mpmath.mpf(3) / count, np.array(start)
             n = len(y) // 2
             for i in range(count):
                 if step.partitioned:

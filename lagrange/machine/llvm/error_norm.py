@@ -52,8 +52,10 @@ def first_step_function(step: StepProgram, layout: Layout) -> str:
         e.store(e.load(in_work(e, layout.result, offset), KIND), in_work(e, slope, offset), KIND)
     d0, d1 = _mean(e, layout, 0), _mean(e, layout, slope)
     small = e.value(f"or i1 {e.real('fcmp olt', d0, literal(1e-5))}, {e.real('fcmp olt', d1, literal(1e-5))}")
-    guess = e.choose(small, literal(1e-6), e.real("fdiv", e.real("fmul", literal(0.01), d0), d1))
-    h0 = e.smaller(guess, "%span")
+    ratio = e.real("fdiv", e.real("fmul", literal(0.01), d0), d1)
+    # A slope infinitely large against its tolerance, as where y = 0 and atol is next to 0, says nothing about a step.
+    known = e.real("fcmp ogt", ratio, literal(0.0))
+    h0 = e.smaller(e.choose(small, literal(1e-6), e.choose(known, ratio, literal(1e-6))), "%span")
     _second_slope(e, layout, slope, e.real("fmul", h0, "%direction"))
     d2 = e.real("fdiv", _mean(e, layout, layout.result, slope), h0)
     largest = e.larger(d1, d2)

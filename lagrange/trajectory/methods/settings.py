@@ -47,8 +47,7 @@ def fixed_settings(
     if problem.rtol is not None or problem.atol is not None or rtol is not None or atol is not None:
         raise StatementError(
             f"{name} takes equal steps and cannot aim at a tolerance: give step= in place of rtol and atol, or an "
-            "adaptive "
-            "method such as dop853."
+            "adaptive method such as dop853."
         )
     span = abs(problem.t1 - problem.t0)
     chosen = problem.step if problem.step is not None else step

@@ -1,0 +1,392 @@
+"""The loop over steps: both machines take the same steps, and every way a run can end is told as it is."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from lagrange.errors import StatementError
+from lagrange.machine.driver import DriverState, Outcome
+from lagrange.machine.model import Model
+from lagrange.statement.coordinate import coordinate, t
+from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.methods.registry import find
+from lagrange.trajectory.trajectory import Status
+from tests.models import SYSTEMS, TARGETS, M, build, k, m, model, x, y
+from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, run
+
+SPLITTABLE = ("oscillator", "pendulum", "Henon-Heiles", "coupled masses", "8 carried masses", "saddle")
+OTHERS = ("double pendulum", "chain of 7", "elastic pendulum", "cart and pole", "charge", "blocks", "friction")
+
+
+def springs(target: str, n: int) -> Model:
+    """Return n masses in a row: a state too long for blocks that are written out."""
+    xs = [coordinate(f"x{i}") for i in range(n)]
+    ends = [sp.Integer(0), *xs, sp.Integer(0)]
+    stretch = [b - a for a, b in zip(ends, ends[1:], strict=False)]
+    return build(
+        target,
+        kinetic=m * sum(q.dot**2 for q in xs) / 2,
+        potential=sum(k * s**2 / 2 + s**4 / 4 for s in stretch),
+        coordinates=xs,
+        initial={q: 0.3 * (-1) ** i + 0.1 * i for i, q in enumerate(xs)},
+    )
+
+
+def settings(name: str) -> dict[str, Any]:
+    return {"step": 0.013} if name in FIXED else {"rtol": 1e-8, "atol": 1e-10}
+
+
+@pytest.mark.parametrize("system", SPLITTABLE + OTHERS)
+@pytest.mark.parametrize("name", NAMES)
+def test_both_machines_take_the_same_steps(name: str, system: str) -> None:
+    if find(name).claims.symplectic and system in OTHERS:
+        pytest.skip("refused, see test_methods")
+    ours, theirs = (run(model(system, target), 0.75, name, **settings(name)) for target in TARGETS)
+    assert (ours.steps, ours.rejected, ours.evaluations) == (theirs.steps, theirs.rejected, theirs.evaluations)
+    assert ours.t == pytest.approx(theirs.t, rel=1e-9, abs=1e-12)
+    scale = 1 + np.abs(theirs.y).max()
+    assert np.abs(ours.y - theirs.y).max() < 1e-9 * scale
+    assert ours.status is theirs.status is Status.SUCCESS
+    assert ours.message == theirs.message
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 16, 17, 21])
+@pytest.mark.parametrize("name", ["rk4", "verlet", "dopri5", "dop853"])
+def test_states_of_every_length(name: str, n: int) -> None:
+    ours, theirs = (run(springs(target, n), 0.4, name, **settings(name)) for target in TARGETS)
+    assert (ours.steps, ours.rejected, ours.evaluations) == (theirs.steps, theirs.rejected, theirs.evaluations)
+    assert ours.y == pytest.approx(theirs.y, rel=1e-11, abs=1e-12)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", NAMES)
+def test_evaluations_are_those_of_the_right_hand_side(name: str, target: str) -> None:
+    """Counted by the kernel of the numpy machine, the one look before the first step included."""
+    compiled = model("Henon-Heiles", target)
+    found = run(compiled, 1.0, name, **settings(name))
+    calls = {"euler": 1, "midpoint": 2, "rk4": 4, "symplectic-euler": 1, "verlet": 1, "dopri5": 6, "dop853": 12}[name]
+    first = {"verlet": 1, "dopri5": 1, "dop853": 1}.get(name, 0)
+    tried = found.steps + found.rejected
+    start = 2 if name in ADAPTIVE else 0
+    assert found.evaluations == 1 + start + first + calls * tried + (found.rejected if name == "dop853" else 0) * 0
+
+
+class Counting:
+    """A kernel that counts its calls."""
+
+    def __init__(self, kernel: Any) -> None:
+        self.kernel, self.program, self.calls = kernel, kernel.program, 0
+
+    def __call__(self, *args: Any) -> Any:
+        self.calls += 1
+        return self.kernel(*args)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_count_is_honest(name: str) -> None:
+    compiled = build("numpy", kinetic=m * x.dot**2 / 2, potential=k * x**4, initial={x: 1.0})
+    counting = Counting(compiled.kernel("rhs"))
+    compiled._kernels["rhs"] = counting
+    found = run(compiled, 1.0, name, **settings(name))
+    assert found.evaluations == counting.calls
+
+
+# --- time -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", NAMES)
+def test_backward_is_forward_in_a_mirror(name: str, target: str) -> None:
+    """Henon-Heiles is even in time: backward from (q, v) is forward from (q, -v)."""
+    compiled = model("Henon-Heiles", target)
+    back = run(compiled, -1.0, name, **settings(name))
+    mirrored = {"x_dot": -0.3, "y_dot": 0.1}
+    forth = run(compiled, 1.0, name, initial=mirrored, **settings(name))
+    assert back.t == pytest.approx(-forth.t, abs=1e-13)
+    assert back.y[:2] == pytest.approx(forth.y[:2], abs=1e-12)
+    assert back.y[2:] == pytest.approx(-forth.y[2:], abs=1e-12)
+    assert back.span == (0.0, -1.0) and back.t[-1] == -1.0
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("direction", [1, -1])
+def test_equal_steps_are_a_grid_that_ends_at_the_end(target: str, direction: int) -> None:
+    compiled = model("oscillator", target)
+    found = run(compiled, direction * 1.0, "rk4", step=0.3)
+    assert found.t * direction == pytest.approx([0, 0.3, 0.6, 0.9, 1.0], abs=1e-15)
+    assert found.t[-1] == direction * 1.0
+    tenths = run(compiled, direction * 1.0, "rk4", step=0.1)
+    assert tenths.steps == 10 and list(tenths.t) == [direction * i * 0.1 for i in range(10)] + [direction * 1.0]
+    many = run(compiled, direction * 3.0, "euler", step=1e-4)
+    assert many.steps == 30_000 and np.diff(many.t) * direction == pytest.approx(np.full(30_000, 1e-4), rel=1e-9)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", NAMES)
+def test_a_step_longer_than_the_run(name: str, target: str) -> None:
+    found = run(model("oscillator", target), 0.01, name, **({"step": 5.0} if name in FIXED else {"rtol": 1e-2, "atol": 1.0}))
+    assert found.steps == 1 and found.t[-1] == 0.01 and found.status is Status.SUCCESS
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", NAMES)
+def test_a_run_of_no_length(name: str, target: str) -> None:
+    found = run(model("oscillator", target), 2.0, name, start=2.0)
+    assert found.status is Status.SUCCESS and list(found.t) == [2.0] and found.steps == 0
+    assert found.y[:, 0] == pytest.approx([1.0, 0.0])
+    assert found.dense(np.array([2.0, 2.0])) == pytest.approx(np.array([[1.0, 1.0], [0.0, 0.0]]))
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", ADAPTIVE)
+def test_far_from_time_zero(name: str, target: str) -> None:
+    near = run(model("pendulum", target), 2.0, name)
+    far = run(model("pendulum", target), 1e9 + 2.0, name, start=1e9)
+    assert far.status is Status.SUCCESS
+    assert far.y[:, -1] == pytest.approx(near.y[:, -1], rel=1e-6)
+
+
+# --- ends -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", NAMES)
+def test_max_steps(name: str, target: str) -> None:
+    compiled = model("Henon-Heiles", target)
+    options = {"step": 0.01} if name in FIXED else {}
+    whole = run(compiled, 40.0, name, **options)
+    for limit in (1, 3, 70):
+        found = run(compiled, 40.0, name, max_steps=limit, **options)
+        if whole.steps + whole.rejected <= limit:
+            continue
+        assert found.status is Status.MAX_STEPS
+        assert found.steps + found.rejected == limit and len(found.t) == found.steps + 1
+        assert found.message.startswith(f"{name} used up max_steps = {limit} at t = ")
+        assert (found.y == whole.y[:, : found.steps + 1]).all()
+    enough = run(compiled, 40.0, name, max_steps=whole.steps + whole.rejected, **options)
+    assert enough.status is Status.SUCCESS
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", NAMES)
+def test_max_wall(name: str, target: str) -> None:
+    began = time.perf_counter()
+    options = {"step": 1e-6} if name in FIXED else {}
+    found = run(model("Henon-Heiles", target), 1e7, name, max_wall=0.05, **options)
+    assert found.status is Status.MAX_WALL and "used up max_wall = 0.05 s at t = " in found.message
+    assert time.perf_counter() - began < 3.0
+    assert len(found.t) == found.steps + 1 > 1 and np.isfinite(found.y).all()
+
+
+def interrupted(delay: float, action: Any) -> Any:
+    """Call `action` with Ctrl-C pressed after a moment."""
+    timer = threading.Timer(delay, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    try:
+        return action()
+    finally:
+        timer.join()
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", ["rk4", "verlet", "dopri5", "dop853"])
+def test_ctrl_c_keeps_what_there_is(name: str, target: str) -> None:
+    compiled = model("Henon-Heiles", target)
+    options: dict[str, Any] = {"step": 1e-6} if name in FIXED else {}
+    run(compiled, 0.1, name, **options)  # compiled before the key is pressed
+    found = interrupted(0.2, lambda: run(compiled, 1e7, name, max_wall=20.0, **options))
+    assert found.status is Status.INTERRUPTED
+    assert f"{name} was interrupted at t = " in found.message and "what was computed until then is kept" in found.message
+    assert 0 < found.t[-1] < 1e7 and len(found.t) > 2
+    assert len(found.t) == found.y.shape[1] and (np.diff(found.t) > 0).all() and np.isfinite(found.y).all()
+    assert found.wall < 5.0
+    energy = compiled.energy(found.y[:2], found.y[2:])
+    assert energy == pytest.approx(np.full(len(energy), energy[0]), rel=1e-3)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", NAMES)
+def test_a_right_hand_side_that_ends(name: str, target: str) -> None:
+    """The force has no value beyond x = 1: the run stops there, and says which entry is no number."""
+    wall = sp.Piecewise((k, x < 1))
+    compiled = build(target, kinetic=m * x.dot**2 / 2, forces={x: wall}, initial={x.dot: 1.0})
+    found = run(compiled, 5.0, name, **({"step": 0.01} if name in FIXED else {}))
+    assert found.status is Status.NON_FINITE
+    assert np.isfinite(found.y).all() and 0.4 < found.t[-1] < 0.75
+    assert f"{name} stopped at t = " in found.message
+    assert "x_dot is nan" in found.message and "Look for a division by zero" in found.message
+    if name in ADAPTIVE:
+        assert found.y[0, -1] == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", NAMES)
+def test_a_right_hand_side_without_a_start(name: str, target: str) -> None:
+    compiled = build(target, kinetic=m * x.dot**2 / 2, forces={x: sp.sqrt(x - 1)})
+    found = run(compiled, 1.0, name)
+    assert found.status is Status.NON_FINITE and list(found.t) == [0.0] and found.steps == 0
+    assert "the acceleration of x is nan" in found.message
+
+
+def guide(target: str) -> Model:
+    """Nothing resists x at y = 0."""
+    return build(
+        target,
+        kinetic=m * (x.dot * y + y.dot) ** 2 / 2 + M * y.dot**2 / 2,
+        potential=k * y**2 / 2,
+        coordinates=[x, y],
+        initial={x: 0.3, y: 0.5, y.dot: -1.0},
+    )
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", [name for name in NAMES if not find(name).claims.symplectic])
+def test_a_singular_mass_matrix_at_the_start(name: str, target: str) -> None:
+    found = run(guide(target), 1.0, name, initial={y: 0.0})
+    assert found.status is Status.SINGULAR and found.steps == 0 and list(found.t) == [0.0]
+    assert "the mass matrix is singular at t = 0, x = 0.3, y = 0: the accelerations are not determined" in found.message
+    pole = run(model("spherical pendulum", target), 1.0, name, initial={"theta": 0.0})
+    assert pole.status is Status.SINGULAR and "singular at t = 0, theta = 0, phi = 0" in pole.message
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", ["euler", "midpoint", "rk4"])
+def test_a_singular_mass_matrix_on_the_way(name: str, target: str) -> None:
+    """Without forces y falls by a tenth per step, and lands on zero to round-off."""
+    compiled = build(
+        target,
+        kinetic=m * (x.dot * sp.Max(y, 0) + y.dot) ** 2 / 2 + M * y.dot**2 / 2,
+        coordinates=[x, y],
+        initial={x: 0.3, y: 0.5, x.dot: 0.0, y.dot: -1.0},
+    )
+    found = run(compiled, 2.0, name, step=0.25)
+    assert found.status is Status.SINGULAR
+    assert "the mass matrix is singular at t = " in found.message and "y = " in found.message
+    assert found.t[-1] <= 0.5 and np.isfinite(found.y).all()
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", ADAPTIVE)
+def test_an_adaptive_method_near_a_singular_configuration(name: str, target: str) -> None:
+    found = run(guide(target), 5.0, name, max_steps=200_000)
+    assert found.status in (Status.SINGULAR, Status.STEP_TOO_SMALL, Status.NON_FINITE)
+    assert np.isfinite(found.y).all() and found.t[-1] < 5.0
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", ADAPTIVE)
+def test_a_singularity_in_time(name: str, target: str) -> None:
+    """x'' = 6 x^2 blows up like 1/(t* - t)^2."""
+    compiled = build(target, kinetic=x.dot**2 / 2, potential=-2 * x**3, initial={x: 1.0, x.dot: 2.0})
+    found = run(compiled, 5.0, name)
+    assert found.status in (Status.STEP_TOO_SMALL, Status.NON_FINITE)
+    assert found.t[-1] == pytest.approx(1.0, abs=1e-6) and np.isfinite(found.y).all()
+    if found.status is Status.STEP_TOO_SMALL:
+        assert "below the spacing of floating-point times" in found.message
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_progress_is_told_where_the_run_is(target: str) -> None:
+    seen: list[float] = []
+    run(model("oscillator", target), 5.0, "euler", step=1e-3, progress=seen.append)
+    assert seen == sorted(seen) and 0 < seen[0] and seen[-1] <= 5.0
+
+
+# --- the record, and memory -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["rk4", "verlet", "dopri5", "dop853"])
+@pytest.mark.parametrize("system", ["oscillator", "Henon-Heiles", "8 carried masses"])
+def test_a_driver_starts_from_the_state_and_nothing_else(name: str, system: str) -> None:
+    """Bursts of one step, with the work array and the rows full of NaN before, give what one burst gives."""
+    compiled = model(system)
+    unit = Problem(compiled, compiled.parameter_values(), 0.0, 0.3, np.array(compiled.statement.initial))
+    step, tolerances = find(name).prepare(unit)  # type: ignore
+    parameters = compiled.parameter_array()
+
+    def go(budget: int, poison: bool) -> tuple[Any, DriverState]:
+        driver: Any = compiled.machine.driver(step, compiled.kernel("rhs"), parameters)
+        state = DriverState(0.0, 0.3, unit.y0, tolerances.rtol, tolerances.atol, tolerances.step)
+        seen = []
+        outcome = Outcome.PAUSED
+        while outcome is Outcome.PAUSED:
+            times, rows = np.full(budget, np.nan), np.full((budget + 4, len(unit.y0)), np.nan)
+            if poison and not state.count(DriverState.STEPS):
+                dirty(driver, len(unit.y0))
+            state.counts[DriverState.ROWS] = 0
+            outcome = driver.advance(state, budget, times, rows)
+            written = state.count(DriverState.ROWS)
+            seen.append(rows[:written])
+            assert np.isfinite(rows[:written]).all() and np.isfinite(times[:written]).all()
+        assert outcome is Outcome.DONE
+        return np.concatenate(seen), state
+
+    (first, one), (second, other) = go(10_000, poison=False), go(1, poison=True)
+    assert (first == second).all()
+    assert (one.counts[:3] == other.counts[:3]).all() and one.t == other.t == 0.3
+
+
+def dirty(driver: Any, dimension: int) -> None:
+    """Leave NaN where slopes, new states and errors will stand; what pads a vector to whole blocks stays zero."""
+    layout = driver._layout
+    for vector in range(layout.step.states, layout.errors + len(layout.step.errors)):
+        start = layout.place(vector)
+        driver._work[start : start + layout.length] = np.nan
+    driver._work[layout.result : layout.result + dimension] = np.nan
+
+
+def test_rows_may_be_left_out() -> None:
+    compiled = model("oscillator")
+    unit = Problem(compiled, compiled.parameter_values(), 0.0, 1.0, np.array([1.0, 0.0]), step=0.1)
+    step, tolerances = find("rk4").prepare(unit)  # type: ignore
+    driver = compiled.machine.driver(step, compiled.kernel("rhs"), compiled.parameter_array())
+    state = DriverState(0.0, 1.0, unit.y0, 0.0, 0.0, tolerances.step)
+    state.counts[DriverState.RECORD] = 0
+    assert driver.advance(state, 100, np.empty(0), np.empty((0, 2))) is Outcome.DONE
+    assert state.count(DriverState.ROWS) == 0
+    assert state.y == pytest.approx(run(compiled, 1.0, "rk4", step=0.1).y[:, -1], rel=0, abs=0)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_long_runs_are_pieced_together(target: str) -> None:
+    count = 40_000 if target == "llvm" else 3_000
+    found = run(model("oscillator", target), 1.0, "symplectic-euler", step=1 / count)
+    assert found.steps == count and len(found.t) == count + 1
+    assert (np.diff(found.t) > 0).all()
+    assert found.t == pytest.approx(np.linspace(0, 1, count + 1), abs=1e-12)
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_every_system_runs(system: str) -> None:
+    found = run(model(system), 0.5, "dop853")
+    assert found.status is Status.SUCCESS and np.isfinite(found.y).all(), found.message
+
+
+# --- time-dependent forces -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", ADAPTIVE)
+def test_a_brief_force_is_not_stepped_over(name: str, target: str) -> None:
+    """A push of 0.1 s within 100 s on a mass at rest: with a step of ten seconds nobody would notice."""
+    push = sp.Piecewise((1, (t > 50) & (t < sp.Rational(501, 10))), (0, True))
+    compiled = build(target, kinetic=x.dot**2 / 2, forces={x: push})
+    for start, end, expected in ((0.0, 100.0, [4.995, 0.1]), (100.0, 0.0, [4.995 + 0.01, -0.1])):
+        found = run(compiled, end, name, start=start)
+        assert found.y[:, -1] == pytest.approx(expected, abs=2e-2)
+        assert found.steps >= 1000
+    free = run(build(target, kinetic=x.dot**2 / 2, forces={x: sp.Integer(1)}), 100.0, name)
+    assert free.steps < 100
+
+
+def test_no_step_is_zero_or_negative() -> None:
+    with pytest.raises(StatementError, match="give a positive size"):
+        run(model("oscillator"), 1.0, "rk4", step=0.0)
