@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import date
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from time import perf_counter
+from time import thread_time
 from typing import Any
 
 FOLDER = Path(__file__).resolve().parent
@@ -19,11 +19,10 @@ PACKAGES = ("numpy", "scipy", "sympy", "llvmlite", "heyoka")
 
 
 def best(runs: Mapping[str, Callable[[], Any]], *, rounds: int = 60, least: float = 0.002) -> dict[str, float]:
-    """Return the seconds of one call of each, the least of many rounds.
+    """Return the processor seconds of one call of each, the least of many rounds.
 
     The rivals take turns, each called for at least `least` seconds in every round, so that a busy moment of the machine
-    falls on all of them. The rounds are short, for one that is not interrupted gives the minimum: what the code costs
-    when nothing else runs.
+    falls on all of them. All run on one thread, whose processor time is the time on the clock when nothing else runs.
     """
     counts = {name: _repetitions(run, least) for name, run in runs.items()}
     times = dict.fromkeys(runs, float("inf"))
@@ -48,10 +47,10 @@ def _repetitions(run: Callable[[], Any], least: float) -> int:
 
 
 def _timed(run: Callable[[], Any], count: int) -> float:
-    start = perf_counter()
+    start = thread_time()
     for _ in range(count):
         run()
-    return perf_counter() - start
+    return thread_time() - start
 
 
 def machine() -> list[str]:

@@ -10,14 +10,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from lagrange.errors import listing
-from lagrange.graph.node import Binding, Graph, Node
+from lagrange.graph.node import Binding, Graph, Kind, Node, reachable
 
 
 @dataclass(frozen=True)
 class Structure:
     """The findings; `blocks` are the groups of coordinates that the mass matrix couples.
 
-    `position_only` and `timed` are about the accelerations: free of velocities, and dependent on time explicitly.
+    `position_only`: the accelerations are free of velocities. `brief`: time stands in some other function than a
+    polynomial, a sine or a cosine, so that a force may act briefly and leave no trace before and after.
     """
 
     names: tuple[str, ...]
@@ -28,7 +29,7 @@ class Structure:
     forced: bool
     cyclic: tuple[int, ...]
     position_only: bool
-    timed: bool
+    brief: bool
 
     @property
     def conservative(self) -> bool:
@@ -104,8 +105,15 @@ def find_structure(
         forced=not all(free),
         cyclic=tuple(i for i, x in enumerate(q) if not lagrangian.depends & x.depends and free[i]),
         position_only=all(a.binding <= Binding.CONFIGURATION for a in accelerations),
-        timed=any(a.depends & time.depends for a in accelerations),
+        brief=any(_is_brief(node) for node in reachable([lagrangian, *extra], time.depends)),
     )
+
+
+def _is_brief(node: Node) -> bool:
+    """Whether the function of time that the node applies may be all but zero except for a moment."""
+    if node.kind is Kind.CALL:
+        return node.data not in ("sin", "cos")
+    return node.kind is Kind.POWER and not (isinstance(node.data, int) and node.data > 0)
 
 
 def _mixed(momentum: Node, q: Sequence[Node], time: Node) -> bool:

@@ -200,7 +200,7 @@ class _Session:
         return [pair for pair in every if pair not in self.ways]
 
     def _other_label(self) -> str:
-        return f"{self.other.target} target" if self.other is not None else ""
+        return f"{self.other.target} against {self.model.target}" if self.other is not None else ""
 
 
 def textbook_tape(textbook: Mapping[Any, Any], statement: Statement) -> Precise:

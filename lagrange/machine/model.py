@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange
-from lagrange.errors import RunError, StatementError
+from lagrange.errors import RunError, StatementError, listing
 from lagrange.machine.backend import FloatArray, Kernel, Machine, SingularMassMatrix
 from lagrange.machine.numpy import NumpyMachine
 from lagrange.program.catalogue import QUANTITIES, lower_nodes, program_of
@@ -19,6 +19,9 @@ from lagrange.statement.declare import parameter_values
 from lagrange.statement.number import real_number
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
+
+Parameters = Mapping[Any, Any] | FloatArray | None
+"""Parameters as a user gives them: a dict over the defaults, or all values (k,) as `parameter_array` returns them."""
 
 State = tuple[FloatArray, FloatArray]
 """Coordinates and velocities, (n,) each or (n, batch)."""
@@ -75,7 +78,7 @@ class Model:
         return self._kernels[name]
 
     def accelerations(
-        self, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Mapping[Any, Any] | None = None
+        self, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Parameters = None
     ) -> FloatArray:
         """Return the generalized accelerations, (n,) or (n, batch)."""
         state = self._state(q, v)
@@ -83,29 +86,25 @@ class Model:
             return self._run("accelerations", t, state, parameters)
         return self._run("rhs", t, state, parameters)[self.dimension :]
 
-    def rhs(self, t: float | ArrayLike, y: ArrayLike, parameters: Mapping[Any, Any] | None = None) -> FloatArray:
+    def rhs(self, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
         """Return dy/dt = [v, a], (2n,) or (2n, batch); t is a number or (batch,)."""
         return self._run("rhs", t, self._checked_state(y), parameters)
 
-    def jacobian(self, t: float | ArrayLike, y: ArrayLike, parameters: Mapping[Any, Any] | None = None) -> FloatArray:
+    def jacobian(self, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
         """Return d rhs / d y, (2n, 2n), or (2n, 2n, batch)."""
         return self._run("jacobian", t, self._checked_state(y), parameters)
 
-    def mass_matrix(
-        self, q: ArrayLike, t: float | ArrayLike = 0.0, parameters: Mapping[Any, Any] | None = None
-    ) -> FloatArray:
+    def mass_matrix(self, q: ArrayLike, t: float | ArrayLike = 0.0, parameters: Parameters = None) -> FloatArray:
         """Return M = d2L/dv2 at v = 0, (n, n), or (n, n, batch). It is free of v for every L quadratic in v."""
         array = self._vector(q, "q")
         return self._run("mass_matrix", t, (array, np.zeros_like(array)), parameters)
 
-    def energy(
-        self, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Mapping[Any, Any] | None = None
-    ) -> Any:
+    def energy(self, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Parameters = None) -> Any:
         """Return the energy v.p - L, a float or (batch,)."""
         return self._scalar(self._run("energy", t, self._state(q, v), parameters))
 
     def momenta(
-        self, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Mapping[Any, Any] | None = None
+        self, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Parameters = None
     ) -> FloatArray:
         """Return the conjugate momenta p = dL/dv, (n,) or (n, batch)."""
         return self._run("momenta", t, self._state(q, v), parameters)
@@ -116,7 +115,7 @@ class Model:
         q: ArrayLike,
         v: ArrayLike,
         t: float | ArrayLike = 0.0,
-        parameters: Mapping[Any, Any] | None = None,
+        parameters: Parameters = None,
     ) -> Any:
         """Return any quantity that `kernel` knows, in its shape, with the batch as the last axis."""
         if name not in QUANTITIES:
@@ -124,7 +123,7 @@ class Model:
         return self._scalar(self._run(name, t, self._state(q, v), parameters))
 
     def evaluate_expression(
-        self, expression: Any, t: ArrayLike, y: ArrayLike, parameters: Mapping[Any, Any] | None = None
+        self, expression: Any, t: ArrayLike, y: ArrayLike, parameters: Parameters = None
     ) -> FloatArray:
         """Return a SymPy expression in coordinates, velocities, accelerations, parameters and t along states.
 
@@ -145,8 +144,15 @@ class Model:
         """Return a value for every parameter: the defaults overlaid with `given`, by symbol or name."""
         return parameter_values(given, self.statement.parameters, self.statement.defaults)
 
-    def parameter_array(self, given: Mapping[Any, Any] | None = None) -> FloatArray:
-        """Return the parameters' values (k,) in the order that kernels take."""
+    def parameter_array(self, given: Parameters = None) -> FloatArray:
+        """Return the parameters' values (k,) in the order that kernels take; such an array is returned as it is."""
+        if isinstance(given, np.ndarray):
+            if given.shape != (len(self.statement.parameters),):
+                raise StatementError(
+                    f"parameters has shape {given.shape}: give ({len(self.statement.parameters)},), the values of "
+                    f"{listing(p.name for p in self.statement.parameters)} in this order, or a dict."
+                )
+            return given.astype(float, copy=False)
         if not given:
             return self._default_parameters
         values = self.parameter_values(given)
@@ -157,12 +163,10 @@ class Model:
         values = self.parameter_values()
         return np.array([values[symbol] for symbol in self.statement.parameters], dtype=float)
 
-    def _run(self, name: str, t: float | ArrayLike, state: State, parameters: Mapping[Any, Any] | None) -> FloatArray:
+    def _run(self, name: str, t: float | ArrayLike, state: State, parameters: Parameters) -> FloatArray:
         return self._call(self.kernel(name), t, state, parameters)
 
-    def _call(
-        self, kernel: Kernel, t: float | ArrayLike, state: State, parameters: Mapping[Any, Any] | None
-    ) -> FloatArray:
+    def _call(self, kernel: Kernel, t: float | ArrayLike, state: State, parameters: Parameters) -> FloatArray:
         q, v = state
         time: float | FloatArray
         if isinstance(t, (float, int)):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numbers
 from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
+from functools import lru_cache, partial
 from types import MappingProxyType
 from typing import Any
 
@@ -95,11 +95,7 @@ def initial_state(given: Mapping[Any, Any], coordinates: tuple[Any, ...], base: 
             f"initial is a {type(given).__name__}: give a dict such as {{{name_of(coordinates[0])}: 1.0}}; what is not "
             "named keeps its default."
         )
-    n = len(coordinates)
-    rows: dict[Any, int] = {}
-    for i, q in enumerate(coordinates):
-        rows[q] = rows[name_of(q)] = i
-        rows[velocity_of(q)] = rows[f"{name_of(q)}_dot"] = n + i
+    rows = _state_rows(coordinates)
     values = list(base)
     for key, value in given.items():
         if key not in rows:
@@ -110,6 +106,17 @@ def initial_state(given: Mapping[Any, Any], coordinates: tuple[Any, ...], base: 
             )
         values[rows[key]] = real_number(value, f"the initial value of {_label(key)}")
     return tuple(values)
+
+
+@lru_cache(maxsize=256)
+def _state_rows(coordinates: tuple[Any, ...]) -> Mapping[Any, int]:
+    """Return the row of the state for each coordinate, velocity and name; made once, since SymPy takes 20 us each."""
+    n = len(coordinates)
+    rows: dict[Any, int] = {}
+    for i, q in enumerate(coordinates):
+        rows[q] = rows[name_of(q)] = i
+        rows[velocity_of(q)] = rows[f"{name_of(q)}_dot"] = n + i
+    return rows
 
 
 def parameter_values(

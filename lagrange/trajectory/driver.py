@@ -70,7 +70,7 @@ def drive(problem: Problem, step: StepProgram, name: str, tolerances: Tolerances
     began = time.perf_counter()
     model = problem.model
     kernel = model.kernel("rhs")
-    parameters = model.parameter_array(problem.parameters)
+    parameters = problem.parameter_array
     size = tolerances.step * (1.0 if problem.t1 >= problem.t0 else -1.0)
     state = DriverState(problem.t0, problem.t1, problem.y0, tolerances.rtol, tolerances.atol, size)
     state.reals[DriverState.LONGEST] = tolerances.longest

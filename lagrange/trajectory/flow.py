@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from collections.abc import Mapping
 from dataclasses import replace
@@ -111,18 +110,8 @@ class Flow:
         size = settings.step * abs(t1 - t0) if self._problem.step is None and settings.notes else settings.step
         signed = size if t1 >= t0 else -size
         longest = settings.longest * abs(t1 - t0)  # prepared for a span of 1
-        state.reals[:] = (
-            t0,
-            t1,
-            signed,
-            settings.rtol,
-            settings.atol,
-            1.0,
-            t0,
-            signed,
-            Outcome.STEP_TOO_SMALL,
-            math.inf,
-        )
+        settled = (settings.rtol, settings.atol, 1.0, t0, signed, Outcome.STEP_TOO_SMALL, longest)
+        state.reals[:] = (t0, t1, signed, *settled)
         state.counts[:] = 0
         state.y[:] = y0
 

@@ -75,7 +75,7 @@ def _check_start(problem: Problem) -> None:
     """Refuse an initial state at which the energies are not finite numbers."""
     model, y0 = problem.model, problem.y0
     n = model.dimension
-    energy = model.energy(y0[:n], y0[n:], problem.t0, problem.parameters)
+    energy = model.energy(y0[:n], y0[n:], problem.t0, problem.parameter_array)
     if math.isfinite(energy):
         return
     names = (*model.statement.names, *(f"{name}.dot" for name in model.statement.names))

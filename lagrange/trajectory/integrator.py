@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol
+
+import numpy as np
 
 from lagrange.machine.model import Model
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
@@ -46,6 +49,11 @@ class Problem:
     max_steps: int = 10_000_000
     max_wall: float | None = None
     progress: Callable[[float], None] | None = None
+
+    @cached_property
+    def parameter_array(self) -> FloatArray:
+        """The parameters' values (k,), as kernels take them."""
+        return np.array([self.parameters[symbol] for symbol in self.model.statement.parameters], dtype=float)
 
 
 class Integrator(Protocol):

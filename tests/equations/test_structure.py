@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sympy import cos, sin
+from sympy import Abs, Piecewise, cos, exp, sin
 
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.equations.structure import Structure, mass_blocks
@@ -80,6 +81,23 @@ def test_explicit_time_is_found_and_time_that_cancels_is_not() -> None:
     assert still.structure.autonomous == (not still.lagrangian.depends & still.time.depends)
     forced = euler_lagrange(stated(kinetic=m * x.dot**2 / 2, forces={x: cos(t)}))
     assert forced.structure.autonomous and forced.structure.forced
+
+
+@pytest.mark.parametrize(
+    ("force", "brief"),
+    [
+        (cos(3 * t) * x + t**2 * sin(omega * t), False),
+        (k * exp(x) + Piecewise((x, x < 1), (1, True)), False),
+        (sin(t) * exp(-x) / (1 + x**2), False),
+        (Piecewise((1, t < 1), (0, True)), True),
+        (exp(-((t - 50) ** 2) * 100), True),
+        (1 / (1 + 100 * (t - 50) ** 2), True),
+        (Abs(t - 1) * x, True),
+    ],
+)
+def test_a_force_that_may_act_briefly(force: Any, brief: bool) -> None:
+    assert euler_lagrange(stated(kinetic=m * x.dot**2 / 2, forces={x: force})).structure.brief is brief
+    assert euler_lagrange(stated(kinetic=m * x.dot**2 / 2, potential=force * x)).structure.brief is brief
 
 
 def test_sentences_for_the_user() -> None:

@@ -225,11 +225,11 @@ def test_another_target_gets_a_row() -> None:
     model = StandIn(statements.kepler())
     same = StandIn(statements.kepler(), target="elsewhere")
     report = checked(model, other=cast("Model", same))
-    assert report and report.rows[-1].quantity == "elsewhere target"
+    assert report and report.rows[-1].quantity == "elsewhere against stand-in"
     for quantity in QUANTITIES:
         other = StandIn(statements.kepler(), {quantity: FAULTS["scale"]}, target="elsewhere")
         report = checked(model, other=cast("Model", other), points=1)
-        assert "elsewhere target" in failing(report), quantity
+        assert "elsewhere against stand-in" in failing(report), quantity
 
 
 def test_the_same_seed_gives_the_same_report() -> None:

@@ -18,8 +18,8 @@ from lagrange.machine.model import Model
 from lagrange.statement.coordinate import coordinate, t
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import find
-from lagrange.trajectory.trajectory import Status
-from tests.models import SYSTEMS, TARGETS, M, build, k, m, model, x, y
+from lagrange.trajectory.trajectory import Status, Trajectory
+from tests.models import SYSTEMS, TARGETS, M, build, k, m, model, x, y, z
 from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, run
 
 SPLITTABLE = ("oscillator", "pendulum", "Henon-Heiles", "coupled masses", "8 carried masses", "saddle")
@@ -44,39 +44,33 @@ def settings(name: str) -> dict[str, Any]:
     return {"step": 0.013} if name in FIXED else {"rtol": 1e-8, "atol": 1e-10}
 
 
+def loose(name: str) -> dict[str, Any]:
+    """Tolerances far above round-off: an error estimate next to it would differ between machines, and the steps too."""
+    return {"step": 0.013} if name in FIXED else {"rtol": 1e-4, "atol": 1e-4}
+
+
+def assert_same(ours: Trajectory, theirs: Trajectory, name: str) -> None:
+    assert (ours.steps, ours.rejected, ours.evaluations) == (theirs.steps, theirs.rejected, theirs.evaluations)
+    assert np.abs(ours.t - theirs.t).max() < (1e-14 if name in FIXED else 1e-8)
+    scale = 1 + np.abs(theirs.y).max()
+    assert np.abs(ours.y - theirs.y).max() < (1e-12 if name in FIXED else 1e-7) * scale
+    assert ours.status is theirs.status is Status.SUCCESS and ours.message == theirs.message
+
+
 @pytest.mark.parametrize("system", SPLITTABLE + OTHERS)
 @pytest.mark.parametrize("name", NAMES)
 def test_both_machines_take_the_same_steps(name: str, system: str) -> None:
     if find(name).claims.symplectic and system in OTHERS:
         pytest.skip("refused, see test_methods")
-    ours, theirs = (run(model(system, target), 0.75, name, **settings(name)) for target in TARGETS)
-    assert (ours.steps, ours.rejected, ours.evaluations) == (theirs.steps, theirs.rejected, theirs.evaluations)
-    assert ours.t == pytest.approx(theirs.t, rel=1e-9, abs=1e-12)
-    scale = 1 + np.abs(theirs.y).max()
-    assert np.abs(ours.y - theirs.y).max() < 1e-9 * scale
-    assert ours.status is theirs.status is Status.SUCCESS
-    assert ours.message == theirs.message
+    ours, theirs = (run(model(system, target), 0.75, name, **loose(name)) for target in TARGETS)
+    assert_same(ours, theirs, name)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 16, 17, 21])
 @pytest.mark.parametrize("name", ["rk4", "verlet", "dopri5", "dop853"])
 def test_states_of_every_length(name: str, n: int) -> None:
-    ours, theirs = (run(springs(target, n), 0.4, name, **settings(name)) for target in TARGETS)
-    assert (ours.steps, ours.rejected, ours.evaluations) == (theirs.steps, theirs.rejected, theirs.evaluations)
-    assert ours.y == pytest.approx(theirs.y, rel=1e-11, abs=1e-12)
-
-
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", NAMES)
-def test_evaluations_are_those_of_the_right_hand_side(name: str, target: str) -> None:
-    """Counted by the kernel of the numpy machine, the one look before the first step included."""
-    compiled = model("Henon-Heiles", target)
-    found = run(compiled, 1.0, name, **settings(name))
-    calls = {"euler": 1, "midpoint": 2, "rk4": 4, "symplectic-euler": 1, "verlet": 1, "dopri5": 6, "dop853": 12}[name]
-    first = {"verlet": 1, "dopri5": 1, "dop853": 1}.get(name, 0)
-    tried = found.steps + found.rejected
-    start = 2 if name in ADAPTIVE else 0
-    assert found.evaluations == 1 + start + first + calls * tried + (found.rejected if name == "dop853" else 0) * 0
+    ours, theirs = (run(springs(target, n), 0.4, name, **loose(name)) for target in TARGETS)
+    assert_same(ours, theirs, name)
 
 
 class Counting:
@@ -125,8 +119,8 @@ def test_equal_steps_are_a_grid_that_ends_at_the_end(target: str, direction: int
     assert found.t[-1] == direction * 1.0
     tenths = run(compiled, direction * 1.0, "rk4", step=0.1)
     assert tenths.steps == 10 and list(tenths.t) == [direction * i * 0.1 for i in range(10)] + [direction * 1.0]
-    many = run(compiled, direction * 3.0, "euler", step=1e-4)
-    assert many.steps == 30_000 and np.diff(many.t) * direction == pytest.approx(np.full(30_000, 1e-4), rel=1e-9)
+    many = run(compiled, direction * 0.3, "euler", step=1e-4)
+    assert many.steps == 3_000 and np.abs(np.diff(many.t) * direction - 1e-4).max() < 1e-15
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -201,7 +195,7 @@ def interrupted(delay: float, action: Any) -> Any:
 def test_ctrl_c_keeps_what_there_is(name: str, target: str) -> None:
     compiled = model("Henon-Heiles", target)
     options: dict[str, Any] = {"step": 1e-6} if name in FIXED else {}
-    run(compiled, 0.1, name, **options)  # compiled before the key is pressed
+    run(compiled, 1e-5, name, **options)  # compiled before the key is pressed
     found = interrupted(0.2, lambda: run(compiled, 1e7, name, max_wall=20.0, **options))
     assert found.status is Status.INTERRUPTED
     assert f"{name} was interrupted at t = " in found.message and "what was computed until then is kept" in found.message
@@ -209,7 +203,7 @@ def test_ctrl_c_keeps_what_there_is(name: str, target: str) -> None:
     assert len(found.t) == found.y.shape[1] and (np.diff(found.t) > 0).all() and np.isfinite(found.y).all()
     assert found.wall < 5.0
     energy = compiled.energy(found.y[:2], found.y[2:])
-    assert energy == pytest.approx(np.full(len(energy), energy[0]), rel=1e-3)
+    assert np.abs(energy / energy[0] - 1).max() < 1e-3
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -257,28 +251,26 @@ def test_a_singular_mass_matrix_at_the_start(name: str, target: str) -> None:
     assert pole.status is Status.SINGULAR and "singular at t = 0, theta = 0, phi = 0" in pole.message
 
 
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", ["euler", "midpoint", "rk4"])
-def test_a_singular_mass_matrix_on_the_way(name: str, target: str) -> None:
-    """Without forces y falls by a tenth per step, and lands on zero to round-off."""
-    compiled = build(
+def fading(target: str) -> Model:
+    """Two masses that a spring and an inertia between them couple; from t = 1 the second has none of its own."""
+    return build(
         target,
-        kinetic=m * (x.dot * sp.Max(y, 0) + y.dot) ** 2 / 2 + M * y.dot**2 / 2,
-        coordinates=[x, y],
-        initial={x: 0.3, y: 0.5, x.dot: 0.0, y.dot: -1.0},
+        kinetic=m * (x.dot + z.dot) ** 2 / 2 + sp.Max(0, 1 - t) * m * z.dot**2 / 2,
+        potential=k * (x - z) ** 2 / 2,
+        coordinates=[x, z],
+        initial={x: 0.3},
     )
-    found = run(compiled, 2.0, name, step=0.25)
-    assert found.status is Status.SINGULAR
-    assert "the mass matrix is singular at t = " in found.message and "y = " in found.message
-    assert found.t[-1] <= 0.5 and np.isfinite(found.y).all()
 
 
 @pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", ADAPTIVE)
-def test_an_adaptive_method_near_a_singular_configuration(name: str, target: str) -> None:
-    found = run(guide(target), 5.0, name, max_steps=200_000)
-    assert found.status in (Status.SINGULAR, Status.STEP_TOO_SMALL, Status.NON_FINITE)
-    assert np.isfinite(found.y).all() and found.t[-1] < 5.0
+@pytest.mark.parametrize("name", [name for name in NAMES if not find(name).claims.symplectic])
+def test_a_mass_matrix_that_becomes_singular_on_the_way(name: str, target: str) -> None:
+    found = run(fading(target), 5.0, name, **({"step": 0.01} if name in FIXED else {}))
+    assert found.status in (Status.SINGULAR, Status.STEP_TOO_SMALL, Status.NON_FINITE), found.message
+    assert found.t[-1] < 5.0 and np.isfinite(found.y).all() and len(found.t) > 1
+    if name in FIXED:
+        assert found.status is Status.SINGULAR
+        assert f"{name} stopped at t = " in found.message and "the mass matrix is singular" in found.message
 
 
 @pytest.mark.parametrize("target", TARGETS)

@@ -22,8 +22,8 @@ MEMORY = {"dopri5": 0.04}
 
 
 LOOKS = 1000
-"""No adaptive step is longer than this part of the run where accelerations depend on time explicitly: a force that acts
-briefly on a system at rest would be stepped over, and there is no error to see it by."""
+"""No adaptive step is longer than this part of the run where a force may act for a moment only (`Structure.brief`): on
+a system at rest it would be stepped over, and there is no error to see it by."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class RungeKutta:
         """Return the step program, and what the driver is told. Raises StatementError for a setting without a use."""
         chosen = adaptive_settings if self.claims.adaptive else fixed_settings
         tolerances = chosen(self.name, problem, self.step, self.rtol, self.atol)
-        if problem.model.equations.structure.timed:
+        if problem.model.equations.structure.brief:
             tolerances = replace(tolerances, longest=abs(problem.t1 - problem.t0) / LOOKS)
         return runge_kutta_step(self.tableau), tolerances
 
@@ -61,7 +61,7 @@ class RungeKutta:
         """Run the problem; see `Integrator`."""
         step, tolerances = self.prepare(problem)
         kernel = problem.model.kernel("rhs")
-        parameters = problem.model.parameter_array(problem.parameters)
+        parameters = problem.parameter_array
 
         def path_of(times: FloatArray, states: FloatArray) -> Callable[[FloatArray], FloatArray]:
             return RungeKuttaPath(kernel, parameters, times, states, self.tableau)

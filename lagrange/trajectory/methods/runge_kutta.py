@@ -94,6 +94,10 @@ class ButcherTableau:
         self._check_error()
         self._check_dense()
 
+    def __hash__(self) -> int:
+        # A method is looked up at every run, and hashing some hundred fractions takes as long as a short run.
+        return hash((self.name, self.order))
+
     @property
     def stages(self) -> int:
         """The number of stages, without those of the dense output alone."""

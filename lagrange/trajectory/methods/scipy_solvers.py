@@ -211,7 +211,7 @@ class ScipyMethod(ABC):
         tolerances = adaptive_settings(self.name, problem, None, None, None)
         began = time.perf_counter()
         deadline = np.inf if problem.max_wall is None else began + problem.max_wall
-        law = _Law(problem, problem.model.parameter_array(problem.parameters), deadline)
+        law = _Law(problem, problem.parameter_array, deadline)
         run = _Run(problem, self.name, began, law)
         with np.errstate(all="ignore"), _captured(not self.claims.explicit) as caught:
             try:

@@ -51,7 +51,7 @@ class Splitting:
         """Run the problem; see `Integrator`."""
         step, tolerances = self.prepare(problem)
         kernel = problem.model.kernel("rhs")
-        parameters = problem.model.parameter_array(problem.parameters)
+        parameters = problem.parameter_array
 
         def path_of(times: FloatArray, states: FloatArray) -> Callable[[FloatArray], FloatArray]:
             return HermitePath(kernel, parameters, times, states)
