@@ -171,8 +171,8 @@ class _Scene:
             taken = "a reserved word"
         elif name in coordinates:
             taken = "a coordinate already"
-        elif name.removesuffix("_dot") in coordinates or f"{name}_dot" in coordinates:
-            taken = "taken: x_dot is the velocity of x"
+        elif any(name == f"{q}{rate}" or q == f"{name}{rate}" for q in coordinates for rate in ("_dot", "_ddot")):
+            taken = "taken: x_dot and x_ddot are velocity and acceleration of x"
         if taken:
             self.document.refuse(f"{name!r} cannot name a {what}, it is {taken}: choose another name.", *path, key=key)
 

@@ -88,8 +88,10 @@ class Flow:
         driver, state = self._driver(parameters)
         self._begin(state, start, t0, t1)
         outcome = Outcome.PAUSED
-        while outcome is Outcome.PAUSED and state.count(DriverState.STEPS) < self._max_steps:
-            outcome = driver.advance(state, LARGEST_BURST, _NO_TIMES, _NO_ROWS)
+        left = self._max_steps
+        while outcome is Outcome.PAUSED and left > 0:
+            outcome = driver.advance(state, min(left, LARGEST_BURST), _NO_TIMES, _NO_ROWS)
+            left -= LARGEST_BURST
         if outcome is not Outcome.DONE:
             return self._by_run(start, t0, t1, parameters)
         return state.y.copy()

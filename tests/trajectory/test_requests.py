@@ -1,0 +1,151 @@
+"""What a run is asked for: every request that cannot be meant is refused in words, and every other one is served."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy
+
+import lagrange as lg
+
+theta = lg.coordinate("theta")
+m, g, l = lg.parameters("m g l")
+
+
+@pytest.fixture(scope="module")
+def pendulum() -> lg.System:
+    return lg.System(
+        kinetic=m * l**2 * theta.dot**2 / 2,
+        potential=-m * g * l * sympy.cos(theta),
+        parameters={m: 1, g: 9.81, l: 1},
+        initial={theta: 1.0},
+        name="pendulum",
+    )
+
+
+@pytest.fixture(scope="module")
+def coupled() -> lg.System:
+    x, y = lg.coordinates("x y")
+    return lg.System(
+        kinetic=(x.dot**2 + y.dot**2 + x.dot * y.dot * sympy.cos(x - y)) / 2, potential=x**2 + y**2, name="coupled"
+    )
+
+
+@pytest.mark.parametrize(
+    ("request_", "words"),
+    [
+        ({"method": "taylor"}, "there is no method 'taylor'; the methods are euler, "),
+        ({"method": "dop583"}, "Did you mean 'dop853'?"),
+        ({"method": 4}, "method is 4: give a name, such as 'dop853', or an instance"),
+        ({"method": lg.methods.RungeKutta}, "give a name, such as 'dop853', or an instance"),
+        ({"method": "rk4", "rtol": 1e-3}, "rk4 takes equal steps and cannot aim at a tolerance: give step="),
+        ({"step": 0.1}, "dop853 chooses its steps by itself: give rtol and atol"),
+        ({"method": "rk4", "step": -0.1}, "step = -0.1: give a positive size"),
+        ({"method": "rk4", "step": 0.0}, "step = 0: give a positive size"),
+        ({"method": "rk4", "step": float("nan")}, "step is nan: give a finite number"),
+        ({"method": "rk4", "step": 1e-30}, "step = 1e-30 is below the spacing of floating-point times"),
+        ({"rtol": -1e-3}, "rtol = -0.001: give a finite tolerance that is not negative"),
+        ({"atol": float("nan")}, "atol = nan: give a finite tolerance that is not negative"),
+        ({"t_eval": [0.0, 2.0]}, "t_eval contains 2, outside the time span from 0 to 1"),
+        ({"t_eval": [0.5, 0.2]}, "t_eval is not sorted in the direction of the run: sort it"),
+        ({"t_eval": [0.5, float("nan")]}, "t_eval contains nan, outside the time span"),
+        ({"t_eval": [[0.5]]}, "t_eval has shape (1, 1)"),
+        ({"t_eval": ["a"]}, "give a list of times"),
+        ({"events": [theta]}, "events are not supported yet"),
+        ({"max_steps": 0}, "max_steps = 0: give a whole number of at least 1"),
+        ({"max_steps": 1.5}, "max_steps = 1.5: give a whole number of at least 1"),
+        ({"max_wall": -1.0}, "max_wall = -1.0: give a positive number of seconds"),
+        (
+            {"parameters": {"mm": 2.0}},
+            "'mm' is no parameter of this system; its parameters are m, l and g.",
+        ),
+        ({"parameters": {m: float("nan")}}, "parameter m is nan: give a finite number"),
+        ({"parameters": {m: sympy.Symbol("k")}}, "parameter m is k, an expression with symbols in it"),
+        ({"parameters": {m: 1j}}, "parameter m is 1j, a complex number"),
+        ({"initial": {"thet": 1.0}}, "initial names 'thet', which is no coordinate or velocity of this system"),
+        ({"initial": {theta: "1"}}, "the initial value of theta is '1' (str): give a number"),
+        ({"initial": {theta: float("nan")}}, "the initial value of theta is nan"),
+        ({"initial": [1.0]}, "initial is a list: give a dict such as {theta: 1.0}"),
+        ({"target": "fortran"}, "there is no target 'fortran'; the targets are llvm and numpy"),
+    ],
+)
+def test_a_request_that_cannot_be_meant_is_refused(pendulum: lg.System, request_: dict[str, Any], words: str) -> None:
+    with pytest.raises(lg.StatementError) as refusal:
+        pendulum.run(1.0, **request_)
+    assert words in str(refusal.value)
+
+
+@pytest.mark.parametrize("span", [5.0, (0.0,), (0.0, 1.0, 2.0), "01", (0.0, float("inf")), (0.0, "1")])
+def test_a_span_is_two_times(pendulum: lg.System, span: Any) -> None:
+    with pytest.raises(lg.StatementError, match="time"):
+        lg.integrate(pendulum.compile(), span)
+
+
+def test_a_model_is_asked_for(pendulum: lg.System) -> None:
+    words = "is no compiled model: give system.compile"
+    not_a_model: Any = pendulum
+    with pytest.raises(lg.StatementError, match=words):
+        lg.integrate(not_a_model, (0.0, 1.0))
+    with pytest.raises(lg.StatementError, match=words):
+        lg.flow(not_a_model)
+
+
+def test_a_missing_parameter_is_named() -> None:
+    system = lg.System(kinetic=m * l**2 * theta.dot**2 / 2, potential=-m * g * l * sympy.cos(theta), parameters={m: 1})
+    with pytest.raises(lg.StatementError, match="no value for parameters l and g: give one"):
+        system.run(1.0)
+    assert system.run(1.0, parameters={l: 1.0, "g": 9.81}).status is lg.Status.SUCCESS
+
+
+def test_energies_must_be_finite_at_the_start() -> None:
+    x = lg.coordinate("x")
+    system = lg.System(kinetic=x.dot**2 / 2, potential=1 / x, name="barrier")
+    with pytest.raises(
+        lg.StatementError, match=r"energy of barrier is \w+ at the initial state \(x = 0 and x\.dot = 0\)"
+    ):
+        system.run(1.0)
+
+
+@pytest.mark.parametrize("name", ["verlet", "symplectic-euler"])
+def test_a_splitting_is_refused_where_it_is_not_symplectic(coupled: lg.System, name: str) -> None:
+    with pytest.raises(
+        lg.StatementError, match=r"its mass matrix changes along the motion\. Use rk4, dopri5 or dop853"
+    ):
+        coupled.run(1.0, method=name)
+
+
+def test_no_step_means_a_thousand_and_says_so(pendulum: lg.System) -> None:
+    solution = pendulum.run(2.0, method="rk4")
+    assert solution.steps == 1000 and "No step was given: 1000 equal steps of 0.002 were taken." in solution.message
+
+
+def test_tolerances_of_zero_are_raised_and_said(pendulum: lg.System) -> None:
+    solution = pendulum.run(1.0, rtol=0.0, atol=0.0)
+    assert solution.status is lg.Status.SUCCESS and "was raised to" in solution.message
+    reference = pendulum.run(1.0, rtol=1e-13, atol=1e-15)
+    np.testing.assert_allclose(solution.y[:, -1], reference.y[:, -1], rtol=1e-12)
+
+
+def test_a_flow_is_the_end_of_a_run(pendulum: lg.System) -> None:
+    model = pendulum.compile()
+    for settings in ({"method": "dop853", "rtol": 1e-10}, {"method": "rk4", "step": 0.01}, {"method": "scipy-radau"}):
+        flow = lg.flow(model, **settings)
+        for t0, t1 in ((0.0, 2.0), (1.0, -0.5), (3.0, 3.0)):
+            run = lg.integrate(model, (t0, t1), {theta: 1.0}, **settings) if t0 != t1 else None
+            expected = [1.0, 0.0] if run is None else run.y[:, -1]
+            np.testing.assert_array_equal(flow([1.0, 0.0], t0, t1), expected)
+
+
+def test_a_flow_takes_parameters_and_refuses_in_words(pendulum: lg.System) -> None:
+    flow = lg.flow(pendulum.compile(), method="dop853", rtol=1e-10)
+    slow = flow([1.0, 0.0], 0.0, 1.0, {"g": 1.0})
+    np.testing.assert_array_equal(slow, pendulum.run(1.0, rtol=1e-10, parameters={g: 1.0}).y[:, -1])
+    np.testing.assert_array_equal(flow([1.0, 0.0], 0.0, 1.0), pendulum.run(1.0, rtol=1e-10).y[:, -1])
+    with pytest.raises(lg.StatementError, match=r"y0 has shape \(1,\): give \[q, v\] of shape \(2,\)"):
+        flow([1.0], 0.0, 1.0)
+    with pytest.raises(lg.RunError, match="stopped at t = 0"):
+        flow([float("nan"), 0.0], 0.0, 1.0)
+    with pytest.raises(lg.RunError, match="used up max_steps = 5"):
+        lg.flow(pendulum.compile(), method="rk4", step=0.01, max_steps=5)([1.0, 0.0], 0.0, 1.0)
