@@ -77,7 +77,7 @@ class System:
     def _adopt(self, statement: Statement) -> None:
         self.statement = statement
         self._models: dict[str, Model] = {}
-        check_mass_matrix(self.laws)
+        check_mass_matrix(self.laws, statement)
 
     @classmethod
     def from_statement(cls, statement: Statement) -> System:

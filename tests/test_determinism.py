@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from lagrange.equations.euler_lagrange import euler_lagrange
-from lagrange.machine.llvm.kernel import column_module, scalar_module
 from lagrange.machine.llvm.driver import driver_ir
+from lagrange.machine.llvm.kernel import column_module, scalar_module
 from lagrange.program.catalogue import QUANTITIES, program_of
 from lagrange.trajectory.methods.explicit import DOP853, RK4
 from lagrange.trajectory.methods.explicit import runge_kutta_step as step_of

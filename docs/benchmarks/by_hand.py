@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from measure import FOLDER
 from numpy.typing import NDArray
-from systems import CHAIN_LENGTH, CHAIN_MASS, GRAVITY
+from systems import DOUBLE
 
 FLAGS = ("-O3", "-march=native")
-PARAMETERS = np.array([CHAIN_MASS, CHAIN_MASS, CHAIN_LENGTH, CHAIN_LENGTH, GRAVITY])
+PARAMETERS = np.array(list(DOUBLE.values()))
 """m1, m2, l1, l2, g in the order of the C file."""
 
 

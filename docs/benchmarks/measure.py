@@ -18,7 +18,7 @@ FOLDER = Path(__file__).resolve().parent
 PACKAGES = ("numpy", "scipy", "sympy", "llvmlite", "heyoka")
 
 
-def best(runs: Mapping[str, Callable[[], Any]], *, rounds: int = 60, least: float = 0.002) -> dict[str, float]:
+def best(runs: Mapping[str, Callable[[], Any]], *, rounds: int = 30, least: float = 0.02) -> dict[str, float]:
     """Return the processor seconds of one call of each, the least of many rounds.
 
     The rivals take turns, each called for at least `least` seconds in every round, so that a busy moment of the machine

@@ -183,8 +183,8 @@ def main() -> None:
     page = Page(
         "Whole runs",
         __file__,
-        f"Runs of {T_END:g} s. The double pendulum has masses and lengths of 1, starts at rest at half a radian each, "
-        "and is stated with the Lagrangian of the textbooks. Times are those of whole calls, from the request to the "
+        f"Runs of {T_END:g} s. The double pendulum starts at rest at half a radian each, and "
+        "is stated with the Lagrangian of the textbooks. Times are those of whole calls, from the request to the "
         "`Solution` with every step kept, of a model that is compiled and warm. Errors are the largest of a final "
         "state, against heyoka's Taylor method in 80-bit arithmetic. "
         f"C by hand is `double_pendulum.c`, gcc {' '.join(FLAGS)}.",

@@ -9,6 +9,8 @@ from sympy import cos, sin
 import lagrange as lg
 
 CHAIN_MASS, CHAIN_LENGTH, GRAVITY = 1.0, 1.0, 9.81
+DOUBLE = {"m1": 1.5, "m2": 0.8, "l1": 1.1, "l2": 0.9, "g": GRAVITY}
+"""Parameters of the double pendulum: no ones, which a compiler that knows them would multiply by for nothing."""
 
 
 def chain(n: int, *, relative: bool = False) -> dict[str, Any]:
@@ -40,18 +42,28 @@ def chain(n: int, *, relative: bool = False) -> dict[str, Any]:
     }
 
 
-def double_pendulum(*, cartesian: bool = False) -> lg.System:
-    """Return the double pendulum, with the Lagrangian of the textbooks or as sums of Cartesian velocities."""
-    if cartesian:
-        return lg.System(**chain(2))
+def double_pendulum(*, cartesian: bool = False, numbers: bool = False) -> lg.System:
+    """Return the double pendulum, with the Lagrangian of the textbooks or as sums of Cartesian velocities.
+
+    With `numbers`, the textbook Lagrangian has the values in place of the parameters.
+    """
     a, b = lg.coordinates("theta1 theta2")
-    m1, m2, l1, l2, g = lg.parameters("m1 m2 l1 l2 g")
-    kinetic = (m1 + m2) * l1**2 * a.dot**2 / 2 + m2 * l2**2 * b.dot**2 / 2 + m2 * l1 * l2 * a.dot * b.dot * cos(a - b)
+    symbols = lg.parameters(" ".join(DOUBLE))
+    m1, m2, l1, l2, g = DOUBLE.values() if numbers else symbols
+    if cartesian:
+        upper = (l1 * sin(a), -l1 * cos(a))
+        lower = (upper[0] + l2 * sin(b), upper[1] - l2 * cos(b))
+        kinetic = lg.kinetic_energy(m1, upper) + lg.kinetic_energy(m2, lower)
+        potential = lg.gravity(m1, upper, g) + lg.gravity(m2, lower, g)
+    else:
+        kinetic = (m1 + m2) * l1**2 * a.dot**2 / 2 + m2 * l2**2 * b.dot**2 / 2
+        kinetic += m2 * l1 * l2 * a.dot * b.dot * cos(a - b)
+        potential = -(m1 + m2) * g * l1 * cos(a) - m2 * g * l2 * cos(b)
     return lg.System(
         kinetic=kinetic,
-        potential=-(m1 + m2) * g * l1 * cos(a) - m2 * g * l2 * cos(b),
+        potential=potential,
         coordinates=[a, b],
-        parameters={m1: CHAIN_MASS, m2: CHAIN_MASS, l1: CHAIN_LENGTH, l2: CHAIN_LENGTH, g: GRAVITY},
+        parameters={} if numbers else DOUBLE,
         initial={a: 0.5, b: 0.5},
         name="double pendulum",
     )

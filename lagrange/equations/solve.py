@@ -14,7 +14,7 @@ import sympy
 from sympy import Add, Integer, Mul, Rational, S
 
 from lagrange.equations.monomials import ONE, Terms
-from lagrange.equations.terms import Algebra, TooLargeError
+from lagrange.equations.terms import Algebra, TooLargeError, printable
 
 
 def coupled_blocks(nonzero: Sequence[Sequence[bool]]) -> list[list[int]]:
@@ -79,7 +79,7 @@ def vanishes(matrix: Sequence[Sequence[Any]]) -> bool:
 
 
 def _number(entry: Any) -> Any:
-    value = sympy.N(entry, 50)
+    value = sympy.N(printable(entry), 50)
     return mpmath.mpmathify(value) if value.is_finite else mpmath.mpf(1)
 
 

@@ -40,9 +40,9 @@ class Structure:
         """Return the findings in words, one sentence each."""
         return [
             self._mass(),
-            "The kinetic energy depends on velocities alone, and the potential on coordinates alone."
+            "The momenta depend on velocities alone: all else in the Lagrangian acts as a potential."
             if self.separable
-            else "The Lagrangian is no sum of a part in the velocities alone and a part in the coordinates alone.",
+            else "The momenta depend on more than the velocities: the Lagrangian does not separate.",
             self._energy(),
             *self._momenta(),
         ]

@@ -167,6 +167,11 @@ def _not(part: Any) -> Any:
     return not part if isinstance(part, bool) else part
 
 
+def _either(condition: Any, then: Any, otherwise: Any) -> Any:
+    """Return one condition or the other: what SymPy makes of a Max inside a Max."""
+    return condition if not isinstance(condition, bool) else then if condition else otherwise
+
+
 BOOLEAN: dict[Any, Operation] = {
     sympy.StrictLessThan: libmp.mpf_lt,
     sympy.LessThan: libmp.mpf_le,
@@ -177,6 +182,7 @@ BOOLEAN: dict[Any, Operation] = {
     sympy.And: lambda *parts: _decided(parts, verdict=False),
     sympy.Or: lambda *parts: _decided(parts, verdict=True),
     sympy.Not: _not,
+    sympy.ITE: _either,
 }
 
 

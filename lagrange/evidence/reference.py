@@ -124,7 +124,20 @@ class Reference:
             entries[name] = whole.part(start, length)
             entries[name].check_smooth()
             start += length
+        entries["jacobian"] = self._with_floor(entries["jacobian"], entries["accelerations"], point)
         return self._with_rates(entries, point, columns)
+
+    def _with_floor(self, slopes: Entries, accelerations: Entries, point: Point) -> Entries:
+        """Return the slopes of the accelerations with sizes of at least the accelerations' over the state's.
+
+        Second derivatives of V may cancel where V and its gradient do not: V = sqrt(x**2 + 1) at x = 1e3 pulls with 1
+        and has a slope of 1e-9, which any formula finds as a difference of numbers of 1e-3. The size of the operations
+        in V does not show it. A wrong slope stays visible: it is off by more than 1e-12 of this floor.
+        """
+        extent = max(1.0, *map(abs, (*point.q, *point.v)))
+        n = len(accelerations.size)
+        sizes = [max(size, accelerations.size[k % n] / extent) for k, size in enumerate(slopes.size)]
+        return Entries(slopes.value, slopes.error, sizes)
 
     def _with_rates(self, entries: dict[str, Entries], point: Point, columns: Sequence[int]) -> dict[str, Entries]:
         """Return the entries with the upper halves of rhs and jacobian, which are v and (0 1), put in."""

@@ -9,36 +9,45 @@ from lagrange.errors import StatementError
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.numpy import NumpyMachine
 from lagrange.program.catalogue import program_of
+from lagrange.statement.statement import Statement
 
 POINTS = 8
-"""Random states at which the rank is looked at; one regular point clears a block."""
+"""Random states at which the rank is looked at, beside the stated one; one regular point clears a block."""
 
-RANK = 1e-11
-"""A singular value below this fraction of the largest counts as zero, after scaling every row to a unit diagonal."""
+RANK = 1e-13
+"""A singular value below this fraction of the largest counts as zero once rows and columns are scaled alike."""
 
 
-def check_mass_matrix(equations: Equations) -> None:
-    """Raise StatementError if the mass matrix is singular in every configuration, for any parameters.
+def check_mass_matrix(equations: Equations, statement: Statement | None = None) -> None:
+    """Raise StatementError if the mass matrix is singular at every state and for all parameters that are tried.
 
-    The message names the combination of velocities that has no inertia.
+    These are random ones and, of a statement, its initial state with its default parameters. The message names the
+    combination of velocities that has no inertia.
     """
     names = equations.structure.names
     coupled = [block for block in equations.structure.blocks if len(block) > 1]
     if not coupled:
         return
-    matrices = _random_matrices(equations)
+    matrices = _matrices(equations, statement)
     for block in coupled:
         null = _common_null_vector(matrices[np.ix_(block, block)])
         if null is not None:
             raise StatementError(_no_inertia_along([names[i] for i in block], null))
 
 
-def _random_matrices(equations: Equations) -> FloatArray:
-    """Return the mass matrix at random states and positive parameters, (n, n, POINTS)."""
+def _matrices(equations: Equations, statement: Statement | None) -> FloatArray:
+    """Return the mass matrix at the states that are tried, (n, n, states)."""
     random = np.random.default_rng(7)
     kernel = NumpyMachine().load(program_of("mass_matrix", equations))
     state = random.uniform(0.2, 1.2, (2 * len(equations.q), POINTS))
-    return kernel(random.uniform(0.2, 1.2, POINTS), state, random.uniform(0.5, 2.0, len(equations.parameters)))
+    some = random.uniform(0.5, 2.0, len(equations.parameters))
+    found = [kernel(random.uniform(0.2, 1.2, POINTS), state, some)]
+    if statement is not None:
+        stated = np.array([statement.defaults.get(p, x) for p, x in zip(statement.parameters, some, strict=True)])
+        initial = np.array(statement.initial)[:, None]
+        around = initial + (1e-2 * np.abs(initial) + 1e-3) * random.uniform(-1.0, 1.0, state.shape)
+        found.append(kernel(0.0, np.concatenate([initial, around], axis=1), stated))
+    return np.concatenate(found, axis=2)
 
 
 def _common_null_vector(matrices: FloatArray) -> FloatArray | None:
@@ -48,8 +57,7 @@ def _common_null_vector(matrices: FloatArray) -> FloatArray | None:
         matrix = matrices[:, :, k]
         if not np.isfinite(matrix).all():
             continue
-        diagonal = np.sqrt(np.abs(np.diag(matrix)))
-        scale = np.where(diagonal > 0, diagonal, np.sqrt(np.abs(matrix).max()) or 1.0)
+        scale = _scale(matrix)
         _, values, vectors = np.linalg.svd(matrix / np.outer(scale, scale))
         if values[-1] > RANK * values[0]:
             return None
@@ -57,13 +65,25 @@ def _common_null_vector(matrices: FloatArray) -> FloatArray | None:
     return found
 
 
+def _scale(matrix: FloatArray) -> FloatArray:
+    """Return s such that M_ij / (s_i s_j) has entries of about 1 in every row (Ruiz, RAL-TR-2001-034)."""
+    scale = np.ones(len(matrix))
+    for _ in range(30):
+        largest = np.abs(matrix / np.outer(scale, scale)).max(axis=1)
+        scale = scale * np.sqrt(np.where(largest > 0, largest, 1.0))
+    return scale
+
+
 def _no_inertia_along(names: list[str], null: FloatArray) -> str:
-    null = null / null[np.argmax(np.abs(null))]
+    size = np.abs(null)
+    null = (
+        null / null[np.argmax(size > 0.999 * size.max())]
+    )  # the first of the largest, not what round-off makes of them
     terms = [f"{name}.dot = {x:.4g}" for name, x in zip(names, null, strict=True) if abs(x) > 1e-9]
     if len(terms) == 1:
         return no_inertia(terms[0].partition(".dot")[0])
     return (
-        f"the mass matrix d2L/dv2 is singular in every configuration: a motion with {', '.join(terms)} has no "
-        "inertia, so "
+        f"the mass matrix d2L/dv2 is singular at every state tried: a motion with {', '.join(terms)} has no inertia, "
+        "so "
         "these accelerations are not determined. Add the kinetic energy that is missing, or use fewer coordinates."
     )

@@ -73,6 +73,8 @@ class Model:
         The names are rhs, jacobian, accelerations, mass_matrix, energy, momenta, lagrangian, forces and bias. On the
         llvm target a kernel has an `address` to call from compiled code.
         """
+        if name not in QUANTITIES:
+            raise StatementError(f"{name!r} is no quantity of a model: they are {listing(QUANTITIES)}.")
         if name not in self._kernels:
             self._kernels[name] = self.machine.load(program_of(name, self.equations))
         return self._kernels[name]
@@ -174,7 +176,7 @@ class Model:
         elif np.ndim(t) == 0:
             time = real_number(t, "the time t")
         else:
-            time = _floats(t, "the time t")
+            time = real_array(t, "the time t")
             if q.ndim == 1 or time.shape != q.shape[1:]:
                 raise StatementError(
                     f"t has shape {time.shape} and the states have {q.shape[1:] or 'no'} columns: give one time, or "
@@ -235,7 +237,7 @@ class Model:
         return coordinates, velocities
 
     def _vector(self, value: ArrayLike, what: str) -> FloatArray:
-        array = _floats(value, what)
+        array = real_array(value, what)
         n = self.dimension
         if array.ndim not in (1, 2) or array.shape[0] != n:
             raise StatementError(
@@ -245,7 +247,7 @@ class Model:
         return array
 
     def _checked_state(self, y: ArrayLike) -> State:
-        array = _floats(y, "y")
+        array = real_array(y, "y")
         n = 2 * self.dimension
         if array.ndim not in (1, 2) or array.shape[0] != n:
             raise StatementError(f"y has shape {array.shape}: give [q, v] of shape ({n},), or ({n}, batch).")
@@ -256,7 +258,7 @@ class Model:
         return float(value) if value.ndim == 0 else value
 
 
-def _floats(value: ArrayLike, what: str) -> FloatArray:
+def real_array(value: ArrayLike, what: str) -> FloatArray:
     """Return an array of doubles; complex numbers and symbols are refused."""
     try:
         array = np.asarray(value)

@@ -27,6 +27,8 @@ class NumpyDriver:
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Advance a run; see `Driver`."""
+        if not state.count(S.SLOPE_KNOWN):
+            self._slope = None
         take = self._fixed if self._step.control is None else self._adaptive
         with np.errstate(all="ignore"):
             for _ in range(budget):
@@ -41,7 +43,7 @@ class NumpyDriver:
         end, h = state.reals[S.END], state.reals[S.STEP]
         after = state.reals[S.START] + (state.count(S.STEPS) + 1) * h
         # A last step of a millionth of the step is round-off of the grid and joins the step before it.
-        if (end - (after + 1e-6 * h)) * h <= 0:
+        if (end - (after + 1e-6 * h)) * np.sign(h) <= 0:
             after, h = end, end - state.t
         try:
             y, _ = self._attempt(state, h)
@@ -106,6 +108,7 @@ class NumpyDriver:
             y, *errors = step.function(f, state.t, state.y, h)
             result = (y, errors)
         self._slope = calls[0] if step.starts_with_slope else None
+        state.counts[S.SLOPE_KNOWN] = self._slope is not None
         self._last = calls[-1]
         return result
 
@@ -114,6 +117,7 @@ class NumpyDriver:
         state.y[:] = y
         state.counts[S.STEPS] += 1
         self._slope = self._last if self._step.ends_with_slope else None
+        state.counts[S.SLOPE_KNOWN] = self._slope is not None
         if state.count(S.RECORD):
             row = state.count(S.ROWS)
             times[row] = t

@@ -48,6 +48,13 @@ def energy_drift(
 ) -> EnergyDrift:
     """Return the drift of the energies (N,) of the states y (2n, N) at the times t (N,)."""
     n = model.dimension
+    with np.errstate(all="ignore"):  # a run that left the finite numbers says so itself
+        return _drift(model, energy, t, y, parameters, n)
+
+
+def _drift(
+    model: Model, energy: FloatArray, t: FloatArray, y: FloatArray, parameters: Mapping[Any, float], n: int
+) -> EnergyDrift:
     momenta = np.asarray(model.momenta(y[:n], y[n:], t, parameters))
     exchanged = 0.5 * float(np.max(np.abs(np.sum(y[n:] * momenta, axis=0))))
     first, absolute = float(energy[0]), float(np.max(np.abs(energy - energy[0])))

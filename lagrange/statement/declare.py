@@ -136,7 +136,7 @@ def parameter_values(
                 f"{label!r} is no parameter of this system; its parameters are {listing(by_name)}."
                 + suggestion(label, by_name)
             )
-        values[by_name[label]] = real_number(value, f"parameter {label}")
+        values[by_name[label]] = _within(by_name[label], real_number(value, f"parameter {label}"))
     missing = [symbol.name for symbol in parameters if symbol not in values]
     if missing:
         raise StatementError(
@@ -298,8 +298,11 @@ def _parameter_symbols(
     unify: dict[Any, Any] = {}
     for symbol in [*survey.parameters, *(key for key in given if isinstance(key, sympy.Symbol))]:
         first = symbols.setdefault(check_name(symbol.name, "parameter"), symbol)
-        if symbol != first:
-            unify[symbol] = first
+        if symbol != first and first.is_nonnegative and not symbol.is_nonnegative:
+            symbols[symbol.name] = symbol  # what is not said to be positive may not become so
+    for symbol in survey.parameters:
+        if symbol != symbols[symbol.name]:
+            unify[symbol] = symbols[symbol.name]
     for key in given:
         if isinstance(key, str):
             symbols.setdefault(check_name(key, "parameter"), sympy.Symbol(key, real=True))
@@ -340,5 +343,15 @@ def _defaults(given: Mapping[Any, Any], symbols: dict[str, Any]) -> dict[Any, fl
         if symbol in values:
             raise StatementError(f"parameters gives {symbol.name} twice: give it once.")
         if value is not None:
-            values[symbol] = real_number(value, f"parameter {symbol.name}")
+            values[symbol] = _within(symbol, real_number(value, f"parameter {symbol.name}"))
     return values
+
+
+def _within(symbol: Any, value: float) -> float:
+    """Return the value, or refuse one below zero for a symbol that SymPy was told is positive."""
+    if value < 0 and symbol.is_nonnegative:
+        raise StatementError(
+            f"parameter {symbol.name} is {value:g}, but its symbol was declared positive, and SymPy may have dropped "
+            f"an abs or a root because of it: declare it with lg.parameters('{symbol.name}', positive=False)."
+        )
+    return value

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lagrange.machine.backend import Kernel
+from lagrange.machine.backend import Kernel, SingularMassMatrix
 from lagrange.trajectory.methods.runge_kutta import ButcherTableau
 from lagrange.trajectory.trajectory import FloatArray
 
@@ -27,7 +27,27 @@ class _Steps:
         return np.clip(np.searchsorted(edges, wanted, side="right") - 1, 0, len(edges) - 2)
 
     def slopes(self, t: FloatArray, y: FloatArray) -> FloatArray:
-        return self.kernel(t, y, self.parameters)
+        """Return the right-hand side of each column, NaN where the mass matrix is singular."""
+        try:
+            return self.kernel(t, y, self.parameters)
+        except SingularMassMatrix as error:
+            found = np.full_like(y, np.nan)
+            if error.column is not None and y.shape[1] > 1:
+                others = np.arange(y.shape[1]) != error.column
+                found[:, others] = self.slopes(t[others], y[:, others])
+            return found
+
+
+def _mended(states: FloatArray, theta: FloatArray, y: FloatArray, new: FloatArray, first: FloatArray) -> FloatArray:
+    """Return the states, those that are not finite replaced by the parabola with the slope `first` / h at the start.
+
+    It is the last step of a run that ended for want of a slope: its end is known, and the slope there is not.
+    """
+    bad = ~np.isfinite(states).all(axis=0)
+    if bad.any():
+        theta, y, new, first = theta[bad], y[:, bad], new[:, bad], first[:, bad]
+        states[:, bad] = y + theta * first + theta**2 * (new - y - first)
+    return states
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,13 +72,14 @@ class RungeKuttaPath(_Steps):
             stages.append(self.slopes(t + float(c) * h, y + h * moved))
         theta = (times - t[which]) / h[which]
         path = np.zeros((len(y), len(times)))
-        for weights, k in zip(dense.weights, stages, strict=True):
-            powers = np.zeros_like(theta)
-            for weight in reversed(weights):
-                powers = (powers + float(weight)) * theta
-            path += powers * k[:, which]
-        states: FloatArray = y[:, which] + h[which] * path
-        return states
+        with np.errstate(all="ignore"):
+            for weights, k in zip(dense.weights, stages, strict=True):
+                powers = np.zeros_like(theta)
+                for weight in reversed(weights):
+                    powers = (powers + float(weight)) * theta
+                path += powers * k[:, which]
+            states: FloatArray = y[:, which] + h[which] * path
+        return _mended(states, theta, y[:, which], self.states[used + 1].T[:, which], (h * stages[0])[:, which])
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +95,9 @@ class HermitePath(_Steps):
         y, new = self.states[used].T, self.states[used + 1].T
         h = end - t
         theta = (times - t[which]) / h[which]
-        change = (new - y)[:, which]
         first, last = (h * self.slopes(t, y))[:, which], (h * self.slopes(end, new))[:, which]
-        bend = (1 - 2 * theta) * change + (theta - 1) * first + theta * last
-        states: FloatArray = (1 - theta) * y[:, which] + theta * new[:, which] + theta * (theta - 1) * bend
-        return states
+        y, new = y[:, which], new[:, which]
+        with np.errstate(all="ignore"):
+            bend = (1 - 2 * theta) * (new - y) + (theta - 1) * first + theta * last
+            states: FloatArray = (1 - theta) * y + theta * new + theta * (theta - 1) * bend
+        return _mended(states, theta, y, new, first)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,7 +91,7 @@ def drive(problem: Problem, step: StepProgram, name: str, tolerances: Tolerances
         t=t,
         y=y,
         status=status,
-        message=" ".join([sentence, *tolerances.notes]),
+        message=" ".join([sentence, *tolerances.notes, *_small_state(states, tolerances.atol)]),
         method=name,
         steps=state.count(DriverState.STEPS),
         rejected=state.count(DriverState.REJECTED),
@@ -100,6 +100,17 @@ def drive(problem: Problem, step: StepProgram, name: str, tolerances: Tolerances
         span=(float(times[0]), float(times[-1])),
         dense=path,
     )
+
+
+def _small_state(states: FloatArray, atol: float) -> Iterator[str]:
+    """Yield a note if the whole run stays so small that the absolute tolerance leaves it few digits, or none."""
+    largest = float(np.max(np.abs(states)))
+    if 0 < largest < 1e4 * atol:
+        yield (
+            f"No entry of the state exceeds {largest:.3g}, so atol = {atol:g} leaves it few digits, or none: lower "
+            "atol to "
+            f"some {1e-9 * largest:.0e}."
+        )
 
 
 def _first_look(problem: Problem, name: str, parameters: FloatArray) -> tuple[Status | None, str]:
@@ -137,7 +148,8 @@ def _bursts(problem: Problem, driver: Driver, state: DriverState, rows: _Rows, b
             outcome = driver.advance(state, budget, times, states)
             rows.collect(state, times, states)
             if outcome is Outcome.STEP_TOO_SMALL:
-                return _STATUS[state.cause]
+                # A step may shrink below the spacing of times without a rejection: then no trial step is to blame.
+                return _STATUS[state.cause] if state.count(DriverState.AFTER_REJECT) else Status.STEP_TOO_SMALL
             if outcome is not Outcome.PAUSED:
                 return _STATUS[outcome]
             if time.perf_counter() - before < BURST:

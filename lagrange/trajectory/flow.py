@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Mapping
 from dataclasses import replace
@@ -13,10 +14,11 @@ from numpy.typing import ArrayLike
 from lagrange.errors import RunError, StatementError
 from lagrange.machine.backend import Driver
 from lagrange.machine.driver import DriverState, Outcome
-from lagrange.machine.model import Model
+from lagrange.machine.model import Model, real_array
 from lagrange.program.step import StepProgram
+from lagrange.statement.number import real_number
 from lagrange.trajectory.driver import LARGEST_BURST, Tolerances
-from lagrange.trajectory.integrate import MAX_STEPS
+from lagrange.trajectory.integrate import step_limit
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.trajectory import FloatArray
@@ -58,7 +60,7 @@ class Flow:
         self._integrator = find(DEFAULT if method is None else method)
         self._model = model
         self._dimension = 2 * model.dimension
-        self._max_steps = MAX_STEPS if max_steps is None else int(max_steps)
+        self._max_steps = step_limit(max_steps)
         self._local = _Prepared()
         unit = Problem(
             model=model,
@@ -78,9 +80,11 @@ class Flow:
 
     def __call__(self, y0: ArrayLike, t0: float, t1: float, parameters: Mapping[Any, Any] | None = None) -> FloatArray:
         """Return the state at t1, (2n,). Raises RunError with the sentence of a run that does not get there."""
-        start = np.asarray(y0, dtype=float)
+        start = real_array(y0, "y0")
         if start.shape != (self._dimension,):
             raise StatementError(f"y0 has shape {start.shape}: give [q, v] of shape ({self._dimension},).")
+        if not (type(t0) is type(t1) is float and math.isfinite(t1 - t0)):
+            t0, t1 = real_number(t0, "the first time"), real_number(t1, "the last time")
         if t0 == t1:
             return start.copy()
         if self._step is None:

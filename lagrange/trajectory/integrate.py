@@ -21,6 +21,10 @@ MAX_STEPS = 10_000_000
 """Steps tried, accepted or not, before a run gives up: the states of a double pendulum then take 0.4 GB."""
 
 
+ROUND_OFF = 1e-12
+"""Output times beyond an end by less than this part of the span are that end, written with other round-off."""
+
+
 def integrate(
     model: Model,
     span: Sequence[float],
@@ -62,7 +66,7 @@ def integrate(
         rtol=rtol,
         atol=atol,
         step=step,
-        max_steps=_limit(max_steps),
+        max_steps=step_limit(max_steps),
         max_wall=_wall(max_wall),
         progress=progress,
     )
@@ -95,9 +99,12 @@ def _output_times(t_eval: ArrayLike | None, t0: float, t1: float) -> FloatArray 
         raise StatementError(f"t_eval has shape {times.shape} and entries of type {times.dtype}: give a list of times.")
     times = times.astype(float)
     low, high = min(t0, t1), max(t0, t1)
+    slack = ROUND_OFF * (high - low)
+    times = np.where((times > high) & (times <= high + slack), high, times)
+    times = np.where((times < low) & (times >= low - slack), low, times)
     outside = times[~((times >= low) & (times <= high))]
     if outside.size:
-        raise StatementError(f"t_eval contains {outside[0]:g}, outside the time span from {t0:g} to {t1:g}.")
+        raise StatementError(f"t_eval contains {outside[0]:.17g}, outside the time span from {t0:g} to {t1:g}.")
     direction = 1 if t1 >= t0 else -1
     if (np.diff(times) * direction < 0).any():
         raise StatementError(
@@ -106,7 +113,8 @@ def _output_times(t_eval: ArrayLike | None, t0: float, t1: float) -> FloatArray 
     return times
 
 
-def _limit(max_steps: int | None) -> int:
+def step_limit(max_steps: int | None) -> int:
+    """Return how many steps may be tried. Raises StatementError for what is no whole number of at least 1."""
     if max_steps is None:
         return MAX_STEPS
     number = real_number(max_steps, "max_steps")

@@ -172,12 +172,6 @@ def test_second_derivatives_of_kinks_have_no_delta() -> None:
 # --- names -----------------------------------------------------------------------------------------------------------
 
 
-def test_a_parameter_named_like_an_acceleration_is_a_parameter() -> None:
-    trap = Symbol("x_ddot", real=True)
-    (left,) = left_sides(kinetic=x.dot**2 / 2, potential=trap * x)
-    assert left == x.ddot + trap
-
-
 def test_dynamicsymbols_are_accepted() -> None:
     from sympy.physics.mechanics import dynamicsymbols
 

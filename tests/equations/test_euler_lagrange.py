@@ -41,9 +41,7 @@ class Book:
             for q, v, force in zip(self.q, self.v, statement.forces, strict=True)
         ]
         self.M = sp.Matrix([[sp.diff(p, v) for v in self.v] for p in self.p])
-        along = [
-            sum(sp.diff(p, q) * v for q, v in zip(self.q, self.v, strict=True)) + sp.diff(p, t) for p in self.p
-        ]
+        along = [sum(sp.diff(p, q) * v for q, v in zip(self.q, self.v, strict=True)) + sp.diff(p, t) for p in self.p]
         self.h = [f - drift for f, drift in zip(self.f, along, strict=True)]
         self.energy = sum(v * p for v, p in zip(self.v, self.p, strict=True)) - self.L
 
@@ -91,7 +89,8 @@ def test_the_jacobian_is_the_slope_of_the_right_hand_side(name: str) -> None:
         h = 1e-3
         shift = np.eye(len(point))[i]
         rows = [
-            (compiled.rhs(time, point + d * shift) - compiled.rhs(time, point - d * shift)) / (2 * d) for d in (h, h / 2)
+            (compiled.rhs(time, point + d * shift) - compiled.rhs(time, point - d * shift)) / (2 * d)
+            for d in (h, h / 2)
         ]
         slopes.append((4 * rows[1] - rows[0]) / 3)
     assert exact == pytest.approx(np.array(slopes).T, rel=2e-7, abs=2e-7 * np.abs(exact).max())

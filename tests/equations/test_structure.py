@@ -103,12 +103,12 @@ def test_a_force_that_may_act_briefly(force: Any, brief: bool) -> None:
 def test_sentences_for_the_user() -> None:
     assert structure("Henon-Heiles").sentences() == [
         "The mass matrix is diagonal and constant.",
-        "The kinetic energy depends on velocities alone, and the potential on coordinates alone.",
+        "The momenta depend on velocities alone: all else in the Lagrangian acts as a potential.",
         "Nothing depends on time explicitly and no force acts beside the potential: the energy is conserved.",
     ]
     assert structure("spherical pendulum").sentences() == [
         "The mass matrix is diagonal and changes along the motion.",
-        "The Lagrangian is no sum of a part in the velocities alone and a part in the coordinates alone.",
+        "The momenta depend on more than the velocities: the Lagrangian does not separate.",
         "Nothing depends on time explicitly and no force acts beside the potential: the energy is conserved.",
         "phi does not appear in the Lagrangian: its conjugate momentum is conserved.",
     ]

@@ -45,7 +45,7 @@ def test_a_sum_of_many_terms_through_sympy(shallow: int) -> None:
     (node,) = share_sums(graph, [Translator(graph, dict(zip(symbols, leaves, strict=True)))(expression)])
     assert len(node.args) == TERMS
     slopes = gradient(node, leaves)
-    direction = {leaf: graph.one for leaf in leaves[:3]}
+    direction = dict.fromkeys(leaves[:3], graph.one)
     program = program_of([node, *slopes[:3], tangents([node], direction)(node)], leaves)
     x = np.sqrt(np.arange(448.0) + 1)
     found = NumpyMachine().load(program)(0.0, x, np.empty(0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
@@ -185,7 +186,7 @@ def test_a_gradient_costs_a_small_multiple_of_its_function() -> None:
     graph = Graph()
     symbols = [graph.symbol(f"x{i}", Binding.CONFIGURATION) for i in range(60)]
     total = graph.zero
-    for a, b in zip(symbols, symbols[1:], strict=False):
+    for a, b in itertools.pairwise(symbols):
         total = total + graph.call("sin", a * b) * graph.call("exp", total / 100)
     size = len(reachable([total]))
     assert len(reachable(gradient(total, symbols))) < 5 * size

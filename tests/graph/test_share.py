@@ -29,7 +29,9 @@ def test_values_are_kept(forms: list[Forms]) -> None:
             assert abs(evaluate(new, at) - expected) <= mpmath.mpf(10) ** -25 * (1 + abs(expected))
 
 
-@given(st.lists(st.dictionaries(st.integers(0, 6), st.integers(-4, 4).filter(bool), min_size=2), min_size=2, max_size=7))
+@given(
+    st.lists(st.dictionaries(st.integers(0, 6), st.integers(-4, 4).filter(bool), min_size=2), min_size=2, max_size=7)
+)
 def test_overlapping_sums_with_coefficients_keep_their_values(sums: list[dict[int, int]]) -> None:
     graph = Graph()
     symbols = [graph.symbol(f"x{i}", Binding.CONFIGURATION) for i in range(7)]

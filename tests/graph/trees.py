@@ -134,7 +134,9 @@ CHOICES = (
 """Apart, because SymPy's own Piecewise breaks on constants in a condition."""
 
 
-def expressions(operations: tuple[Operation, ...] = SMOOTH + KINKED + CHOICES, size: int = 8) -> st.SearchStrategy[Forms]:
+def expressions(
+    operations: tuple[Operation, ...] = SMOOTH + KINKED + CHOICES, size: int = 8
+) -> st.SearchStrategy[Forms]:
     """Return random expressions of m (a parameter), x, y (coordinates) and u (a velocity)."""
     fractions = st.fractions(-3, 3, max_denominator=5)
     leaves = st.one_of(st.sampled_from(sorted(SYMBOLS)).map(leaf), fractions.map(constant))

@@ -29,7 +29,9 @@ def solver(target: str, n: int, where: str = "state", extra: int = 1) -> Kernel:
     binding = Binding.PARAMETER if hoisted else Binding.CONFIGURATION
     entries = [graph.symbol(f"a{i}", binding) for i in range(n * (n + 1) // 2)]
     right = [graph.symbol(f"b{i}", Binding.CONFIGURATION) for i in range(n * extra)]
-    lower_rows = [[entries[i * (i + 1) // 2 + j] * (1 if j == i else graph.constant(1)) for j in range(i + 1)] for i in range(n)]
+    lower_rows = [
+        [entries[i * (i + 1) // 2 + j] * (1 if j == i else graph.constant(1)) for j in range(i + 1)] for i in range(n)
+    ]
     if hoisted:  # not the parameters themselves, which are at hand anyway
         lower_rows = [[2 * entry for entry in row] for row in lower_rows]
         right = [2 * entry for entry in right]

@@ -129,7 +129,9 @@ class TestSingular:
         }
         compiled = build(target, **given)
         assert np.isfinite(compiled.accelerations([0.3, 0.5], [0.1, 0.2])).all()
-        with pytest.raises(RunError, match=r"singular at t = 1\.5, x = 0\.3, y = 0: the accelerations are not determined"):
+        with pytest.raises(
+            RunError, match=r"singular at t = 1\.5, x = 0\.3, y = 0: the accelerations are not determined"
+        ):
             compiled.accelerations([0.3, 0.0], [0.1, 0.2], 1.5)
         q = np.array([np.full(12, 0.3), np.linspace(0.1, 1.2, 12)])
         q[1, 9] = 0.0
@@ -263,7 +265,11 @@ class TestRefusals:
     @pytest.mark.parametrize(
         ("q", "v", "message"),
         [
-            ([1.0], [1.0], r"q has shape \(1,\); this system has 2 coordinates \(a0, a1\): give \(2,\), or \(2, batch\)"),
+            (
+                [1.0],
+                [1.0],
+                r"q has shape \(1,\); this system has 2 coordinates \(a0, a1\): give \(2,\), or \(2, batch\)",
+            ),
             ([1.0, 2.0], [1.0], r"v has shape \(1,\); this system has 2 coordinates"),
             (np.ones((2, 2)), np.ones((2, 3)), r"q has shape \(2, 2\) and v \(2, 3\): give both the same shape"),
             (np.ones((2, 2, 2)), np.ones((2, 2, 2)), r"q has shape \(2, 2, 2\)"),
@@ -286,7 +292,7 @@ class TestRefusals:
             pendulums.jacobian(0.0, np.ones(4) * 1j)
 
     def test_ragged_lists(self, pendulums: Model) -> None:
-        with pytest.raises(StatementError, match="q is no array: .* Give rows of one length"):
+        with pytest.raises(StatementError, match=r"q is no array: .* Give rows of one length"):
             pendulums.accelerations([[1, 2], [3]], [[1, 2], [3]])
 
     @pytest.mark.parametrize(
@@ -324,7 +330,9 @@ class TestRefusals:
 
     def test_a_missing_parameter(self) -> None:
         free = build(kinetic=m * r.dot**2 / 2, potential=sp.Symbol("stiffness", real=True) * r**2)
-        with pytest.raises(StatementError, match=r"no value for parameter stiffness: give one, for example parameters="):
+        with pytest.raises(
+            StatementError, match=r"no value for parameter stiffness: give one, for example parameters="
+        ):
             free.accelerations([0.1], [0.0])
         assert free.accelerations([0.1], [0.0], parameters={"stiffness": 2})[0] == pytest.approx(-0.4 / VALUES[m])
 

@@ -116,7 +116,9 @@ def test_a_step_that_does_more_than_combine_is_refused() -> None:
         trace("bad", lambda f, t, y, h: y + h * f(t, y) + 1.0)
     with pytest.raises(StatementError, match="multiplies two vectors: a step is a combination of vectors"):
         trace("bad", lambda f, t, y, h: f(t, y) * y)
-    with pytest.raises(StatementError, match=r"step function bad cannot be compiled: .*multiplies them by numbers made"):
+    with pytest.raises(
+        StatementError, match=r"step function bad cannot be compiled: .*multiplies them by numbers made"
+    ):
         trace("bad", lambda f, t, y, h: np.sin(y))
     with pytest.raises(StatementError, match="step function bad cannot be compiled"):
         trace("bad", lambda f, t, y, h: h + f(t, y))

@@ -77,7 +77,7 @@ REFUSALS: list[tuple[Any, str]] = [
 ]
 
 
-@pytest.mark.parametrize(("call", "message"), REFUSALS, ids=lambda case: str(case)[:30])
+@pytest.mark.parametrize(("call", "message"), REFUSALS, ids=[message[:30] for _, message in REFUSALS])
 def test_refusals(call: Any, message: str) -> None:
     with pytest.raises(StatementError) as caught:
         call()

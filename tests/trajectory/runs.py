@@ -27,7 +27,8 @@ def stepped(name: str, step: float) -> Any:
     method = find(name)
     if isinstance(method, RungeKutta):
         return RungeKutta(replace(method.tableau, error=None), step=step)
-    return replace(find(name), step=step)
+    splitting: Any = method
+    return replace(splitting, step=step)
 
 
 def exact(model: Model, end: float, start: float = 0.0, initial: Any = None, **options: Any) -> Trajectory:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import signal
 import threading
@@ -15,7 +16,10 @@ import sympy as sp
 from lagrange.errors import StatementError
 from lagrange.machine.driver import DriverState, Outcome
 from lagrange.machine.model import Model
+from lagrange.program.step import StepProgram
 from lagrange.statement.coordinate import coordinate, t
+from lagrange.trajectory.driver import Tolerances
+from lagrange.trajectory.flow import Stepped
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.trajectory import Status, Trajectory
@@ -30,7 +34,7 @@ def springs(target: str, n: int) -> Model:
     """Return n masses in a row: a state too long for blocks that are written out."""
     xs = [coordinate(f"x{i}") for i in range(n)]
     ends = [sp.Integer(0), *xs, sp.Integer(0)]
-    stretch = [b - a for a, b in zip(ends, ends[1:], strict=False)]
+    stretch = [b - a for a, b in itertools.pairwise(ends)]
     return build(
         target,
         kinetic=m * sum(q.dot**2 for q in xs) / 2,
@@ -87,7 +91,7 @@ class Counting:
 @pytest.mark.parametrize("name", NAMES)
 def test_the_count_is_honest(name: str) -> None:
     compiled = build("numpy", kinetic=m * x.dot**2 / 2, potential=k * x**4, initial={x: 1.0})
-    counting = Counting(compiled.kernel("rhs"))
+    counting: Any = Counting(compiled.kernel("rhs"))
     compiled._kernels["rhs"] = counting
     found = run(compiled, 1.0, name, **settings(name))
     assert found.evaluations == counting.calls
@@ -126,7 +130,9 @@ def test_equal_steps_are_a_grid_that_ends_at_the_end(target: str, direction: int
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", NAMES)
 def test_a_step_longer_than_the_run(name: str, target: str) -> None:
-    found = run(model("oscillator", target), 0.01, name, **({"step": 5.0} if name in FIXED else {"rtol": 1e-2, "atol": 1.0}))
+    found = run(
+        model("oscillator", target), 0.01, name, **({"step": 5.0} if name in FIXED else {"rtol": 1e-2, "atol": 1.0})
+    )
     assert found.steps == 1 and found.t[-1] == 0.01 and found.status is Status.SUCCESS
 
 
@@ -198,7 +204,9 @@ def test_ctrl_c_keeps_what_there_is(name: str, target: str) -> None:
     run(compiled, 1e-5, name, **options)  # compiled before the key is pressed
     found = interrupted(0.2, lambda: run(compiled, 1e7, name, max_wall=20.0, **options))
     assert found.status is Status.INTERRUPTED
-    assert f"{name} was interrupted at t = " in found.message and "what was computed until then is kept" in found.message
+    assert (
+        f"{name} was interrupted at t = " in found.message and "what was computed until then is kept" in found.message
+    )
     assert 0 < found.t[-1] < 1e7 and len(found.t) > 2
     assert len(found.t) == found.y.shape[1] and (np.diff(found.t) > 0).all() and np.isfinite(found.y).all()
     assert found.wall < 5.0
@@ -289,10 +297,16 @@ def test_a_singularity_in_time(name: str, target: str) -> None:
 def test_progress_is_told_where_the_run_is(target: str) -> None:
     seen: list[float] = []
     run(model("oscillator", target), 5.0, "euler", step=1e-3, progress=seen.append)
-    assert seen == sorted(seen) and 0 < seen[0] and seen[-1] <= 5.0
+    assert seen == sorted(seen) and seen[0] > 0 and seen[-1] <= 5.0
 
 
 # --- the record, and memory -----------------------------------------------------------------------------------
+
+
+def prepared(name: str, problem: Problem) -> tuple[StepProgram, Tolerances]:
+    method = find(name)
+    assert isinstance(method, Stepped)
+    return method.prepare(problem)
 
 
 @pytest.mark.parametrize("name", ["rk4", "verlet", "dopri5", "dop853"])
@@ -301,7 +315,7 @@ def test_a_driver_starts_from_the_state_and_nothing_else(name: str, system: str)
     """Bursts of one step, with the work array and the rows full of NaN before, give what one burst gives."""
     compiled = model(system)
     unit = Problem(compiled, compiled.parameter_values(), 0.0, 0.3, np.array(compiled.statement.initial))
-    step, tolerances = find(name).prepare(unit)  # type: ignore
+    step, tolerances = prepared(name, unit)
     parameters = compiled.parameter_array()
 
     def go(budget: int, poison: bool) -> tuple[Any, DriverState]:
@@ -338,7 +352,7 @@ def dirty(driver: Any, dimension: int) -> None:
 def test_rows_may_be_left_out() -> None:
     compiled = model("oscillator")
     unit = Problem(compiled, compiled.parameter_values(), 0.0, 1.0, np.array([1.0, 0.0]), step=0.1)
-    step, tolerances = find("rk4").prepare(unit)  # type: ignore
+    step, tolerances = prepared("rk4", unit)
     driver = compiled.machine.driver(step, compiled.kernel("rhs"), compiled.parameter_array())
     state = DriverState(0.0, 1.0, unit.y0, 0.0, 0.0, tolerances.step)
     state.counts[DriverState.RECORD] = 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
@@ -48,7 +49,9 @@ def by_scipy(solver: Any) -> Step:
     def step(f: Rhs, t: float, y: Any, h: float) -> Any:
         slopes: list[Any] = []
         for row, c in zip(solver.A, solver.C, strict=True):
-            slopes.append(f(t + c * h, y + h * sum((a * s for a, s in zip(row, slopes, strict=False)), np.zeros(len(y)))))
+            slopes.append(
+                f(t + c * h, y + h * sum((a * s for a, s in zip(row, slopes, strict=False)), np.zeros(len(y))))
+            )
         return y + h * sum(b * s for b, s in zip(solver.B, slopes, strict=True))
 
     return step
@@ -110,7 +113,7 @@ def test_steps_follow_the_formula(name: str, target: str) -> None:
     for i in range(count):
         assert found.t[i] == pytest.approx(0.3 + i * h, abs=1e-15)
         assert found.y[:, i] == pytest.approx(state, rel=1e-12, abs=1e-13)
-        state = FORMULAS[name](lambda t, y: compiled.rhs(t, y), 0.3 + i * h, state, h)
+        state = FORMULAS[name](compiled.rhs, 0.3 + i * h, state, h)
     assert found.y[:, -1] == pytest.approx(state, rel=1e-12)
     assert found.steps == count and found.rejected == 0
 
@@ -162,7 +165,9 @@ def test_the_order_without_round_off(name: str, law: Rhs) -> None:
     with mpmath.workdps(40):
         start = [mpmath.mpf(value) for value in ("0.4", "0.3", "0.2", "-0.5")[: 2 if law is driven_pendulum else 4]]
         ends = []
-        for count in {1: (512, 1024, 2048), 2: (64, 128, 256), 5: (96, 192, 384), 8: (12, 24, 48)}.get(order, (32, 64, 128)):
+        for count in {1: (512, 1024, 2048), 2: (64, 128, 256), 5: (96, 192, 384), 8: (12, 24, 48)}.get(
+            order, (32, 64, 128)
+        ):
             h, y = mpmath.mpf(3) / count, np.array(start)
             n = len(y) // 2
             for i in range(count):
@@ -171,7 +176,7 @@ def test_the_order_without_round_off(name: str, law: Rhs) -> None:
                 else:
                     y = step.function(law, i * h, y, h)
             ends.append(y)
-        changes = [float(max(abs(b - a))) for a, b in zip(ends, ends[1:], strict=False)]
+        changes = [float(max(abs(b - a))) for a, b in itertools.pairwise(ends)]
     assert np.log2(changes[0] / changes[1]) == pytest.approx(order, abs=0.15)
 
 
@@ -199,7 +204,7 @@ def defect(compiled: Model, name: str, h: float, z: Any) -> float:
             for s in (d, d / 2, d / 4, d / 8)
         ]
         for power in (4, 16, 64):
-            rows = [(power * b - a) / (power - 1) for a, b in zip(rows, rows[1:], strict=False)]
+            rows = [(power * b - a) / (power - 1) for a, b in itertools.pairwise(rows)]
         columns.append(rows[0])
     jacobian = np.array(columns).T
     w = np.block([[np.zeros((n, n)), np.eye(n)], [-np.eye(n), np.zeros((n, n))]])
@@ -263,17 +268,16 @@ def test_errors_follow_the_tolerance(name: str) -> None:
         found = run(compiled, 3.0, name, rtol=rtol, atol=rtol)
         errors.append(np.abs(found.y[:, -1] - truth).max())
         assert errors[-1] < 300 * rtol
-    assert all(b < a / 10 for a, b in zip(errors, errors[1:], strict=False))
+    assert all(b < a / 10 for a, b in itertools.pairwise(errors))
 
 
 @pytest.mark.parametrize("name", ADAPTIVE)
 def test_steps_are_in_line_with_scipys(name: str) -> None:
     """The same tableau and the same error norm should need about the same steps."""
     compiled = model("double pendulum")
-    solver = {"dopri5": "RK45", "dop853": "DOP853"}[name]
-    theirs = scipy.integrate.solve_ivp(
-        lambda t, y: compiled.rhs(t, y), (0, 5), compiled.statement.initial, method=solver, rtol=1e-8, atol=1e-10
-    )
+    solver: Any = {"dopri5": "RK45", "dop853": "DOP853"}[name]
+    slope: Any = compiled.rhs
+    theirs = scipy.integrate.solve_ivp(slope, (0, 5), compiled.statement.initial, method=solver, rtol=1e-8, atol=1e-10)
     ours = run(compiled, 5.0, name, rtol=1e-8, atol=1e-10)
     assert ours.steps < 1.25 * (len(theirs.t) - 1)
     assert ours.evaluations < 1.25 * theirs.nfev
@@ -316,9 +320,7 @@ def test_a_splitting_of_ones_own() -> None:
     method = Splitting("yoshida", 4, tuple(zip(kicks, (outer, inner, outer, 0.0), strict=True)), symmetric=True)
     compiled = model("Henon-Heiles")
     truth = exact(compiled, 3.0).y[:, -1]
-    errors = [
-        np.abs(run(compiled, 3.0, method, step=3.0 / n).y[:, -1] - truth).max() for n in (40, 57, 80)
-    ]
+    errors = [np.abs(run(compiled, 3.0, method, step=3.0 / n).y[:, -1] - truth).max() for n in (40, 57, 80)]
     assert -np.polyfit(np.log([40, 57, 80]), np.log(errors), 1)[0] == pytest.approx(4, abs=0.15)
 
 
@@ -327,7 +329,9 @@ def test_a_splitting_of_ones_own() -> None:
 
 def test_a_tableau_of_ones_own() -> None:
     third = Fraction(1, 3)
-    ralston = explicit_method([[0, 0], [2 * third, 0]], [Fraction(1, 4), Fraction(3, 4)], name="ralston", order=2, step=0.01)
+    ralston = explicit_method(
+        [[0, 0], [2 * third, 0]], [Fraction(1, 4), Fraction(3, 4)], name="ralston", order=2, step=0.01
+    )
     compiled = model("cart and pole")
     truth = exact(compiled, 1.0).y[:, -1]
     assert np.abs(run(compiled, 1.0, ralston).y[:, -1] - truth).max() < 1e-3
@@ -369,8 +373,7 @@ class Standing:
     claims = Claims(order=0)
 
     def integrate(self, problem: Any) -> Any:
-        found = RK4(step=abs(problem.t1 - problem.t0)).integrate(problem)
-        return found
+        return RK4(step=abs(problem.t1 - problem.t0)).integrate(problem)
 
 
 def test_anything_with_the_protocol_runs() -> None:

@@ -25,7 +25,8 @@ METHODS = (RK45, RK23, DOP853, Radau, BDF, LSODA)
 class Point:
     """A fake model: one coordinate x with the acceleration a(t, x, v)."""
 
-    statement = SimpleNamespace(names=("x",))
+    statement = SimpleNamespace(names=("x",), parameters=())
+    equations = SimpleNamespace(structure=SimpleNamespace(brief=False))
 
     def __init__(self, acceleration: Any) -> None:
         self.acceleration = acceleration

@@ -64,6 +64,7 @@ class Body:
         self.vectors: dict[int, list[str]] = {}
         self.singular: list[str] = []
         self.slots = saved_slots(program)
+        self.reserved: dict[tuple[str, str, int], str] = {}
         self.inline = not shares_angle_function(program)
         self.by_code = {instruction: i for i, instruction in enumerate(program.instructions)}
 
@@ -165,6 +166,13 @@ class Body:
             result = self.e.value(f"insertelement {self.kind} {result}, double {called}, i64 {lane}")
         return result
 
+    def scratch(self, purpose: str, kind: str, count: int) -> str:
+        """Return memory for one purpose, written before every use: the stack does not hold one for every solve."""
+        key = (purpose, kind, count)
+        if key not in self.reserved:
+            self.reserved[key] = self.e.reserve(kind, count)
+        return self.reserved[key]
+
     def entries(self, factor: Instruction) -> dict[tuple[int, int], str]:
         """Return the entries (i, j), i >= j, that are not identically zero."""
         n = int(factor.data)
@@ -192,7 +200,7 @@ class Body:
         """Write the lower triangle to memory, by columns, lanes innermost, and return its address."""
         n = int(factor.data)
         entries = self.entries(factor)
-        memory = self.e.reserve(self.kind, n * n)
+        memory = self.scratch("matrix", self.kind, n * n)
         for j in range(n):
             for i in range(j, n):
                 self.e.put(entries.get((i, j), number(0.0, self.lanes)), memory, j * n + i, self.kind)
@@ -208,11 +216,11 @@ class Body:
             x = unrolled.solve(self.e, self.lanes, rows, right)
             self.vectors[i] = self.with_pivoting(factor, trusted, x, right)
             return
-        memory = self.e.reserve(self.kind, n)
+        memory = self.scratch("right", self.kind, n)
         for k, value in enumerate(right):
             self.e.put(value, memory, k, self.kind)
         if self.lanes == 1:
-            spare = self.e.reserve("double", n)
+            spare = self.scratch("spare", "double", n)
             factors = self.ref(instruction.args[0])
             self.e.do(f"call void @solve_factored(i64 {n}, ptr {factors}, ptr {memory}, ptr {spare})")
         else:
@@ -221,7 +229,7 @@ class Body:
 
     def solve_lanes(self, n: int, matrix: str, right: str) -> str:
         """Solve the systems of all lanes in memory, and return whether one is singular."""
-        work = self.e.reserve("double", n * n + 2 * n + factor_size(n))
+        work = self.scratch("work", "double", n * n + 2 * n + factor_size(n))
         arguments = f"i64 {n}, i64 {self.lanes}, ptr {matrix}, ptr {right}, ptr {work}"
         return self.e.value(f"icmp ne i32 {self.e.value(f'call i32 @solve_lanes({arguments})')}, 0")
 
@@ -237,7 +245,7 @@ class Body:
         e.do(f"br i1 {every}, label %{name}.join, label %{name}.cold, !prof !0")
         e.label(f"{name}.cold")
         known = dict(self.values)  # what the cold path brings in does not reach the other path
-        matrix, memory = self.matrix(factor), e.reserve(kind, n)
+        matrix, memory = self.matrix(factor), self.scratch("right", kind, n)
         for k, value in enumerate(right):
             e.put(value, memory, k, kind)
         singular = self.solve_lanes(n, matrix, memory)

@@ -29,7 +29,8 @@ def fixed_loop(step: StepProgram, layout: Layout) -> str:
         grid = e.fma(following, h, start)
         # A last step of a millionth of the step is round-off of the grid and joins the step before it.
         left = e.real("fsub", end, e.fma(literal(1e-6), h, grid))
-        beyond = e.real("fcmp ole", e.real("fmul", left, h), literal(0.0))
+        ahead = e.choose(e.real("fcmp olt", h, literal(0.0)), e.value(f"fneg double {left}"), left)
+        beyond = e.real("fcmp ole", ahead, literal(0.0))
         length = e.choose(beyond, e.real("fsub", end, t), h)
         _leave_if(e, attempt(e, step, t, length), Outcome.SINGULAR)
         good = finite(e, layout, [layout.new + i for i in range(step.states)])

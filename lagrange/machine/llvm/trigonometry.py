@@ -52,19 +52,22 @@ def sine_and_cosine(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
         bits = e.value(f"bitcast {truth(lanes)} {near} to i{lanes}")
         every = e.value(f"icmp eq i{lanes} {bits}, -1")
     name = e.fresh("angle")
-    e.do(f"br i1 {every}, label %{name}.near, label %{name}.far, !prof !0")
+    pair = _near(e, x, lanes)
+    before = e.block
+    e.do(f"br i1 {every}, label %{name}.join, label %{name}.far, !prof !0")
     e.label(f"{name}.far")
-    far = _by_library(e, x, lanes)
-    e.jump(f"{name}.join")
-    e.label(f"{name}.near")
-    sine, cosine = _near(e, x, lanes)
+    # A lane that is near keeps its bits, whatever the lanes beside it are.
+    far = [
+        e.value(f"select {truth(lanes)} {near}, {kind} {here}, {kind} {there}")
+        for here, there in zip(pair, _by_library(e, x, lanes), strict=True)
+    ]
     e.jump(f"{name}.join")
     e.label(f"{name}.join")
-    joined = [
-        e.value(f"phi {kind} [ {here}, %{name}.near ], [ {there}, %{name}.far ]")
-        for here, there in zip((sine, cosine), far, strict=True)
-    ]
-    return joined[0], joined[1]
+    sine, cosine = (
+        e.value(f"phi {kind} [ {here}, %{before} ], [ {there}, %{name}.far ]")
+        for here, there in zip(pair, far, strict=True)
+    )
+    return sine, cosine
 
 
 def angle_function(lanes: int) -> str:

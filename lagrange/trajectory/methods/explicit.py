@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -19,11 +19,6 @@ from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 MEMORY = {"dopri5": 0.04}
 """Exponent of the previous error in step control, where its authors use one (Hairer, Norsett, Wanner, IV.2)."""
-
-
-LOOKS = 1000
-"""No adaptive step is longer than this part of the run where a force may act for a moment only (`Structure.brief`): on
-a system at rest it would be stepped over, and there is no error to see it by."""
 
 
 @dataclass(frozen=True)
@@ -52,10 +47,7 @@ class RungeKutta:
     def prepare(self, problem: Problem) -> tuple[StepProgram, Tolerances]:
         """Return the step program, and what the driver is told. Raises StatementError for a setting without a use."""
         chosen = adaptive_settings if self.claims.adaptive else fixed_settings
-        tolerances = chosen(self.name, problem, self.step, self.rtol, self.atol)
-        if problem.model.equations.structure.brief:
-            tolerances = replace(tolerances, longest=abs(problem.t1 - problem.t0) / LOOKS)
-        return runge_kutta_step(self.tableau), tolerances
+        return runge_kutta_step(self.tableau), chosen(self.name, problem, self.step, self.rtol, self.atol)
 
     def integrate(self, problem: Problem) -> Trajectory:
         """Run the problem; see `Integrator`."""

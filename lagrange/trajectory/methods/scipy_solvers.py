@@ -30,6 +30,9 @@ EVALUATIONS_PER_STEP = 5_000
 The most measured was 136: DOP853 started with a step 1e6 times too long, before a right-hand side that turns NaN.
 """
 
+MOST_UNMOVED = 20
+"""Steps in a row that may leave the time where it is; LSODA begins with two of them at t = 1e9."""
+
 _ONE_AT_A_TIME = threading.RLock()
 """Held by the implicit solvers: capturing their warnings changes the state of the whole process."""
 
@@ -148,6 +151,7 @@ class _Run:
     law: _Law
     steps: list[_Step] = field(default_factory=list)
     rejected: int = 0
+    unmoved: int = 0
 
     @property
     def t(self) -> float:
@@ -248,7 +252,8 @@ class ScipyMethod(ABC):
 
     def _start(self, run: _Run, tolerances: Tolerances) -> OdeSolver:
         problem, span = run.problem, abs(run.problem.t1 - run.problem.t0)
-        options: dict[str, Any] = {"rtol": tolerances.rtol, "atol": tolerances.atol, "max_step": self.max_step}
+        longest = min(self.max_step, tolerances.longest)
+        options: dict[str, Any] = {"rtol": tolerances.rtol, "atol": tolerances.atol, "max_step": longest}
         if not self.claims.explicit:
             options["jac"] = run.law.jacobian
         first = None if self.first_step is None else min(self.first_step, span)
@@ -272,7 +277,11 @@ class ScipyMethod(ABC):
             return law.fault or _Fault(Status.STEP_TOO_SMALL if small else Status.DIVERGED, run.t, run.y)
         t, y = float(solver.t), np.array(solver.y, dtype=float)
         if t == run.t:
-            return law.recent_fault() or _Fault(Status.STEP_TOO_SMALL, t, y)  # LSODA would go on for ever
+            # LSODA may begin with some steps that do not move a large time, or go on like that for ever.
+            run.unmoved += 1
+            stuck = run.unmoved > MOST_UNMOVED
+            return law.recent_fault() or (_Fault(Status.STEP_TOO_SMALL, t, y) if stuck else None)
+        run.unmoved = 0
         if not np.isfinite(y).all():
             return law.fault or _Fault(Status.NON_FINITE, t, y)
         if law.fault:

@@ -17,6 +17,10 @@ run at 1e-13, in 0.5 ms; at 1e-6, SciPy's habit of 1e-3 left far behind, it woul
 EQUAL_STEPS = 1000
 """How many equal steps a run is divided into where no step is given; the status card says so."""
 
+LOOKS = 1000
+"""No adaptive step is longer than this part of the run where a force may act for a moment only (`Structure.brief`): a
+system at rest would step over it, and there is no error to see it by."""
+
 LEAST_RTOL = 100 * 2.0**-52
 """A relative tolerance below this asks for more than doubles hold."""
 
@@ -37,7 +41,9 @@ def adaptive_settings(
     notes: tuple[str, ...] = ()
     if relative < LEAST_RTOL:
         notes = (f"rtol = {relative:g} is below round-off and was raised to {LEAST_RTOL:.3g}.",)
-    return Tolerances(rtol=max(relative, LEAST_RTOL), atol=max(absolute, LEAST_ATOL), notes=notes)
+    span = abs(problem.t1 - problem.t0)
+    longest = span / LOOKS if problem.model.equations.structure.brief and span else math.inf
+    return Tolerances(max(relative, LEAST_RTOL), max(absolute, LEAST_ATOL), longest=longest, notes=notes)
 
 
 def fixed_settings(

@@ -1,0 +1,186 @@
+"""Thirteen ways to fool an integrator, on each of ours: every run ends, none in silence, and what it has is kept."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from sympy import Piecewise, sqrt
+
+from lagrange.errors import StatementError
+from lagrange.machine.model import Model
+from lagrange.statement.coordinate import t
+from lagrange.trajectory.trajectory import Status, Trajectory
+from tests.models import TARGETS, build, x
+from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, SPLITTINGS, run
+
+STOPPED = (Status.NON_FINITE, Status.STEP_TOO_SMALL, Status.MAX_STEPS, Status.MAX_WALL)
+RUNGE_KUTTA = tuple(name for name in NAMES if name not in SPLITTINGS)
+
+
+def particle(target: str = "llvm", force: Any = 0, **given: Any) -> Model:
+    """A unit mass on a line."""
+    return build(target, kinetic=x.dot**2 / 2, forces={x: force}, **given)
+
+
+def go(model: Model, end: float, name: str, step: float = 0.01, **options: Any) -> Trajectory:
+    """Run with limits that a sane run never meets, and hold the result to what every result must be."""
+    began = time.perf_counter()
+    if name in FIXED:
+        options["step"] = step
+    found = run(model, end, name, max_wall=5.0, max_steps=300_000, **options)
+    assert time.perf_counter() - began < 10.0
+    assert np.isfinite(found.t).all() and np.isfinite(found.y).all()
+    assert found.y.shape == (2, len(found.t)) and len(found.t) == found.steps + 1
+    assert found.span == (found.t[0], found.t[-1]) and found.t[-1] <= end
+    assert found.message.startswith(name)
+    if found.status is not Status.SUCCESS:
+        assert f"at t = {found.t[-1]:.6g} on the way from 0 to {end:.6g}" in found.message
+        assert found.t[-1] < end
+    return found
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_initial_state_is_not_a_number(name: str) -> None:
+    for bad in (math.nan, math.inf):
+        with pytest.raises(StatementError, match=f"the initial value of x is {bad}: give a finite number"):
+            go(particle(), 1.0, name, initial={x: bad})
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", NAMES)
+def test_not_a_number_from_half_time(name: str, target: str) -> None:
+    found = go(particle(target, Piecewise((-x, t < 0.5)), initial={x: 1.0}), 1.0, name)
+    assert found.status is Status.NON_FINITE
+    assert found.t[-1] == pytest.approx(0.5, abs=0.011) and "x_dot is nan" in found.message
+    assert found.y[0, -1] == pytest.approx(math.cos(found.t[-1]), abs=0.01)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", NAMES)
+def test_infinite_from_half_time(name: str, target: str) -> None:
+    late = Piecewise((0, t < 0.5), (2000, True))
+    found = go(particle(target, sp.exp(late) - 1 - x, initial={x: 1.0}), 1.0, name)
+    assert found.status is Status.NON_FINITE and found.t[-1] == pytest.approx(0.5, abs=0.011)
+    assert "inf" in found.message or "nan" in found.message
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", NAMES)
+def test_a_root_leaves_its_domain(name: str, target: str) -> None:
+    """Towards x = 1 at constant speed, with a force sqrt(1 - x) that ends there."""
+    found = go(particle(target, -sqrt(1 - x) / 100, initial={x.dot: 1.0}), 5.0, name)
+    assert found.status is Status.NON_FINITE
+    assert found.t[-1] == pytest.approx(1.0, abs=0.05) and "sqrt, log or power outside its domain" in found.message
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", RUNGE_KUTTA)
+def test_blow_up_in_finite_time(name: str, target: str) -> None:
+    """v' = v^2 from 1 is 1/(1 - t)."""
+    found = go(particle(target, x.dot**2, initial={x.dot: 1.0}), 2.0, name)
+    assert found.status in (Status.NON_FINITE, Status.STEP_TOO_SMALL)
+    assert found.t[-1] == pytest.approx(1.0, abs=0.2 if name == "euler" else 0.06)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", NAMES)
+def test_a_double_pole(name: str, target: str) -> None:
+    """x'' = 6 x^2 with x = 1/(1 - t)^2."""
+    pole = build(target, kinetic=x.dot**2 / 2, potential=-2 * x**3, initial={x: 1.0, x.dot: 2.0})
+    found = go(pole, 5.0, name)
+    assert found.status in (Status.NON_FINITE, Status.STEP_TOO_SMALL)
+    assert found.t[-1] == pytest.approx(1.0, abs=0.4)
+    if name in ADAPTIVE:
+        assert found.t[-1] == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("events", [[x**3 - x], [x - 1, x - sp.Rational(1001, 1000)], [sp.nan], lambda t, y: math.nan])
+def test_events_are_refused_and_not_ignored(name: str, events: Any) -> None:
+    """Three roots of a cubic, two roots 1e-3 apart, an event that is not a number: none is missed, as none is taken."""
+    with pytest.raises(StatementError, match="events are not supported yet: leave events empty"):
+        go(particle(), 1.0, name, events=events)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("kind", ["sharp", "smooth"])
+def test_a_push_of_a_tenth_of_a_second_within_a_hundred(name: str, target: str, kind: str) -> None:
+    if target == "numpy" and name in FIXED:
+        pytest.skip("the same steps as on llvm, see test_driver, and many of them")
+    push = (
+        Piecewise((10, (t > 50) & (t < 50.1)), (0, True)) if kind == "sharp" else 10 * sp.exp(-(((t - 50) / 0.05) ** 2))
+    )
+    found = go(particle(target, push), 100.0, name, step=5e-3)
+    speed = 1.0 if kind == "sharp" else 10 * 0.05 * math.sqrt(math.pi)
+    assert found.status is Status.SUCCESS
+    assert found.y[1, -1] == pytest.approx(speed, rel=0.06)
+
+
+@pytest.mark.parametrize("name", RUNGE_KUTTA)
+def test_a_stiff_relaxation_oscillation(name: str) -> None:
+    """Van der Pol with mu = 1e5: right, or stopped in words."""
+    stiff = particle(force=1e5 * (1 - x**2) * x.dot - x, initial={x: 2.0})
+    found = go(stiff, 1.0, name, step=1e-3)
+    if found.status is Status.SUCCESS:
+        assert found.y[:, -1] == pytest.approx([2 - 1 / 1.5e5, -1 / 1.5e5], rel=1e-4)
+    else:
+        assert found.status in STOPPED
+    far = go(stiff, 1e4, name, step=1e-3)
+    assert far.status in STOPPED
+    assert far.status is Status.NON_FINITE or "a stiff system wants an implicit method" in far.message
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", ADAPTIVE)
+def test_tolerances_of_zero(name: str, target: str) -> None:
+    found = go(particle(target, -x, initial={x: 1.0}), 3.0, name, rtol=0.0, atol=0.0)
+    assert found.status is Status.SUCCESS
+    assert found.y[:, -1] == pytest.approx([math.cos(3), -math.sin(3)], abs=1e-11)
+    assert "rtol = 0 is below round-off and was raised to 2.22e-14" in found.message
+
+
+@pytest.mark.parametrize("name", ADAPTIVE)
+def test_tolerances_of_zero_from_rest(name: str) -> None:
+    """Every scale of the error is zero at the start."""
+    found = go(particle(force=1 - x), 3.0, name, rtol=0.0, atol=0.0)
+    assert found.status is Status.SUCCESS
+    assert found.y[0, -1] == pytest.approx(1 - math.cos(3), abs=1e-10)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_time_that_no_step_can_pass(name: str) -> None:
+    """Near t = 1e16 the spacing of doubles is two."""
+    if name in FIXED:
+        with pytest.raises(
+            StatementError, match=r"step = 0\.01 is below the spacing of floating-point times near t = 1e\+16"
+        ):
+            run(particle(force=-x), 1e16 + 8, name, start=1e16, step=0.01)
+    else:
+        found = run(particle(force=-x, initial={x: 1.0}), 1e16 + 8, name, start=1e16, max_steps=1000)
+        assert found.status is Status.STEP_TOO_SMALL and "spacing of floating-point times" in found.message
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", NAMES)
+def test_a_force_that_overflows(name: str, target: str) -> None:
+    found = go(particle(target, sp.exp(x), initial={x: 1.0, x.dot: 1.0}), 50.0, name)
+    assert found.status in (Status.NON_FINITE, Status.STEP_TOO_SMALL)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", ADAPTIVE)
+def test_a_kink_is_passed_and_not_stuck_on(name: str, target: str) -> None:
+    """Dry friction changes sign at rest; a ball meets a hard spring."""
+    rubbed = go(particle(target, -sp.sign(x.dot) - x, initial={x: 3.5}), 6.0, name, rtol=1e-6, atol=1e-8)
+    assert rubbed.status in (Status.SUCCESS, *STOPPED)
+    wall = build(target, kinetic=x.dot**2 / 2, potential=x + 5000 * sp.Max(0, -x) ** 2, initial={x: 1.0})
+    bounced = go(wall, 8.0, name)
+    assert bounced.status is Status.SUCCESS
+    energy = wall.energy(bounced.y[:1], bounced.y[1:])
+    assert np.abs(energy - 1).max() < 1e-5

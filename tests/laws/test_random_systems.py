@@ -1,0 +1,202 @@
+"""Laws of mechanics on random systems: what holds for every Lagrangian must hold for what is compiled of any."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from sympy import cos, sin
+
+from lagrange.compiler import machine
+from lagrange.equations.euler_lagrange import euler_lagrange
+from lagrange.machine.model import Model
+from lagrange.statement.coordinate import coordinates, t
+from lagrange.statement.declare import declare
+from lagrange.trajectory.integrate import integrate
+from lagrange.trajectory.trajectory import Status
+
+x, y = coordinates("x y")
+few = settings(max_examples=12, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+some = settings(max_examples=25, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+
+rationals = st.fractions(-2, 2, max_denominator=4).filter(bool).map(lambda f: sp.Rational(f.numerator, f.denominator))
+
+
+def functions_of(*leaves: Any) -> st.SearchStrategy[Any]:
+    """Return random polynomial-trigonometric expressions of the leaves, a few terms each."""
+    factor = st.sampled_from([*leaves, *(leaf**2 for leaf in leaves)])
+    angle = st.builds(lambda c, a, b: c * a + b, rationals, st.sampled_from(leaves), rationals)
+    wave = st.one_of(angle.map(sin), angle.map(cos), st.just(sp.Integer(1)))
+    term = st.builds(lambda c, a, b: c * a * b, rationals, st.one_of(factor, wave), wave)
+    return st.lists(term, min_size=1, max_size=3).map(lambda terms: sp.Add(*terms))
+
+
+def kinetic_energies(*leaves: Any) -> st.SearchStrategy[Any]:
+    """Return quadratic forms in the velocities that are positive wherever they are looked at."""
+    pair = st.tuples(functions_of(*leaves), functions_of(*leaves))
+    return pair.map(lambda g: (x.dot**2 + y.dot**2) / 2 + (g[0] * x.dot + g[1] * y.dot) ** 2 / 8)
+
+
+def potentials(*leaves: Any) -> st.SearchStrategy[Any]:
+    """Return potentials that keep the system near the origin."""
+    return functions_of(*leaves).map(
+        lambda v: v / 4 + sum(leaf**2 for leaf in leaves) + sum(leaf**4 for leaf in leaves)
+    )
+
+
+states = st.lists(st.floats(-0.9, 0.9), min_size=4, max_size=4).map(np.array)
+
+
+def model(target: str = "numpy", **given: Any) -> Model:
+    statement = declare(**{"coordinates": [x, y]} | given)
+    return Model(statement, euler_lagrange(statement), machine(target))
+
+
+def accelerations(of: Model, state: Any, time: float = 0.3) -> Any:
+    return of.accelerations(state[:2], state[2:], time)
+
+
+def rate(f: Any, direction: Any) -> float:
+    """Return the derivative of f(s) along s * direction at s = 0; the error is about 1e-11 of f."""
+    h = 1e-3
+    rows = [(f(d * direction) - f(-d * direction)) / (2 * d) for d in (h, h / 2, h / 4)]
+    rows = [(4 * b - a) / 3 for a, b in itertools.pairwise(rows)]
+    return float((16 * rows[1] - rows[0]) / 15)
+
+
+@some
+@given(kinetic_energies(x, y), potentials(x, y), functions_of(x, y, x.dot, y.dot), functions_of(x, y, x.dot), states)
+def test_the_mass_matrix_is_symmetric_positive_and_solves(T: Any, V: Any, Q: Any, D: Any, state: Any) -> None:
+    compiled = model(kinetic=T, potential=V, forces={x: Q, y: D})
+    M = compiled.mass_matrix(state[:2])
+    assert (M == M.T).all() and np.linalg.eigvalsh(M).min() > 0.99
+    h = compiled.evaluate("bias", state[:2], state[2:])
+    assert M @ accelerations(compiled, state, 0.0) == pytest.approx(h, rel=1e-9, abs=1e-9)
+    p = compiled.momenta(state[:2], state[2:])
+    assert M @ state[2:] == pytest.approx(p, rel=1e-11, abs=1e-11)
+
+
+@some
+@given(kinetic_energies(x, y), potentials(x, y), functions_of(x, y, x.dot, y.dot), functions_of(x.dot, y.dot), states)
+def test_power_is_that_of_the_forces_and_the_dissipation(T: Any, V: Any, Q: Any, D: Any, state: Any) -> None:
+    """dE/dt = Q.v - v.dD/dv."""
+    compiled = model(kinetic=T, potential=V, forces={x: Q, y: x - y.dot}, dissipation=D)
+    flow = compiled.rhs(0.0, state)
+    change = rate(lambda s: compiled.energy(*np.split(state + s, 2)), flow)
+    at = dict(zip((x.dot, y.dot, x, y), np.roll(state, 2), strict=True))
+    rubbing = x.dot * sp.diff(D, x.dot) + y.dot * sp.diff(D, y.dot)
+    power = Q * x.dot + (x - y.dot) * y.dot - rubbing
+    assert change == pytest.approx(float(power.subs(at)), rel=1e-7, abs=1e-6 * (1 + np.abs(flow).max()))
+
+
+@some
+@given(kinetic_energies(x, y), potentials(x, y), functions_of(x, y), rationals, states)
+def test_explicit_time_changes_the_energy_by_its_own_slope(T: Any, V: Any, U: Any, w: Any, state: Any) -> None:
+    """dE/dt = -dL/dt for L = T - V - U cos(w t)."""
+    compiled = model(kinetic=T, potential=V + U * cos(w * t))
+    time = 0.4
+    direction = np.append(compiled.rhs(time, state), 1.0)
+
+    def energy(s: Any) -> float:
+        q, v = np.split(state + s[:4], 2)
+        return float(compiled.energy(q, v, time + s[4]))
+
+    at = dict(zip((x, y), state, strict=False))
+    expected = float((-w * sin(w * time) * U).subs(at))
+    assert rate(energy, direction) == pytest.approx(expected, rel=1e-7, abs=1e-6 * (1 + np.abs(direction).max()))
+
+
+def run(compiled: Model, state: Any, end: float) -> Any:
+    start = dict(zip(("x", "y", "x_dot", "y_dot"), map(float, state), strict=True))
+    found, _ = integrate(compiled, (0.0, end), start, rtol=1e-11, atol=1e-12, max_steps=20_000, method="dop853")
+    assert found.status is Status.SUCCESS, found.message
+    return found
+
+
+@few
+@given(kinetic_energies(x, y), potentials(x, y), functions_of(x, y), states)
+def test_energy_is_conserved_along_a_run(T: Any, V: Any, A: Any, state: Any) -> None:
+    """Also with a potential linear in the velocity, which does no work."""
+    compiled = model("llvm", lagrangian=T - V + A * x.dot - x * y.dot)
+    assert compiled.conservative
+    found = run(compiled, state, 1.0)
+    energy = compiled.energy(found.y[:2], found.y[2:])
+    assert np.abs(energy - energy[0]).max() < 1e-8 * (1 + np.abs(energy[0]))
+
+
+@few
+@given(kinetic_energies(x), potentials(x), functions_of(x), states)
+def test_the_momentum_of_a_cyclic_coordinate_is_conserved(T: Any, V: Any, A: Any, state: Any) -> None:
+    compiled = model("llvm", lagrangian=T - V + A * y.dot, forces={x: -y.dot})
+    assert compiled.equations.structure.cyclic == (1,)
+    found = run(compiled, state, 1.0)
+    momentum = compiled.momenta(found.y[:2], found.y[2:])[1]
+    assert np.abs(momentum - momentum[0]).max() < 1e-8 * (1 + np.abs(momentum[0]))
+
+
+@some
+@given(kinetic_energies(x, y), potentials(x, y), functions_of(x, y, t), states)
+def test_a_total_time_derivative_changes_nothing(T: Any, V: Any, F: Any, state: Any) -> None:
+    """L and L + dF/dt have the same motion."""
+    plain, gauged = model(kinetic=T, potential=V), model(lagrangian=T - V + sp.diff(F, t))
+    expected = accelerations(plain, state)
+    assert accelerations(gauged, state) == pytest.approx(expected, rel=1e-8, abs=1e-8 * (1 + np.abs(expected).max()))
+
+
+@some
+@given(kinetic_energies(x, y), potentials(x, y), rationals, states)
+def test_a_factor_of_the_lagrangian_changes_nothing(T: Any, V: Any, c: Any, state: Any) -> None:
+    expected = accelerations(model(kinetic=T, potential=V), state)
+    assert accelerations(model(lagrangian=c * (T - V)), state) == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+@some
+@given(kinetic_energies(x, y), potentials(x, y), functions_of(x, y, x.dot), functions_of(y, y.dot), states)
+def test_forces_add_up(T: Any, V: Any, P: Any, Q: Any, state: Any) -> None:
+    def with_forces(one: Any, other: Any) -> Any:
+        return accelerations(model(kinetic=T, potential=V, forces={x: one, y: other}), state)
+
+    alone = with_forces(P, 0) + with_forces(0, Q) - with_forces(0, 0)
+    assert with_forces(P, Q) == pytest.approx(alone, rel=1e-8, abs=1e-8)
+
+
+@some
+@given(kinetic_energies(x, y), potentials(x, y), functions_of(x, y, x.dot), states, rationals, rationals)
+def test_the_motion_is_the_same_in_other_coordinates(T: Any, V: Any, P: Any, state: Any, a: Any, b: Any) -> None:
+    """With x = u + a sin(w)/4 and y = w + b u^2/4: L and J^T Q in (u, w) give the accelerations of (x, y)."""
+    u, w = coordinates("u w")
+    places = sp.Matrix([u + a * sin(w) / 4, w + b * u**2 / 4])
+    J = places.jacobian([u, w])
+    rates = J * sp.Matrix([u.dot, w.dot])
+
+    def moved(expression: Any) -> Any:
+        return expression.subs({x.dot: rates[0], y.dot: rates[1]}).subs({x: places[0], y: places[1]})
+
+    forces = J.T * sp.Matrix([moved(P), moved(-y.dot)])
+    there = model(kinetic=moved(T), potential=moved(V), forces={u: forces[0], w: forces[1]}, coordinates=[u, w])
+    here = model(kinetic=T, potential=V, forces={x: P, y: -y.dot})
+    at = {u.dot: state[2], w.dot: state[3], u: state[0], w: state[1]}
+    jacobian = np.array(J.subs(at), dtype=float)
+    if abs(np.linalg.det(jacobian)) < 0.2:
+        return
+    place = np.array(places.subs(at), dtype=float).ravel()
+    velocity = jacobian @ state[2:]
+    inner = accelerations(there, state)
+    bend = np.array([-float(a) * np.sin(state[1]) / 4 * state[3] ** 2, float(b) / 2 * state[2] ** 2])
+    expected = accelerations(here, np.concatenate([place, velocity]))
+    assert jacobian @ inner + bend == pytest.approx(expected, rel=1e-7, abs=1e-7)
+
+
+@few
+@given(kinetic_energies(x, y), potentials(x, y), states)
+def test_time_runs_back_the_way_it_came(T: Any, V: Any, state: Any) -> None:
+    """A Lagrangian even in the velocities is reversible."""
+    compiled = model("llvm", kinetic=T, potential=V)
+    there = run(compiled, state, 1.0).y[:, -1]
+    back = run(compiled, there * [1, 1, -1, -1], 1.0).y[:, -1]
+    assert back * [1, 1, -1, -1] == pytest.approx(state, abs=1e-7)

@@ -1,0 +1,141 @@
+"""The path between steps: as accurate as its method, through every step, at any times, also after an early end."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from lagrange.statement.coordinate import t
+from lagrange.trajectory.trajectory import Status
+from tests.models import TARGETS, build, k, m, model, x, z
+from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, exact, run, stepped
+
+COUNTS = {"euler": (400, 800), "symplectic-euler": (400, 800), "midpoint": (80, 160), "verlet": (80, 160)}
+ORDERS = {"euler": 1, "symplectic-euler": 1, "midpoint": 2, "verlet": 2, "rk4": 4, "dopri5": 5, "dop853": 8}
+"""Of the whole path: that of the method, or one more than that of the path within a step, whichever is less."""
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_path_is_of_the_order_of_its_method(name: str) -> None:
+    compiled = model("Henon-Heiles")
+    times = np.linspace(0.0, 3.0, 203)
+    truth = exact(compiled, 3.0, t_eval=times).y
+    counts = COUNTS.get(name, (12, 24) if name == "dop853" else (24, 48))
+    errors = [np.abs(run(compiled, 3.0, stepped(name, 3.0 / n)).dense(times) - truth).max() for n in counts]
+    assert np.log2(errors[0] / errors[1]) > ORDERS[name] - 0.35, errors
+    ends = [np.abs(run(compiled, 3.0, stepped(name, 3.0 / n)).y[:, -1] - truth[:, -1]).max() for n in counts]
+    assert errors[1] < 30 * ends[1]
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("end", [2.0, -2.0])
+def test_the_path_goes_through_every_step_and_is_continuous(name: str, target: str, end: float) -> None:
+    found = run(model("Henon-Heiles", target), end, name, **({"step": 0.1} if name in FIXED else {}))
+    assert found.dense(found.t) == pytest.approx(found.y, abs=1e-13)
+    inner = found.t[1:-1]
+    near = [found.dense(np.nextafter(inner, side)) for side in (-9.0, 9.0)]
+    assert np.abs(near[0] - near[1]).max() < 1e-12
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_the_path_is_smooth_to_first_order(target: str) -> None:
+    """Hermite paths meet with equal slopes, those of the right-hand side."""
+    compiled = model("Henon-Heiles", target)
+    found = run(compiled, 2.0, "rk4", step=0.1)
+    h = 1e-6
+    for i in range(1, 19):
+        slope = compiled.rhs(found.t[i], found.y[:, i])
+        for sign in (-1, 1):
+            moved = found.dense(np.array([found.t[i] + sign * h]))[:, 0]
+            assert sign * (moved - found.y[:, i]) / h == pytest.approx(slope, abs=1e-5)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_times_in_any_order_and_number(name: str) -> None:
+    found = run(model("Henon-Heiles"), 2.0, name, **({"step": 0.1} if name in FIXED else {}))
+    rng = np.random.default_rng(1)
+    times = rng.uniform(0, 2, 57)
+    together = found.dense(times)
+    assert together.shape == (4, 57)
+    for i in range(0, 57, 8):
+        assert found.dense(times[i : i + 1])[:, 0] == pytest.approx(together[:, i], abs=1e-14)
+    assert found.dense(times[::-1]) == pytest.approx(together[:, ::-1], abs=1e-14)
+    assert found.dense(np.empty(0)).shape == (4, 0)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("end", [2.0, -2.0])
+def test_output_times_are_the_path_at_them(name: str, target: str, end: float) -> None:
+    compiled = model("Henon-Heiles", target)
+    options: dict[str, Any] = {"step": 0.1} if name in FIXED else {}
+    plain = run(compiled, end, name, **options)
+    times = np.sort(np.array([0.0, 0.0, 0.05, 0.1, 0.77, 1.0, 1.99, 2.0])) * np.sign(end)
+    found = run(compiled, end, name, t_eval=times, **options)
+    assert (found.t == times).all() and found.steps == plain.steps
+    assert found.y == pytest.approx(plain.dense(times), abs=1e-14)
+    assert found.y[:, 0] == pytest.approx(plain.y[:, 0], abs=0)
+    assert found.y[:, -1] == pytest.approx(plain.y[:, -1], abs=1e-13)
+    assert found.span == (0.0, end)
+    none = run(compiled, end, name, t_eval=[], **options)
+    assert none.t.shape == (0,) and none.y.shape == (4, 0) and none.status is Status.SUCCESS
+    assert none.dense(times) == pytest.approx(found.y, abs=1e-14)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", NAMES)
+def test_nothing_is_put_out_beyond_the_last_accepted_step(name: str, target: str) -> None:
+    compiled = build(target, kinetic=m * x.dot**2 / 2, forces={x: sp.Piecewise((k, x < 1))}, initial={x.dot: 1.0})
+    options: dict[str, Any] = {"step": 0.01} if name in FIXED else {}
+    times = np.linspace(0, 5, 501)
+    found = run(compiled, 5.0, name, t_eval=times, **options)
+    assert found.status is Status.NON_FINITE
+    last = found.span[1]
+    assert (found.t == times[times <= last]).all() and last < 0.75
+    assert np.isfinite(found.y).all() and found.y.shape == (2, len(found.t))
+    nowhere = run(compiled, 5.0, name, t_eval=[4.0, 5.0], **options)
+    assert nowhere.t.shape == (0,) and nowhere.y.shape == (2, 0)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", ["euler", "midpoint", "rk4"])
+def test_a_run_that_ends_in_a_singular_configuration_has_its_path(name: str, target: str) -> None:
+    """The slope at the end of the last step is the one that there is not."""
+    compiled = build(
+        target,
+        kinetic=m * (x.dot + z.dot) ** 2 / 2 + sp.Max(0, 1 - t) * m * z.dot**2 / 2,
+        potential=k * (x - z) ** 2 / 2,
+        coordinates=[x, z],
+        initial={x: 0.3},
+    )
+    times = np.linspace(0, 5, 251)
+    found = run(compiled, 5.0, name, step=0.05, t_eval=times)
+    assert found.status is Status.SINGULAR and len(found.t) > 40 and np.isfinite(found.y).all()
+    last = np.array([found.span[1]])
+    steps = run(compiled, 5.0, name, step=0.05)
+    assert found.dense(last)[:, 0] == pytest.approx(steps.y[:, -1], rel=1e-12)
+    assert found.dense(steps.t) == pytest.approx(steps.y, rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ADAPTIVE)
+def test_the_path_of_an_adaptive_run_keeps_the_tolerance(name: str) -> None:
+    compiled = model("elastic pendulum")
+    times = np.linspace(0, 5, 301)
+    truth = exact(compiled, 5.0, t_eval=times).y
+    for rtol in (1e-6, 1e-9):
+        found = run(compiled, 5.0, name, rtol=rtol, atol=rtol)
+        ends = np.abs(found.y[:, -1] - truth[:, -1]).max()
+        assert np.abs(found.dense(times) - truth).max() < 300 * max(ends, rtol)
+
+
+def test_time_stands_in_the_path_too() -> None:
+    """Each stage has its own time: the path of a driven system is as good as its steps."""
+    compiled = model("cart and pole")
+    times = np.linspace(0, 2, 101)
+    truth = exact(compiled, 2.0, t_eval=times).y
+    for name, n in (("dopri5", 200), ("dop853", 60)):
+        assert np.abs(run(compiled, 2.0, stepped(name, 2.0 / n)).dense(times) - truth).max() < 1e-8
