@@ -19,7 +19,7 @@ from lagrange.evidence.regularity import check_mass_matrix
 from lagrange.evidence.report import Report
 from lagrange.machine.model import Model
 from lagrange.run import integrate
-from lagrange.show.derivation import equations_latex
+from lagrange.show.derivation import equations_latex, render
 from lagrange.show.solution import Solution
 from lagrange.statement import scene as scene_files
 from lagrange.statement.declare import declare
@@ -132,6 +132,10 @@ class System:
     @cached_property
     def _derivation(self) -> Derivation:
         return derive(self.statement)
+
+    def page(self, style: str = "text") -> str:
+        """Return the derivation as `lagrange derive` prints it: "text", "latex" or "markdown"."""
+        return render(self.derivation(), style, self.structure)
 
     def equations(self) -> list[Any]:
         """Return the Euler-Lagrange equations, a list of SymPy Eq, one per coordinate, as in a textbook."""

@@ -5,11 +5,6 @@ python docs/benchmarks/runs.py
 
 from __future__ import annotations
 
-import os
-
-# Rivals run on one thread, ours does not use more; heyoka reads this when it is imported.
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any
@@ -183,7 +178,7 @@ def main() -> None:
     page = Page(
         "Whole runs",
         __file__,
-        f"Runs of {T_END:g} s. The double pendulum starts at rest at half a radian each, and "
+        f"Runs of {T_END:g} s. The double pendulum starts at rest, both angles at half a radian, and "
         "is stated with the Lagrangian of the textbooks. Times are those of whole calls, from the request to the "
         "`Solution` with every step kept, of a model that is compiled and warm. Errors are the largest of a final "
         "state, against heyoka's Taylor method in 80-bit arithmetic. "

@@ -72,7 +72,12 @@ def integrate(
     )
     integrator = find(DEFAULT if method is None else method)
     _check_start(problem)
-    return integrator.integrate(problem), values
+    trajectory: Any = integrator.integrate(problem)
+    if not isinstance(trajectory, Trajectory):
+        raise StatementError(
+            f"method {integrator.name} returned {trajectory!r}: integrate() must return an lg.Trajectory."
+        )
+    return trajectory, values
 
 
 def _check_start(problem: Problem) -> None:

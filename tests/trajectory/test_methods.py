@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from fractions import Fraction
 from typing import Any
 
 import mpmath
@@ -12,15 +11,13 @@ import numpy as np
 import pytest
 import scipy.integrate
 
-import lagrange.methods
 from lagrange.errors import StatementError
 from lagrange.machine.model import Model
-from lagrange.trajectory.integrator import Claims, Integrator, Problem
-from lagrange.trajectory.methods.explicit import RK4, explicit_method
-from lagrange.trajectory.methods.registry import DEFAULT, find, names, table
-from lagrange.trajectory.methods.splitting import Splitting, SymplecticEuler, Verlet
+from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.methods.registry import find
+from lagrange.trajectory.methods.splitting import Splitting
 from tests.models import TARGETS, build, k, m, model, x, y
-from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, SPLITTINGS, exact, run, stepped
+from tests.trajectory.runs import ADAPTIVE, NAMES, SPLITTINGS, exact, run, stepped
 
 Rhs = Callable[[float, Any], Any]
 Step = Callable[[Rhs, float, Any, float], Any]
@@ -322,80 +319,3 @@ def test_a_splitting_of_ones_own() -> None:
     truth = exact(compiled, 3.0).y[:, -1]
     errors = [np.abs(run(compiled, 3.0, method, step=3.0 / n).y[:, -1] - truth).max() for n in (40, 57, 80)]
     assert -np.polyfit(np.log([40, 57, 80]), np.log(errors), 1)[0] == pytest.approx(4, abs=0.15)
-
-
-# --- a method of one's own, and the registry ------------------------------------------------------------------
-
-
-def test_a_tableau_of_ones_own() -> None:
-    third = Fraction(1, 3)
-    ralston = explicit_method(
-        [[0, 0], [2 * third, 0]], [Fraction(1, 4), Fraction(3, 4)], name="ralston", order=2, step=0.01
-    )
-    compiled = model("cart and pole")
-    truth = exact(compiled, 1.0).y[:, -1]
-    assert np.abs(run(compiled, 1.0, ralston).y[:, -1] - truth).max() < 1e-3
-    with pytest.raises(StatementError, match="The tableau 'ralston' is not what it claims: the condition of order 3"):
-        explicit_method([[0, 0], [2 * third, 0]], [Fraction(1, 4), Fraction(3, 4)], name="ralston", order=3)
-    with pytest.raises(StatementError, match="'implicit' is not explicit: A must be zero on and above its diagonal"):
-        explicit_method([[0.5]], [1], name="implicit", order=1)
-
-
-def test_names_and_instances_are_found() -> None:
-    for name in NAMES:
-        assert find(name).name == name
-    assert find(DEFAULT).claims.adaptive
-    instance = RK4(step=0.1)
-    assert find(instance) is instance
-    assert set(NAMES) <= set(names()) and names() == list(lagrange.methods.names())
-
-
-@pytest.mark.parametrize(
-    ("method", "message"),
-    [
-        ("rk5", r"there is no method 'rk5'; the methods are euler, .* Did you mean 'rk4'\?"),
-        ("", "there is no method ''"),
-        (RK4, r"give a name, such as 'dop853', or an instance, such as lg\.methods\.RK4\(step=0\.01\)"),
-        (Verlet, "give a name"),
-        (4, "method is 4: give a name"),
-        (Splitting, "give a name"),
-    ],
-)
-def test_what_is_no_method_is_refused(method: Any, message: str) -> None:
-    with pytest.raises(StatementError, match=message):
-        run(model("oscillator"), 1.0, method)
-
-
-class Standing:
-    """The least integrator: it stays where it is, and says that it did."""
-
-    name = "standing"
-    claims = Claims(order=0)
-
-    def integrate(self, problem: Any) -> Any:
-        return RK4(step=abs(problem.t1 - problem.t0)).integrate(problem)
-
-
-def test_anything_with_the_protocol_runs() -> None:
-    integrator: Integrator = Standing()
-    assert run(model("oscillator"), 1e-3, integrator).steps == 1
-
-
-def test_the_table_of_methods() -> None:
-    rows = {row.name: row for row in table()}
-    assert set(NAMES) <= set(rows)
-    assert rows["verlet"].claims == Claims(order=2, symplectic=True, symmetric=True)
-    text = str(table())
-    assert text.splitlines()[0].split() == ["method", "order", "step", "symplectic", "symmetric", "A-stable", "about"]
-    assert "rk4" in text and "fixed" in text and "adaptive" in text
-    markdown = table().to_markdown()
-    assert "| `verlet` | 2 | fixed | yes | yes |  |" in markdown
-    assert all(row.about for row in table())
-
-
-@pytest.mark.parametrize("name", [*FIXED, *ADAPTIVE])
-def test_claims_are_those_of_the_step(name: str) -> None:
-    claims = find(name).claims
-    assert claims.adaptive == (name in ADAPTIVE)
-    assert claims.symplectic == isinstance(find(name), Splitting)
-    assert SymplecticEuler().claims.order == 1 and not SymplecticEuler().claims.symmetric

@@ -84,6 +84,10 @@ def find(method: Any) -> Integrator:
                 f"method is {method!r}: give a name, such as '{DEFAULT}', or an instance, such as "
                 "lg.methods.RK4(step=0.01)."
             )
+        if not isinstance(getattr(method, "claims", None), Claims):
+            raise StatementError(
+                f"method {method!r} has no claims: give it a `claims` of type lg.Claims, such as its order."
+            )
         instance: Integrator = method
         return instance
     if method in BUILT_IN:
