@@ -115,6 +115,32 @@ def test_common_factors_and_scales_come_out_of_a_sum(g: Graph) -> None:
     assert (x * y + x * z).kind is Kind.PRODUCT
 
 
+def test_squares_of_sine_and_cosine_join(g: Graph) -> None:
+    x, y = leaves(g, "x y")
+    s, c = g.call("sin", x), g.call("cos", x)
+    assert s**2 + c**2 is g.one
+    assert 3 * s**2 * y + 3 * c**2 * y is 3 * y
+    assert g.sum([(2, s**2), (2, c**2), (1, y)], 5) is y + 7
+    assert g.sum([(1, s**2 * y), (1, c**2 * y), (-1, y)]) is g.zero
+    assert s**2 + g.call("cos", y) ** 2 is not g.one
+
+
+whole = st.integers(-3, 3)
+
+
+@given(st.lists(st.tuples(whole, st.integers(0, 3), st.integers(0, 3), st.integers(0, 2)), max_size=7), whole)
+def test_sums_of_powers_of_sine_and_cosine_keep_their_value(
+    terms: list[tuple[int, int, int, int]], constant: int
+) -> None:
+    graph = Graph()
+    x, y = leaves(graph, "x y")
+    s, c = graph.call("sin", x), graph.call("cos", x)
+    node = graph.sum([(k, s**i * c**j * y**n) for k, i, j, n in terms], constant)
+    a, b = mpmath.mpf("0.7"), mpmath.mpf("1.3")
+    expected = constant + sum(k * mpmath.sin(a) ** i * mpmath.cos(a) ** j * b**n for k, i, j, n in terms)
+    assert abs(evaluate(node, {x: a, y: b}) - expected) < 1e-12
+
+
 def test_a_square_root_of_a_square_is_not_taken_for_the_base(g: Graph) -> None:
     (x,) = leaves(g, "x")
     root = (x**2) ** Fraction(1, 2)

@@ -178,3 +178,9 @@ def test_sine_and_cosine_are_good_to_little_more_than_a_unit(where: str) -> None
                 assert abs(mpmath.mpf(value) - true) <= 1.3 * unit, (angle, value)
     alone = np.array([both(0.0, column, np.empty(0)) for column in columns[:, ::17].T]).T
     assert (alone == found[:, ::17]).all() or where in ("huge", "at the end of the range")
+
+
+def test_sine_of_zero_keeps_its_sign() -> None:
+    for zero in (0.0, -0.0):
+        for found in (run("llvm", "sin", [zero]), run("llvm", "sin", [[zero] * 9])[4]):
+            assert math.copysign(1.0, float(found)) == math.copysign(1.0, zero)

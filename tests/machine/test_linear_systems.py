@@ -248,3 +248,11 @@ def test_both_machines_agree_on_well_conditioned_systems() -> None:
     for n in SIZES:
         a, b = positive(rng, n) + n * np.eye(n), rng.normal(size=n)
         assert solve("llvm", a, b) == pytest.approx(solve("numpy", a, b), rel=1e-12)
+
+
+def test_a_system_too_large_for_lanes() -> None:
+    rng = np.random.default_rng(10)
+    a, b = positive(rng, 70), rng.normal(size=(70, 9))
+    x = solve("llvm", np.repeat(a[:, :, None], 9, axis=2), b)
+    assert backward_error(a, x, b) < 1e-9
+    assert backward_error(a, solve("llvm", a, b[:, 0]), b[:, 0]) < 1e-9

@@ -14,13 +14,16 @@ from sympy import cos, sin
 
 from lagrange.compiler import machine
 from lagrange.equations.euler_lagrange import euler_lagrange
-from lagrange.errors import RunError, StatementError
+from lagrange.errors import RunError
 from lagrange.machine.backend import SingularMassMatrix
+from lagrange.machine.llvm import engine
 from lagrange.machine.model import Model
 from lagrange.program.catalogue import QUANTITIES
-from tests.models import SYSTEMS, TARGETS, VALUES, M, build, k, l, m, model, phi, r, stated, theta, x, y, z
+from tests.models import SYSTEMS, TARGETS, VALUES, M, build, k, l, m, model, phi, stated, theta, x, y
 
 WIDTHS = (1, 2, 7, 8, 9, 64)
+KEPT: list[Any] = []
+"""Code that kernels of other tests call; it must not go away."""
 
 
 def states(name: str, width: int, seed: int = 1) -> tuple[Any, Any, Any]:
@@ -255,94 +258,26 @@ def test_threads_share_a_model(target: str) -> None:
             assert one == pytest.approx(together[:, 0], rel=1e-12)
 
 
-class TestRefusals:
-    """What cannot be meant is refused in the system's own names."""
+def test_threads_compile_their_first_models_at_once() -> None:
+    """The linear solver that they share is compiled once, whoever comes first."""
+    KEPT.append(engine.linear_solver())
+    engine._linear_solver.cache_clear()
+    statements = [SYSTEMS[name]() for name in ("double pendulum", "8 carried masses", "saddle", "coupled masses") * 2]
+    equations = [euler_lagrange(statement) for statement in statements]
+    gate = threading.Barrier(len(statements))
 
-    @pytest.fixture(params=TARGETS)
-    def pendulums(self, request: pytest.FixtureRequest) -> Model:
-        return model("double pendulum", request.param)
+    def work(i: int) -> Any:
+        gate.wait()
+        fresh = Model(statements[i], equations[i], machine("llvm"))
+        n = fresh.dimension
+        return fresh.accelerations(np.full(n, 0.4), np.full(n, 0.2))
 
-    @pytest.mark.parametrize(
-        ("q", "v", "message"),
-        [
-            (
-                [1.0],
-                [1.0],
-                r"q has shape \(1,\); this system has 2 coordinates \(a0, a1\): give \(2,\), or \(2, batch\)",
-            ),
-            ([1.0, 2.0], [1.0], r"v has shape \(1,\); this system has 2 coordinates"),
-            (np.ones((2, 2)), np.ones((2, 3)), r"q has shape \(2, 2\) and v \(2, 3\): give both the same shape"),
-            (np.ones((2, 2, 2)), np.ones((2, 2, 2)), r"q has shape \(2, 2, 2\)"),
-            (1.0, 1.0, r"q has shape \(\)"),
-            ([1j, 0], [0, 0], "q has entries of type complex128: give real numbers"),
-            ([sp.Symbol("a"), 0], [0, 0], "q has entries of type object: give real numbers"),
-            (["a", "b"], [0, 0], "q has entries of type <U1: give real numbers"),
-            ([0, 0], [True, False], "v has entries of type bool: give real numbers"),
-            ([None, 0], [0, 0], "q has entries of type object"),
-        ],
-    )
-    def test_states(self, pendulums: Model, q: Any, v: Any, message: str) -> None:
-        with pytest.raises(StatementError, match=message):
-            pendulums.accelerations(q, v)
-
-    def test_whole_states(self, pendulums: Model) -> None:
-        with pytest.raises(StatementError, match=r"y has shape \(3,\): give \[q, v\] of shape \(4,\), or \(4, batch\)"):
-            pendulums.rhs(0.0, [1, 2, 3])
-        with pytest.raises(StatementError, match="y has entries of type complex128"):
-            pendulums.jacobian(0.0, np.ones(4) * 1j)
-
-    def test_ragged_lists(self, pendulums: Model) -> None:
-        with pytest.raises(StatementError, match=r"q is no array: .* Give rows of one length"):
-            pendulums.accelerations([[1, 2], [3]], [[1, 2], [3]])
-
-    @pytest.mark.parametrize(
-        ("t", "message"),
-        [
-            (np.zeros(3), r"t has shape \(3,\) and the states have \(2,\) columns: give one time, or one per column"),
-            (np.zeros((2, 1)), r"t has shape \(2, 1\)"),
-            (1j, "the time t is 1j, a complex number"),
-            ("now", "the time t is 'now'"),
-            (sp.Symbol("t"), "the time t is t, an expression with symbols in it"),
-            (np.array([1j, 0]), "the time t has entries of type complex128"),
-        ],
-    )
-    def test_times(self, pendulums: Model, t: Any, message: str) -> None:
-        with pytest.raises(StatementError, match=message):
-            pendulums.accelerations(np.ones((2, 2)), np.ones((2, 2)), t)
-
-    def test_a_time_per_column_without_columns(self, pendulums: Model) -> None:
-        with pytest.raises(StatementError, match=r"t has shape \(1,\) and the states have no columns"):
-            pendulums.accelerations(np.ones(2), np.ones(2), [0.0])
-
-    @pytest.mark.parametrize(
-        ("given", "message"),
-        [
-            ({"mass": 1}, "'mass' is no parameter of this system; its parameters are"),
-            ({"m": float("nan")}, "parameter m is nan: give a finite number"),
-            ({"m": 1j}, "parameter m is 1j, a complex number"),
-            ({"m": "heavy"}, r"parameter m is 'heavy' \(str\): give a number"),
-            ({"m": sp.Symbol("a")}, "parameter m is a, an expression with symbols in it"),
-        ],
-    )
-    def test_parameters(self, pendulums: Model, given: Any, message: str) -> None:
-        with pytest.raises(StatementError, match=message):
-            pendulums.accelerations([0.1, 0.2], [0, 0], parameters=given)
-
-    def test_a_missing_parameter(self) -> None:
-        free = build(kinetic=m * r.dot**2 / 2, potential=sp.Symbol("stiffness", real=True) * r**2)
-        with pytest.raises(
-            StatementError, match=r"no value for parameter stiffness: give one, for example parameters="
-        ):
-            free.accelerations([0.1], [0.0])
-        assert free.accelerations([0.1], [0.0], parameters={"stiffness": 2})[0] == pytest.approx(-0.4 / VALUES[m])
-
-    def test_a_quantity_that_is_not_there(self, pendulums: Model) -> None:
-        with pytest.raises(StatementError, match="'speed' is no quantity of a model: they are rhs, jacobian"):
-            pendulums.evaluate("speed", [0, 0], [0, 0])
-
-    def test_an_expression_with_a_stranger(self, pendulums: Model) -> None:
-        with pytest.raises(StatementError, match=r"the expression contains z\(t\), which this system does not have"):
-            pendulums.evaluate_expression(z, 0.0, np.ones((4, 2)))
+    with ThreadPoolExecutor(len(statements)) as pool:
+        found = list(pool.map(work, range(len(statements))))
+    for i, values in enumerate(found):
+        reference = Model(statements[i], equations[i], machine("numpy"))
+        n = reference.dimension
+        assert values == pytest.approx(reference.accelerations(np.full(n, 0.4), np.full(n, 0.2)), rel=1e-10)
 
 
 @pytest.mark.parametrize("target", TARGETS)

@@ -6,7 +6,11 @@ from dataclasses import replace
 from typing import Any
 
 from lagrange.machine.model import Model
+from lagrange.program.step import StepProgram
+from lagrange.trajectory.driver import Tolerances
+from lagrange.trajectory.flow import Stepped
 from lagrange.trajectory.integrate import integrate
+from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.explicit import DOP853, RungeKutta
 from lagrange.trajectory.methods.registry import BUILT_IN, find
 from lagrange.trajectory.trajectory import Trajectory
@@ -34,3 +38,9 @@ def stepped(name: str, step: float) -> Any:
 def exact(model: Model, end: float, start: float = 0.0, initial: Any = None, **options: Any) -> Trajectory:
     """Return a run at the edge of round-off."""
     return run(model, end, DOP853(rtol=3e-14, atol=1e-16), start, initial, **options)
+
+
+def prepared(name: str, problem: Problem) -> tuple[StepProgram, Tolerances]:
+    method = find(name)
+    assert isinstance(method, Stepped)
+    return method.prepare(problem)

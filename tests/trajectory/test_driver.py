@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import os
-import signal
-import threading
-import time
 from typing import Any
 
 import numpy as np
@@ -16,15 +12,12 @@ import sympy as sp
 from lagrange.errors import StatementError
 from lagrange.machine.driver import DriverState, Outcome
 from lagrange.machine.model import Model
-from lagrange.program.step import StepProgram
 from lagrange.statement.coordinate import coordinate, t
-from lagrange.trajectory.driver import Tolerances
-from lagrange.trajectory.flow import Stepped
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.trajectory import Status, Trajectory
-from tests.models import SYSTEMS, TARGETS, M, build, k, m, model, x, y, z
-from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, run
+from tests.models import SYSTEMS, TARGETS, build, k, m, model, x
+from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, prepared, run
 
 SPLITTABLE = ("oscillator", "pendulum", "Henon-Heiles", "coupled masses", "8 carried masses", "saddle")
 OTHERS = ("double pendulum", "chain of 7", "elastic pendulum", "cart and pole", "charge", "blocks", "friction")
@@ -154,159 +147,7 @@ def test_far_from_time_zero(name: str, target: str) -> None:
     assert far.y[:, -1] == pytest.approx(near.y[:, -1], rel=1e-6)
 
 
-# --- ends -----------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", NAMES)
-def test_max_steps(name: str, target: str) -> None:
-    compiled = model("Henon-Heiles", target)
-    options = {"step": 0.01} if name in FIXED else {}
-    whole = run(compiled, 40.0, name, **options)
-    for limit in (1, 3, 70):
-        found = run(compiled, 40.0, name, max_steps=limit, **options)
-        if whole.steps + whole.rejected <= limit:
-            continue
-        assert found.status is Status.MAX_STEPS
-        assert found.steps + found.rejected == limit and len(found.t) == found.steps + 1
-        assert found.message.startswith(f"{name} used up max_steps = {limit} at t = ")
-        assert (found.y == whole.y[:, : found.steps + 1]).all()
-    enough = run(compiled, 40.0, name, max_steps=whole.steps + whole.rejected, **options)
-    assert enough.status is Status.SUCCESS
-
-
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", NAMES)
-def test_max_wall(name: str, target: str) -> None:
-    began = time.perf_counter()
-    options = {"step": 1e-6} if name in FIXED else {}
-    found = run(model("Henon-Heiles", target), 1e7, name, max_wall=0.05, **options)
-    assert found.status is Status.MAX_WALL and "used up max_wall = 0.05 s at t = " in found.message
-    assert time.perf_counter() - began < 3.0
-    assert len(found.t) == found.steps + 1 > 1 and np.isfinite(found.y).all()
-
-
-def interrupted(delay: float, action: Any) -> Any:
-    """Call `action` with Ctrl-C pressed after a moment."""
-    timer = threading.Timer(delay, os.kill, (os.getpid(), signal.SIGINT))
-    timer.start()
-    try:
-        return action()
-    finally:
-        timer.join()
-
-
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", ["rk4", "verlet", "dopri5", "dop853"])
-def test_ctrl_c_keeps_what_there_is(name: str, target: str) -> None:
-    compiled = model("Henon-Heiles", target)
-    options: dict[str, Any] = {"step": 1e-6} if name in FIXED else {}
-    run(compiled, 1e-5, name, **options)  # compiled before the key is pressed
-    found = interrupted(0.2, lambda: run(compiled, 1e7, name, max_wall=20.0, **options))
-    assert found.status is Status.INTERRUPTED
-    assert (
-        f"{name} was interrupted at t = " in found.message and "what was computed until then is kept" in found.message
-    )
-    assert 0 < found.t[-1] < 1e7 and len(found.t) > 2
-    assert len(found.t) == found.y.shape[1] and (np.diff(found.t) > 0).all() and np.isfinite(found.y).all()
-    assert found.wall < 5.0
-    energy = compiled.energy(found.y[:2], found.y[2:])
-    assert np.abs(energy / energy[0] - 1).max() < 1e-3
-
-
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", NAMES)
-def test_a_right_hand_side_that_ends(name: str, target: str) -> None:
-    """The force has no value beyond x = 1: the run stops there, and says which entry is no number."""
-    wall = sp.Piecewise((k, x < 1))
-    compiled = build(target, kinetic=m * x.dot**2 / 2, forces={x: wall}, initial={x.dot: 1.0})
-    found = run(compiled, 5.0, name, **({"step": 0.01} if name in FIXED else {}))
-    assert found.status is Status.NON_FINITE
-    assert np.isfinite(found.y).all() and 0.4 < found.t[-1] < 0.75
-    assert f"{name} stopped at t = " in found.message
-    assert "x_dot is nan" in found.message and "Look for a division by zero" in found.message
-    if name in ADAPTIVE:
-        assert found.y[0, -1] == pytest.approx(1.0, abs=1e-6)
-
-
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", NAMES)
-def test_a_right_hand_side_without_a_start(name: str, target: str) -> None:
-    compiled = build(target, kinetic=m * x.dot**2 / 2, forces={x: sp.sqrt(x - 1)})
-    found = run(compiled, 1.0, name)
-    assert found.status is Status.NON_FINITE and list(found.t) == [0.0] and found.steps == 0
-    assert "the acceleration of x is nan" in found.message
-
-
-def guide(target: str) -> Model:
-    """Nothing resists x at y = 0."""
-    return build(
-        target,
-        kinetic=m * (x.dot * y + y.dot) ** 2 / 2 + M * y.dot**2 / 2,
-        potential=k * y**2 / 2,
-        coordinates=[x, y],
-        initial={x: 0.3, y: 0.5, y.dot: -1.0},
-    )
-
-
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", [name for name in NAMES if not find(name).claims.symplectic])
-def test_a_singular_mass_matrix_at_the_start(name: str, target: str) -> None:
-    found = run(guide(target), 1.0, name, initial={y: 0.0})
-    assert found.status is Status.SINGULAR and found.steps == 0 and list(found.t) == [0.0]
-    assert "the mass matrix is singular at t = 0, x = 0.3, y = 0: the accelerations are not determined" in found.message
-    pole = run(model("spherical pendulum", target), 1.0, name, initial={"theta": 0.0})
-    assert pole.status is Status.SINGULAR and "singular at t = 0, theta = 0, phi = 0" in pole.message
-
-
-def fading(target: str) -> Model:
-    """Two masses that a spring and an inertia between them couple; from t = 1 the second has none of its own."""
-    return build(
-        target,
-        kinetic=m * (x.dot + z.dot) ** 2 / 2 + sp.Max(0, 1 - t) * m * z.dot**2 / 2,
-        potential=k * (x - z) ** 2 / 2,
-        coordinates=[x, z],
-        initial={x: 0.3},
-    )
-
-
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", [name for name in NAMES if not find(name).claims.symplectic])
-def test_a_mass_matrix_that_becomes_singular_on_the_way(name: str, target: str) -> None:
-    found = run(fading(target), 5.0, name, **({"step": 0.01} if name in FIXED else {"rtol": 1e-5, "atol": 1e-5}))
-    assert found.status in (Status.SINGULAR, Status.STEP_TOO_SMALL, Status.NON_FINITE), found.message
-    assert found.t[-1] < 5.0 and np.isfinite(found.y).all() and len(found.t) > 1
-    if name in FIXED:
-        assert found.status is Status.SINGULAR
-        assert f"{name} stopped at t = " in found.message and "the mass matrix is singular" in found.message
-
-
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", ADAPTIVE)
-def test_a_singularity_in_time(name: str, target: str) -> None:
-    """x'' = 6 x^2 blows up like 1/(t* - t)^2."""
-    compiled = build(target, kinetic=x.dot**2 / 2, potential=-2 * x**3, initial={x: 1.0, x.dot: 2.0})
-    found = run(compiled, 5.0, name)
-    assert found.status in (Status.STEP_TOO_SMALL, Status.NON_FINITE)
-    assert found.t[-1] == pytest.approx(1.0, abs=1e-6) and np.isfinite(found.y).all()
-    if found.status is Status.STEP_TOO_SMALL:
-        assert "below the spacing of floating-point times" in found.message
-
-
-@pytest.mark.parametrize("target", TARGETS)
-def test_progress_is_told_where_the_run_is(target: str) -> None:
-    seen: list[float] = []
-    run(model("oscillator", target), 5.0, "euler", step=1e-3, progress=seen.append)
-    assert seen == sorted(seen) and seen[0] > 0 and seen[-1] <= 5.0
-
-
 # --- the record, and memory -----------------------------------------------------------------------------------
-
-
-def prepared(name: str, problem: Problem) -> tuple[StepProgram, Tolerances]:
-    method = find(name)
-    assert isinstance(method, Stepped)
-    return method.prepare(problem)
 
 
 @pytest.mark.parametrize("name", ["rk4", "verlet", "dopri5", "dop853"])
