@@ -134,7 +134,7 @@ def first() -> None:
     now = mark("import llvmlite", now)
     engine.start()
     now = mark("start LLVM", now)
-    engine.linear_solver()
+    engine.linear_solver(often=True)
     now = mark("compile the linear solver", now)
     import lagrange.evidence.quick
 

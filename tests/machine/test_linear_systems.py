@@ -251,8 +251,21 @@ def test_both_machines_agree_on_well_conditioned_systems() -> None:
 
 
 def test_a_system_too_large_for_lanes() -> None:
-    rng = np.random.default_rng(10)
-    a, b = positive(rng, 70), rng.normal(size=(70, 9))
-    x = solve("llvm", np.repeat(a[:, :, None], 9, axis=2), b)
-    assert backward_error(a, x, b) < 1e-9
-    assert backward_error(a, solve("llvm", a, b[:, 0]), b[:, 0]) < 1e-9
+    """Columns one by one: the working memory of many lanes would not fit the stack."""
+    n = 66
+    graph = Graph()
+    diagonal, other, right, _ = symbols = [graph.symbol(name, Binding.CONFIGURATION) for name in "abcd"]
+    matrix = [[diagonal if i == j else other for j in range(i + 1)] for i in range(n)]
+    outputs = graph.solve(matrix, [right, *[graph.one] * (n - 1)])
+    program = lower("large", outputs, (n,), symbols, graph.symbol("t", Binding.TIME), [])
+    kernel = machine("llvm").load(program)
+    states = np.array([np.linspace(3, 4, 9), np.linspace(0.5, 0.9, 9), np.linspace(-1, 1, 9), np.zeros(9)])
+    found = kernel(0.0, states, np.empty(0))
+    for k, (a, b, c, _) in enumerate(states.T):
+        x = np.linalg.solve(np.full((n, n), b) + (a - b) * np.eye(n), np.append(c, np.ones(n - 1)))
+        assert found[:, k] == pytest.approx(x, rel=1e-10)
+        assert kernel(0.0, states[:, k], np.empty(0)) == pytest.approx(x, rel=1e-10)
+    states[0, 5] = states[1, 5] = 1.0
+    with pytest.raises(SingularMassMatrix) as raised:
+        kernel(0.0, states, np.empty(0))
+    assert raised.value.column == 5

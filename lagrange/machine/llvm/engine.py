@@ -27,10 +27,11 @@ scene comes near it."""
 class Module:
     """Machine code with the functions of one IR text; it owns the memory that its addresses point to."""
 
-    def __init__(self, text: str, *, optimize: bool = False) -> None:
+    def __init__(self, text: str, *, optimize: bool = False, hurry: bool = False) -> None:
+        """Compile a text: with LLVM's passes over loops to `optimize`, or in a `hurry`, for code that runs rarely."""
         parsed = llvm.parse_assembly(text)
         parsed.verify()
-        machine = _target_machine(0 if len(text) > HUGE else 2)
+        machine = _target_machine(0 if hurry or len(text) > HUGE else 2)
         if optimize:
             _optimize(parsed, machine)
         self.ir = text
@@ -46,9 +47,10 @@ class Module:
 
 
 def _optimize(module: Any, machine: Any) -> None:
-    """Run LLVM's passes over loops and memory. Loops stay loops: unrolling them took most of the compile time."""
+    """Run LLVM's passes over loops and memory. Loops stay as they are: rewriting them took most of the compile time."""
     options = llvm.create_pipeline_tuning_options(speed_level=2)
     options.loop_unrolling = False
+    options.loop_vectorization = options.loop_interleaving = False
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
 
@@ -72,17 +74,21 @@ def start() -> None:
         llvm.load_library_permanently(mathematics)
 
 
-def linear_solver() -> Module:
-    """Compile the linear solver, once per process and only for models that need it."""
+def linear_solver(*, often: bool) -> None:
+    """Compile the linear solver, once per process; in a hurry for models that need it at rare states only.
+
+    With LLVM's passes it takes 150 ms, more than all the rest of a small model; without them 5 ms.
+    """
     # Two threads that compile their first models at once would register the symbols of a module that then goes away.
     with _LOADING:
-        return _linear_solver()
+        if often or not _linear_solver.cache_info().currsize:
+            _linear_solver(often)
 
 
 @cache
-def _linear_solver() -> Module:
+def _linear_solver(often: bool) -> Module:
     start()
-    module = Module(library(), optimize=True)
+    module = Module(library(), optimize=often, hurry=not often)
     for name in ("factor_dense", "solve_factored", "solve_lanes"):
         llvm.add_symbol(name, module.address(name))
     return module

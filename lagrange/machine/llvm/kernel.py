@@ -24,6 +24,8 @@ MANY_ZEROS = 32
 
 METADATA = '!0 = !{!"branch_weights", i32 2000, i32 1}'
 ATTRIBUTES = 'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" }'
+QUICKLY = "attributes #1 = { nounwind noinline optnone }"
+"""What runs once per set of parameters is compiled quickly, not well."""
 
 
 def scalar_module(program: Program) -> str:
@@ -55,7 +57,7 @@ def _module(program: Program, functions: list[str], lanes: int, vector_names: di
     ]
     if shares_angle_function(program):
         functions = [angle_function(lanes), *functions]
-    return "\n".join([*lines, "", *functions, METADATA, ATTRIBUTES, ""])
+    return "\n".join([*lines, "", *functions, METADATA, ATTRIBUTES, QUICKLY, ""])
 
 
 def _prepare(program: Program) -> str:
@@ -77,7 +79,7 @@ def _prepare(program: Program) -> str:
             value = body.values[ref]
             e.put(e.value(f"uitofp i1 {value} to double") if op in BOOLEAN else value, "%p", slot)
     e.do(f"ret i32 {body.status()}")
-    return e.function(f"define i32 @{program.name}_prepare(ptr noalias %p) #0")
+    return e.function(f"define i32 @{program.name}_prepare(ptr noalias %p) #1")
 
 
 def _scalar(program: Program) -> str:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
-from lagrange.machine.llvm.body import prepared_size
+from lagrange.machine.llvm.body import UNROLLED, prepared_size
 from lagrange.machine.llvm.engine import Module, lanes, linear_solver, vector_routines
 from lagrange.machine.llvm.kernel import column_module, scalar_module
 from lagrange.machine.llvm.memory import address
@@ -24,13 +24,15 @@ class LlvmKernel:
 
     def __init__(self, program: Program) -> None:
         self._program = program
-        if any(instruction.op in ("factor", "solve") for instruction in program.instructions):
-            linear_solver()
+        orders = [instruction.data for instruction in program.instructions if instruction.op in ("factor", "solve")]
+        if orders:
+            linear_solver(often=max(orders) > UNROLLED)
         self._module = Module(scalar_module(program))
         self._address = self._module.address(program.name)
         self._prepare = _PREPARE(self._module.address(f"{program.name}_prepare"))
         self._scalar = _SCALAR(self.address)
         self._prepared: tuple[bytes, FloatArray] | None = None
+        self._size = prepared_size(program) + 1
 
     @property
     def program(self) -> Program:
@@ -56,7 +58,7 @@ class LlvmKernel:
         known = self._prepared
         if known is not None and known[0] == key:
             return known[1]
-        prepared = np.zeros(prepared_size(self._program) + 1)
+        prepared = np.zeros(self._size)
         prepared[: len(parameters)] = parameters
         if self._prepare(address(prepared)):
             raise SingularMassMatrix
