@@ -85,7 +85,7 @@ class Node:
         return self.graph.sum(((-1, self), (1, self.graph.node(other))))
 
     def __mul__(self, other: Node | Exact | float) -> Node:
-        if not isinstance(other, (Node, float, Rational)):
+        if not isinstance(other, (Node, int, float, Rational)):
             return NotImplemented  # so that a step function may write h * f(t, y) as well as f(t, y) * h
         return self.graph.product((self, self.graph.node(other)))
 
