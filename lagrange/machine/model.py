@@ -120,8 +120,6 @@ class Model:
         parameters: Parameters = None,
     ) -> Any:
         """Return any quantity that `kernel` knows, in its shape, with the batch as the last axis."""
-        if name not in QUANTITIES:
-            raise StatementError(f"{name!r} is no quantity of a model: they are {', '.join(QUANTITIES)}.")
         return self._scalar(self._run(name, t, self._state(q, v), parameters))
 
     def evaluate_expression(
