@@ -12,10 +12,13 @@ if TYPE_CHECKING:
     from lagrange import methods as methods
     from lagrange.errors import LagrangeError, RunError, SceneError, StatementError
     from lagrange.machine.model import Model
+    from lagrange.racing import race
     from lagrange.run import flow, integrate
+    from lagrange.show.race import Race
     from lagrange.show.solution import Solution
     from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
     from lagrange.statement.energy import gravity, kinetic_energy, rotational_energy, spring
+    from lagrange.statement.event import Event, event
     from lagrange.system import System, scene, scenes
     from lagrange.trajectory.integrator import Claims, Integrator, Problem
     from lagrange.trajectory.trajectory import Status, Trajectory
@@ -25,10 +28,13 @@ __version__ = "0.1.0"
 _HOMES = {
     "lagrange.errors": ("LagrangeError", "RunError", "SceneError", "StatementError"),
     "lagrange.machine.model": ("Model",),
+    "lagrange.racing": ("race",),
     "lagrange.run": ("flow", "integrate"),
+    "lagrange.show.race": ("Race",),
     "lagrange.show.solution": ("Solution",),
     "lagrange.statement.coordinate": ("coordinate", "coordinates", "parameters", "t"),
     "lagrange.statement.energy": ("gravity", "kinetic_energy", "rotational_energy", "spring"),
+    "lagrange.statement.event": ("Event", "event"),
     "lagrange.system": ("System", "scene", "scenes"),
     "lagrange.trajectory.integrator": ("Claims", "Integrator", "Problem"),
     "lagrange.trajectory.trajectory": ("Status", "Trajectory"),
@@ -38,10 +44,12 @@ _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
     "Claims",
+    "Event",
     "Integrator",
     "LagrangeError",
     "Model",
     "Problem",
+    "Race",
     "RunError",
     "SceneError",
     "Solution",
@@ -52,12 +60,14 @@ __all__ = [
     "__version__",
     "coordinate",
     "coordinates",
+    "event",
     "flow",
     "gravity",
     "integrate",
     "kinetic_energy",
     "methods",
     "parameters",
+    "race",
     "rotational_energy",
     "scene",
     "scenes",

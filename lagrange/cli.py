@@ -1,4 +1,4 @@
-"""The command line: run, derive, check, list and start scenes.
+"""The command line: run, derive, check, race, list and start scenes.
 
 Only argparse is imported before the request is understood, so that help is there at once.
 """
@@ -13,14 +13,28 @@ import re
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from math import pi
 from pathlib import Path
 from tomllib import loads
 from typing import TYPE_CHECKING, Any
 
 import lagrange as lg
+from lagrange.arguments import (
+    DONE,
+    FAILED,
+    INTERRUPTED,
+    WRONG,
+    Answer,
+    add_command,
+    add_json,
+    add_start,
+    assignments,
+    count,
+    folder,
+    given_number,
+    load_scene,
+)
 from lagrange.errors import LagrangeError, StatementError, listing
+from lagrange.race_command import add_race
 from lagrange.show.derivation import FORMATS, render
 from lagrange.show.files import write_atomically
 from lagrange.show.names import plain_text
@@ -28,14 +42,8 @@ from lagrange.show.table import text_table
 
 if TYPE_CHECKING:
     from lagrange.show.solution import Solution
-    from lagrange.system import System
-
-DONE, FAILED, WRONG, INTERRUPTED = 0, 1, 2, 130
 
 SCENES = Path(__file__).resolve().parent / "scenes"
-
-NUMBER = re.compile(r"([+-]?)(?:([0-9.]+(?:[eE][+-]?[0-9]+)?)\*?)?(pi|deg)?(?:/([0-9.]+))?")
-"""A number, with pi or deg behind it and a divisor if need be: 9.81, -1e-3, 30deg, pi/6, 2*pi/3."""
 
 STARTER = """\
 # A scene: one mechanical system, stated by its energies. Run it with:  lagrange run {file}
@@ -82,15 +90,6 @@ t_end = 10.0
 """
 
 
-@dataclass(frozen=True)
-class Answer:
-    """What a command found: its exit code, what people read, and the same as data."""
-
-    code: int
-    text: str
-    data: Any = None
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Do what the arguments ask for and return the exit code: 0 done, 1 failed, 2 wrong request, 130 interrupted."""
     try:
@@ -119,31 +118,26 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--version", action="version", version=f"lagrange {lg.__version__}")
     commands = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
     _add_run(commands)
-    derive_ = _command(commands, "derive", derive, "print Lagrangian, momenta, equations of motion and accelerations")
+    derive_ = add_command(
+        commands, "derive", derive, "print Lagrangian, momenta, equations of motion and accelerations"
+    )
     derive_.add_argument("--format", choices=FORMATS, default="text", help="language of the page (default: text)")
-    check_ = _command(commands, "check", check, "compare everything compiled with numerical differentiation of T and V")
-    _add_json(check_)
-    list_ = _command(commands, "scenes", scenes, "list the library of scenes", takes_scene=False)
-    _add_json(list_)
-    new_ = _command(commands, "new", new, "write a commented scene file to start from", takes_scene=False)
+    check_ = add_command(
+        commands, "check", check, "compare everything compiled with numerical differentiation of T and V"
+    )
+    add_json(check_)
+    add_race(commands)
+    list_ = add_command(commands, "scenes", scenes, "list the library of scenes", takes_scene=False)
+    add_json(list_)
+    new_ = add_command(commands, "new", new, "write a commented scene file to start from", takes_scene=False)
     new_.add_argument("name", metavar="NAME", help="name of the scene; the file is NAME.toml")
     new_.add_argument("--out", metavar="DIR", default=".", help="folder to write it to (default: this one)")
     return top
 
 
 def _add_run(commands: Any) -> None:
-    run_ = _command(commands, "run", run, "compile a scene, run it and print how it went")
-    run_.add_argument(
-        "--set", metavar="NAME=VALUE", action="append", default=[], help="value of a parameter, such as m=2"
-    )
-    run_.add_argument(
-        "--initial",
-        metavar="NAME=VALUE",
-        action="append",
-        default=[],
-        help="initial value, such as theta=30deg or theta_dot=1",
-    )
-    run_.add_argument("--t-end", metavar="T", help="time at which the run ends")
+    run_ = add_command(commands, "run", run, "compile a scene, run it and print how it went")
+    add_start(run_)
     run_.add_argument("--method", metavar="NAME", help="integrator, such as dop853 or rk4")
     run_.add_argument("--rtol", metavar="X", help="relative tolerance of an adaptive method")
     run_.add_argument("--atol", metavar="X", help="absolute tolerance of an adaptive method")
@@ -153,31 +147,17 @@ def _add_run(commands: Any) -> None:
         "--out", metavar="DIR", help="folder for trajectory.csv, trajectory.png and card.json; made if need be"
     )
     run_.add_argument("--no-check", action="store_true", help="skip the check of the compiled equations before the run")
-    _add_json(run_)
-
-
-def _command(commands: Any, name: str, function: Any, summary: str, *, takes_scene: bool = True) -> Any:
-    command = commands.add_parser(
-        name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.", allow_abbrev=False
-    )
-    command.set_defaults(command=function)
-    if takes_scene:
-        command.add_argument("scene", metavar="SCENE", help="a scene file, or a name that `lagrange scenes` lists")
-    return command
-
-
-def _add_json(command: Any) -> None:
-    command.add_argument("--json", action="store_true", help="print one JSON document instead of text")
+    add_json(run_)
 
 
 def run(request: argparse.Namespace) -> Answer:
     """Run a scene, write what came of it, and return its status card."""
-    initial, parameters = _assignments("--initial", request.initial), _assignments("--set", request.set)
-    t_end = _given("--t-end", request.t_end)
-    rtol, atol, step = (_given(f"--{key}", getattr(request, key)) for key in ("rtol", "atol", "step"))
-    points = _count("--points", request.points)
-    system = _load(request.scene)
-    folder = _folder(request.out) if request.out is not None else None
+    initial, parameters = assignments("--initial", request.initial), assignments("--set", request.set)
+    t_end = given_number("--t-end", request.t_end)
+    rtol, atol, step = (given_number(f"--{key}", getattr(request, key)) for key in ("rtol", "atol", "step"))
+    points = count("--points", request.points)
+    system = load_scene(request.scene)
+    target = folder(request.out) if request.out is not None else None
     solution = system.run(
         t_end,
         initial,
@@ -190,37 +170,37 @@ def run(request: argparse.Namespace) -> Answer:
         progress=not request.json,
         check=not request.no_check,
     )
-    files = _write(solution, folder) if folder is not None else []
+    files = _write(solution, target) if target is not None else []
     code = INTERRUPTED if solution.status is lg.Status.INTERRUPTED else DONE if solution.status.complete else FAILED
-    written = f"\nwritten to {folder}: {listing(path.name for path in files)}" if folder is not None else ""
+    written = f"\nwritten to {target}: {listing(path.name for path in files)}" if target is not None else ""
     return Answer(code, repr(solution) + written, {**solution.card(), "files": [str(path) for path in files]})
 
 
-def _write(solution: Solution, folder: Path) -> list[Path]:
+def _write(solution: Solution, target: Path) -> list[Path]:
     """Write the trajectory, its picture and, when both are there, the card."""
-    picture = folder / "trajectory.png"
-    files = [solution.to_csv(folder / "trajectory.csv")]
+    picture = target / "trajectory.png"
+    files = [solution.to_csv(target / "trajectory.csv")]
     if len(solution.t):
         files.append(solution.to_png(picture))
     else:
         picture.unlink(missing_ok=True)  # the picture of an earlier run must not stand beside this one's card
-    return [*files, _write_card(solution, folder)]
+    return [*files, _write_card(solution, target)]
 
 
-def _write_card(solution: Solution, folder: Path) -> Path:
+def _write_card(solution: Solution, target: Path) -> Path:
     text = json.dumps(solution.card(), indent=2, allow_nan=False) + "\n"
-    return write_atomically(folder / "card.json", lambda file: file.write(text.encode()))
+    return write_atomically(target / "card.json", lambda file: file.write(text.encode()))
 
 
 def derive(request: argparse.Namespace) -> Answer:
     """Return the derivation of a scene's equations of motion."""
-    system = _load(request.scene)
+    system = load_scene(request.scene)
     return Answer(DONE, render(system.derivation(), request.format, system.structure).rstrip("\n"))
 
 
 def check(request: argparse.Namespace) -> Answer:
     """Check a scene's compiled equations and return the report."""
-    report = _load(request.scene).check()
+    report = load_scene(request.scene).check()
     return Answer(DONE if report else FAILED, str(report), report.to_dict())
 
 
@@ -240,7 +220,7 @@ def new(request: argparse.Namespace) -> Answer:
         raise StatementError(
             f"{request.name[:80]!r} cannot name a scene: use 1 to 64 letters, digits, - and _, such as double-pendulum."
         )
-    path = _folder(request.out) / f"{request.name}.toml"
+    path = folder(request.out) / f"{request.name}.toml"
     if path.exists():
         raise StatementError(f"{path} is there already and stays as it is: choose another name, or remove it first.")
     text = STARTER.format(name=request.name, file=path.name)
@@ -252,63 +232,6 @@ def _times(t_end: float, points: int) -> Any:
     import numpy as np
 
     return np.linspace(0.0, t_end, points)
-
-
-def _load(scene: str) -> System:
-    # a library name has neither; anything else is meant as a file, there or not
-    if scene.endswith(".toml") or "/" in scene or os.sep in scene or (len(scene) < 255 and Path(scene).is_file()):
-        return lg.System.from_scene(scene)
-    return lg.scene(scene)
-
-
-def _folder(name: str) -> Path:
-    folder = Path(name)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StatementError(f"--out {name}: the folder cannot be made ({error.strerror}). Name another.") from None
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise StatementError(f"--out {name}: the folder may not be written to. Name another.")
-    return folder
-
-
-def _assignments(option: str, given: Sequence[str]) -> dict[str, float]:
-    values: dict[str, float] = {}
-    for text in given:
-        name, equals, value = text.partition("=")
-        if not (name.strip() and equals):
-            raise StatementError(f"{option} {text[:80]}: write NAME=VALUE, such as {option} m=2.")
-        if name.strip() in values:
-            raise StatementError(f"{option} gives {name.strip()[:80]} twice: give it once.")
-        values[name.strip()] = _number(f"{option} {name.strip()}", value.strip())
-    return values
-
-
-def _given(option: str, text: str | None) -> float | None:
-    return None if text is None else _number(option, text)
-
-
-def _number(option: str, text: str) -> float:
-    wrong = StatementError(f"{option}: {text[:80]!r} is not a number. Write one such as 2, 1e-3, 30deg or pi/6.")
-    match = NUMBER.fullmatch(text)
-    if not match or not (match[2] or match[3] == "pi"):
-        raise wrong
-    sign, number, unit, divisor = match.groups()
-    try:
-        value = float(f"{sign}{number or 1}") / float(divisor or 1)
-    except (ValueError, ZeroDivisionError):
-        raise wrong from None
-    return value * {None: 1.0, "pi": pi, "deg": pi / 180}[unit]
-
-
-def _count(option: str, text: str | None) -> int | None:
-    if text is None:
-        return None
-    if not re.fullmatch(r"[0-9]{1,8}", text) or int(text) < 2:
-        raise StatementError(
-            f"{option}: {text[:80]!r} is no number of output times. Give 2 or more, below 100 million."
-        )
-    return int(text)
 
 
 def _refusal(code: int, message: str) -> Answer:

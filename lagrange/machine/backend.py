@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from lagrange.errors import RunError
 from lagrange.machine.driver import DriverState, Outcome
 from lagrange.program.program import Program
+from lagrange.program.series import SeriesProgram
 from lagrange.program.step import StepProgram
 
 FloatArray = NDArray[np.float64]
@@ -52,6 +53,39 @@ class Driver(Protocol):
         """
 
 
+class TaylorDriver(Driver, Protocol):
+    """A driver of Taylor steps, whose numbers may change on the way."""
+
+    def use(self, parameters: FloatArray) -> None:
+        """Go on with other parameters or sides, (k + sides,)."""
+
+    def restart(self, state: DriverState) -> None:
+        """Forget what rounding lost: the state has jumped."""
+
+
+class Series(Protocol):
+    """A series program ready to run. `parameters` are (k + sides,): the sides of the switching surfaces come last."""
+
+    @property
+    def program(self) -> SeriesProgram:
+        """What it computes."""
+
+    def form(self, order: int) -> str:
+        """Return in a word how the series of an order is computed, for the status card."""
+
+    def order(self, tolerance: float) -> int:
+        """Return the order that reaches a relative tolerance at the least cost."""
+
+    def driver(self, order: int, parameters: FloatArray) -> TaylorDriver:
+        """Return a driver of Taylor steps. Raises SingularMassMatrix if a constant mass matrix has no inverse."""
+
+    def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
+        """Return the series at a state (2n,): row k has the coefficients of order k times scale**k.
+
+        The result has shape (order + 1, 2n + watched). Raises SingularMassMatrix.
+        """
+
+
 class Machine(Protocol):
     """Something that runs programs."""
 
@@ -61,6 +95,9 @@ class Machine(Protocol):
 
     def load(self, program: Program) -> Kernel:
         """Make a kernel of a program."""
+
+    def series(self, program: SeriesProgram) -> Series:
+        """Make a series program ready to run."""
 
     def driver(self, step: StepProgram, kernel: Any, parameters: FloatArray) -> Driver:
         """Make a driver that advances y' = kernel(t, y, parameters) by a step program; the kernel is this machine's."""

@@ -17,18 +17,19 @@ class Outcome(enum.IntEnum):
     NON_FINITE = 2
     SINGULAR = 3
     STEP_TOO_SMALL = 4
+    WATCHED = 5
 
 
 class DriverState:
     """Where a run stands. Arrays are shared with machine code, entries in the order of the constants below."""
 
-    T, END, H, RTOL, ATOL, PREVIOUS, START, STEP, CAUSE, LONGEST = range(10)
-    STEPS, REJECTED, EVALUATIONS, SLOPE_KNOWN, ROWS, RECORD, AFTER_REJECT = range(7)
+    T, END, H, RTOL, ATOL, PREVIOUS, START, STEP, CAUSE, LONGEST, LOW, SCALE, ONCE, RATIO = range(14)
+    STEPS, REJECTED, EVALUATIONS, SLOPE_KNOWN, ROWS, RECORD, AFTER_REJECT, TRIES, LOOK = range(9)
 
     def __init__(self, t: float, end: float, y: NDArray[np.float64], rtol: float, atol: float, step: float) -> None:
         """Begin at (t, y) towards `end`; `step` is the signed step of a fixed-step method, or a first step, or 0."""
-        self.reals = np.zeros(10)
-        self.counts = np.zeros(7, dtype=np.int64)
+        self.reals = np.zeros(14)
+        self.counts = np.zeros(9, dtype=np.int64)
         self.y = np.array(y, dtype=float)
         self.reals[[self.T, self.START]] = t
         self.reals[self.END] = end
@@ -37,7 +38,8 @@ class DriverState:
         self.reals[self.ATOL] = atol
         self.reals[self.PREVIOUS] = 1.0
         self.reals[self.CAUSE] = Outcome.STEP_TOO_SMALL
-        self.reals[self.LONGEST] = math.inf
+        self.reals[[self.LONGEST, self.ONCE]] = math.inf
+        self.reals[self.SCALE] = 1.0
         self.counts[self.RECORD] = 1
         self.addresses = (self.reals.ctypes.data, self.counts.ctypes.data)
 

@@ -12,9 +12,12 @@ from numpy.typing import ArrayLike
 
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange
 from lagrange.errors import RunError, StatementError, listing
-from lagrange.machine.backend import FloatArray, Kernel, Machine, SingularMassMatrix
+from lagrange.graph.node import Node
+from lagrange.machine.backend import FloatArray, Kernel, Machine, Series, SingularMassMatrix
 from lagrange.machine.numpy import NumpyMachine
 from lagrange.program.catalogue import QUANTITIES, lower_nodes, program_of
+from lagrange.program.switching import Switched
+from lagrange.program.taylor import series_program
 from lagrange.statement.declare import parameter_values
 from lagrange.statement.number import real_number
 from lagrange.statement.statement import Statement
@@ -44,6 +47,7 @@ class Model:
         self.equations = equations
         self.machine = machine
         self._kernels: dict[str, Kernel] = {}
+        self._series: dict[tuple[Node, ...], tuple[Series, Switched]] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _recompile, (self.statement, self.machine)
@@ -78,6 +82,16 @@ class Model:
         if name not in self._kernels:
             self._kernels[name] = self.machine.load(program_of(name, self.equations))
         return self._kernels[name]
+
+    def series(self, watched: tuple[Node, ...] = ()) -> tuple[Series, Switched]:
+        """Return the Taylor series of the motion on this machine, and its switching surfaces; made when asked for.
+
+        `watched` are nodes of the equations' graph whose series are wanted as well, behind those of the surfaces.
+        """
+        if watched not in self._series:
+            program, switched = series_program(self.equations, watched)
+            self._series[watched] = self.machine.series(program), switched
+        return self._series[watched]
 
     def accelerations(
         self, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Parameters = None

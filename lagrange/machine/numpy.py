@@ -2,54 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from lagrange.machine.arithmetic import OPERATIONS
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.numpy_driver import NumpyDriver
+from lagrange.machine.numpy_taylor import NumpySeries
 from lagrange.program.program import Program
+from lagrange.program.series import SeriesProgram
 from lagrange.program.step import StepProgram
 
 PIVOT = 2.0**-46
 """A pivot below this fraction of the largest entry of its row counts as zero."""
-
-OPERATIONS: dict[str, Callable[..., Any]] = {
-    "neg": np.negative,
-    "add": np.add,
-    "sub": np.subtract,
-    "mul": np.multiply,
-    "div": np.divide,
-    "fma": lambda a, b, c: a * b + c,
-    "sqrt": np.sqrt,
-    "power": np.power,
-    "sin": np.sin,
-    "cos": np.cos,
-    "tan": np.tan,
-    "asin": np.arcsin,
-    "acos": np.arccos,
-    "atan": np.arctan,
-    "atan2": np.arctan2,
-    "exp": np.exp,
-    "log": np.log,
-    "sinh": np.sinh,
-    "cosh": np.cosh,
-    "tanh": np.tanh,
-    "abs": np.abs,
-    "sign": np.sign,
-    "min": np.minimum,
-    "max": np.maximum,
-    "less": np.less,
-    "less_equal": np.less_equal,
-    "equal": np.equal,
-    "and": np.logical_and,
-    "or": np.logical_or,
-    "not": np.logical_not,
-    "select": np.where,
-}
-"""The spelling of each operation, on numbers or on one number per column."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +54,10 @@ class NumpyMachine:
     def load(self, program: Program) -> NumpyKernel:
         """Return a kernel that interprets the program."""
         return NumpyKernel(program)
+
+    def series(self, program: SeriesProgram) -> NumpySeries:
+        """Return a series program that is interpreted."""
+        return NumpySeries(program)
 
     def driver(self, step: StepProgram, kernel: NumpyKernel, parameters: FloatArray) -> NumpyDriver:
         """Return a driver that takes each step in Python."""

@@ -90,6 +90,16 @@ class Solution:
         return self.trajectory.wall
 
     @property
+    def t_events(self) -> tuple[FloatArray, ...]:
+        """The times of each event, (k,), in the order in which the events were given."""
+        return self.trajectory.t_events
+
+    @property
+    def y_events(self) -> tuple[FloatArray, ...]:
+        """The states [q, v] at each event, (k, 2n), before any reset."""
+        return self.trajectory.y_events
+
+    @property
     def names(self) -> tuple[str, ...]:
         """The names of the 2n rows: the coordinates, then their velocities with `_dot`."""
         names = self.model.statement.names
@@ -173,6 +183,7 @@ class Solution:
             "rejected": self.trajectory.rejected,
             "evaluations": self.evaluations,
             "wall": _finite(self.wall),
+            "events": [len(times) for times in self.t_events],
             "outputs": len(self.t),
             "t_start": _finite(self.t[0]) if len(self.t) else None,
             "t_end": _finite(self.t[-1]) if len(self.t) else None,
@@ -248,9 +259,15 @@ class Solution:
                 "energy drift" if self.model.conservative else "energy",
                 self.drift.sentence() if self.has_energy else "not known: it has no value at some state of the run",
             ),
+            *self._event_lines(),
             ("wall time", _duration(self.wall)),
             ("message", self.message),
         ]
+
+    def _event_lines(self) -> list[tuple[str, str]]:
+        if not self.t_events:
+            return []
+        return [("events", ", ".join(f"{len(times)} of event {i}" for i, times in enumerate(self.t_events)))]
 
     def _check_output(self) -> None:
         if not len(self.t):

@@ -95,7 +95,7 @@ def initial_state(given: Mapping[Any, Any], coordinates: tuple[Any, ...], base: 
             f"initial is a {type(given).__name__}: give a dict such as {{{name_of(coordinates[0])}: 1.0}}; what is not "
             "named keeps its default."
         )
-    rows = _state_rows(coordinates)
+    rows = state_rows(coordinates)
     values = list(base)
     for key, value in given.items():
         if key not in rows:
@@ -109,7 +109,7 @@ def initial_state(given: Mapping[Any, Any], coordinates: tuple[Any, ...], base: 
 
 
 @lru_cache(maxsize=256)
-def _state_rows(coordinates: tuple[Any, ...]) -> Mapping[Any, int]:
+def state_rows(coordinates: tuple[Any, ...]) -> Mapping[Any, int]:
     """Return the row of the state for each coordinate, velocity and name; made once, since SymPy takes 20 us each."""
     n = len(coordinates)
     rows: dict[Any, int] = {}

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import math
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 
 import numpy as np
 
 from lagrange.machine.backend import Driver, SingularMassMatrix
 from lagrange.machine.driver import DriverState, Outcome
-from lagrange.program.step import StepProgram
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.messages import message
+from lagrange.trajectory.plan import Plan
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
+from lagrange.trajectory.watch import Verdict, Watch
 
 BURST = 0.02
 """Seconds of steps between two looks at the clock, the step limit and Ctrl-C."""
 
 LARGEST_BURST = 16384
-
-PathMaker = Callable[[FloatArray, FloatArray], Callable[[FloatArray], FloatArray]]
-"""Makes the dense output from the accepted times (S+1,) and states (S+1, 2n)."""
 
 _STATUS = {
     Outcome.DONE: Status.SUCCESS,
@@ -32,30 +28,22 @@ _STATUS = {
 }
 
 
-@dataclass(frozen=True)
-class Tolerances:
-    """What a driver is told, and notes for the user.
-
-    That is the relative and absolute tolerance and the longest step, or the size of equal steps.
-    """
-
-    rtol: float = 0.0
-    atol: float = 0.0
-    step: float = 0.0
-    longest: float = math.inf
-    notes: tuple[str, ...] = ()
-
-
 class _Rows:
     """The accepted states so far, in the pieces in which the driver wrote them."""
 
     def __init__(self, t: float, y: FloatArray) -> None:
         self.pieces = [(np.array([t]), y[None].copy())]
+        self.added = 1
+
+    def add(self, t: float, y: FloatArray) -> None:
+        """Keep a state that no step led to: the state has jumped."""
+        self.pieces.append((np.array([t]), y[None].copy()))
+        self.added += 1
 
     def collect(self, state: DriverState, times: FloatArray, rows: FloatArray) -> None:
         """Keep what the last burst wrote; calling it twice, as Ctrl-C may, keeps it once."""
         written = state.count(DriverState.ROWS)
-        kept = sum(len(piece[0]) for piece in self.pieces) - 1
+        kept = sum(len(piece[0]) for piece in self.pieces) - self.added
         if written and kept < state.count(DriverState.STEPS):
             self.pieces.append((times[:written], rows[:written]))
 
@@ -65,23 +53,23 @@ class _Rows:
         return np.concatenate(times), np.concatenate(states)
 
 
-def drive(problem: Problem, step: StepProgram, name: str, tolerances: Tolerances, path_of: PathMaker) -> Trajectory:
-    """Run a problem with a step program; see `Integrator.integrate` for what comes back."""
+def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
+    """Run a problem by a plan; see `Integrator.integrate` for what comes back."""
     began = time.perf_counter()
-    model = problem.model
-    kernel = model.kernel("rhs")
-    parameters = problem.parameter_array
+    tolerances, parameters = plan.tolerances, problem.parameter_array
     size = tolerances.step * (1.0 if problem.t1 >= problem.t0 else -1.0)
     state = DriverState(problem.t0, problem.t1, problem.y0, tolerances.rtol, tolerances.atol, size)
     state.reals[DriverState.LONGEST] = tolerances.longest
     rows = _Rows(problem.t0, problem.y0)
     status, sentence = _first_look(problem, name, parameters)
+    watch = None
     if status is None:
-        driver = model.machine.driver(step, kernel, parameters)
-        status = _bursts(problem, driver, state, rows, began)
-        sentence = _closing(problem, step, name, state, status, parameters)
+        driver = plan.driver(problem.model, parameters)
+        watch = plan.watch(problem, driver)
+        status, detail = _bursts(problem, driver, watch, state, rows, began)
+        sentence = _closing(problem, plan, name, state, status, detail)
     times, states = rows.joined()
-    path = path_of(times, states)
+    path = plan.path(problem, times, states, watch)
     t, y = times, states.T
     if problem.t_eval is not None:
         reached = (problem.t_eval - times[-1]) * (1 if problem.t1 >= problem.t0 else -1) <= 0
@@ -99,6 +87,8 @@ def drive(problem: Problem, step: StepProgram, name: str, tolerances: Tolerances
         wall=time.perf_counter() - began,
         span=(float(times[0]), float(times[-1])),
         dense=path,
+        t_events=() if watch is None else watch.t_events,
+        y_events=() if watch is None else watch.y_events,
     )
 
 
@@ -130,17 +120,20 @@ def _first_look(problem: Problem, name: str, parameters: FloatArray) -> tuple[St
     return None, ""
 
 
-def _bursts(problem: Problem, driver: Driver, state: DriverState, rows: _Rows, began: float) -> Status:
-    """Advance until something ends the run, and return what did."""
+def _bursts(
+    problem: Problem, driver: Driver, watch: Watch | None, state: DriverState, rows: _Rows, began: float
+) -> tuple[Status, str]:
+    """Advance until something ends the run; return what did, and a sentence on it where there is more to say."""
     burst = 64
     times, states = np.empty(0), np.empty((0, len(problem.y0)))
+    verdict = Verdict() if watch is None else watch.begin(state)
     try:
-        while True:
+        while verdict.status is None:
             left = problem.max_steps - state.count(DriverState.STEPS) - state.count(DriverState.REJECTED)
             if state.t != problem.t1 and left <= 0:
-                return Status.MAX_STEPS
+                return Status.MAX_STEPS, ""
             if problem.max_wall is not None and time.perf_counter() - began > problem.max_wall:
-                return Status.MAX_WALL
+                return Status.MAX_WALL, ""
             budget = min(burst, left) if left > 0 else 1
             times, states = np.empty(budget), np.empty((budget + 4, len(problem.y0)))
             state.counts[DriverState.ROWS] = 0
@@ -149,44 +142,28 @@ def _bursts(problem: Problem, driver: Driver, state: DriverState, rows: _Rows, b
             rows.collect(state, times, states)
             if outcome is Outcome.STEP_TOO_SMALL:
                 # A step may shrink below the spacing of times without a rejection: then no trial step is to blame.
-                return _STATUS[state.cause] if state.count(DriverState.AFTER_REJECT) else Status.STEP_TOO_SMALL
-            if outcome is not Outcome.PAUSED:
-                return _STATUS[outcome]
+                return _STATUS[state.cause] if state.count(DriverState.AFTER_REJECT) else Status.STEP_TOO_SMALL, ""
+            if watch is not None and outcome in (Outcome.WATCHED, Outcome.DONE):
+                verdict = watch.meet(state) if outcome is Outcome.WATCHED else watch.end(state)
+                if verdict.jumped:
+                    rows.add(state.t, state.y)
+            elif outcome is not Outcome.PAUSED:
+                return _STATUS[outcome], ""
             if time.perf_counter() - before < BURST:
                 burst = min(2 * burst, LARGEST_BURST)
             if problem.progress is not None:
                 problem.progress(state.t)
     except KeyboardInterrupt:
         rows.collect(state, times, states)
-        return Status.INTERRUPTED
+        return Status.INTERRUPTED, ""
+    return verdict.status, verdict.detail
 
 
-def _closing(
-    problem: Problem, step: StepProgram, name: str, state: DriverState, status: Status, parameters: FloatArray
-) -> str:
+def _closing(problem: Problem, plan: Plan, name: str, state: DriverState, status: Status, cause: str) -> str:
     """Return the sentence for the end of a run, with the culprit found by taking the failed step again."""
     if status is Status.SINGULAR:
         detail = problem.model.singular_message(state.t, state.y)
         return message(status, problem, state.t, state.y, name, detail=detail)
-    if status is not Status.NON_FINITE:
-        return message(status, problem, state.t, state.y, name)
-    return message(status, problem, state.t, _failed_state(problem, step, state, parameters), name)
-
-
-def _failed_state(problem: Problem, step: StepProgram, state: DriverState, parameters: FloatArray) -> FloatArray:
-    """Return the state that a step from the last accepted one leads to, with its entries that are not finite."""
-    kernel, n = problem.model.kernel("rhs"), len(state.y) // 2
-    h = float(state.reals[DriverState.STEP] or 4.0 * state.reals[DriverState.H])
-
-    def f(t: float, y: FloatArray) -> FloatArray:
-        slope = kernel(t, np.concatenate([y, np.zeros(n)]) if step.partitioned else y, parameters)
-        return slope[n:] if step.partitioned else slope
-
-    with np.errstate(all="ignore"):
-        try:
-            if step.partitioned:
-                return np.concatenate(step.function(f, state.t, state.y[:n], state.y[n:], h))
-            moved = step.function(f, state.t, state.y, h)
-        except SingularMassMatrix:
-            return state.y
-    return np.asarray(moved if step.control is None else moved[0])
+    if status is not Status.NON_FINITE or cause:
+        return message(status, problem, state.t, state.y, name, cause=cause)
+    return message(status, problem, state.t, plan.failed(problem, state), name)

@@ -6,7 +6,7 @@ import math
 import threading
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,23 +15,15 @@ from lagrange.errors import RunError, StatementError
 from lagrange.machine.backend import Driver
 from lagrange.machine.driver import DriverState, Outcome
 from lagrange.machine.model import Model, real_array
-from lagrange.program.step import StepProgram
 from lagrange.statement.number import real_number
-from lagrange.trajectory.driver import LARGEST_BURST, Tolerances
+from lagrange.trajectory.driver import LARGEST_BURST
 from lagrange.trajectory.integrate import step_limit
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import DEFAULT, find
+from lagrange.trajectory.plan import Plan, Planned
 from lagrange.trajectory.trajectory import FloatArray
 
 _NO_TIMES, _NO_ROWS = np.empty(0), np.empty((0, 0))
-
-
-@runtime_checkable
-class Stepped(Protocol):
-    """An integrator that is a step program, so that its driver can be prepared once."""
-
-    def prepare(self, problem: Problem) -> tuple[StepProgram, Tolerances]:
-        """Return the step program, and what the driver is told."""
 
 
 class _Prepared(threading.local):
@@ -74,9 +66,7 @@ class Flow:
             max_steps=self._max_steps,
         )
         self._problem = unit
-        self._step: StepProgram | None = None
-        if isinstance(self._integrator, Stepped):
-            self._step, self._tolerances = self._integrator.prepare(unit)
+        self._plan: Plan | None = self._integrator.plan(unit) if isinstance(self._integrator, Planned) else None
 
     def __call__(self, y0: ArrayLike, t0: float, t1: float, parameters: Mapping[Any, Any] | None = None) -> FloatArray:
         """Return the state at t1, (2n,). Raises RunError with the sentence of a run that does not get there."""
@@ -87,10 +77,10 @@ class Flow:
             t0, t1 = real_number(t0, "the first time"), real_number(t1, "the last time")
         if t0 == t1:
             return start.copy()
-        if self._step is None:
+        if self._plan is None:
             return self._by_run(start, t0, t1, parameters)
-        driver, state = self._driver(parameters)
-        self._begin(state, start, t0, t1)
+        driver, state = self._driver(self._plan, parameters)
+        self._begin(self._plan, state, start, t0, t1)
         outcome = Outcome.PAUSED
         left = self._max_steps
         while outcome is Outcome.PAUSED and left > 0:
@@ -100,24 +90,23 @@ class Flow:
             return self._by_run(start, t0, t1, parameters)
         return state.y.copy()
 
-    def _driver(self, parameters: Mapping[Any, Any] | None) -> tuple[Driver, DriverState]:
+    def _driver(self, plan: Plan, parameters: Mapping[Any, Any] | None) -> tuple[Driver, DriverState]:
         local, model = self._local, self._model
         if local.driver is None or local.parameters != parameters:
-            if self._step is None:
-                raise AssertionError("only a step program has a driver")
-            kernel = model.kernel("rhs")
-            local.driver = model.machine.driver(self._step, kernel, model.parameter_array(parameters))
+            local.driver = plan.driver(model, model.parameter_array(parameters))
             local.parameters = None if parameters is None else dict(parameters)
             local.state = DriverState(0.0, 1.0, np.zeros(self._dimension), 0.0, 0.0, 0.0)
         return local.driver, local.state
 
-    def _begin(self, state: DriverState, y0: FloatArray, t0: float, t1: float) -> None:
-        settings = self._tolerances
+    def _begin(self, plan: Plan, state: DriverState, y0: FloatArray, t0: float, t1: float) -> None:
+        settings = plan.tolerances
         size = settings.step * abs(t1 - t0) if self._problem.step is None and settings.notes else settings.step
         signed = size if t1 >= t0 else -size
         longest = settings.longest * abs(t1 - t0)  # prepared for a span of 1
         settled = (settings.rtol, settings.atol, 1.0, t0, signed, Outcome.STEP_TOO_SMALL, longest)
-        state.reals[:] = (t0, t1, signed, *settled)
+        state.reals[: len(settled) + 3] = (t0, t1, signed, *settled)
+        state.reals[DriverState.SCALE] = 1.0
+        state.reals[DriverState.ONCE] = math.inf
         state.counts[:] = 0
         state.y[:] = y0
 

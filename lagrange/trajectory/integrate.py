@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike
 from lagrange.errors import StatementError, listing
 from lagrange.machine.model import Model
 from lagrange.statement.declare import initial_state
+from lagrange.statement.event import declare_events
 from lagrange.statement.number import real_number
-from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.methods.registry import DEFAULT, find
+from lagrange.trajectory.integrator import Integrator, Problem
+from lagrange.trajectory.methods.registry import DEFAULT, find, table
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 MAX_STEPS = 10_000_000
@@ -47,10 +48,6 @@ def integrate(
     """
     if not isinstance(model, Model):
         raise StatementError(f"{model!r} is no compiled model: give system.compile(), or call system.run().")
-    if events:
-        raise StatementError(
-            "events are not supported yet: leave events empty, and look for the crossing with solution.at(t)."
-        )
     if isinstance(span, (str, bytes)) or np.ndim(span) != 1 or len(span) != 2:
         raise StatementError(f"the time span is {span!r}: give two times, such as (0.0, 10.0).")
     t0, t1 = real_number(span[0], "the first time"), real_number(span[1], "the last time")
@@ -68,9 +65,11 @@ def integrate(
         step=step,
         max_steps=step_limit(max_steps),
         max_wall=_wall(max_wall),
+        events=declare_events(events, statement),
         progress=progress,
     )
     integrator = find(DEFAULT if method is None else method)
+    _check_events(problem, integrator)
     _check_start(problem)
     trajectory: Any = integrator.integrate(problem)
     if not isinstance(trajectory, Trajectory):
@@ -78,6 +77,16 @@ def integrate(
             f"method {integrator.name} returned {trajectory!r}: integrate() must return an lg.Trajectory."
         )
     return trajectory, values
+
+
+def _check_events(problem: Problem, integrator: Integrator) -> None:
+    """Refuse events for a method that cannot locate them."""
+    if problem.events and not integrator.claims.events:
+        able = [row.name for row in table() if row.claims.events]
+        raise StatementError(
+            f"{integrator.name} does not locate events: use {listing(able)}, or leave events empty and look for "
+            "the crossing with solution.at(t)."
+        )
 
 
 def _check_start(problem: Problem) -> None:

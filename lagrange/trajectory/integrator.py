@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from lagrange.machine.model import Model
+from lagrange.statement.event import Event
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 
@@ -17,7 +18,7 @@ from lagrange.trajectory.trajectory import FloatArray, Trajectory
 class Claims:
     """What a method promises; tests hold every registered method to it.
 
-    `symmetric` means that a step of -h undoes a step of h.
+    `symmetric` means that a step of -h undoes a step of h; `events` that it locates events.
     """
 
     order: int
@@ -26,6 +27,7 @@ class Claims:
     symmetric: bool = False
     a_stable: bool = False
     explicit: bool = True
+    events: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +36,8 @@ class Problem:
 
     `parameters` has a value for each of the model's parameters. `t_eval` is sorted in the direction of the run
     and lies inside the span, or is None for every accepted step. `step`, `rtol` and `atol` are None where the
-    user left the choice to the method. `progress` is called now and then with the time reached.
+    user left the choice to the method. `events` are checked against the model's statement. `progress` is called
+    now and then with the time reached.
     """
 
     model: Model
@@ -48,6 +51,7 @@ class Problem:
     step: float | None = None
     max_steps: int = 10_000_000
     max_wall: float | None = None
+    events: tuple[Event, ...] = ()
     progress: Callable[[float], None] | None = None
 
     @cached_property

@@ -52,12 +52,14 @@ def message(
     *,
     slope: FloatArray | None = None,
     detail: str = "",
+    cause: str = "",
 ) -> str:
     """Return the sentence for a run of `method` that ended with `status` at time t.
 
     `y` (2n,) is the state to talk about: the one with entries that are not finite, else the last accepted one. `slope`
     (2n,) is its derivative, where that is what went wrong. `detail` is a further cause in a sentence of its own; for a
-    singular mass matrix it is the model's report, and takes the place of ours.
+    singular mass matrix it is the model's report, and takes the place of ours. `cause` is the whole cause and the
+    remedy, from who knows better.
     """
     fields = {
         "t": number(t),
@@ -67,6 +69,8 @@ def message(
         "largest": largest(problem, y),
         "non_finite": non_finite(problem, y, slope) or "the derivative of the state is nan or infinite",
     }
+    if cause:
+        return f"{method} stopped {fields['where']}. {cause}"
     if status is Status.SINGULAR:
         fields["singular"], detail = detail or _SINGULAR, ""
     parts = (method, _SENTENCES[status].format(**fields), detail, _REMEDIES[status])

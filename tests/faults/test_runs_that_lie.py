@@ -19,7 +19,7 @@ from tests.models import TARGETS, build, x
 from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, SPLITTINGS, run
 
 STOPPED = (Status.NON_FINITE, Status.STEP_TOO_SMALL, Status.MAX_STEPS, Status.MAX_WALL)
-RUNGE_KUTTA = tuple(name for name in NAMES if name not in SPLITTINGS)
+ANY_FORCE = tuple(name for name in NAMES if name not in SPLITTINGS)
 
 
 def particle(target: str = "llvm", force: Any = 0, **given: Any) -> Model:
@@ -79,7 +79,7 @@ def test_a_root_leaves_its_domain(name: str, target: str) -> None:
 
 
 @pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", RUNGE_KUTTA)
+@pytest.mark.parametrize("name", ANY_FORCE)
 def test_blow_up_in_finite_time(name: str, target: str) -> None:
     """v' = v^2 from 1 is 1/(1 - t)."""
     found = go(particle(target, x.dot**2, initial={x.dot: 1.0}), 2.0, name)
@@ -122,7 +122,7 @@ def test_a_push_of_a_tenth_of_a_second_within_a_hundred(name: str, target: str, 
     assert found.y[1, -1] == pytest.approx(speed, rel=0.06)
 
 
-@pytest.mark.parametrize("name", RUNGE_KUTTA)
+@pytest.mark.parametrize("name", ANY_FORCE)
 def test_a_stiff_relaxation_oscillation(name: str) -> None:
     """Van der Pol with mu = 1e5: right, or stopped in words."""
     stiff = particle(force=1e5 * (1 - x**2) * x.dot - x, initial={x: 2.0})
@@ -142,7 +142,8 @@ def test_tolerances_of_zero(name: str, target: str) -> None:
     found = go(particle(target, -x, initial={x: 1.0}), 3.0, name, rtol=0.0, atol=0.0)
     assert found.status is Status.SUCCESS
     assert found.y[:, -1] == pytest.approx([math.cos(3), -math.sin(3)], abs=1e-11)
-    assert "rtol = 0 is below round-off and was raised to 2.22e-14" in found.message
+    least = 1.11e-16 if name == "taylor" else 2.22e-14  # a series has no estimate made of differences, full of noise
+    assert f"rtol = 0 is below round-off and was raised to {least}" in found.message
 
 
 @pytest.mark.parametrize("name", ADAPTIVE)

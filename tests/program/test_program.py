@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from lagrange.errors import LagrangeError
+from lagrange.machine.arithmetic import OPERATIONS
 from lagrange.machine.llvm.spelling import LIBRARY, SPELLED
-from lagrange.machine.numpy import OPERATIONS
 from lagrange.program.program import ARITY, Instruction, Program
 
 I = Instruction

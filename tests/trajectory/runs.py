@@ -6,18 +6,19 @@ from dataclasses import replace
 from typing import Any
 
 from lagrange.machine.model import Model
-from lagrange.program.step import StepProgram
-from lagrange.trajectory.driver import Tolerances
-from lagrange.trajectory.flow import Stepped
 from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.explicit import DOP853, RungeKutta
 from lagrange.trajectory.methods.registry import BUILT_IN, find
+from lagrange.trajectory.methods.taylor import Taylor
+from lagrange.trajectory.plan import Plan, Planned
 from lagrange.trajectory.trajectory import Trajectory
 
 NAMES = tuple(BUILT_IN)
 FIXED = tuple(name for name in NAMES if not find(name).claims.adaptive)
 ADAPTIVE = tuple(name for name in NAMES if find(name).claims.adaptive)
+STEPPED = tuple(name for name in NAMES if not isinstance(find(name), Taylor))
+"""The methods that are step programs: a series has no tableau, no fixed order, and no equal steps."""
 SPLITTINGS = tuple(name for name in NAMES if find(name).claims.symplectic)
 
 
@@ -40,7 +41,8 @@ def exact(model: Model, end: float, start: float = 0.0, initial: Any = None, **o
     return run(model, end, DOP853(rtol=3e-14, atol=1e-16), start, initial, **options)
 
 
-def prepared(name: str, problem: Problem) -> tuple[StepProgram, Tolerances]:
+def planned(name: str, problem: Problem) -> Plan:
+    """Return what a method prepares for a run."""
     method = find(name)
-    assert isinstance(method, Stepped)
-    return method.prepare(problem)
+    assert isinstance(method, Planned)
+    return method.plan(problem)

@@ -11,14 +11,14 @@ import sympy as sp
 from lagrange.statement.coordinate import t
 from lagrange.trajectory.trajectory import Status
 from tests.models import TARGETS, build, k, m, model, x, z
-from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, exact, run, stepped
+from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, STEPPED, exact, run, stepped
 
 COUNTS = {"euler": (400, 800), "symplectic-euler": (400, 800), "midpoint": (80, 160), "verlet": (80, 160)}
 ORDERS = {"euler": 1, "symplectic-euler": 1, "midpoint": 2, "verlet": 2, "rk4": 4, "dopri5": 5, "dop853": 8}
 """Of the whole path: that of the method, or one more than that of the path within a step, whichever is less."""
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", STEPPED)
 def test_the_path_is_of_the_order_of_its_method(name: str) -> None:
     compiled = model("Henon-Heiles")
     times = np.linspace(0.0, 3.0, 203)

@@ -14,13 +14,12 @@ import sympy as sp
 
 from lagrange.machine.driver import Outcome
 from lagrange.machine.model import Model
-from lagrange.program.step import StepProgram
 from lagrange.statement.coordinate import t
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.trajectory import Status
 from tests.models import TARGETS, M, build, k, m, model, x, y, z
-from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, prepared, run
+from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, planned, run
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -53,7 +52,7 @@ def test_max_wall(name: str, target: str) -> None:
 
 
 @pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", ["rk4", "verlet", "dopri5", "dop853"])
+@pytest.mark.parametrize("name", ["rk4", "verlet", "dopri5", "dop853", "taylor"])
 def test_ctrl_c_keeps_what_there_is(name: str, target: str) -> None:
     compiled = model("Henon-Heiles", target)
     options: dict[str, Any] = {"step": 1e-6} if name in FIXED else {}
@@ -83,7 +82,8 @@ def test_ctrl_c_keeps_what_there_is(name: str, target: str) -> None:
 def test_ctrl_c_on_the_way_back_from_a_burst_loses_none_of_it(target: str, monkeypatch: pytest.MonkeyPatch) -> None:
     compiled = model("Henon-Heiles", target)
     plain = run(compiled, 40.0, "rk4", step=0.1)
-    driver = type(compiled.machine.driver(*pieces(compiled)))
+    unit = Problem(compiled, compiled.parameter_values(), 0.0, 1.0, np.array(compiled.statement.initial))
+    driver = type(planned("rk4", unit).driver(compiled, compiled.parameter_array()))
     advance, calls = driver.advance, []
 
     def pressed(self: Any, *given: Any) -> Outcome:
@@ -97,12 +97,6 @@ def test_ctrl_c_on_the_way_back_from_a_burst_loses_none_of_it(target: str, monke
     found = run(compiled, 40.0, "rk4", step=0.1)
     assert found.status is Status.INTERRUPTED and found.steps == len(found.t) - 1 == 64 + 128
     assert (found.y == plain.y[:, :193]).all() and (found.t == plain.t[:193]).all()
-
-
-def pieces(compiled: Model) -> tuple[StepProgram, Any, Any]:
-    """Return what a driver of the Runge-Kutta method is made of."""
-    unit = Problem(compiled, compiled.parameter_values(), 0.0, 1.0, np.array(compiled.statement.initial))
-    return prepared("rk4", unit)[0], compiled.kernel("rhs"), compiled.parameter_array()
 
 
 @pytest.mark.parametrize("target", TARGETS)

@@ -142,7 +142,7 @@ def test_what_goes_wrong_is_raised_with_the_sentence_of_a_run(target: str) -> No
 
 
 @pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", ["rk4", "dop853"])
+@pytest.mark.parametrize("name", ["rk4", "dop853", "taylor"])
 def test_a_limit_of_steps_is_kept(name: str, target: str) -> None:
     compiled = model("Henon-Heiles", target)
     options: dict[str, Any] = {"step": 0.01} if name in FIXED else {}

@@ -17,7 +17,7 @@ from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.methods.splitting import Splitting
 from tests.models import TARGETS, build, k, m, model, x, y
-from tests.trajectory.runs import ADAPTIVE, NAMES, SPLITTINGS, exact, run, stepped
+from tests.trajectory.runs import ADAPTIVE, SPLITTINGS, STEPPED, exact, run, stepped
 
 Rhs = Callable[[float, Any], Any]
 Step = Callable[[Rhs, float, Any, float], Any]
@@ -96,12 +96,12 @@ def driven() -> Any:
 PROBLEM = Problem(model("oscillator"), {}, 0.0, 1.0, np.zeros(2))
 
 
-def test_every_method_has_its_formula_here() -> None:
-    assert set(FORMULAS) == set(NAMES)
+def test_every_step_program_has_its_formula_here() -> None:
+    assert set(FORMULAS) == set(STEPPED)
 
 
 @pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", STEPPED)
 def test_steps_follow_the_formula(name: str, target: str) -> None:
     compiled = build(target, **driven())
     h, count = 0.05, 12
@@ -127,7 +127,7 @@ GENERAL = {"cart and pole": 1.2, "elastic pendulum": 1.5}
 COUNTS = {1: (800, 1131, 1600), 2: (200, 283, 400), 4: (40, 57, 80)}
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if find(name).claims.order in COUNTS])
+@pytest.mark.parametrize("name", [name for name in STEPPED if find(name).claims.order in COUNTS])
 def test_the_observed_order_is_the_claimed_one(name: str) -> None:
     """On two non-linear systems, with errors far above round-off."""
     claims = find(name).claims
@@ -154,10 +154,10 @@ def accelerations_of(law: Rhs) -> Rhs:
 
 
 @pytest.mark.parametrize("law", [driven_pendulum, henon_heiles])
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", STEPPED)
 def test_the_order_without_round_off(name: str, law: Rhs) -> None:
     """The step as it was written, at 40 digits: halving h divides the change of the result by 2^order."""
-    step = stepped(name, 1.0).prepare(PROBLEM)[0]
+    step = stepped(name, 1.0).plan(PROBLEM).step
     order = find(name).claims.order
     with mpmath.workdps(40):
         start = [mpmath.mpf(value) for value in ("0.4", "0.3", "0.2", "-0.5")[: 2 if law is driven_pendulum else 4]]
@@ -209,7 +209,7 @@ def defect(compiled: Model, name: str, h: float, z: Any) -> float:
 
 
 @pytest.mark.parametrize("system", ["Henon-Heiles", "coupled masses", "saddle"])
-@pytest.mark.parametrize("name", [name for name in NAMES if find(name).claims.order <= 4])
+@pytest.mark.parametrize("name", [name for name in STEPPED if find(name).claims.order <= 4])
 def test_what_claims_to_be_symplectic_is_and_the_rest_is_not(name: str, system: str) -> None:
     compiled = model(system)
     z = momenta(compiled, np.array(compiled.statement.initial) + 0.1)
@@ -217,7 +217,7 @@ def test_what_claims_to_be_symplectic_is_and_the_rest_is_not(name: str, system: 
     assert (error < 1e-10) == find(name).claims.symplectic, error
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", STEPPED)
 def test_what_claims_to_be_symmetric_runs_back_and_the_rest_does_not(name: str) -> None:
     compiled = model("Henon-Heiles")
     there = run(compiled, 5.0, stepped(name, 0.05))
@@ -265,10 +265,12 @@ def test_errors_follow_the_tolerance(name: str) -> None:
         found = run(compiled, 3.0, name, rtol=rtol, atol=rtol)
         errors.append(np.abs(found.y[:, -1] - truth).max())
         assert errors[-1] < 300 * rtol
-    assert all(b < a / 10 for a, b in itertools.pairwise(errors))
+    # The order of a series follows the tolerance, and with it the ratio of error to tolerance, up or down.
+    least = 10 if name in STEPPED else 5
+    assert all(b < a / least for a, b in itertools.pairwise(errors)), errors
 
 
-@pytest.mark.parametrize("name", ADAPTIVE)
+@pytest.mark.parametrize("name", [name for name in ADAPTIVE if name in STEPPED])
 def test_steps_are_in_line_with_scipys(name: str) -> None:
     """The same tableau and the same error norm should need about the same steps."""
     compiled = model("double pendulum")

@@ -36,7 +36,7 @@ def coupled() -> lg.System:
 @pytest.mark.parametrize(
     ("request_", "words"),
     [
-        ({"method": "taylor"}, "there is no method 'taylor'; the methods are euler, "),
+        ({"method": "leapfrog"}, "there is no method 'leapfrog'; the methods are euler, "),
         ({"method": "dop583"}, "Did you mean 'dop853'?"),
         ({"method": 4}, "method is 4: give a name, such as 'dop853', or an instance"),
         ({"method": lg.methods.RungeKutta}, "give a name, such as 'dop853', or an instance"),

@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 
 
 def literal(value: float) -> str:
     """Return a double as LLVM's exact hexadecimal literal."""
     return f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
+
+
+@dataclass
+class Carried:
+    """A loop's index, the values that it carries, and what they become in its next turn."""
+
+    index: str
+    values: list[str]
+    following: list[str] = field(default_factory=list)
 
 
 class Emitter:
@@ -115,6 +125,32 @@ class Emitter:
         yield index
         self.do(f"{following} = add nsw i64 {index}, {step}")
         self.lines[hole] = f"  {index} = phi i64 [ {start}, %{before} ], [ {following}, %{self.block} ]"
+        self.jump(f"{name}.head")
+        self.label(f"{name}.end")
+
+    @contextmanager
+    def carry(self, start: str | int, stop: str | int, carried: Sequence[tuple[str, str]]) -> Iterator[Carried]:
+        """Repeat the body as `loop` does, handing values of (kind, initial value) from one turn to the next.
+
+        The body sets `following` of what it gets, one value for each; behind the loop, `values` are the last ones.
+        """
+        name = self.fresh("loop")
+        before = self.block
+        self.jump(f"{name}.head")
+        self.label(f"{name}.head")
+        index, following = f"%{name}.i", f"%{name}.next"
+        hole = len(self.lines)
+        loop = Carried(index, [f"%{name}.c{i}" for i in range(len(carried))])
+        self.lines += [""] * (len(carried) + 1)
+        self.do(f"%{name}.go = icmp slt i64 {index}, {stop}")
+        self.do(f"br i1 %{name}.go, label %{name}.body, label %{name}.end")
+        self.label(f"{name}.body")
+        yield loop
+        self.do(f"{following} = add nsw i64 {index}, 1")
+        self.lines[hole] = f"  {index} = phi i64 [ {start}, %{before} ], [ {following}, %{self.block} ]"
+        for i, (kind, initial) in enumerate(carried):
+            entry = f"[ {initial}, %{before} ], [ {loop.following[i]}, %{self.block} ]"
+            self.lines[hole + 1 + i] = f"  {loop.values[i]} = phi {kind} {entry}"
         self.jump(f"{name}.head")
         self.label(f"{name}.end")
 

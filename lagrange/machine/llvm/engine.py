@@ -10,6 +10,7 @@ from typing import Any
 
 import llvmlite.binding as llvm
 
+from lagrange.machine.llvm.inverse import inverse_module
 from lagrange.machine.llvm.linear_solver import library
 from lagrange.machine.llvm.spelling import LIBRARY
 
@@ -89,8 +90,17 @@ def linear_solver(*, often: bool) -> None:
 def _linear_solver(often: bool) -> Module:
     start()
     module = Module(library(), optimize=often, hurry=not often)
-    for name in ("factor_dense", "solve_factored", "solve_lanes"):
+    for name in ("factor_dense", "solve_factored", "solve_lanes", "invert_dense"):
         llvm.add_symbol(name, module.address(name))
+    return module
+
+
+@cache
+def inversion() -> Module:
+    """Compile the inverse of a symmetric matrix, once per process."""
+    linear_solver(often=False)
+    module = Module(inverse_module())
+    llvm.add_symbol("invert", module.address("invert"))
     return module
 
 

@@ -30,7 +30,7 @@ QUICKLY = "attributes #1 = { nounwind noinline optnone }"
 
 def scalar_module(program: Program) -> str:
     """Return the IR of `prepare` and of the scalar kernel."""
-    return _module(program, [_prepare(program), _scalar(program)], 1, {})
+    return _module(program, [prepare_function(program), _scalar(program)], 1, {})
 
 
 def column_module(program: Program, lanes: int, vector_names: dict[str, str]) -> str:
@@ -60,7 +60,8 @@ def _module(program: Program, functions: list[str], lanes: int, vector_names: di
     return "\n".join([*lines, "", *functions, METADATA, ATTRIBUTES, QUICKLY, ""])
 
 
-def _prepare(program: Program) -> str:
+def prepare_function(program: Program) -> str:
+    """Return the IR of the part that runs once per set of parameters."""
     body = Body(program, 1, {})
     body.run(range(program.hoisted))
     e = body.e

@@ -24,7 +24,7 @@ def factor_size(n: int) -> int:
 
 
 def library() -> str:
-    """Return the IR of `factor_dense`, `solve_factored` and `solve_lanes`, for any order."""
+    """Return the IR of `factor_dense`, `solve_factored`, `solve_lanes` and `invert_dense`, for any order."""
     return "\n".join(
         [
             "declare double @llvm.fabs.f64(double)",
@@ -34,6 +34,7 @@ def library() -> str:
             _factor_dense(),
             _solve_factored(),
             _solve_lanes(),
+            _invert_dense(),
         ]
     )
 
@@ -223,3 +224,23 @@ def _solve_lanes() -> str:
             e.put(e.get(right, k), "%b", _at(e, "%lanes", lane, k))
     e.do(f"ret i32 {e.load(status, 'i32')}")
     return e.function("define i32 @solve_lanes(i64 %n, i64 %lanes, ptr noalias %a, ptr noalias %b, ptr noalias %work)")
+
+
+def _invert_dense() -> str:
+    """Write the inverse to %out, by columns; %work takes the factors and n doubles. Returns 1 if it is singular."""
+    e = Emitter()
+    square = e.value("mul nsw i64 %n, %n")
+    spare = e.address("%work", e.value(f"add nsw i64 {e.value(f'add nsw i64 {square}, 1')}, {_twice(e, '%n')}"))
+    status = e.value("call i32 @factor_dense(i64 %n, ptr %a, ptr %work)")
+    with e.loop(0, "%n") as j:
+        column = e.address("%out", e.value(f"mul nsw i64 {j}, %n"))
+        with e.loop(0, "%n") as i:
+            e.put(literal(0.0), column, i)
+        e.put(literal(1.0), column, j)
+        e.do(f"call void @solve_factored(i64 %n, ptr %work, ptr {column}, ptr {spare})")
+    e.do(f"ret i32 {status}")
+    return e.function("define i32 @invert_dense(i64 %n, ptr noalias %a, ptr noalias %out, ptr noalias %work)")
+
+
+def _twice(e: Emitter, n: str) -> str:
+    return e.value(f"shl nsw i64 {n}, 1")

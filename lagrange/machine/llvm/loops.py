@@ -23,7 +23,7 @@ def fixed_loop(step: StepProgram, layout: Layout) -> str:
     start, end, h = (e.get("%reals", which) for which in (DriverState.START, DriverState.END, DriverState.STEP))
     with e.loop(0, "%budget"):
         t = e.get("%reals", DriverState.T)
-        _leave_if(e, e.real("fcmp oeq", t, end), Outcome.DONE)
+        leave_if(e, e.real("fcmp oeq", t, end), Outcome.DONE)
         count = e.get("%counts", DriverState.STEPS, "i64")
         following = e.value(f"sitofp i64 {e.value(f'add nsw i64 {count}, 1')} to double")
         grid = e.fma(following, h, start)
@@ -32,9 +32,9 @@ def fixed_loop(step: StepProgram, layout: Layout) -> str:
         ahead = e.choose(e.real("fcmp olt", h, literal(0.0)), e.value(f"fneg double {left}"), left)
         beyond = e.real("fcmp ole", ahead, literal(0.0))
         length = e.choose(beyond, e.real("fsub", end, t), h)
-        _leave_if(e, attempt(e, step, t, length), Outcome.SINGULAR)
+        leave_if(e, attempt(e, step, t, length), Outcome.SINGULAR)
         good = finite(e, layout, [layout.new + i for i in range(step.states)])
-        _leave_if(e, e.value(f"xor i1 {good}, true"), Outcome.NON_FINITE)
+        leave_if(e, e.value(f"xor i1 {good}, true"), Outcome.NON_FINITE)
         accept(e, e.choose(beyond, end, grid))
     _come_back(e, end)
     return e.function(_SIGNATURE)
@@ -48,7 +48,7 @@ def adaptive_loop(step: StepProgram, layout: Layout) -> str:
     with e.loop(0, "%budget"):
         t, h = e.get("%reals", DriverState.T), e.get("%reals", DriverState.H)
         h = e.real("fmul", direction, e.smaller(e.fabs(h), e.get("%reals", DriverState.LONGEST)))
-        _leave_if(e, e.real("fcmp oeq", t, end), Outcome.DONE)
+        leave_if(e, e.real("fcmp oeq", t, end), Outcome.DONE)
         least = e.real("fmul", e.larger(e.fabs(t), literal(1e-290)), literal(SPACING))
         left = e.real("fsub", end, t)
         # A step within one percent of the end goes to the end, so that no sliver is left over.
@@ -57,7 +57,7 @@ def adaptive_loop(step: StepProgram, layout: Layout) -> str:
         stuck = e.value(f"and i1 {small}, {e.value(f'xor i1 {final}, true')}")
         rejected = e.value(f"icmp ne i64 {e.get('%counts', DriverState.AFTER_REJECT, 'i64')}, 0")
         hopeless = e.value(f"or i1 {stuck}, {e.value(f'and i1 {small}, {rejected}')}")
-        _leave_if(e, hopeless, Outcome.STEP_TOO_SMALL)
+        leave_if(e, hopeless, Outcome.STEP_TOO_SMALL)
         length = e.choose(final, left, h)
         after = e.choose(final, end, e.real("fadd", t, h))
         _trial(e, step, layout, length, after, rejected)
@@ -71,7 +71,8 @@ _SIGNATURE = (
 )
 
 
-def _leave_if(e: Emitter, condition: str, outcome: Outcome) -> None:
+def leave_if(e: Emitter, condition: str, outcome: Outcome) -> None:
+    """Return an outcome if a condition holds."""
     name = e.fresh("leave")
     e.do(f"br i1 {condition}, label %{name}.out, label %{name}.on")
     e.label(f"{name}.out")

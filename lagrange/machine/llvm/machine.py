@@ -8,7 +8,9 @@ from lagrange.errors import RunError
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.llvm.driver import LlvmDriver
 from lagrange.machine.llvm.loaded import LlvmKernel
+from lagrange.machine.llvm.taylor import LlvmSeries
 from lagrange.program.program import Program
+from lagrange.program.series import SeriesProgram
 from lagrange.program.step import StepProgram
 
 
@@ -24,6 +26,10 @@ class LlvmMachine:
             return LlvmKernel(program)
         except RuntimeError as error:
             raise RunError(f"LLVM could not compile {program.name}: {error}. Use target='numpy'.") from error
+
+    def series(self, program: SeriesProgram) -> LlvmSeries:
+        """Return a series program that is compiled when an order is first asked for."""
+        return LlvmSeries(program)
 
     def driver(self, step: StepProgram, kernel: LlvmKernel, parameters: FloatArray) -> LlvmDriver:
         """Compile the loop over steps; it is kept for other models of the same dimension."""

@@ -10,11 +10,12 @@ from typing import Any
 from lagrange.errors import StatementError
 from lagrange.program.step import Control, StepProgram, trace
 from lagrange.trajectory.dense import RungeKuttaPath
-from lagrange.trajectory.driver import Tolerances, drive
+from lagrange.trajectory.driver import drive
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods import classical, dop853, dopri5
 from lagrange.trajectory.methods.runge_kutta import ButcherTableau
 from lagrange.trajectory.methods.settings import adaptive_settings, fixed_settings
+from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 MEMORY = {"dopri5": 0.04}
@@ -44,21 +45,18 @@ class RungeKutta:
         """Order, and step control."""
         return Claims(order=self.tableau.order, adaptive=self.tableau.error is not None)
 
-    def prepare(self, problem: Problem) -> tuple[StepProgram, Tolerances]:
-        """Return the step program, and what the driver is told. Raises StatementError for a setting without a use."""
+    def plan(self, problem: Problem) -> StepPlan:
+        """Return the plan; see `Planned`."""
         chosen = adaptive_settings if self.claims.adaptive else fixed_settings
-        return runge_kutta_step(self.tableau), chosen(self.name, problem, self.step, self.rtol, self.atol)
+        tolerances = chosen(self.name, problem, self.step, self.rtol, self.atol)
+        return StepPlan(runge_kutta_step(self.tableau), tolerances, self._path)
 
     def integrate(self, problem: Problem) -> Trajectory:
         """Run the problem; see `Integrator`."""
-        step, tolerances = self.prepare(problem)
-        kernel = problem.model.kernel("rhs")
-        parameters = problem.parameter_array
+        return drive(problem, self.plan(problem), self.name)
 
-        def path_of(times: FloatArray, states: FloatArray) -> Callable[[FloatArray], FloatArray]:
-            return RungeKuttaPath(kernel, parameters, times, states, self.tableau)
-
-        return drive(problem, step, self.name, tolerances, path_of)
+    def _path(self, problem: Problem, times: FloatArray, states: FloatArray) -> RungeKuttaPath:
+        return RungeKuttaPath(problem.model.kernel("rhs"), problem.parameter_array, times, states, self.tableau)
 
 
 @lru_cache(maxsize=64)

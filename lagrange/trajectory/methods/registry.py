@@ -12,6 +12,7 @@ from lagrange.errors import StatementError, listing, suggestion
 from lagrange.trajectory.integrator import Claims, Integrator
 from lagrange.trajectory.methods.explicit import DOP853, RK4, Dopri5, Euler, Midpoint
 from lagrange.trajectory.methods.splitting import SymplecticEuler, Verlet
+from lagrange.trajectory.methods.taylor import Taylor
 
 GROUP = "lagrange.integrators"
 """The entry-point group in which a package registers `name = module:class`; the class is called without arguments."""
@@ -27,6 +28,7 @@ BUILT_IN: dict[str, Callable[[], Integrator]] = {
     "rk4": RK4,
     "dopri5": Dopri5,
     "dop853": DOP853,
+    "taylor": Taylor,
 }
 
 

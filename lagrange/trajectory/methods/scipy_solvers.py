@@ -17,11 +17,11 @@ from scipy.integrate import OdeSolver
 
 from lagrange.errors import StatementError
 from lagrange.machine.backend import SingularMassMatrix
-from lagrange.trajectory.driver import Tolerances
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.messages import message
 from lagrange.trajectory.methods.settings import adaptive_settings
 from lagrange.trajectory.piecewise import PiecewisePath
+from lagrange.trajectory.plan import Tolerances
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 EVALUATIONS_PER_STEP = 5_000

@@ -6,8 +6,8 @@ import math
 
 from lagrange.errors import StatementError
 from lagrange.statement.number import real_number
-from lagrange.trajectory.driver import Tolerances
 from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.plan import Tolerances
 
 RTOL = 1e-9
 ATOL = 1e-12
@@ -29,9 +29,18 @@ LEAST_ATOL = 1e-300
 
 
 def adaptive_settings(
-    name: str, problem: Problem, step: float | None, rtol: float | None, atol: float | None
+    name: str,
+    problem: Problem,
+    step: float | None,
+    rtol: float | None,
+    atol: float | None,
+    *,
+    least: float = LEAST_RTOL,
 ) -> Tolerances:
-    """Return the tolerances of an adaptive method: the run's, else the method's own, else the defaults."""
+    """Return the tolerances of an adaptive method: the run's, else the method's own, else the defaults.
+
+    `least` is the smallest relative tolerance that the method can use.
+    """
     if problem.step is not None or step is not None:
         raise StatementError(
             f"{name} chooses its steps by itself: give rtol and atol, or a fixed-step method such as rk4."
@@ -39,11 +48,11 @@ def adaptive_settings(
     relative = _tolerance("rtol", problem.rtol, rtol, RTOL)
     absolute = _tolerance("atol", problem.atol, atol, ATOL)
     notes: tuple[str, ...] = ()
-    if relative < LEAST_RTOL:
-        notes = (f"rtol = {relative:g} is below round-off and was raised to {LEAST_RTOL:.3g}.",)
+    if relative < least:
+        notes = (f"rtol = {relative:g} is below round-off and was raised to {least:.3g}.",)
     span = abs(problem.t1 - problem.t0)
     longest = span / LOOKS if problem.model.equations.structure.brief and span else math.inf
-    return Tolerances(max(relative, LEAST_RTOL), max(absolute, LEAST_ATOL), longest=longest, notes=notes)
+    return Tolerances(max(relative, least), max(absolute, LEAST_ATOL), longest=longest, notes=notes)
 
 
 def fixed_settings(

@@ -15,9 +15,10 @@ from typing import Any
 from lagrange.errors import StatementError
 from lagrange.program.step import StepProgram, trace
 from lagrange.trajectory.dense import HermitePath
-from lagrange.trajectory.driver import Tolerances, drive
+from lagrange.trajectory.driver import drive
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.settings import fixed_settings
+from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 
@@ -41,22 +42,19 @@ class Splitting:
         """Order, symplecticity, and symmetry in time."""
         return Claims(order=self.order, symplectic=True, symmetric=self.symmetric)
 
-    def prepare(self, problem: Problem) -> tuple[StepProgram, Tolerances]:
-        """Return the step program and the step. Raises StatementError where the splitting is not legal."""
+    def plan(self, problem: Problem) -> StepPlan:
+        """Return the plan. Raises StatementError where the splitting is not legal."""
         check_splits(self.name, problem)
         tolerances = fixed_settings(self.name, problem, self.step, None, None)
-        return splitting_step(self.name, self.stages), tolerances
+        return StepPlan(splitting_step(self.name, self.stages), tolerances, _path)
 
     def integrate(self, problem: Problem) -> Trajectory:
         """Run the problem; see `Integrator`."""
-        step, tolerances = self.prepare(problem)
-        kernel = problem.model.kernel("rhs")
-        parameters = problem.parameter_array
+        return drive(problem, self.plan(problem), self.name)
 
-        def path_of(times: FloatArray, states: FloatArray) -> Callable[[FloatArray], FloatArray]:
-            return HermitePath(kernel, parameters, times, states)
 
-        return drive(problem, step, self.name, tolerances, path_of)
+def _path(problem: Problem, times: FloatArray, states: FloatArray) -> HermitePath:
+    return HermitePath(problem.model.kernel("rhs"), problem.parameter_array, times, states)
 
 
 def check_splits(name: str, problem: Problem) -> None:

@@ -1,0 +1,130 @@
+"""What the commands of the command line share: options, numbers, scenes and folders, and how they answer."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import pi
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import lagrange as lg
+from lagrange.errors import StatementError
+
+if TYPE_CHECKING:
+    from lagrange.system import System
+
+DONE, FAILED, WRONG, INTERRUPTED = 0, 1, 2, 130
+
+NUMBER = re.compile(r"([+-]?)(?:([0-9.]+(?:[eE][+-]?[0-9]+)?)\*?)?(pi|deg)?(?:/([0-9.]+))?")
+"""A number, with pi or deg behind it and a divisor if need be: 9.81, -1e-3, 30deg, pi/6, 2*pi/3."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a command found: its exit code, what people read, and the same as data."""
+
+    code: int
+    text: str
+    data: Any = None
+
+
+def add_command(commands: Any, name: str, function: Any, summary: str, *, takes_scene: bool = True) -> Any:
+    """Add a command with the options that all have, and return its parser."""
+    command = commands.add_parser(
+        name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.", allow_abbrev=False
+    )
+    command.set_defaults(command=function)
+    if takes_scene:
+        command.add_argument("scene", metavar="SCENE", help="a scene file, or a name that `lagrange scenes` lists")
+    return command
+
+
+def add_json(command: Any) -> None:
+    """Add the option that asks for data."""
+    command.add_argument("--json", action="store_true", help="print one JSON document instead of text")
+
+
+def add_start(command: Any) -> None:
+    """Add the options that say what is run: parameters, initial state and end."""
+    command.add_argument(
+        "--set", metavar="NAME=VALUE", action="append", default=[], help="value of a parameter, such as m=2"
+    )
+    command.add_argument(
+        "--initial",
+        metavar="NAME=VALUE",
+        action="append",
+        default=[],
+        help="initial value, such as theta=30deg or theta_dot=1",
+    )
+    command.add_argument("--t-end", metavar="T", help="time at which the run ends")
+
+
+def load_scene(scene: str) -> System:
+    """Return the system of a scene file, or of a name of the library."""
+    # a library name has neither; anything else is meant as a file, there or not
+    if scene.endswith(".toml") or "/" in scene or os.sep in scene or (len(scene) < 255 and Path(scene).is_file()):
+        return lg.System.from_scene(scene)
+    return lg.scene(scene)
+
+
+def folder(name: str) -> Path:
+    """Return a folder to write to, made if need be. Raises StatementError for one that cannot be."""
+    path = Path(name)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StatementError(f"--out {name}: the folder cannot be made ({error.strerror}). Name another.") from None
+    if not os.access(path, os.W_OK | os.X_OK):
+        raise StatementError(f"--out {name}: the folder may not be written to. Name another.")
+    return path
+
+
+def assignments(option: str, given: Sequence[str]) -> dict[str, float]:
+    """Return the values of an option that was given as NAME=VALUE, any number of times."""
+    values: dict[str, float] = {}
+    for text in given:
+        name, equals, value = text.partition("=")
+        if not (name.strip() and equals):
+            raise StatementError(f"{option} {text[:80]}: write NAME=VALUE, such as {option} m=2.")
+        if name.strip() in values:
+            raise StatementError(f"{option} gives {name.strip()[:80]} twice: give it once.")
+        values[name.strip()] = number(f"{option} {name.strip()}", value.strip())
+    return values
+
+
+def given_number(option: str, text: str | None) -> float | None:
+    """Return an option's number, None if it was not given."""
+    return None if text is None else number(option, text)
+
+
+def number(option: str, text: str) -> float:
+    """Return the number that a text means, with pi and deg. Raises StatementError for none."""
+    wrong = StatementError(f"{option}: {text[:80]!r} is not a number. Write one such as 2, 1e-3, 30deg or pi/6.")
+    match = NUMBER.fullmatch(text)
+    if not match or not (match[2] or match[3] == "pi"):
+        raise wrong
+    sign, digits, unit, divisor = match.groups()
+    try:
+        value = float(f"{sign}{digits or 1}") / float(divisor or 1)
+    except (ValueError, ZeroDivisionError):
+        raise wrong from None
+    return value * {None: 1.0, "pi": pi, "deg": pi / 180}[unit]
+
+
+def count(option: str, text: str | None) -> int | None:
+    """Return an option's whole number from 2 up, None if it was not given."""
+    if text is None:
+        return None
+    if not re.fullmatch(r"[0-9]{1,8}", text) or int(text) < 2:
+        raise StatementError(
+            f"{option}: {text[:80]!r} is no number of output times. Give 2 or more, below 100 million."
+        )
+    return int(text)
+
+
+def number_list(option: str, text: str | None) -> list[float] | None:
+    """Return the numbers of a list with commas, None for no list."""
+    return None if text is None else [number(option, part.strip()) for part in text.split(",")]

@@ -1,0 +1,362 @@
+"""A run in multiple precision that satisfies the stated equations of motion, differenced and not derived.
+
+A run in double precision is improved, as a solution of a linear system is by iterative refinement, until
+
+    d/dt dL/dv = dL/dq + Q - dD/dv
+
+holds at Gauss points [1] to as many digits as asked. What is driven to zero is formed from the stated L, Q and D by
+central differences in multiple precision (`lagrange.evidence.laws`): no derivative rule, no graph and no compiled
+code enters it. Doubles, from compiled code too, only propose where to look next: wrong ones would keep the
+improvement from converging and could not change what it converges to.
+
+[1] E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed., 1993, II.7 and II.14.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from sympy import Symbol
+
+from lagrange.equations.euler_lagrange import euler_lagrange
+from lagrange.errors import RunError
+from lagrange.evidence import laws
+from lagrange.evidence.differences import Numbers
+from lagrange.evidence.laws import Sources, Steps
+from lagrange.evidence.operations import OutsideDomain
+from lagrange.evidence.precise import Precise
+from lagrange.machine.backend import FloatArray
+from lagrange.machine.model import Model
+from lagrange.machine.numpy import NumpyMachine
+from lagrange.statement.statement import Statement
+
+Improvement = Callable[[FloatArray], FloatArray]
+
+GUARD = 14
+"""Digits beyond those that the differences lose by design."""
+
+LEAST_POINTS = 8
+"""Otherwise there are as many points to an interval as digits are asked for, which makes the work about least."""
+
+SHORTEST = 1e-9
+"""Part of the whole time below which an interval is not halved any further."""
+
+LARGEST_GROWTH = 2.0
+"""An interval is at most so many times as long as the one before."""
+
+AGREED = 1e-9
+"""Relative change at which doubles have found an interval, and what improving it with them leaves at first."""
+
+SWEEPS = 10
+"""Improvements of an interval before it is called too long; two or three are enough where it is not."""
+
+WORTHWHILE = 0.1
+"""An improvement leaves at most this part of the one before it, or the interval is too long."""
+
+SLACK = 100.0
+"""How much less steeply than it should the series of the accelerations may fall, from its middle to its end."""
+
+SAFETY = 0.1
+"""How far below its allowance the estimated tail of an interval must be."""
+
+
+def precise_run(
+    statement: Statement,
+    parameters: Mapping[Symbol, float],
+    t0: float,
+    y0: Sequence[Any],
+    times: Sequence[float],
+    *,
+    digits: int = 30,
+    max_wall: float | None = None,
+) -> list[list[Any]]:
+    """Return the states [q, v] at `times`, which go away from t0 in one direction: 2n mpmath numbers for each.
+
+    `parameters` has a value for every parameter; floats are taken as the exact doubles that they are. About `digits`
+    digits are right after a short run; an instability costs some of them, which a second run with more digits shows.
+    Ten seconds of a double pendulum take two. Raises RunError where the run cannot go on, at a jump of the forces for
+    one, and when it takes longer than `max_wall` seconds.
+    """
+    run = _Run(statement, parameters, digits, None if max_wall is None else time.perf_counter() + max_wall)
+    number = run.laws.number
+    state = [number(x) for x in y0]
+    now, found = number(t0), []
+    whole = abs(float(times[-1]) - t0) if len(times) else 0.0
+    for end in times:
+        state = run.advance(now, number(end), state, whole)
+        now = number(end)
+        found.append(state)
+    return found
+
+
+@dataclass(frozen=True)
+class _Rule:
+    """Gauss's rule with s points on [0, 1], to many digits and in doubles.
+
+    `matrix` integrates to each point, `twice` does so twice. `spectrum` maps values at the points to coefficients of
+    Legendre's polynomials; `middle` and `tail` are three rows of it to all digits.
+    """
+
+    points: tuple[Any, ...]
+    weights: tuple[Any, ...]
+    matrix: tuple[tuple[Any, ...], ...]
+    places: FloatArray
+    once: FloatArray
+    twice: FloatArray
+    spectrum: FloatArray
+    middle: tuple[tuple[Any, ...], ...]
+    tail: tuple[tuple[Any, ...], ...]
+
+
+class _Laws:
+    """The residual of the equations of motion, from the stated L, Q and D."""
+
+    def __init__(self, statement: Statement, parameters: Mapping[Any, float], digits: int) -> None:
+        # A first derivative of a first derivative is differenced: twice the digits of the step are lost, and the
+        # step's square is the error.
+        self.exponent = digits // 2 + 3
+        lagrangian = Precise([statement.lagrangian], statement, digits + 2 * self.exponent + GUARD)
+        loads = Precise([*statement.forces, statement.dissipation], statement, digits + 2 * self.exponent + GUARD)
+        self.context = lagrangian.context
+        self.number = self.context.mpf
+        values = {p: self.number(parameters[p]) for p in statement.parameters}
+
+        def energy(q: Sequence[Any], v: Sequence[Any], t: Any) -> Any:
+            return lagrangian(q, v, t, values)[0]
+
+        self.source = Sources(
+            for_momenta=energy,
+            for_forces=energy,
+            for_mass=energy,
+            forces=lambda q, v, t: loads(q, v, t, values)[:-1],
+            dissipation=(lambda q, v, t: loads(q, v, t, values)[-1]) if statement.dissipation != 0 else None,
+            nudge=laws.exactly,
+        )
+
+    def steps(self, q: FloatArray, v: FloatArray, length: float) -> Steps:
+        """Return the steps of the differences over an interval, from the sizes of its states, (s, n) each."""
+        unit = self.number(10) ** -self.exponent
+        sizes = [np.abs(x).max(axis=0) for x in (q, v)]
+        by_q, by_v = ([unit * (float(x) or 1.0) for x in size] for size in sizes)
+        return Steps(by_q, by_v, unit * abs(length))
+
+    def residual(self, q: Numbers, v: Numbers, a: Numbers, t: Any, steps: Steps) -> Numbers:
+        """Return dp/dt - f, n numbers, zero when a is the acceleration."""
+        return laws.residual(self.source, q, v, a, t, steps)
+
+
+@dataclass(frozen=True)
+class _Interval:
+    """What doubles know of an interval: states (s, n) at the points, sizes (n,), a factor for the next one's length."""
+
+    q: FloatArray
+    v: FloatArray
+    a: FloatArray
+    sizes: FloatArray
+    factor: float
+    times: FloatArray
+    improve: Improvement
+
+
+def _sizes(spectrum: FloatArray, q: FloatArray, v: FloatArray, h: float) -> FloatArray:
+    """Return what an acceleration counts against, (n,): what would change the motion over the interval visibly."""
+    sizes = np.maximum(np.abs(spectrum).max(axis=0), np.abs(v).max(axis=0) / abs(h))
+    sizes = np.maximum(sizes, np.abs(q).max(axis=0) / h**2)
+    least = 1e-15 * float(sizes.max())
+    return np.asarray(np.maximum(sizes, least or 1.0))
+
+
+class _TooLong(Exception):
+    """The interval is too long for the rule."""
+
+
+class _Run:
+    """One run under way."""
+
+    def __init__(
+        self, statement: Statement, parameters: Mapping[Any, float], digits: int, deadline: float | None
+    ) -> None:
+        self.parameters = dict(parameters)
+        self.digits, self.deadline = digits, deadline
+        self.laws = _Laws(statement, parameters, digits)
+        self.rule = _rule(max(LEAST_POINTS, digits), self.laws.context)
+        self.model = Model(statement, euler_lagrange(statement), NumpyMachine())
+        self.length: float | None = None
+
+    def advance(self, t: Any, end: Any, state: Numbers, whole: float) -> Numbers:
+        """Return the state at `end`."""
+        while t != end:
+            left = float(end - t)
+            parts = 1 if self.length is None else math.ceil(abs(left) / self.length)
+            while True:
+                self._check(float(t), left / parts, whole)
+                then = end if parts == 1 else t + left / parts
+                try:
+                    guess = self._guess(float(t), float(then - t), state)
+                    state = self._end(t, then - t, state, guess)
+                    break
+                except (_TooLong, RunError, OutsideDomain, np.linalg.LinAlgError):
+                    parts *= 2
+            t, self.length = then, abs(left / parts) * guess.factor
+        return state
+
+    def _check(self, t: float, length: float, whole: float) -> None:
+        """Refuse to go on for too long, or with intervals that are too short."""
+        if self.deadline is not None and time.perf_counter() > self.deadline:
+            raise RunError(f"the precise run took longer than its time limit: it was at t = {t:.6g}.")
+        if abs(length) < SHORTEST * whole:
+            raise RunError(
+                f"no precise run of {self.model.statement.name} passes t = {t:.6g}: the energies or forces jump "
+                "there, or the accelerations have no value."
+            )
+
+    def _guess(self, t: float, h: float, state: Numbers) -> _Interval:
+        """Return the interval as doubles see it. Raises _TooLong where the rule does not resolve it."""
+        times = t + h * self.rule.places
+        start = np.array([float(x) for x in state])
+        q0, v0 = np.split(start, 2)
+        a = np.tile(self.model.rhs(t, start, self.parameters)[len(q0) :], (len(times), 1))
+        with np.errstate(all="ignore"):
+            for _ in range(SWEEPS):
+                v = v0 + h * self.rule.once @ a
+                q = q0 + h * self.rule.once @ v
+                y = np.hstack([q, v]).T
+                found = self.model.rhs(times, y, self.parameters)[len(q0) :].T
+                improve = self._improvement(times, h, y)
+                change = improve(a - found)
+                a = a + change
+                sizes = _sizes(self.rule.spectrum @ a, q, v, h)
+                left = float((np.abs(change) / sizes).max())
+                if not left < np.inf:
+                    raise _TooLong
+                if left <= AGREED:
+                    return _Interval(q, v, a, sizes, self._growth(a, sizes), times, improve)
+        raise _TooLong
+
+    def _growth(self, a: FloatArray, sizes: FloatArray) -> float:
+        """Return how many times as long the next interval may be. Raises _TooLong if this one is too long."""
+        # Gauss's rule has twice the order at the end that it has along the way, where the series is cut: half of the
+        # digits there are all of them here. Halfway down the series doubles still see how it falls off.
+        spectrum = np.abs(self.rule.spectrum @ a)
+        middle = len(spectrum) // 2
+        seen = float((spectrum[middle : middle + 3] / sizes).max())
+        allowed = SAFETY * 10.0 ** (-self.digits / 2 * middle / len(spectrum))
+        if seen > allowed:
+            raise _TooLong
+        return min(LARGEST_GROWTH, math.exp(math.log(allowed / max(seen, 1e-300)) / middle))
+
+    def _improvement(self, times: FloatArray, h: float, y: FloatArray) -> Improvement:
+        """Return the map from what the accelerations are off by, (s, n), to what is to be added to them (s, n)."""
+        n, s = self.model.dimension, len(times)
+        slopes = self.model.jacobian(times, y, self.parameters)[n:]
+        by_q, by_v = (np.moveaxis(part, -1, 0) for part in (slopes[:, :n], slopes[:, n:]))
+        matrix = np.eye(s * n).reshape(s, n, s, n)
+        matrix -= h * np.einsum("ij,ikl->ikjl", self.rule.once, by_v)
+        matrix -= h**2 * np.einsum("ij,ikl->ikjl", self.rule.twice, by_q)
+        if not np.isfinite(matrix).all():
+            raise _TooLong
+        inverse = np.linalg.inv(matrix.reshape(s * n, s * n))
+        return lambda off: -(inverse @ off.ravel()).reshape(s, n)
+
+    def _end(self, t: Any, h: Any, state: Numbers, guess: _Interval) -> Numbers:
+        """Return the state at the end of the interval from t to t + h."""
+        n, dot = self.model.dimension, self.laws.context.fdot
+        a = self._accelerations(t, h, state, guess)
+        _, v = self._states(h, state, a)
+        moved = []
+        for start, rates in ((state[:n], v), (state[n:], a)):
+            columns = zip(*rates, strict=True)
+            moved += [x + h * dot(self.rule.weights, column) for x, column in zip(start, columns, strict=True)]
+        return moved
+
+    def _accelerations(self, t: Any, h: Any, state: Numbers, guess: _Interval) -> list[Numbers]:
+        """Return the accelerations at the points, s rows of n numbers, improved until the laws of motion hold."""
+        a = [[self.laws.number(float(x)) for x in row] for row in guess.a]
+        steps = self.laws.steps(guess.q, guess.v, float(h))
+        masses = self.model.evaluate("mass_matrix", guess.q.T, guess.v.T, guess.times, self.parameters)
+        inverses = np.linalg.inv(np.moveaxis(masses, -1, 0))
+        last, wanted = 0.0, 10.0 ** -(self.digits + 1)
+        for _ in range(SWEEPS):
+            q, v = self._states(h, state, a)
+            rows = [
+                [float(x) for x in self.laws.residual(q[i], v[i], a[i], t + c * h, steps)]
+                for i, c in enumerate(self.rule.points)
+            ]
+            change = guess.improve(np.einsum("ikl,il->ik", inverses, np.array(rows)))
+            a = [[x + float(y) for x, y in zip(row, by, strict=True)] for row, by in zip(a, change, strict=True)]
+            size = float((np.abs(change) / guess.sizes).max())
+            left = size / last if last else AGREED
+            if not left <= WORTHWHILE:
+                break
+            if size * left <= wanted:
+                self._check_tail(a, guess.sizes)
+                return a
+            last = size
+        raise _TooLong
+
+    def _check_tail(self, a: Sequence[Numbers], sizes: FloatArray) -> None:
+        """Raise _TooLong where the series of the accelerations stops falling: across a kink, however short."""
+        columns, dot = list(zip(*a, strict=True)), self.laws.context.fdot
+        middle, tail = (
+            np.array([max(abs(float(dot(row, column))) for row in rows) for column in columns])
+            for rows in (self.rule.middle, self.rule.tail)
+        )
+        if not (
+            tail <= np.maximum(SLACK * 10.0**-self.digits * sizes, SLACK * 10.0 ** (-self.digits / 4) * middle)
+        ).all():
+            raise _TooLong
+
+    def _states(self, h: Any, state: Numbers, a: Sequence[Numbers]) -> tuple[list[Numbers], list[Numbers]]:
+        """Return coordinates and velocities at the points, s rows of n numbers each."""
+        n = self.model.dimension
+        v = self._integrated(h, state[n:], a)
+        return self._integrated(h, state[:n], v), v
+
+    def _integrated(self, h: Any, start: Numbers, rates: Sequence[Numbers]) -> list[Numbers]:
+        columns, dot = list(zip(*rates, strict=True)), self.laws.context.fdot
+        return [
+            [x + h * dot(row, column) for x, column in zip(start, columns, strict=True)] for row in self.rule.matrix
+        ]
+
+
+@cache
+def _rule(s: int, context: Any) -> _Rule:
+    """Return Gauss's rule with s points to the digits of an mpmath context, from Legendre's polynomials."""
+    guesses = np.polynomial.legendre.leggauss(s)[0]
+    roots = [_root(context, s, context.mpf(float(x))) for x in guesses]
+    table = [_legendre(x, s + 1) for x in roots]
+    slopes = [s * (x * p[s] - p[s - 1]) / (x * x - 1) for x, p in zip(roots, table, strict=True)]
+    weights = [1 / ((1 - x * x) * slope * slope) for x, slope in zip(roots, slopes, strict=True)]
+    points = [(1 + x) / 2 for x in roots]
+    matrix = []
+    for c, p in zip(points, table, strict=True):
+        integrals = [c, *((p[k + 1] - p[k - 1]) / 2 for k in range(1, s))]
+        matrix.append(tuple(w * context.fdot(integrals, r[:s]) for w, r in zip(weights, table, strict=True)))
+    once = np.array(matrix, dtype=float)
+    rows = [tuple((2 * k + 1) * w * p[k] for w, p in zip(weights, table, strict=True)) for k in range(s)]
+    middle, tail = rows[s // 2 : s // 2 + 3], rows[-3:]
+    spectrum, places = np.array(rows, dtype=float), np.array(points, dtype=float)
+    exact = tuple(points), tuple(weights), tuple(matrix)
+    return _Rule(*exact, places, once, once @ once, spectrum, tuple(middle), tuple(tail))
+
+
+def _root(context: Any, s: int, x: Any) -> Any:
+    """Return the root of Legendre's polynomial of degree s near x, by Newton's method."""
+    for _ in range(context.prec.bit_length()):
+        p = _legendre(x, s)
+        x -= p[s] * (x * x - 1) / (s * (x * p[s] - p[s - 1]))
+    return x
+
+
+def _legendre(x: Any, degree: int) -> Numbers:
+    """Return the values of Legendre's polynomials at x, from degree 0 on."""
+    values = [x * 0 + 1, x]
+    for k in range(1, degree):
+        values.append(((2 * k + 1) * x * values[k] - k * values[k - 1]) / (k + 1))
+    return values

@@ -1,0 +1,73 @@
+"""How far a run magnifies errors: the derivative of its end with respect to each state along it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lagrange.machine.model import Model
+from lagrange.trajectory.trajectory import FloatArray, Trajectory
+
+PARTS = 4
+"""Into so many steps of the variational equation each step of the run is divided."""
+
+ROUNDING = 2.0**-53
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """What becomes of errors made on the way, at the end.
+
+    `growth` is the largest factor by which a relative error of a state grows until the end. `floor` is how far the
+    end moves when one state of the run, the one where it does most harm, is rounded to double precision.
+    """
+
+    growth: float
+    floor: float
+
+
+def sensitivity(
+    model: Model, run: Trajectory, parameters: Mapping[Any, float], size: FloatArray, unit: FloatArray
+) -> Sensitivity:
+    """Return how errors grow along a run, by the variational equation dW/dt = J(t, y) W with RK4.
+
+    Relative errors are those against `size` (2n,), the magnitude of each entry of the state; the floor is in units
+    of `unit` (2n,). Both are infinite where the numbers overflow: no double knows anything of such an end.
+    """
+    marks = run.t
+    starts, lengths = marks[:-1], np.diff(marks)
+    parts = np.arange(PARTS) / PARTS
+    begin = (starts[:, None] + lengths[:, None] * parts).ravel()
+    h = np.repeat(lengths / PARTS, PARTS)
+    with np.errstate(all="ignore"):
+        matrices = _transitions(model, run, parameters, begin, h)
+        states = np.abs(run.dense(begin))
+        growth, floor, rest = 1.0, ROUNDING * float((np.abs(run.y[:, -1]) / unit).max()), np.eye(len(size))
+        for k in reversed(range(len(h))):
+            rest = rest @ matrices[k]
+            growth = max(growth, float(((np.abs(rest) @ size) / size).max()))
+            floor = max(floor, ROUNDING * float(((np.abs(rest) @ states[:, k]) / unit).max()))
+    finite = np.isfinite(rest).all()
+    return Sensitivity(growth if finite else np.inf, floor if finite else np.inf)
+
+
+def _transitions(
+    model: Model, run: Trajectory, parameters: Mapping[Any, float], begin: FloatArray, h: FloatArray
+) -> FloatArray:
+    """Return d y(t + h) / d y(t) for each of the steps, (N, 2n, 2n)."""
+
+    def slope(times: FloatArray) -> FloatArray:
+        return np.moveaxis(model.jacobian(times, run.dense(times), parameters), -1, 0)
+
+    low, high = np.sort((begin[0], begin[-1] + h[-1])) if len(h) else (0.0, 0.0)
+    first, middle, last = (slope(np.clip(begin + share * h, low, high)) for share in (0.0, 0.5, 1.0))
+    one, width = np.eye(first.shape[1]), h[:, None, None]
+    k1 = first
+    k2 = middle @ (one + width / 2 * k1)
+    k3 = middle @ (one + width / 2 * k2)
+    k4 = last @ (one + width * k3)
+    whole: FloatArray = one + width / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return whole

@@ -1,0 +1,137 @@
+"""What a race measures errors against: states that are known better than any contestant's, and how well."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lagrange.errors import RunError, StatementError
+from lagrange.evidence.precise_run import precise_run
+from lagrange.machine.model import real_array
+from lagrange.statement.number import real_number
+from lagrange.trajectory.flow import Flow
+from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.methods.registry import find
+from lagrange.trajectory.trajectory import FloatArray
+
+DIGITS = 22
+"""Digits of the reference. Errors of doubles grow as those of the reference do, and stay 1e6 times as large."""
+
+LEAST_DIGITS, GREATEST_DIGITS = 18, 200
+
+APART = 4
+"""By so many digits the run that the reference is held against has fewer: it differs in its intervals, in the points
+on them and in the steps of its differences."""
+
+LONGEST = 180.0
+"""Seconds that either run in multiple precision may take."""
+
+TIGHTEST = 1e-13
+"""Tolerance of the run that a reference by a method is held against."""
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """The right states at each of the `times`, 2n numbers each, and a bound on their errors.
+
+    `uncertainty` is in the norm that errors are measured in; `about` says in a sentence where the states come from.
+    """
+
+    times: tuple[float, ...]
+    states: tuple[tuple[Any, ...], ...]
+    uncertainty: float
+    about: str
+
+    def error(self, y: FloatArray, unit: FloatArray) -> float:
+        """Return the largest difference from states y (2n, K), each entry in units of `unit` (2n,)."""
+        if not np.isfinite(y).all():
+            return np.inf
+        return max(_distance(column, state, unit) for column, state in zip(y.T.tolist(), self.states, strict=True))
+
+
+def truth(
+    problem: Problem, times: Sequence[float], given: Any, digits: int | None, unit: FloatArray, growth: float
+) -> Truth:
+    """Return what is right at `times`.
+
+    `given` is None for an independent run in multiple precision, an array (2n,) or (2n, K), or a method as name or
+    instance. `digits` is for the former, `growth` the factor by which the run magnifies errors. Raises StatementError
+    for a reference that cannot be one, RunError where it cannot be computed.
+    """
+    if given is None:
+        return _independent(problem, times, digits, unit, growth)
+    if isinstance(given, (str, type)) or callable(getattr(given, "integrate", None)):
+        return _by_method(problem, times, given, unit)
+    states = real_array(given, "reference")
+    states = states[:, None] if states.ndim == 1 else states
+    if states.shape != (len(problem.y0), len(times)) or not np.isfinite(states).all():
+        raise StatementError(
+            f"reference has shape {np.shape(given)}: give the state at the end, ({len(problem.y0)},), or the states at "
+            f"the {len(times)} times of the race, one column each, all of them finite; or a method."
+        )
+    bound = float((np.abs(np.spacing(states)) / 2 / unit[:, None]).max())
+    return Truth(tuple(times), tuple(map(tuple, states.T.tolist())), bound, "the states given as reference")
+
+
+def _independent(
+    problem: Problem, times: Sequence[float], digits: int | None, unit: FloatArray, growth: float
+) -> Truth:
+    chosen = DIGITS if digits is None else _digits(digits)
+    if not growth < 10.0 ** (chosen - APART):
+        raise RunError(
+            f"a relative error grows by {growth:.0e} until t = {problem.t1:g}, so that {chosen} digits say nothing "
+            "about the end, nor does any method in double precision. End the race earlier, or give more digits=."
+        )
+    statement, start = problem.model.statement, problem.y0.tolist()
+
+    def run(precision: int) -> tuple[tuple[Any, ...], ...]:
+        found = precise_run(statement, problem.parameters, problem.t0, start, times, digits=precision, max_wall=LONGEST)
+        return tuple(map(tuple, found))
+
+    try:
+        rough, states = run(chosen - APART), run(chosen)
+    except RunError as error:
+        raise RunError(f"{error} Give the race another reference=, such as a method.") from error
+    bound = max(_distance(a, b, unit) for a, b in zip(rough, states, strict=True))
+    about = f"an independent run of {chosen} digits, from differences of the stated energies"
+    return Truth(tuple(times), states, bound, about)
+
+
+def _by_method(problem: Problem, times: Sequence[float], given: Any, unit: FloatArray) -> Truth:
+    """Return what a method gives; it is known as far as another one, at its tightest, agrees."""
+    method = find(given)
+    own = isinstance(given, str) and method.claims.adaptive
+    other = "dopri5" if method.name == "dop853" else "dop853"
+    first = _states(problem, times, given, TIGHTEST if own else None)
+    second = _states(problem, times, other, TIGHTEST)
+    bound = max(_distance(a, b, unit) for a, b in zip(first, second, strict=True))
+    return Truth(tuple(times), first, bound, f"a run of {method.name}, held against {other} at its tightest")
+
+
+def _states(problem: Problem, times: Sequence[float], method: Any, tolerance: float | None) -> tuple[Any, ...]:
+    """Return the states at the times, each the end of a run from the one before: nothing is interpolated."""
+    flow = Flow(problem.model, method=method, rtol=tolerance, atol=tolerance)
+    y, now, found = problem.y0, problem.t0, []
+    for then in times:
+        y = flow(y, now, then, problem.parameters)
+        now = then
+        found.append(tuple(y.tolist()))
+    return tuple(found)
+
+
+def _distance(y: Sequence[Any], other: Sequence[Any], unit: FloatArray) -> float:
+    """Return the largest difference of two states, each entry in units of `unit`."""
+    # The subtraction is mpmath's where one of them is: doubles would see nothing below their own rounding.
+    return max(abs(float(b - a)) / float(scale) for a, b, scale in zip(y, other, unit, strict=True))
+
+
+def _digits(given: Any) -> int:
+    number = real_number(given, "digits")
+    if number != int(number) or not LEAST_DIGITS <= number <= GREATEST_DIGITS:
+        raise StatementError(
+            f"digits = {given}: give a whole number from {LEAST_DIGITS} to {GREATEST_DIGITS}; doubles have 16."
+        )
+    return int(number)

@@ -1,0 +1,332 @@
+"""Error against time: every method at every tolerance or step, against one reference that is known better."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from lagrange.errors import LagrangeError, RunError, StatementError, listing
+from lagrange.evidence.sensitivity import Sensitivity, sensitivity
+from lagrange.evidence.truth import Truth, truth
+from lagrange.machine.model import Model
+from lagrange.statement.number import real_number
+from lagrange.trajectory.flow import Flow
+from lagrange.trajectory.integrate import integrate
+from lagrange.trajectory.integrator import Integrator, Problem
+from lagrange.trajectory.methods.registry import BUILT_IN, DEFAULT, find, names
+from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
+
+TOLERANCES = tuple(10.0**-k for k in range(3, 14))
+
+RUNGS = 9
+"""Steps of the ladder that is used where no steps are given, each half of the one before."""
+
+PER_STEP = 4
+"""The longest of them: a step of DOP853 at `ROUGH`, divided by this, which is where RK4 begins to see the motion."""
+
+ROUGH, FINE = 1e-6, 1e-11
+"""Tolerances of the runs of DOP853 from which the ladder comes, and from which sizes and growth of errors come."""
+
+RIVALS = ("scipy-dop853", "scipy-lsoda")
+"""Raced by default with the methods of our own; the other solvers of SciPy take seconds at small errors."""
+
+LEAST_ORDER, LEAST_SYMPLECTIC = 4, 2
+"""Orders from which methods, and symplectic ones, are raced by default."""
+
+FEWEST = 16
+"""Steps of the longest ones at least."""
+
+NOTABLE = 1e4
+"""Growth of errors that is worth a sentence."""
+
+MINUTE = 60.0
+"""Seconds that the fine run is given in any case."""
+
+MEASURABLE = 1e-3
+"""Seconds that a timing takes at least; a shorter run is repeated within it."""
+
+HOPELESS = 1e-3
+"""Part of the size of the states from which rounding alone, or a doubt in the reference, decides the race."""
+
+REFUSED, SKIPPED = "refused", "skipped"
+"""Beside the values of `Status`: a request that the method cannot serve; one that a coarser one ran too long for."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One method at one setting.
+
+    `setting` is the tolerance (rtol = atol) of an adaptive method, else the step. `error` is NaN where there is no
+    end; where it is not `resolved`, the true one lies at or below it, which is all that the reference can tell. `time`
+    is the least of `timed` warm runs, in seconds, NaN where none ended. `status` and `message` say how the run ended.
+    """
+
+    method: str
+    adaptive: bool
+    setting: float
+    error: float = math.nan
+    resolved: bool = True
+    time: float = math.nan
+    timed: int = 0
+    steps: int = 0
+    evaluations: int = 0
+    status: str = REFUSED
+    message: str = ""
+
+    @property
+    def complete(self) -> bool:
+        """Whether the run reached its end."""
+        return math.isfinite(self.time)
+
+
+@dataclass(frozen=True)
+class Result:
+    """Everything that a race found.
+
+    `unit` (2n,) is what errors are measured in, one number for each entry of the state: 1, or the entry's size.
+    `size` (2n,) is the largest magnitude of each entry along the run.
+    """
+
+    entries: tuple[Entry, ...]
+    truth: Truth
+    sensitivity: Sensitivity
+    size: tuple[float, ...]
+    unit: tuple[float, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Terms:
+    """What is raced for, and how it is timed; `times` are those at which errors are looked at."""
+
+    times: tuple[float, ...]
+    tolerances: tuple[float, ...]
+    steps: tuple[float, ...] | None
+    repeats: int
+    max_wall: float
+    relative: bool
+
+
+def race(
+    model: Model,
+    span: Sequence[float],
+    initial: Mapping[Any, Any] | None,
+    parameters: Mapping[Any, Any] | None,
+    methods: Iterable[Any] | None,
+    chosen: Terms,
+    reference: Any = None,
+    digits: int | None = None,
+) -> Result:
+    """Measure every method at every setting. Raises StatementError, or RunError where nothing can be measured."""
+    contestants = _contestants(methods)
+    run, values = _fine_run(model, span, initial, parameters, max(chosen.max_wall, MINUTE))
+    t0, t1 = map(float, span)
+    problem = Problem(model, values, t0, t1, run.y[:, 0].copy(), max_wall=chosen.max_wall)
+    size = np.abs(run.y).max(axis=1)
+    size = np.where(size > 0, size, 1.0)
+    unit = size if chosen.relative else np.ones_like(size)
+    growth = sensitivity(model, run, problem.parameters, size, unit)
+    right = truth(problem, chosen.times, reference, digits, unit, growth.growth)
+    if not right.uncertainty < HOPELESS * float((size / unit).max()):
+        raise RunError(
+            f"the reference is known to {right.uncertainty:.1e} only, so there is nothing to measure errors against: a "
+            f"relative error grows by {growth.growth:.0e} on the way. End the race earlier, or give another reference."
+        )
+    heat = _Heat(problem, chosen, right, unit)
+    entries: list[Entry] = []
+    notes = list(_omens(growth, size, unit))
+    for label, method in contestants:
+        settings = chosen.tolerances if method.claims.adaptive else chosen.steps or _ladder(problem)
+        found = list(heat.run(label, method, settings))
+        if methods is None and all(entry.status == REFUSED for entry in found):
+            notes.append(f"{label} does not take part: {found[0].message}")
+        else:
+            entries += found
+    return Result(tuple(entries), right, growth, tuple(size.tolist()), tuple(unit.tolist()), tuple(notes))
+
+
+class _Heat:
+    """Everything that the runs of a race have in common."""
+
+    def __init__(self, problem: Problem, terms: Terms, right: Truth, unit: FloatArray) -> None:
+        self.problem, self.terms, self.truth, self.unit = problem, terms, right, unit
+        self.outputs = np.array(terms.times) if len(terms.times) > 1 else None
+
+    def run(self, label: str, method: Integrator, settings: Sequence[float]) -> Iterator[Entry]:
+        """Yield the entries of a method, from the coarsest setting to the finest."""
+        late: float | None = None
+        for setting in sorted(settings, reverse=True):
+            entry = self._entry(label, method, setting, late)
+            late = setting if entry.status == Status.MAX_WALL.value else late
+            yield entry
+
+    def _entry(self, label: str, method: Integrator, setting: float, late: float | None) -> Entry:
+        adaptive = method.claims.adaptive
+        blank = Entry(label, adaptive, setting)
+        if late is not None:
+            message = f"not run: at {late:.3g} it took longer than {self.terms.max_wall:g} s."
+            return replace(blank, status=SKIPPED, message=message)
+        chosen: dict[str, Any] = {"rtol": setting, "atol": setting} if adaptive else {"step": setting}
+        problem = replace(self.problem, t_eval=self.outputs, **chosen)
+        try:
+            found = _checked(method.integrate(problem))
+            blank = replace(blank, steps=found.steps, evaluations=found.evaluations)
+            blank = replace(blank, status=found.status.value, message=found.message)
+            if not found.status.complete:
+                return blank
+            run = self._warm(method, problem, chosen)
+            y = run()
+            seconds, timed = self._timed(run, found.wall)
+        except LagrangeError as refusal:
+            return replace(blank, message=str(refusal))
+        error = self.truth.error(y, self.unit)
+        bound = self.truth.uncertainty
+        return replace(blank, error=max(error, bound), resolved=error > bound, time=seconds, timed=timed)
+
+    def _timed(self, run: Callable[[], FloatArray], single: float) -> tuple[float, int]:
+        """Return the least seconds of a run that takes about `single`, and how often it was timed."""
+        least, timed = math.inf, 0
+        count = max(1, math.ceil(MEASURABLE / max(single, 1e-9)))
+        began = time.perf_counter()
+        while timed < self.terms.repeats and (not timed or time.perf_counter() - began < self.terms.max_wall):
+            start = time.perf_counter()
+            for _ in range(count):
+                run()
+            least = min(least, (time.perf_counter() - start) / count)
+            timed += 1
+        return least, timed
+
+    def _warm(self, method: Integrator, problem: Problem, chosen: Mapping[str, float]) -> Callable[[], FloatArray]:
+        """Return a function that runs to the times of the race, (2n, K), with everything prepared that can be."""
+        if self.outputs is not None:
+            return lambda: method.integrate(problem).y
+        flow = Flow(problem.model, method=method, max_steps=problem.max_steps, **chosen)
+        return lambda: flow(problem.y0, problem.t0, problem.t1, problem.parameters)[:, None]
+
+
+def terms(
+    span: Sequence[float],
+    *,
+    tolerances: Any = TOLERANCES,
+    steps: Any = None,
+    repeats: Any = 5,
+    max_wall: Any = 10.0,
+    outputs: Any = None,
+    relative: bool = False,
+) -> Terms:
+    """Return what is raced for, checked. Raises StatementError for what cannot be meant.
+
+    `outputs` is the number of equally spaced times at which errors are looked at, None for the end alone.
+    """
+    t0, t1 = float(span[0]), float(span[1])
+    if t0 == t1:
+        raise StatementError(f"a race from t = {t0:g} to t = {t1:g} has no length: give t_end=.")
+    seconds = real_number(max_wall, "max_wall")
+    if seconds <= 0:
+        raise StatementError(f"max_wall = {max_wall}: give a positive number of seconds.")
+    count = 1 if outputs is None else _whole("outputs", outputs)
+    times = [t0 + (t1 - t0) * k / count for k in range(1, count)]
+    return Terms(
+        times=(*times, t1),
+        tolerances=_sizes("tolerances", tolerances),
+        steps=None if steps is None else _sizes("steps", steps),
+        repeats=_whole("repeats", repeats),
+        max_wall=seconds,
+        relative=bool(relative),
+    )
+
+
+def _whole(what: str, given: Any) -> int:
+    number = real_number(given, what)
+    if number < 1 or number != int(number):
+        raise StatementError(f"{what} = {given}: give a whole number of at least 1.")
+    return int(number)
+
+
+def _sizes(what: str, given: Any) -> tuple[float, ...]:
+    """Return positive numbers without their repetitions."""
+    if isinstance(given, (str, bytes)) or not isinstance(given, Iterable):
+        raise StatementError(f"{what} is {given!r}: give a list of positive numbers, such as [1e-6, 1e-9].")
+    numbers = [real_number(x, f"an entry of {what}") for x in given]
+    wrong = [x for x in numbers if x <= 0]
+    if wrong:
+        raise StatementError(f"{what} contains {wrong[0]:g}: give positive numbers, such as 1e-6.")
+    if not numbers:
+        raise StatementError(f"{what} is empty: give at least one positive number, such as 1e-6.")
+    return tuple(dict.fromkeys(numbers))
+
+
+def _contestants(methods: Any) -> list[tuple[str, Integrator]]:
+    """Return the methods with the names that tell them apart."""
+    if methods is None:
+        chosen: list[Any] = [name for name in BUILT_IN if _races_by_default(find(name))]
+        chosen += [name for name in RIVALS if name in names()]
+    elif isinstance(methods, str) or not isinstance(methods, Iterable):
+        chosen = [methods]
+    else:
+        chosen = list(methods)
+    if not chosen:
+        raise StatementError(f"methods is empty: name at least one; there are {listing(names())}.")
+    found: dict[str, Integrator] = {}
+    for method in map(find, chosen):
+        label, number = method.name, 1
+        while label in found:
+            number += 1
+            label = f"{method.name} ({number})"
+        found[label] = method
+    return list(found.items())
+
+
+def _races_by_default(method: Integrator) -> bool:
+    return method.claims.order >= (LEAST_SYMPLECTIC if method.claims.symplectic else LEAST_ORDER)
+
+
+def _fine_run(
+    model: Model,
+    span: Sequence[float],
+    initial: Mapping[Any, Any] | None,
+    parameters: Mapping[Any, Any] | None,
+    max_wall: float,
+) -> tuple[Trajectory, dict[Any, float]]:
+    """Return the run from which the sizes of the states and the growth of errors come, and the parameters' values."""
+    run, values = integrate(
+        model, span, initial, method=DEFAULT, rtol=FINE, atol=FINE, max_wall=max_wall, parameters=parameters
+    )
+    if not _checked(run).status.complete:
+        raise RunError(f"there is no end to race for: {run.message}")
+    return run, values
+
+
+def _checked(run: Any) -> Trajectory:
+    """Return the run, or go on with the Ctrl-C that it ended with."""
+    if not isinstance(run, Trajectory):
+        raise StatementError(f"integrate() returned {run!r}: it must return an lg.Trajectory.")
+    if run.status is Status.INTERRUPTED:
+        raise KeyboardInterrupt
+    return run
+
+
+def _ladder(problem: Problem) -> tuple[float, ...]:
+    """Return the steps that methods with equal steps are tried at where none are given."""
+    rough = find(DEFAULT).integrate(replace(problem, rtol=ROUGH, atol=ROUGH))
+    count = max(FEWEST, PER_STEP * rough.steps)
+    return tuple(abs(problem.t1 - problem.t0) / (count << k) for k in range(RUNGS))
+
+
+def _omens(found: Sensitivity, size: FloatArray, unit: FloatArray) -> Iterator[str]:
+    """Yield what the growth of errors means for every method alike."""
+    if found.floor > HOPELESS * float((size / unit).max()):
+        yield (
+            f"No method can win: an error grows up to {found.growth:.0e} times, and rounding a single state to double "
+            "precision decides where the run ends. Compare methods over a shorter time."
+        )
+    elif found.growth > NOTABLE:
+        yield (
+            f"Errors grow up to {found.growth:.0e} times until the end. Rounding a single state to double precision "
+            f"moves the end by {found.floor:.0e}: smaller errors are luck."
+        )

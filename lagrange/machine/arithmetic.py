@@ -1,0 +1,77 @@
+"""The operations of a program on numbers: NumPy's doubles, or any other arithmetic with a table of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lagrange.program.program import Program
+
+OPERATIONS: dict[str, Callable[..., Any]] = {
+    "neg": np.negative,
+    "add": np.add,
+    "sub": np.subtract,
+    "mul": np.multiply,
+    "div": np.divide,
+    "fma": lambda a, b, c: a * b + c,
+    "sqrt": np.sqrt,
+    "power": np.power,
+    "sin": np.sin,
+    "cos": np.cos,
+    "tan": np.tan,
+    "asin": np.arcsin,
+    "acos": np.arccos,
+    "atan": np.arctan,
+    "atan2": np.arctan2,
+    "exp": np.exp,
+    "log": np.log,
+    "sinh": np.sinh,
+    "cosh": np.cosh,
+    "tanh": np.tanh,
+    "abs": np.abs,
+    "sign": np.sign,
+    "min": np.minimum,
+    "max": np.maximum,
+    "less": np.less,
+    "less_equal": np.less_equal,
+    "equal": np.equal,
+    "and": np.logical_and,
+    "or": np.logical_or,
+    "not": np.logical_not,
+    "select": np.where,
+}
+"""The spelling of each operation, on numbers or on one number per column."""
+
+
+@dataclass(frozen=True)
+class Arithmetic:
+    """What numbers are: their spelling of each operation of a program, and the number that a double is."""
+
+    operations: Mapping[str, Callable[..., Any]]
+    number: Callable[[float], Any]
+    dtype: Any
+
+    def evaluate(
+        self, program: Program, t: Any, y: Sequence[Any] | NDArray[Any], parameters: Sequence[Any] | NDArray[Any]
+    ) -> list[Any]:
+        """Return the outputs of a program without linear systems."""
+        values: list[Any] = []
+        for op, args, data in program.instructions:
+            if op == "state":
+                values.append(y[int(data)])
+            elif op == "parameter":
+                values.append(parameters[int(data)])
+            elif op == "time":
+                values.append(t)
+            elif op == "constant":
+                values.append(self.number(data))
+            else:
+                values.append(self.operations[op](*(values[arg] for arg in args)))
+        return [values[output] for output in program.outputs]
+
+
+FLOATS = Arithmetic(OPERATIONS, np.float64, float)

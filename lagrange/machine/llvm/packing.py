@@ -1,0 +1,228 @@
+"""Pack the values of a series side by side: values with the same rule at the same depth become one vector.
+
+A chunk is such a vector of 1, 2, 4 or 8 values; its last lanes may repeat the last value. An operand is a vector of
+values that a chunk reads; where it is not just another chunk, it is gathered from several.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+from lagrange.program.series import Rule, SeriesProgram
+
+
+@dataclass(frozen=True)
+class Operand:
+    """A vector of values, or with `ranked` of their coefficients times the order, j x[j]."""
+
+    values: tuple[int, ...]
+    ranked: bool = False
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Values with one rule: `values` by lane, the first `count` of them distinct; `args` the operands of the rule.
+
+    `coefficients` has one tuple of places in the table of constants, by lane, for each coefficient of the rule.
+    """
+
+    op: str
+    values: tuple[int, ...]
+    count: int
+    args: tuple[Operand, ...]
+    coefficients: tuple[tuple[int, ...], ...]
+
+    @property
+    def whole(self) -> Operand:
+        """The chunk as an operand."""
+        return Operand(self.values)
+
+    @cached_property
+    def sums(self) -> tuple[tuple[Operand, Operand], ...]:
+        """The sums over 0 < j < k of x[j] y[k-j] that the rule reads, as pairs (x, y)."""
+        if self.op in ("mul", "square"):
+            return ((self.args[0], self.args[-1]),)
+        if self.op in ("div", "inverse"):
+            return ((self.args[-1], self.whole),)
+        if self.op == "sqrt":
+            return ((self.whole, self.whole),)
+        if self.op == "power":
+            return ((Operand(self.args[0].values, ranked=True), self.whole), (self.args[0], self.whole))
+        if self.op == "along":
+            return ((Operand(self.args[0].values, ranked=True), self.args[1]),)
+        if self.op == "against":
+            return ((Operand(self.values, ranked=True), self.args[1]),)
+        return ()
+
+
+@dataclass(frozen=True)
+class Packing:
+    """A series program as chunks, in the order of their evaluation within each part."""
+
+    program: SeriesProgram
+    coordinates: tuple[Chunk, ...]
+    velocities: tuple[Chunk, ...]
+    configuration: tuple[Chunk, ...]
+    trial: tuple[Chunk, ...]
+    velocity: tuple[Chunk, ...]
+
+    @cached_property
+    def place(self) -> dict[int, tuple[Chunk, int]]:
+        """The chunk and the lane of each value."""
+        chunks = (*self.coordinates, *self.velocities, *self.configuration, *self.trial, *self.velocity)
+        return {value: (chunk, lane) for chunk in chunks for lane, value in enumerate(chunk.values[: chunk.count])}
+
+    @cached_property
+    def computed(self) -> tuple[Chunk, ...]:
+        """Every chunk that has a rule, each once."""
+        return tuple(dict.fromkeys((*self.configuration, *self.trial, *self.velocity)))
+
+    @cached_property
+    def summed(self) -> tuple[Operand, ...]:
+        """The operands whose lower orders are summed over, each once."""
+        return tuple(dict.fromkeys(operand for chunk in self.computed for pair in chunk.sums for operand in pair))
+
+    @cached_property
+    def delayed(self) -> tuple[Operand, ...]:
+        """The operands that are read one order later: what is integrated, and the forces."""
+        integrated = [chunk.args[0] for chunk in self.computed if chunk.op == "integral"]
+        return tuple(dict.fromkeys([*integrated, *(force for force in self.forces if force is not None)]))
+
+    @cached_property
+    def initial(self) -> tuple[Operand, ...]:
+        """The operands that are read at order 0 by the rules of higher orders."""
+        found = [operand for chunk in self.computed for operand in (*chunk.args, chunk.whole) if chunk.sums]
+        return tuple(dict.fromkeys(found))
+
+    @cached_property
+    def forces(self) -> tuple[Operand | None, ...]:
+        """The forces on the coordinates of each chunk of velocities, None where there is none in all of it."""
+        return tuple(self._outputs(chunk, self.program.forces) for chunk in self.velocities)
+
+    @cached_property
+    def momenta(self) -> tuple[Operand | None, ...]:
+        """The momenta of the coordinates of each chunk of velocities, None for a constant mass matrix."""
+        if self.program.constant_mass:
+            return (None,) * len(self.velocities)
+        return tuple(self._outputs(chunk, self.program.momenta) for chunk in self.velocities)
+
+    def _outputs(self, chunk: Chunk, outputs: Sequence[int | None]) -> Operand | None:
+        n = self.program.dimension
+        found = [outputs[value - n] for value in chunk.values]
+        return None if all(value is None for value in found) else Operand(tuple(-1 if v is None else v for v in found))
+
+
+NOTHING = -1
+"""Stands in an operand for a lane that is zero."""
+
+
+def pack(program: SeriesProgram, lanes: int) -> Packing:
+    """Return the program packed into vectors of up to `lanes` values."""
+    packer = _Packer(program, lanes)
+    n = program.dimension
+    coordinates = packer.chunks("coordinate", list(range(n)))
+    velocities = packer.chunks("velocity", list(range(n, 2 * n)))
+    trial, velocity = frozenset(program.trial), frozenset(program.velocity)
+    groups: dict[_Group, list[int]] = {}
+    for i in sorted({*program.configuration, *trial, *velocity}):
+        rule = program.rules[i]
+        if rule.op not in ("coordinate", "velocity"):
+            kind = len(rule.args) if rule.op == "linear" else 0
+            choice = rule.coefficients if rule.op == "choose" else ()
+            group = _Group(i in program.moving, *packer.level[i], rule.op, kind, choice, i in trial, i in velocity)
+            groups.setdefault(group, []).append(i)
+    made = {group: packer.chunks(group.op, groups[group]) for group in sorted(groups)}
+    return Packing(
+        program,
+        tuple(coordinates),
+        tuple(velocities),
+        tuple(chunk for group, chunks in made.items() if not group.moving for chunk in chunks),
+        tuple(chunk for group, chunks in made.items() if group.trial for chunk in chunks),
+        tuple(chunk for group, chunks in made.items() if group.moving and group.velocity for chunk in chunks),
+    )
+
+
+class _Group(NamedTuple):
+    """What values of one vector have in common, in the order of their evaluation."""
+
+    moving: bool
+    sums: int
+    depth: int
+    op: str
+    arguments: int
+    choice: tuple[int, ...]
+    trial: bool
+    velocity: bool
+
+
+def widths(count: int, lanes: int) -> list[int]:
+    """Return the widths of the vectors that hold so many values."""
+    found = [lanes] * (count // lanes)
+    rest = count % lanes
+    if rest:
+        found.append(1 << (rest - 1).bit_length())
+    return found
+
+
+class _Packer:
+    """Orders the values of each group so that their operands lie as they come."""
+
+    def __init__(self, program: SeriesProgram, lanes: int) -> None:
+        self.program, self.lanes = program, lanes
+        self.level = levels(program)
+        self.position: dict[int, int] = {}
+
+    def chunks(self, op: str, members: list[int]) -> list[Chunk]:
+        """Return the chunks of one group."""
+        rules = {i: self.canonical(self.program.rules[i]) for i in members}
+        members = sorted(members, key=lambda i: ([self.at(arg) for arg in rules[i].args[::-1]], i))
+        found = []
+        for width in widths(len(members), self.lanes):
+            chosen, members = members[:width], members[width:]
+            for value in chosen:
+                self.position[value] = len(self.position)
+            padded = chosen + [chosen[-1]] * (width - len(chosen))
+            found.append(self.chunk(op, padded, len(chosen), rules))
+        return found
+
+    def chunk(self, op: str, padded: list[int], count: int, rules: dict[int, Rule]) -> Chunk:
+        lanes = [rules[i] for i in padded]
+        args = tuple(Operand(args) for args in zip(*(rule.args for rule in lanes), strict=True))
+        coefficients = tuple(zip(*(rule.coefficients for rule in lanes), strict=True))
+        return Chunk(op, tuple(padded), count, args, coefficients)
+
+    def canonical(self, rule: Rule) -> Rule:
+        """Return the rule with arguments that may be exchanged in order: what is known last comes first."""
+        if rule.op == "mul":
+            return rule._replace(args=tuple(sorted(rule.args, key=lambda i: (self.level[i], self.at(i)), reverse=True)))
+        if rule.op == "linear":
+            pairs = zip(rule.args, rule.coefficients, strict=True)
+            args, coefficients = zip(*sorted(pairs, key=lambda p: (self.level[p[0]], self.at(p[0]))), strict=True)
+            return Rule("linear", args, coefficients)
+        return rule
+
+    def at(self, value: int) -> int:
+        """Return the position of a value among those packed, the last for one that follows later."""
+        return self.position.get(value, len(self.program.rules) + value)
+
+
+def levels(program: SeriesProgram) -> list[tuple[int, int]]:
+    """Return when each value can be found: how many sums over lower orders it waits for, then how many other values.
+
+    A sum waits for all combinations before it, so that sums of one kind become one vector, however long the chains of
+    combinations are that lead to them. Velocities come last of all.
+    """
+    found: list[tuple[int, int]] = []
+    for i, rule in enumerate(program.rules):
+        before = [found[arg] for arg in program.direct(i)]
+        sums = max((level for level, _ in before), default=0)
+        if rule.op == "velocity":
+            found.append((len(program.rules), 0))
+        elif rule.op == "linear":
+            found.append((sums, max((depth for level, depth in before if level == sums), default=0) + 1))
+        else:
+            found.append((sums + 1, 0))
+    return found

@@ -1,0 +1,205 @@
+"""Series programs in machine code: the jet, the loop over steps, and the numbers that both read.
+
+`c` is the inverse of a constant mass matrix by columns, or the diagonal of a diagonal one, then the constants as
+vectors, each where the code reads it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+
+import numpy as np
+
+from lagrange.machine.backend import FloatArray, SingularMassMatrix
+from lagrange.machine.driver import DriverState, Outcome
+from lagrange.machine.llvm.body import prepared_size, shares_angle_function
+from lagrange.machine.llvm.engine import Module, inversion, lanes, linear_solver
+from lagrange.machine.llvm.kernel import ATTRIBUTES, METADATA, QUICKLY, prepare_function
+from lagrange.machine.llvm.memory import address
+from lagrange.machine.llvm.packing import Packing, pack
+from lagrange.machine.llvm.spelling import LIBRARY
+from lagrange.machine.llvm.taylor_cost import is_large, jet_cost
+from lagrange.machine.llvm.taylor_jet import Table
+from lagrange.machine.llvm.taylor_loop import TaylorLayout, drive_function
+from lagrange.machine.llvm.taylor_looped import LoopedJet, Slots, scratch_size
+from lagrange.machine.llvm.taylor_unrolled import UnrolledJet
+from lagrange.machine.llvm.trigonometry import angle_function
+from lagrange.machine.taylor import best_order, constants
+from lagrange.program.series import SeriesProgram
+
+_PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
+_DRIVE = ctypes.CFUNCTYPE(
+    ctypes.c_int32, *([ctypes.c_void_p] * 5), ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64
+)
+_SERIES = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_double, *([ctypes.c_void_p] * 4), ctypes.c_int64)
+
+
+class LlvmSeries:
+    """A series program in machine code: written out for each order that is asked for, or in loops for all orders."""
+
+    def __init__(self, program: SeriesProgram) -> None:
+        self.program = program
+        self._packing = pack(program, lanes())
+        self._looped = is_large(self._packing)
+        self._compiled: dict[int, CompiledJet] = {}
+
+    def form(self, order: int) -> str:
+        """Return how the series is computed."""
+        return "in loops" if self._looped else "written out"
+
+    def order(self, tolerance: float) -> int:
+        """Return the order by cost; see `Series`."""
+        return best_order(jet_cost(self._packing, looped=self._looped), tolerance)
+
+    def compiled(self, order: int) -> CompiledJet:
+        """Return the machine code for an order."""
+        key = 0 if self._looped else order
+        if key not in self._compiled:
+            self._compiled[key] = CompiledJet(self._packing, key)
+        return self._compiled[key]
+
+    def driver(self, order: int, parameters: FloatArray) -> LlvmTaylorDriver:
+        """Return a driver; see `Series`."""
+        return LlvmTaylorDriver(self.compiled(order), order, parameters)
+
+    def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
+        """Return the series at a state; see `Series`."""
+        return self.compiled(order).rows(order, t, y, scale, parameters)
+
+
+class CompiledJet:
+    """A packed series in machine code at one order, or with an order of 0 at any."""
+
+    def __init__(self, packing: Packing, order: int) -> None:
+        self.program = packing.program
+        self._table = Table(self.program.numbers, inverse_size(self.program))
+        linear_solver(often=False)
+        if order:
+            self.layout = unrolled_layout(self.program, order)
+            jet = UnrolledJet(packing, self._table, order, self.layout.width).function()
+        else:
+            slots = Slots(packing, looped_layout(self.program, 0).width)
+            self.layout = looped_layout(self.program, slots.size)
+            jet = LoopedJet(packing, self._table, self.layout, slots).function()
+            inversion()
+        self._module = Module(series_ir(self.program, self.layout, jet))
+        self._prepare = _PREPARE(self._module.address(f"{self.program.start.name}_prepare"))
+        self.drive = _DRIVE(self._module.address("drive"))
+        self._series = _SERIES(self._module.address("series"))
+        self._prepared: tuple[bytes, tuple[FloatArray, FloatArray]] | None = None
+
+    @property
+    def ir(self) -> str:
+        """The LLVM IR."""
+        return self._module.ir
+
+    def numbers(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the two arrays of numbers that do not change along a run: `p` and `c`. Raises SingularMassMatrix."""
+        key, known = parameters.tobytes(), self._prepared
+        if known is not None and known[0] == key:
+            return known[1]
+        prepared = np.zeros(prepared_size(self.program.start) + 1)
+        prepared[: len(parameters)] = parameters
+        self._prepare(address(prepared))
+        table, inverse = constants(self.program, parameters)
+        columns = np.diag(inverse) if self.program.diagonal else inverse.T.ravel()
+        parts = [columns] if self.program.constant_mass else []
+        found = prepared, np.concatenate([*parts, table[self._table.order], [0.0]])
+        self._prepared = (key, found)
+        return found
+
+    def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
+        """Return the coefficients of the state and of what is watched, times scale**k, (order + 1, 2n + watched)."""
+        layout, numbers = self.layout, self.numbers(parameters)
+        work = np.zeros(layout.size(order))
+        state = np.zeros(layout.padded)
+        state[: layout.dimension] = y
+        if self._series(t, scale, *map(address, (state, *numbers, work)), order):
+            raise SingularMassMatrix
+        return layout.coefficients(work, order)
+
+
+def unrolled_layout(program: SeriesProgram, order: int) -> TaylorLayout:
+    """Return where things stand for a jet that is written out."""
+    dimension, watched = 2 * program.dimension, len(program.watched)
+    padded = TaylorLayout(dimension, order, 0, watched, 0).padded
+    return TaylorLayout(dimension, order, padded + watched, watched, padded)
+
+
+def looped_layout(program: SeriesProgram, width: int) -> TaylorLayout:
+    """Return where things stand for a jet in loops, with rows of that width or of q, v and what is watched."""
+    dimension, watched = 2 * program.dimension, len(program.watched)
+    padded = TaylorLayout(dimension, 0, 0, watched, 0).padded
+    return TaylorLayout(dimension, 0, width or padded + watched, watched, padded, scratch_size(program))
+
+
+def inverse_size(program: SeriesProgram) -> int:
+    """Return how many numbers the inverse of a constant mass matrix takes."""
+    if not program.constant_mass:
+        return 0
+    return program.dimension if program.diagonal else program.dimension**2
+
+
+def series_ir(program: SeriesProgram, layout: TaylorLayout, jet: str) -> str:
+    """Return the IR of a whole module around a jet."""
+    functions = [angle_function(1)] if shares_angle_function(program.start) else []
+    functions += [prepare_function(program.start), jet, SERIES, drive_function(layout)]
+    return "\n".join([declarations(layout.lanes), *functions, METADATA, ATTRIBUTES, QUICKLY, ""])
+
+
+SERIES = """define i32 @series(double %t, double %scale, ptr %y, ptr %p, ptr %c, ptr %rows, i64 %order) #0 {
+  %status = call i32 @jet(double %t, double %scale, ptr %y, ptr %p, ptr %c, ptr %rows, i64 %order)
+  ret i32 %status
+}
+"""
+
+
+def declarations(lanes: int) -> str:
+    """Return what a module of a series declares."""
+    lines = []
+    for kind, code in (("double", "f64"), *((f"<{n} x double>", f"v{n}f64") for n in (2, 4, 8))):
+        for name, operands in (("fma", 3), ("minimum", 2), ("maximum", 2), ("sqrt", 1), ("fabs", 1)):
+            lines.append(f"declare {kind} @llvm.{name}.{code}({', '.join([kind] * operands)})")
+    lines.append("declare i64 @llvm.umax.i64(i64, i64)")
+    lines.append(f"declare <{lanes} x i64> @llvm.umax.v{lanes}i64(<{lanes} x i64>, <{lanes} x i64>)")
+    lines.append(f"declare i64 @llvm.vector.reduce.umax.v{lanes}i64(<{lanes} x i64>)")
+    lines.append("declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)")
+    lines.append("declare void @sincos(double, ptr, ptr)")
+    lines.append("declare i32 @invert_dense(i64, ptr, ptr, ptr)")
+    lines.append("declare i32 @invert(i64, i64, ptr, ptr, ptr)")
+    for op in sorted(LIBRARY):
+        operands = 2 if op in ("power", "atan2") else 1
+        lines.append(f"declare double @{'pow' if op == 'power' else op}({', '.join(['double'] * operands)})")
+    return "\n".join([*lines, ""])
+
+
+class LlvmTaylorDriver:
+    """A compiled Taylor driver with its numbers and its memory."""
+
+    def __init__(self, compiled: CompiledJet, order: int, parameters: FloatArray) -> None:
+        self._compiled, self._order = compiled, order
+        self._work = np.zeros(compiled.layout.size(order))
+        self.use(parameters)
+        self._work_address = address(self._work)
+
+    def use(self, parameters: FloatArray) -> None:
+        """Go on with other numbers; see `TaylorDriver`."""
+        self._numbers = self._compiled.numbers(parameters)
+        self._fixed = tuple(map(address, self._numbers))
+
+    def restart(self, state: DriverState) -> None:
+        """Forget what rounding lost; see `TaylorDriver`."""
+        padded = self._compiled.layout.padded
+        self._work[padded : 2 * padded] = 0.0
+        state.reals[DriverState.LOW] = 0.0
+
+    def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
+        """Advance a run; see `Driver`."""
+        dimension = self._compiled.layout.dimension
+        self._work[:dimension] = state.y
+        recorded = (address(times), address(rows)) if state.counts[DriverState.RECORD] else (None, None)
+        outcome = self._compiled.drive(
+            *self._fixed, *state.addresses, self._work_address, budget, *recorded, self._order
+        )
+        state.y[:] = self._work[:dimension]
+        return Outcome(outcome)

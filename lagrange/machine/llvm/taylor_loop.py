@@ -1,0 +1,399 @@
+"""The loop over Taylor steps in machine code.
+
+    i32 drive(ptr p, ptr c, ptr reals, ptr counts, ptr work, i64 budget, ptr times, ptr states)
+
+`reals` and `counts` are those of `DriverState`, `p` and `c` as for `jet`; `work` holds what `TaylorLayout` says. The
+result is an `Outcome`. It does what `lagrange.machine.numpy_taylor` does, which is the place to read it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lagrange.machine.backend import FloatArray
+from lagrange.machine.driver import DriverState, Outcome
+from lagrange.machine.llvm.emitter import Emitter, literal
+from lagrange.machine.llvm.loops import SPACING, leave_if
+from lagrange.machine.llvm.spelling import element, number
+from lagrange.machine.llvm.step import bump
+from lagrange.machine.taylor import FARTHEST, NEAREST, TRIES
+
+LOG2 = (-1.6531240060861732, 1.9941811995403236, -0.33474901889029146)
+EXP2 = (1.0, 0.703601177393781, 0.24203533019053836)
+"""Polynomials for the binary logarithm on [1, 2], good to 0.007, and the power of two on [-1/2, 1/2], good to 0.002: a
+step size needs no more than two digits, and the C library's functions would take a tenth of a small step."""
+
+TILE = 16
+"""How many vectors of the state are summed in one loop."""
+
+LEAST = 123 << 52
+"""The bits of 2**-900: a ratio below this is that, for its logarithm is taken."""
+
+
+@dataclass(frozen=True)
+class TaylorLayout:
+    """Where things stand in the work memory: the state, what its rounding lost, and the rows of coefficients.
+
+    `dimension` is 2n. `width` doubles lie between two rows; a row begins with q and v, and its coefficients of what
+    is watched begin at `watched_at`. With an order of 0 the code serves every order. `scratch` doubles follow the rows.
+    """
+
+    dimension: int
+    order: int
+    width: int
+    watched: int
+    watched_at: int
+    scratch: int = 0
+
+    @property
+    def lanes(self) -> int:
+        """How many entries of the state are handled at once."""
+        return 2 if self.dimension <= 2 else 4 if self.dimension <= 4 else 8
+
+    @property
+    def padded(self) -> int:
+        """The length of the state in whole vectors."""
+        return -(-self.dimension // self.lanes) * self.lanes
+
+    @property
+    def rows(self) -> int:
+        """Where the rows begin."""
+        return 2 * self.padded
+
+    def coefficients(self, work: FloatArray, order: int) -> FloatArray:
+        """Return the rows that begin at the start of an array, (order + 1, 2n + watched)."""
+        rows = work[: (order + 1) * self.width].reshape(order + 1, self.width)
+        watched = slice(self.watched_at, self.watched_at + self.watched)
+        return np.concatenate([rows[:, : self.dimension], rows[:, watched]], axis=1)
+
+    def size(self, order: int) -> int:
+        """Return the length of the work memory."""
+        return self.rows + (order + 1) * self.width + self.scratch + 8
+
+
+def drive_function(layout: TaylorLayout) -> str:
+    """Return the IR of the loop."""
+    return _Loop(layout).function()
+
+
+class _Loop:
+    def __init__(self, layout: TaylorLayout) -> None:
+        self.layout = layout
+        self.e = Emitter()
+        self.kind = element(layout.lanes)
+        self.low = self.e.address("%work", layout.padded)
+        self.rows = self.e.address("%work", layout.rows)
+        self.order = str(layout.order) if layout.order else "%order"
+        self.reciprocals = [self.minus_one_over(less) for less in (1, 0)]
+
+    def function(self) -> str:
+        e, r = self.e, DriverState
+        e.put("0", "%counts", r.ROWS, "i64")
+        end = e.get("%reals", r.END)
+        begun = e.get("%counts", r.STEPS, "i64")
+        with e.when(e.value(f"icmp eq i64 {begun}, 0")):
+            self.begin(end)
+        with e.loop(0, "%budget"):
+            t, low = e.get("%reals", r.T), e.get("%reals", r.LOW)
+            leave_if(e, e.real("fcmp oeq", t, end), Outcome.DONE)
+            scale = e.get("%reals", r.SCALE)
+            arguments = f"double {t}, double {scale}, ptr %work, ptr %p, ptr %c, ptr {self.rows}, i64 {self.order}"
+            status = e.value(f"call i32 @jet({arguments})")
+            bump(e, r.EVALUATIONS, 1)
+            leave_if(e, e.value(f"icmp ne i32 {status}, 0"), Outcome.SINGULAR)
+            exponent = self.exponent()
+            name = e.fresh("usable")
+            e.do(f"br i1 {self.fits(exponent)}, label %{name}.yes, label %{name}.no")
+            e.label(f"{name}.no")
+            self.rescale(exponent, scale)
+            e.jump(f"{name}.end")
+            e.label(f"{name}.yes")
+            self.step(t, low, end, scale, exponent)
+            e.jump(f"{name}.end")
+            e.label(f"{name}.end")
+        reached = e.real("fcmp oeq", e.get("%reals", r.T), end)
+        e.do(f"ret i32 {e.value(f'select i1 {reached}, i32 {int(Outcome.DONE)}, i32 {int(Outcome.PAUSED)}')}")
+        return e.function(
+            "define i32 @drive(ptr noalias readonly %p, ptr noalias readonly %c, ptr noalias %reals, "
+            "ptr noalias %counts, ptr noalias %work, i64 %budget, ptr noalias %times, ptr noalias %states, "
+            "i64 %order) #0"
+        )
+
+    def begin(self, end: str) -> None:
+        """Nothing is lost yet, and the scale of time has the sign of the run's direction."""
+        e, r = self.e, DriverState
+        for place in range(0, self.layout.padded, self.layout.lanes):
+            e.store("zeroinitializer", e.address(self.low, place), self.kind)
+        e.put(literal(0.0), "%reals", r.LOW)
+        backwards = e.real("fcmp olt", end, e.get("%reals", r.T))
+        size = e.fabs(e.get("%reals", r.SCALE))
+        e.put(e.choose(backwards, e.value(f"fneg double {size}"), size), "%reals", r.SCALE)
+
+    def exponent(self) -> str:
+        """Return the binary logarithm of the step in units of the scale: both last coefficients stay in bounds."""
+        e, weights = self.e, self.weights()
+        logs = []
+        for less, reciprocal in zip((1, 0), self.reciprocals, strict=True):
+            logs.append(e.real("fmul", self.logarithm(self.ratio(self.row_at(less), weights)), reciprocal))
+        return e.smaller(*logs)
+
+    def minus_one_over(self, less: int) -> str:
+        """Return -1 over the order, or the order less one."""
+        if self.layout.order:
+            return literal(-1.0 / (self.layout.order - less))
+        number = self.e.value(f"sitofp i64 {self.e.value(f'sub nsw i64 %order, {less}')} to double")
+        return self.e.real("fdiv", literal(-1.0), number)
+
+    def row_at(self, less: int) -> str:
+        """Return the address of the last row, or the one before."""
+        if self.layout.order:
+            return self.e.address(self.rows, (self.layout.order - less) * self.layout.width)
+        k = self.e.value(f"sub nsw i64 %order, {less}")
+        return self.e.address(self.rows, self.e.value(f"mul nsw i64 {k}, {self.layout.width}"))
+
+    def weights(self) -> list[str]:
+        """Return one over the tolerance of each entry of the state."""
+        e, kind, lanes = self.e, self.kind, self.layout.lanes
+        rtol, atol = (self.splat(e.get("%reals", which)) for which in (DriverState.RTOL, DriverState.ATOL))
+        found = []
+        for place in range(0, self.layout.padded, lanes):
+            y = e.fabs(e.load(e.address("%work", place), kind), kind)
+            moved = e.fabs(self.entries(self.e.address(self.rows, self.layout.width), place), kind)
+            size = e.value(f"bitcast <{lanes} x i64> {self.largest([y, moved])} to {kind}")
+            tolerance = e.fma(rtol, size, atol, kind)
+            found.append(e.value(f"fdiv {kind} {number(1.0, lanes)}, {tolerance}"))
+        return found
+
+    def ratio(self, row: str, weights: list[str]) -> str:
+        """Return the largest coefficient of a row over its tolerance, NaN if one is not a number."""
+        e, kind, lanes = self.e, self.kind, self.layout.lanes
+        sizes = []
+        for i, weight in enumerate(weights):
+            size = e.fabs(self.entries(row, i * lanes), kind)
+            sizes.append(e.value(f"fmul {kind} {size}, {weight}"))
+        return self.largest_entry(sizes)
+
+    def largest(self, values: list[str]) -> str:
+        """Return the largest of some vectors of sizes, entry by entry, as integers.
+
+        The bits of doubles that are not negative are in their order, NaN beyond all others, and integers compare
+        faster than doubles that may be NaN.
+        """
+        e, lanes = self.e, self.layout.lanes
+        integers = f"<{lanes} x i64>"
+        bits = [e.value(f"bitcast {self.kind} {value} to {integers}") for value in values]
+        total = bits[0]
+        for other in bits[1:]:
+            total = e.value(f"call {integers} @llvm.umax.v{lanes}i64({integers} {total}, {integers} {other})")
+        return total
+
+    def largest_entry(self, values: list[str]) -> str:
+        """Return the largest of all entries of some vectors of sizes, NaN if one is."""
+        lanes = self.layout.lanes
+        total = self.e.value(f"call i64 @llvm.vector.reduce.umax.v{lanes}i64(<{lanes} x i64> {self.largest(values)})")
+        return self.e.value(f"bitcast i64 {total} to double")
+
+    def row(self, k: int, place: int) -> str:
+        """Return the address of an entry of a row."""
+        return self.e.address(self.rows, k * self.layout.width + place)
+
+    def entries(self, row: str, place: int) -> str:
+        """Return some coefficients of the state; behind its end there are zeros."""
+        return self.e.load(self.e.address(row, place), self.kind)
+
+    def splat(self, value: str) -> str:
+        """Return a number in every lane."""
+        e, kind = self.e, self.kind
+        one = e.value(f"insertelement {kind} poison, double {value}, i64 0")
+        return e.value(f"shufflevector {kind} {one}, {kind} poison, <{self.layout.lanes} x i32> zeroinitializer")
+
+    def logarithm(self, x: str) -> str:
+        """Return log2 of a number that is not negative, bounded below; infinity gives 1024, and NaN itself."""
+        e = self.e
+        bits = e.value(f"bitcast double {x} to i64")
+        bits = e.value(f"call i64 @llvm.umax.i64(i64 {bits}, i64 {LEAST})")
+        biased = e.value(f"lshr i64 {bits}, 52")
+        exponent = e.value(f"sitofp i64 {e.value(f'sub i64 {biased}, 1023')} to double")
+        mantissa = e.value(f"or i64 {e.value(f'and i64 {bits}, {2**52 - 1}')}, {1023 << 52}")
+        m = e.value(f"bitcast i64 {mantissa} to double")
+        total = e.real("fadd", exponent, self.polynomial(m, LOG2))
+        return e.choose(e.real("fcmp uno", x, x), x, total)
+
+    def polynomial(self, x: str, coefficients: tuple[float, ...]) -> str:
+        """Return the polynomial's value."""
+        total = literal(coefficients[-1])
+        for coefficient in reversed(coefficients[:-1]):
+            total = self.e.fma(total, x, literal(coefficient))
+        return total
+
+    def rounded(self, x: str) -> str:
+        """Return the integer nearest to a number of modest size."""
+        big = literal(1.5 * 2.0**52)
+        return self.e.real("fsub", self.e.real("fadd", x, big), big)
+
+    def power_of_two(self, whole: str) -> str:
+        """Return 2 to a whole number within the range of doubles."""
+        e = self.e
+        biased = e.value(f"add i64 {e.value(f'fptosi double {whole} to i64')}, 1023")
+        return e.value(f"bitcast i64 {e.value(f'shl i64 {biased}, 52')} to double")
+
+    def fits(self, exponent: str) -> str:
+        """Whether the step is near the scale of time, so that no coefficient has left the range of doubles.
+
+        A series that terminates has no step of its own; after some tries the scale is as good as it gets.
+        """
+        e = self.e
+        steps, tries = (e.get("%counts", which, "i64") for which in (DriverState.STEPS, DriverState.TRIES))
+        first = e.value(f"icmp eq i64 {e.value(f'or i64 {steps}, {tries}')}, 0")
+        near = e.real("fcmp olt", e.fabs(exponent), e.choose(first, literal(NEAREST), literal(FARTHEST)))
+        ends = e.real("fcmp ogt", exponent, e.real("fmul", self.reciprocals[1], literal(-800.0)))
+        tried = e.value(f"icmp sge i64 {tries}, {TRIES}")
+        good = e.value(f"and i1 {tried}, {e.real('fcmp ord', exponent, exponent)}")
+        return e.value(f"or i1 {e.value(f'or i1 {near}, {ends}')}, {good}")
+
+    def rescale(self, exponent: str, scale: str) -> None:
+        """Try again with another scale of time: the step's own, or a shorter one if a coefficient overflowed."""
+        e, r = self.e, DriverState
+        tries = e.get("%counts", r.TRIES, "i64")
+        leave_if(e, e.value(f"icmp sge i64 {tries}, {TRIES}"), Outcome.NON_FINITE)
+        bump(e, r.TRIES, 1)
+        overflow = e.value(
+            f"or i1 {e.real('fcmp uno', exponent, exponent)}, {e.real('fcmp olt', exponent, literal(-45.0))}"
+        )
+        whole = self.rounded(e.choose(overflow, literal(-40.0), exponent))
+        e.put(e.real("fmul", scale, self.power_of_two(whole)), "%reals", r.SCALE)
+
+    def step(self, t: str, low: str, end: str, scale: str, exponent: str) -> None:
+        """Choose the step, look out for what is watched, and take it.
+
+        All is in units of the scale, and what does not depend on the coefficients comes first: the processor has it
+        done when the last coefficient arrives.
+        """
+        e, r = self.e, DriverState
+        inverse = e.real("fdiv", literal(1.0), e.fabs(scale))
+        left = e.real("fsub", e.real("fsub", end, t), low)
+        whole_way = e.real("fmul", e.fabs(left), inverse)
+        limit = e.smaller(e.get("%reals", r.LONGEST), e.get("%reals", r.ONCE))
+        bound = e.smaller(e.real("fmul", limit, inverse), whole_way)
+        spacing = e.real("fmul", e.larger(e.fabs(t), literal(1e-290)), literal(SPACING))
+        whole = self.rounded(exponent)
+        fraction = self.polynomial(e.real("fsub", exponent, whole), EXP2)
+        # A series that terminates may ask for a step beyond all doubles.
+        whole = e.smaller(whole, literal(900.0))
+        natural = e.real("fmul", fraction, self.power_of_two(whole))
+        bounded = e.real("fcmp oge", e.real("fmul", natural, literal(1.01)), bound)
+        s = e.choose(bounded, bound, natural)
+        final = e.value(f"and i1 {bounded}, {e.real('fcmp oeq', bound, whole_way)}")
+        short = e.real("fcmp olt", natural, e.real("fmul", spacing, inverse))
+        leave_if(e, e.value(f"and i1 {short}, {e.value(f'xor i1 {final}, true')}"), Outcome.STEP_TOO_SMALL)
+        h = e.choose(final, left, e.real("fmul", s, scale))
+        e.put(h, "%reals", r.H)
+        if self.layout.watched:
+            self.look_out(s)
+        good = self.advance(s)
+        leave_if(e, e.value(f"xor i1 {good}, true"), Outcome.NON_FINITE)
+        self.accept(t, low, h, end, final)
+        e.put("0", "%counts", r.TRIES, "i64")
+        e.put(literal(float("inf")), "%reals", r.ONCE)
+        # A series that terminates says nothing about the next one.
+        ends = e.real("fcmp ogt", whole, literal(FARTHEST))
+        nearest = e.choose(ends, literal(0.0), whole)
+        e.put(e.real("fmul", scale, self.power_of_two(nearest)), "%reals", r.SCALE)
+
+    def look_out(self, s: str) -> None:
+        """Come back before a step on which something that is watched may vanish, unless told to take it once."""
+        e, layout = self.e, self.layout
+        asked = e.real("fcmp oeq", e.get("%reals", DriverState.ONCE), literal(float("inf")))
+        unsafe = e.value(f"icmp ne i64 {e.get('%counts', DriverState.LOOK, 'i64')}, 0")
+        for i in range(layout.watched):
+            first = e.address(self.rows, layout.watched_at + i)
+            with e.carry(0, self.order, [("double", literal(0.0))]) as loop:
+                k = e.value(f"sub nsw i64 {self.order}, {loop.index}")
+                size = e.fabs(e.get(first, e.value(f"mul nsw i64 {k}, {layout.width}")))
+                loop.following = [e.real("fmul", e.real("fadd", loop.values[0], size), s)]
+            near = e.real("fcmp ule", e.fabs(e.load(first)), loop.values[0])
+            unsafe = e.value(f"or i1 {unsafe}, {near}")
+        e.put(s, "%reals", DriverState.RATIO)
+        leave_if(e, e.value(f"and i1 {asked}, {unsafe}"), Outcome.WATCHED)
+
+    def advance(self, s: str) -> str:
+        """Add the series to the state, compensated; return whether it stayed finite, else the state stays."""
+        e, kind, layout = self.e, self.kind, self.layout
+        square = e.real("fmul", s, s)
+        powers = self.splat(s), self.splat(square), self.splat(e.real("fmul", square, square))
+        fresh: list[tuple[int, str, str]] = []
+        increments = self.increments(*powers) if layout.order else self.looped_increments(powers[0])
+        for place, increment in increments:
+            low = e.load(e.address(self.low, place), kind)
+            y = e.load(e.address("%work", place), kind)
+            added = e.value(f"fadd {kind} {increment}, {low}")
+            total = e.value(f"fadd {kind} {y}, {added}")
+            back = e.value(f"fsub {kind} {total}, {y}")
+            first = e.value(f"fsub {kind} {y}, {e.value(f'fsub {kind} {total}, {back}')}")
+            second = e.value(f"fsub {kind} {added}, {back}")
+            fresh.append((place, total, e.value(f"fadd {kind} {first}, {second}")))
+        largest = self.largest_entry([e.fabs(total, kind) for _, total, _ in fresh])
+        good = e.real("fcmp olt", largest, literal(float("inf")))
+        with e.when(good):
+            for place, total, lost in fresh:
+                e.store(total, e.address("%work", place), kind)
+                e.store(lost, e.address(self.low, place), kind)
+        return good
+
+    def increments(self, s1: str, s2: str, s4: str) -> list[tuple[int, str]]:
+        """Return the sums of x[k] s**k over k > 0: four chains in s**4, which take a quarter of the time of one."""
+        e, kind, found = self.e, self.kind, []
+        for place in range(0, self.layout.padded, self.layout.lanes):
+            chains = [self.horner(first, place, s4) for first in (1, 2, 3, 4)]
+            odd = e.fma(s2, chains[2], chains[0], kind)
+            even = e.fma(s2, chains[3], chains[1], kind)
+            found.append((place, e.fma(s1, odd, e.value(f"fmul {kind} {s2}, {even}"), kind)))
+        return found
+
+    def horner(self, first: int, place: int, s4: str) -> str:
+        """Return the sum of x[k] s**(k - first) over k = first, first + 4, ..."""
+        e, kind = self.e, self.kind
+        orders = range(first, self.layout.order + 1, 4)
+        total = e.load(self.row(orders[-1], place), kind)
+        for k in reversed(orders[:-1]):
+            total = e.fma(total, s4, e.load(self.row(k, place), kind), kind)
+        return total
+
+    def looped_increments(self, s1: str) -> list[tuple[int, str]]:
+        """Return the sums of x[k] s**k over k > 0 for any order: one chain for each vector, some vectors at a time."""
+        e, kind = self.e, self.kind
+        found: list[tuple[int, str]] = []
+        places = list(range(0, self.layout.padded, self.layout.lanes))
+        for begin in range(0, len(places), TILE):
+            tile = places[begin : begin + TILE]
+            with e.carry(0, "%order", [(kind, number(0.0, self.layout.lanes))] * len(tile)) as loop:
+                k = e.value(f"sub nsw i64 %order, {loop.index}")
+                row = e.address(self.rows, e.value(f"mul nsw i64 {k}, {self.layout.width}"))
+                loop.following = [
+                    e.value(f"fmul {kind} {e.value(f'fadd {kind} {total}, {self.entries(row, place)}')}, {s1}")
+                    for total, place in zip(loop.values, tile, strict=True)
+                ]
+            found += zip(tile, loop.values, strict=True)
+        return found
+
+    def accept(self, t: str, low: str, h: str, end: str, final: str) -> None:
+        """Move on in time, compensated, count the step and record it."""
+        e, r = self.e, DriverState
+        added = e.real("fadd", h, low)
+        total = e.real("fadd", t, added)
+        back = e.real("fsub", total, t)
+        lost = e.real("fadd", e.real("fsub", t, e.real("fsub", total, back)), e.real("fsub", added, back))
+        after = e.choose(final, end, total)
+        e.put(after, "%reals", r.T)
+        e.put(e.choose(final, literal(0.0), lost), "%reals", r.LOW)
+        bump(e, r.STEPS, 1)
+        keep = e.value(f"icmp ne i64 {e.get('%counts', r.RECORD, 'i64')}, 0")
+        with e.when(keep):
+            row = e.get("%counts", r.ROWS, "i64")
+            e.put(after, "%times", row)
+            target = e.address("%states", e.value(f"mul nsw i64 {row}, {self.layout.dimension}"))
+            size = 8 * self.layout.dimension
+            e.do(f"call void @llvm.memcpy.p0.p0.i64(ptr {target}, ptr %work, i64 {size}, i1 false)")
+            bump(e, r.ROWS, 1)

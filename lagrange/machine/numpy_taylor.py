@@ -1,0 +1,165 @@
+"""The Taylor driver of the numpy machine: the loop over steps in plain Python, the place to read it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from lagrange.machine.backend import FloatArray, SingularMassMatrix
+from lagrange.machine.driver import DriverState, Outcome
+from lagrange.machine.jet import Jet
+from lagrange.machine.taylor import FARTHEST, NEAREST, TRIES, Cost, best_order
+from lagrange.program.series import SeriesProgram
+
+S = DriverState
+
+
+class NumpySeries:
+    """A series program that is interpreted."""
+
+    def __init__(self, program: SeriesProgram) -> None:
+        self.program = program
+
+    def form(self, order: int) -> str:
+        """Return how the series is computed."""
+        return "interpreted"
+
+    def order(self, tolerance: float) -> int:
+        """Return the order by cost; see `Series`. Interpreting costs as much at every order."""
+        return best_order(Cost(fixed=2.0, each=1.0, pairs=0.0), tolerance)
+
+    def driver(self, order: int, parameters: FloatArray) -> NumpyTaylorDriver:
+        """Return a driver; see `Series`."""
+        return NumpyTaylorDriver(self, order, parameters)
+
+    def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
+        """Return the series at a state; see `Series`."""
+        with np.errstate(all="ignore"):
+            found = Jet(self.program, parameters).coefficients(t, y, order)
+            n = self.program.dimension
+            zero = np.zeros(order + 1)
+            watched = [zero if i is None else found[:, i] for i in self.program.watched]
+            rows: FloatArray = np.column_stack([found[:, : 2 * n], *watched])
+            return rows * (scale ** np.arange(order + 1.0))[:, None]
+
+
+class NumpyTaylorDriver:
+    """Advances a run by interpreted Taylor steps."""
+
+    def __init__(self, series: NumpySeries, order: int, parameters: FloatArray) -> None:
+        self._series, self._order, self._parameters = series, order, parameters
+        self._low = np.zeros(2 * series.program.dimension)
+
+    def use(self, parameters: FloatArray) -> None:
+        """Go on with other numbers; see `TaylorDriver`."""
+        self._parameters = parameters
+
+    def restart(self, state: DriverState) -> None:
+        """Forget what rounding lost; see `TaylorDriver`."""
+        self._low[:] = 0.0
+        state.reals[S.LOW] = 0.0
+
+    def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
+        """Advance a run; see `Driver`."""
+        state.counts[S.ROWS] = 0
+        if not state.count(S.STEPS):
+            self._low[:] = 0.0
+            state.reals[S.LOW] = 0.0
+            state.reals[S.SCALE] = math.copysign(state.reals[S.SCALE], state.reals[S.END] - state.t)
+        with np.errstate(all="ignore"):
+            for _ in range(budget):
+                if state.t == state.reals[S.END]:
+                    break
+                outcome = self._step(state, times, rows)
+                if outcome is not Outcome.PAUSED:
+                    return outcome
+        return Outcome.DONE if state.t == state.reals[S.END] else Outcome.PAUSED
+
+    def _step(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome:
+        reals, scale = state.reals, float(state.reals[S.SCALE])
+        try:
+            series = self._series.rows(self._order, state.t, state.y, scale, self._parameters)
+        except SingularMassMatrix:
+            return Outcome.SINGULAR
+        state.counts[S.EVALUATIONS] += 1
+        exponent = self._exponent(state, series)
+        first = not state.count(S.STEPS) and not state.count(S.TRIES)
+        ends = exponent > 800.0 / self._order
+        tried = state.count(S.TRIES) >= TRIES and not math.isnan(exponent)
+        if not (abs(exponent) < (NEAREST if first else FARTHEST) or ends or tried):
+            if state.count(S.TRIES) >= TRIES:
+                return Outcome.NON_FINITE
+            state.counts[S.TRIES] += 1
+            reals[S.SCALE] = scale * 2.0 ** (round(exponent) if exponent >= -45.0 else -40)
+            return Outcome.PAUSED
+        whole = min(round(exponent), 900)
+        natural = 2.0 ** (exponent - round(exponent)) * 2.0**whole * abs(scale)
+        size = min(natural, reals[S.LONGEST], reals[S.ONCE])
+        left = reals[S.END] - state.t - reals[S.LOW]
+        final = size * 1.01 >= abs(left) and not reals[S.ONCE] < abs(left)
+        if min(natural, reals[S.LONGEST]) < 16 * 2.0**-52 * max(abs(state.t), 1e-290) and not final:
+            return Outcome.STEP_TOO_SMALL
+        h = left if final else math.copysign(size, scale)
+        reals[S.H] = h
+        if reals[S.ONCE] == math.inf and (state.count(S.LOOK) or self._near(series, h / scale)):
+            reals[S.RATIO] = h / scale
+            return Outcome.WATCHED
+        if not self._advance(state, series, h / scale):
+            return Outcome.NON_FINITE
+        self._accept(state, h, final, times, rows)
+        # A series that terminates says nothing about the next one.
+        reals[S.SCALE] = scale * 2.0 ** (whole if whole <= FARTHEST else 0)
+        return Outcome.PAUSED
+
+    def _exponent(self, state: DriverState, series: FloatArray) -> float:
+        """Return the binary logarithm of the step in units of the scale: both last coefficients stay in bounds."""
+        entries = len(state.y)
+        size = np.maximum(np.abs(state.y), np.abs(series[1, :entries]))
+        tolerance = state.reals[S.RTOL] * size + state.reals[S.ATOL]
+        logs = []
+        for k in (self._order - 1, self._order):
+            ratio = np.max(np.abs(series[k, :entries]) / tolerance)
+            logs.append(
+                math.nan
+                if math.isnan(ratio)
+                else -math.log2(max(ratio, 2.0**-900)) / k
+                if ratio < math.inf
+                else -math.inf
+            )
+        return float(np.min(logs))
+
+    def _near(self, series: FloatArray, s: float) -> bool:
+        """Whether something that is watched may vanish on the step."""
+        watched = np.abs(series[:, 2 * self._series.program.dimension :])
+        powers = abs(s) ** np.arange(1.0, len(series))
+        return not (watched[0] > powers @ watched[1:]).all()
+
+    def _advance(self, state: DriverState, series: FloatArray, s: float) -> bool:
+        """Add the series to the state, compensated; return whether it stayed finite, else the state stays."""
+        total = np.zeros(len(state.y))
+        for row in series[:0:-1, : len(state.y)]:
+            total = (total + row) * s
+        added = total + self._low
+        y = state.y + added
+        if not np.isfinite(y).all():
+            return False
+        back = y - state.y
+        self._low = (state.y - (y - back)) + (added - back)
+        state.y[:] = y
+        return True
+
+    def _accept(self, state: DriverState, h: float, final: bool, times: FloatArray, rows: FloatArray) -> None:
+        reals = state.reals
+        added = h + reals[S.LOW]
+        t = reals[S.T] + added
+        back = t - reals[S.T]
+        reals[S.LOW] = 0.0 if final else (reals[S.T] - (t - back)) + (added - back)
+        reals[S.T] = reals[S.END] if final else t
+        reals[S.ONCE] = math.inf
+        state.counts[S.TRIES] = 0
+        state.counts[S.STEPS] += 1
+        if state.count(S.RECORD):
+            row = state.count(S.ROWS)
+            times[row], rows[row] = reals[S.T], state.y
+            state.counts[S.ROWS] += 1

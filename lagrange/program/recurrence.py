@@ -1,0 +1,380 @@
+"""From graph to series program: every node becomes a value with a rule for its Taylor coefficients.
+
+Functions are integrated: s = sin(a) follows from s' = cos(a) a', and where a' is known as a combination of
+velocities the product cos(a) a' is a value like any other, which a Lagrangian in Cartesian positions contains
+anyway. Products of many factors are split so that their parts are shared.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from fractions import Fraction
+from itertools import combinations
+
+from lagrange.errors import StatementError
+from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, reachable
+from lagrange.program.series import Rule
+
+LARGEST_POWER = 64
+"""Whole powers up to this one are products, which are right at zero too; beyond it the rule of powers is shorter."""
+
+LONGEST_SHARED = 12
+"""Longest product whose pairs of factors are counted and compared; a longer one is multiplied from the left."""
+
+
+class Builder:
+    """Numbers values, each once; `nodes` says what each is at order 0, where a node says it.
+
+    With `apart` the rate of a sum such as a - b is multiplied term by term: cos(a - b) a' may be there already.
+    """
+
+    def __init__(
+        self,
+        graph: Graph,
+        q: Sequence[Node],
+        v: Sequence[Node],
+        time: Node,
+        outputs: Sequence[Node],
+        *,
+        apart: bool = False,
+    ) -> None:
+        self.graph = graph
+        self.apart = apart
+        self.q, self.v, self.time = tuple(q), tuple(v), time
+        self.rules: list[Rule] = []
+        self.nodes: list[Node | None] = []
+        self.numbers: dict[Rule, int] = {}
+        self.values: dict[Node, int] = {}
+        self.constants: dict[Node, int] = {}
+        self.rates: dict[Node, Node | None] = {}
+        self.speed = dict(zip(self.q, self.v, strict=True)) | {time: graph.one}
+        for i, node in enumerate(self.q):
+            self.values[node] = self.add(Rule("coordinate", (), (i,)), node)
+        for i, node in enumerate(self.v):
+            self.values[node] = self.add(Rule("velocity", (), (i,)), node)
+        self.values[time] = self.add(Rule("time"), time)
+        order = [node for node in reachable(outputs) if node.binding > Binding.PARAMETER]
+        self.pairs = self._pairs(order)
+        for node in order:
+            # A product that only sums use is taken apart by them, so that its constant factor joins theirs.
+            if node.kind is not Kind.PRODUCT:
+                self.value(node)
+
+    def _pairs(self, order: Sequence[Node]) -> Counter[tuple[Node, Node]]:
+        """Count how often two factors stand in one product; a product of just these two counts as many.
+
+        So do cos(q) and sin(q) with the velocity, which the series of sin(q) and cos(q) need anyway.
+        """
+        counts: Counter[tuple[Node, Node]] = Counter()
+        for node in order:
+            if node.kind is Kind.PRODUCT:
+                factors = _moving(node)
+                weight = len(order) if len(factors) == 2 else 1
+                pairs = combinations(factors, 2) if len(factors) <= LONGEST_SHARED else ()
+                counts.update(dict.fromkeys(pairs, weight))
+            elif node.kind is Kind.CALL and node.data in ("sin", "cos"):
+                rate = self.rate(node.args[0])
+                terms = () if rate is None else rate.args if self.apart and rate.kind is Kind.SUM else (rate,)
+                calls = [self.graph.call(name, node.args[0]) for name in ("sin", "cos")]
+                counts.update({(call, term): len(order) for call in calls for term in terms})
+        return counts
+
+    def add(self, rule: Rule, node: Node | None) -> int:
+        """Return the number of a value with that rule, a new one only if there is none like it."""
+        if rule not in self.numbers:
+            self.numbers[rule] = len(self.rules)
+            self.rules.append(rule)
+            self.nodes.append(node)
+        return self.numbers[rule]
+
+    def reserve(self, node: Node) -> int:
+        """Return a number whose rule is still to come, for functions that follow from themselves."""
+        self.rules.append(Rule("constant"))
+        self.nodes.append(node)
+        self.values[node] = len(self.rules) - 1
+        return self.values[node]
+
+    def constant(self, node: Node | Exact) -> int:
+        """Return the place of a constant in the table."""
+        node = self.graph.node(node)
+        return self.constants.setdefault(node, len(self.constants))
+
+    def value(self, node: Node) -> int:
+        """Return the number of a node that moves, or of a constant force."""
+        if node not in self.values:
+            self.values[node] = self._make(node)
+        return self.values[node]
+
+    def _make(self, node: Node) -> int:
+        if node.binding <= Binding.PARAMETER:
+            return self.add(Rule("constant"), node)
+        if node.kind is Kind.SUM:
+            return self.linear([(c, arg) for c, arg in zip(node.data[1], node.args, strict=True)], node)
+        if node.kind is Kind.PRODUCT:
+            scale, moving = self.split(node)
+            return (
+                moving
+                if scale is self.graph.one
+                else self.add(Rule("linear", (moving,), (self.constant(scale),)), node)
+            )
+        if node.kind is Kind.POWER:
+            return self.power(node)
+        if node.kind is Kind.CALL:
+            return FUNCTION_RULES[node.data](self, node)
+        raise AssertionError(f"{node} has no series")
+
+    def linear(self, terms: Iterable[tuple[Exact, Node]], node: Node) -> int:
+        """Return the value of a linear combination; constants in it matter at order 0 only."""
+        merged: dict[int, Node] = {}
+        for coefficient, arg in terms:
+            if arg.binding <= Binding.PARAMETER:
+                continue
+            scale, moving = self.split(arg)
+            term = self.graph.sum(((coefficient, scale),))
+            merged[moving] = merged[moving] + term if moving in merged else term
+        items = [(arg, c) for arg, c in merged.items() if c is not self.graph.zero]
+        if not items:
+            return self.add(Rule("constant"), node)
+        args, scales = zip(*items, strict=True)
+        return self.add(Rule("linear", args, tuple(self.constant(c) for c in scales)), node)
+
+    def split(self, node: Node) -> tuple[Node, int]:
+        """Return the constant factor of a node and the value of the rest."""
+        if node.kind is not Kind.PRODUCT or node in self.values:
+            return self.graph.one, self.value(node)
+        scale = self.graph.product([a for a in node.args if a.binding <= Binding.PARAMETER])
+        over = [a for a in node.args if a.binding > Binding.PARAMETER]
+        under = [a for a in over if a.kind is Kind.POWER and a.data == -1 and a not in self.values]
+        over = [a for a in over if a not in under]
+        if not under or not over:
+            return scale, self.product([*over, *under])
+        value = self.product(over)
+        for divisor in under:
+            quotient = self.node_of(value) / divisor.args[0]
+            value = self.add(Rule("div", (value, self.value(divisor.args[0]))), quotient)
+        return scale, value
+
+    def product(self, factors: Sequence[Node]) -> int:
+        """Return the value of a product of moving nodes, pair by pair: first the pairs that others need as well."""
+        rest = sorted(factors, key=lambda f: (f.binding, f.id))
+        while len(rest) > 2:
+            near = combinations(rest if len(rest) <= LONGEST_SHARED else rest[:2], 2)
+            first, second = max(near, key=lambda pair: (self.pairs[pair], -pair[1].binding, -pair[0].id, -pair[1].id))
+            rest = [f for f in rest if f is not first and f is not second]
+            joined = self.graph.product((first, second))
+            self.values.setdefault(joined, self.multiply(self.value(first), self.value(second)))
+            rest.append(joined)
+        if len(rest) == 1:
+            return self.value(rest[0])
+        return self.multiply(*map(self.value, rest))
+
+    def multiply(self, a: int, b: int) -> int:
+        """Return the value of a product of two."""
+        node = self.node_of(a) * self.node_of(b)
+        if a == b:
+            return self.add(Rule("square", (a,)), node)
+        return self.add(Rule("mul", (min(a, b), max(a, b))), node)
+
+    def node_of(self, value: int) -> Node:
+        """Return what a value is at order 0."""
+        node = self.nodes[value]
+        if node is None:
+            raise AssertionError("the value of an integral without a start is read")
+        return node
+
+    def power(self, node: Node) -> int:
+        """Return the value of a power with a constant exponent."""
+        base, exponent = node.args[0], node.data
+        a = self.value(base)
+        if isinstance(exponent, int) and 2 <= exponent <= LARGEST_POWER:
+            half = self.value(self.graph.power(base, exponent // 2))
+            square = self.multiply(half, half)
+            return self.multiply(square, a) if exponent % 2 else square
+        if exponent == -1:
+            return self.add(Rule("inverse", (a,), (self.constant(1),)), node)
+        if exponent == Fraction(1, 2):
+            return self.add(Rule("sqrt", (a,)), node)
+        return self.add(Rule("power", (a,), (self.constant(exponent),)), node)
+
+    def rate(self, node: Node) -> Node | None:
+        """Return da/dt as a node where it is a combination of velocities with constant coefficients, else None."""
+        if node not in self.rates:
+            self.rates[node] = self._rate(node)
+        return self.rates[node]
+
+    def _rate(self, node: Node) -> Node | None:
+        if node in self.speed:
+            return self.speed[node]
+        if node.kind is Kind.PRODUCT:
+            moving = [a for a in node.args if a.binding > Binding.PARAMETER]
+            rate = self.rate(moving[0]) if len(moving) == 1 else None
+            steady = [a for a in node.args if a.binding <= Binding.PARAMETER]
+            return None if rate is None else self.graph.product([*steady, rate])
+        if node.kind is not Kind.SUM:
+            return None
+        terms = []
+        for coefficient, arg in zip(node.data[1], node.args, strict=True):
+            rate = self.graph.zero if arg.binding <= Binding.PARAMETER else self.rate(arg)
+            if rate is None:
+                return None
+            terms.append((coefficient, rate))
+        return self.graph.sum(terms)
+
+    def integrate(self, value: int, a: Node, w: int, sign: int = 1) -> None:
+        """Give a reserved value the rule u' = sign w a'."""
+        rate = self.rate(a)
+        if rate is None:
+            self.rules[value] = Rule("along", (self.value(a), w), (self.constant(sign),))
+            return
+        if self.apart and rate.kind is Kind.SUM and len(rate.args) > 1:
+            whole = self.linear(self.split_rate(rate, w), self.node_of(w) * rate)
+            self.rules[value] = Rule("integral", (whole,), (self.constant(sign),))
+            return
+        scale, moving = (rate, None) if rate.binding <= Binding.PARAMETER else self.split(rate)
+        product = w if moving is None else self.multiply(moving, w)
+        self.rules[value] = Rule("integral", (product,), (self.constant(self.graph.sum(((sign, scale),))),))
+
+    def split_rate(self, rate: Node, w: int) -> list[tuple[Exact, Node]]:
+        """Return the terms of rate * w; each product gets its value here."""
+        terms = []
+        for coefficient, node in [*zip(rate.data[1], rate.args, strict=True), (rate.data[0], self.graph.one)]:
+            scale, moving = (node, None) if node.binding <= Binding.PARAMETER else self.split(node)
+            value = w if moving is None else self.multiply(moving, w)
+            product = self.node_of(value)
+            self.values.setdefault(product, value)
+            terms.append((coefficient, self.graph.product((scale, product))))
+        return [(c, node) for c, node in terms if c]
+
+
+FunctionRule = Callable[[Builder, Node], int]
+
+
+def _pair(names: tuple[str, str], signs: tuple[int, int]) -> FunctionRule:
+    """Two functions that are each other's derivative up to a sign, such as sin and cos."""
+
+    def build(b: Builder, node: Node) -> int:
+        a = node.args[0]
+        first, second = (b.graph.call(name, a) for name in names)
+        if first not in b.values:
+            b.value(a)
+            one, other = b.reserve(first), b.reserve(second)
+            b.integrate(one, a, other, signs[0])
+            b.integrate(other, a, one, signs[1])
+        return b.values[node]
+
+    return build
+
+
+def _exponential(b: Builder, node: Node) -> int:
+    b.value(node.args[0])
+    value = b.reserve(node)
+    b.integrate(value, node.args[0], value)
+    return value
+
+
+def _tangent(sign: int) -> FunctionRule:
+    """U' = (1 + sign u**2) a'."""
+
+    def build(b: Builder, node: Node) -> int:
+        b.value(node.args[0])
+        value = b.reserve(node)
+        square = b.multiply(value, value)
+        slope = b.graph.sum(((sign, node**2),), 1)
+        w = b.add(Rule("linear", (square,), (b.constant(sign),)), slope)
+        b.values.setdefault(slope, w)
+        b.integrate(value, node.args[0], w)
+        return value
+
+    return build
+
+
+def _against(slope: Callable[[Node], Node], sign: int = 1) -> FunctionRule:
+    """slope(a) u' = a'; the negative of that for acos."""
+
+    def build(b: Builder, node: Node) -> int:
+        a = node.args[0]
+        w = b.value(slope(a))
+        if sign > 0:
+            return b.add(Rule("against", (b.value(a), w)), node)
+        mirrored = b.add(Rule("linear", (b.value(a),), (b.constant(-1),)), -a)
+        return b.add(Rule("against", (mirrored, w)), node)
+
+    return build
+
+
+def _atan2(b: Builder, node: Node) -> int:
+    """(x**2 + y**2) u' = x y' - y x'."""
+    y, x = node.args
+    w = b.value(x**2 + y**2)
+    terms = []
+    for a, other, sign in ((y, x, 1), (x, y, -1)):
+        if a.binding > Binding.PARAMETER:
+            terms.append(_swept(b, a, other, sign))
+    area = terms[0] if len(terms) == 1 else b.add(Rule("linear", tuple(terms), (b.constant(1),) * len(terms)), None)
+    return b.add(Rule("against", (area, w)), node)
+
+
+def _swept(b: Builder, a: Node, w: Node, sign: int) -> int:
+    """Return sign times the integral of w da, up to a constant."""
+    if w.binding <= Binding.PARAMETER:
+        return b.add(Rule("linear", (b.value(a),), (b.constant(b.graph.sum(((sign, w),))),)), None)
+    return b.add(Rule("along", (b.value(a), b.value(w)), (b.constant(sign),)), None)
+
+
+def _pow(b: Builder, node: Node) -> int:
+    """Return base ** exponent, by the rule of powers for a constant exponent, else exp(exponent log(base))."""
+    base, exponent = node.args
+    if exponent.binding <= Binding.PARAMETER:
+        return b.add(Rule("power", (b.value(base),), (b.constant(exponent),)), node)
+    inner = b.graph.product((exponent, b.graph.call("log", base)))
+    b.value(inner)
+    value = b.reserve(node)
+    b.integrate(value, inner, value)
+    return value
+
+
+def _piecewise(b: Builder, node: Node) -> int:
+    """Return the branch of the first condition that holds; conditions are constant along a series."""
+    value = b.value(node.args[-1])
+    rest = node.args[-1]
+    for condition, chosen in list(zip(node.args[:-1:2], node.args[1::2], strict=True))[::-1]:
+        if condition.binding > Binding.PARAMETER:
+            raise AssertionError("a condition of a series is about sides")
+        rest = b.graph.piecewise([(condition, chosen)], rest)
+        value = b.add(Rule("choose", (b.value(chosen), value), (b.constant(condition),)), rest)
+    return value
+
+
+def _refuse(_: Builder, node: Node) -> int:
+    raise StatementError(f"{node.data} has no Taylor series: it should have become a side of a surface.")
+
+
+def _sqrt(a: Node) -> Node:
+    return a ** Fraction(1, 2)
+
+
+FUNCTION_RULES: dict[str, FunctionRule] = {
+    "sin": _pair(("sin", "cos"), (1, -1)),
+    "cos": _pair(("sin", "cos"), (1, -1)),
+    "sinh": _pair(("sinh", "cosh"), (1, 1)),
+    "cosh": _pair(("sinh", "cosh"), (1, 1)),
+    "exp": _exponential,
+    "tan": _tangent(1),
+    "tanh": _tangent(-1),
+    "log": _against(lambda a: a),
+    "atan": _against(lambda a: 1 + a**2),
+    "asin": _against(lambda a: _sqrt(1 - a**2)),
+    "acos": _against(lambda a: _sqrt(1 - a**2), -1),
+    "atan2": _atan2,
+    "pow": _pow,
+    "piecewise": _piecewise,
+    **dict.fromkeys(("abs", "sign", "min", "max", "less", "less_equal", "equal", "and", "or", "not"), _refuse),
+    **dict.fromkeys(("pi", "e", "nan"), _refuse),
+}
+"""How each function of the graph becomes values; what switches is gone by then, and constants never get here."""
+
+
+def _moving(product: Node) -> list[Node]:
+    """Return the factors that are no constants, those that depend on the coordinates alone first."""
+    return sorted((a for a in product.args if a.binding > Binding.PARAMETER), key=lambda f: (f.binding, f.id))

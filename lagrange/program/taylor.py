@@ -1,0 +1,138 @@
+"""The series program of a system: from its equations, in the form that costs least."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from lagrange.equations.euler_lagrange import Equations, bias_forces
+from lagrange.graph.node import Binding, Exact, Kind, Node
+from lagrange.program.forms import Form, Terms, forms
+from lagrange.program.lower import lower
+from lagrange.program.recurrence import Builder
+from lagrange.program.series import Rule, SeriesProgram, convolutions, kept_values, lagged_values
+from lagrange.program.switching import Switched, switch
+
+
+def series_program(equations: Equations, watched: Sequence[Node] = ()) -> tuple[SeriesProgram, Switched]:
+    """Return the series of a system and its switching surfaces.
+
+    The values watched are the surfaces, then the nodes given (of events).
+    """
+    blocks = equations.structure.blocks
+    mass = [equations.mass[i][j] for block in blocks for i in block for j in block if j <= i]
+    n, count = len(equations.q), len(watched)
+    outputs = (*equations.momenta, *equations.forces, *mass, *watched)
+    switched = switch(equations.graph, outputs)
+    p, f = switched.outputs[:n], switched.outputs[n : 2 * n]
+    triangles = switched.outputs[2 * n : len(outputs) - count]
+    seen = (*switched.surfaces, *switched.outputs[len(outputs) - count :])
+    best = min(_assemblies(equations, switched.sides, p, f, triangles, seen), key=lambda assembly: assembly.cost)
+    return best.program("series"), switched
+
+
+def _assemblies(
+    e: Equations,
+    sides: Sequence[Node],
+    p: Sequence[Node],
+    f: Sequence[Node],
+    triangles: Sequence[Node],
+    seen: Sequence[Node],
+) -> list[_Assembly]:
+    """Return every form of the equations worth comparing."""
+    if all(entry.binding <= Binding.PARAMETER for entry in triangles):
+        # Of p only M v is solved for; the rest of it, of a potential that depends on velocities, is a force.
+        f = bias_forces(f, p, e.q, e.v, e.time)
+    return [
+        _Assembly(e, form, triangles, seen, sides, apart=apart)
+        for form in forms(p, f, e.q, e.v, e.time)
+        for apart in (False, True)
+    ]
+
+
+class _Assembly:
+    """One form of the equations as values with rules."""
+
+    def __init__(
+        self,
+        equations: Equations,
+        form: Form,
+        triangles: Sequence[Node],
+        watched: Sequence[Node],
+        sides: Sequence[Node],
+        *,
+        apart: bool,
+    ) -> None:
+        self.equations = equations
+        self.triangles, self.sides = triangles, sides
+        self.constant_mass = all(entry.binding <= Binding.PARAMETER for entry in triangles)
+        graph = equations.graph
+        inertia = [] if self.constant_mass else form.nodes
+        forces = [node for terms in form.forces for _, node in terms]
+        self.builder = Builder(
+            graph, equations.q, equations.v, equations.time, [*inertia, *forces, *watched], apart=apart
+        )
+        pairs = zip(form.momenta, form.swept, strict=True)
+        self.momenta = [None if self.constant_mass else self.momentum(terms, swept) for terms, swept in pairs]
+        self.forces = [self.force(terms) for terms in form.forces]
+        self.watched = [self.builder.value(node) for node in watched]
+
+    def momentum(self, terms: Terms, swept: Sequence[tuple[Exact, Node, Node]]) -> int | None:
+        """Return the value of the terms plus the integrals of C dY, up to a constant."""
+        b, graph = self.builder, self.equations.graph
+        args: dict[int, Node] = {}
+        for coefficient, node in terms:
+            if node.binding > Binding.PARAMETER:
+                scale, value = b.split(node)
+                args[value] = args.get(value, graph.zero) + graph.sum(((coefficient, scale),))
+        for coefficient, c, y in swept:
+            scale, w = b.split(c)
+            factor, a = b.split(y)
+            value = b.add(Rule("along", (a, w), (b.constant(1),)), None)
+            args[value] = args.get(value, graph.zero) + graph.product((graph.node(coefficient), scale, factor))
+        if not args:
+            return None
+        return b.add(Rule("linear", tuple(args), tuple(b.constant(c) for c in args.values())), None)
+
+    def force(self, terms: Terms) -> int | None:
+        """Return the value of a force."""
+        graph = self.equations.graph
+        if not terms:
+            return None
+        node = graph.sum(terms)
+        if len(terms) == 1:
+            return self.builder.value(node)
+        return self.builder.linear(terms, node)
+
+    @property
+    def cost(self) -> tuple[int, int]:
+        """What an order costs: its sums over lower orders, then its values."""
+        return convolutions(self.builder.rules), len(self.builder.rules)
+
+    def program(self, name: str) -> SeriesProgram:
+        """Return the record."""
+        e, b = self.equations, self.builder
+        outputs = {value for value in (*self.forces, *self.watched) if value is not None}
+        needed = kept_values(b.rules) | lagged_values(b.rules) | outputs
+        started = tuple(sorted(needed)) or (0,)
+        table = list(b.constants) or [e.graph.one]
+        mass = list(self.triangles)
+        initial = [b.node_of(value) for value in started]
+        symbols = (*e.parameters, *self.sides)
+        constants = [*table, *mass] if self.constant_mass else table
+        first = initial if self.constant_mass else [*initial, *mass]
+        state = (*e.q, *e.v)
+        return SeriesProgram(
+            name=name,
+            dimension=len(e.q),
+            sides=len(self.sides),
+            constants=lower(f"{name}_constants", constants, (len(constants),), state, e.time, symbols),
+            numbers=tuple(float(c.data) if c.kind is Kind.CONSTANT else None for c in table),
+            rules=tuple(b.rules),
+            start=lower(f"{name}_start", first, (len(first),), state, e.time, symbols),
+            started=started,
+            momenta=tuple(self.momenta),
+            forces=tuple(self.forces),
+            watched=tuple(self.watched),
+            blocks=e.structure.blocks,
+            constant_mass=self.constant_mass,
+        )

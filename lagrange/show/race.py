@@ -1,0 +1,210 @@
+"""The result of a race as a person uses it: a table, records, a picture of error against time, a file."""
+
+from __future__ import annotations
+
+import html
+import math
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lagrange.errors import StatementError
+from lagrange.evidence.work_precision import Entry, Result
+from lagrange.show.files import write_atomically, write_csv
+from lagrange.show.race_plot import plot
+from lagrange.show.table import text_table
+from lagrange.statement.number import real_number
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+COLUMNS = (
+    "method",
+    "adaptive",
+    "setting",
+    "error",
+    "resolved",
+    "time",
+    "timed",
+    "steps",
+    "evaluations",
+    "status",
+    "message",
+)
+"""The columns of the file and the keys of a record: the fields of an `Entry`."""
+
+GOALS = tuple(10.0**-k for k in (3, 6, 9, 12))
+"""Errors for which the table names the fastest method."""
+
+_HEADINGS = ("method", "setting", "error", "time / ms", "steps", "evaluations", "status")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Race:
+    """Error against time of methods on one system; iterate over it, or take `records`, for the numbers.
+
+    Errors are at the end of the run or the largest over its output times, in the units of the state, or in parts of
+    each entry's size if `relative`; times are in seconds.
+    """
+
+    result: Result
+    system: str
+    span: tuple[float, float]
+    relative: bool = False
+
+    def __len__(self) -> int:
+        return len(self.result.entries)
+
+    def __iter__(self) -> Iterator[Entry]:
+        return iter(self.result.entries)
+
+    def __getitem__(self, index: int) -> Entry:
+        return self.result.entries[index]
+
+    @property
+    def records(self) -> list[dict[str, Any]]:
+        """One dict per run, with the fields of an `Entry`."""
+        return [asdict(entry) for entry in self]
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """The names of the methods that took part."""
+        return tuple(dict.fromkeys(entry.method for entry in self))
+
+    @property
+    def uncertainty(self) -> float:
+        """A bound on the error of the reference itself, in the measure of the errors; none is reported below it."""
+        return self.result.truth.uncertainty
+
+    @property
+    def floor(self) -> float:
+        """How far the end moves, in the measure of the errors, if one state on the way is rounded to a double."""
+        return self.result.sensitivity.floor
+
+    @property
+    def growth(self) -> float:
+        """The largest factor by which a relative error grows until the end."""
+        return self.result.sensitivity.growth
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What there is to know about the race as a whole, in sentences."""
+        return self.result.notes
+
+    def fastest(self, error: float) -> Entry | None:
+        """Return the entry with the least time among those within an error, None if none is."""
+        goal = real_number(error, "the error")
+        if goal <= 0:
+            raise StatementError(f"the error is {goal:g}: give a positive one, such as 1e-6.")
+        within = [entry for entry in self if entry.complete and entry.error <= goal]
+        return min(within, key=lambda entry: entry.time, default=None)
+
+    def measure(self) -> str:
+        """Return what an error is, in words."""
+        count = len(self.result.truth.times)
+        where = f"t = {self.span[1]:g}" if count == 1 else f"{count} times"
+        return f"largest error of the state at {where}" + (", relative to each entry's size" if self.relative else "")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything as plain data, ready for JSON; numbers that are not finite are None."""
+        return {
+            "system": self.system,
+            "t_start": self.span[0],
+            "t_end": self.span[1],
+            "measure": self.measure(),
+            "relative": self.relative,
+            "reference": self.result.truth.about,
+            "uncertainty": _finite(self.uncertainty),
+            "growth": _finite(self.growth),
+            "floor": _finite(self.floor),
+            "notes": list(self.notes),
+            "entries": [{key: _finite(value) for key, value in record.items()} for record in self.records],
+        }
+
+    def to_csv(self, path: str | os.PathLike[str]) -> Path:
+        """Write one line per run, failed ones too; numbers round-trip. See `Entry` for the columns.
+
+        Raises StatementError for a path that cannot be written, RunError if the disk is full.
+        """
+        records = self.records
+        return write_csv(path, COLUMNS, [[record[name] for record in records] for name in COLUMNS])
+
+    def to_png(self, path: str | os.PathLike[str], *, dpi: int = 150) -> Path:
+        """Write the picture of `plot()`."""
+        figure = self.plot()
+        return write_atomically(path, lambda file: figure.savefig(file, format="png", dpi=dpi))
+
+    def plot(self) -> Figure:
+        """Return a Matplotlib figure of error against time, one line per method, both axes logarithmic."""
+        return plot(self)
+
+    def __repr__(self) -> str:
+        table = text_table(_HEADINGS, _aligned([_cells(entry) for entry in self]))
+        return "\n".join([self._title(), "", table, "", *self._remarks()])
+
+    def _repr_html_(self) -> str:
+        head = "".join(f"<th>{html.escape(name)}</th>" for name in _HEADINGS)
+        rows = "".join(
+            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in _cells(entry)) + "</tr>" for entry in self
+        )
+        remarks = "".join(f"<p>{html.escape(line)}</p>" for line in self._remarks())
+        title = html.escape(self._title())
+        return f"<table><caption style='text-align:left'>{title}</caption><tr>{head}</tr>{rows}</table>{remarks}"
+
+    def _title(self) -> str:
+        return f"{self.system}, t = {self.span[0]:g} to {self.span[1]:g}: {self.measure()}"
+
+    def _remarks(self) -> list[str]:
+        lines = [
+            f"Errors are against {self.result.truth.about}, itself known to {self.uncertainty:.1e}.",
+            *(self._winner(goal) for goal in GOALS),
+            *self.notes,
+        ]
+        failed = (entry for entry in self if not entry.complete)
+        return [*lines, *(f"{entry.method} at {setting(entry)}: {entry.message}" for entry in failed)]
+
+    def _winner(self, goal: float) -> str:
+        best = self.fastest(goal)
+        if best is None:
+            return f"Within {goal:.0e}: no run."
+        return f"Within {goal:.0e}: {best.method} at {setting(best)} is the fastest, in {_milliseconds(best.time)} ms."
+
+
+def setting(entry: Entry) -> str:
+    """Return the setting of an entry as people write it."""
+    return f"{'tol' if entry.adaptive else 'h'} = {entry.setting:.3g}"
+
+
+def _cells(entry: Entry) -> tuple[str, ...]:
+    if not entry.complete:
+        return entry.method, setting(entry), "-", "-", str(entry.steps), str(entry.evaluations), entry.status
+    return (
+        entry.method,
+        setting(entry),
+        f"{'' if entry.resolved else '< '}{entry.error:.1e}",
+        _milliseconds(entry.time),
+        str(entry.steps),
+        str(entry.evaluations),
+        entry.status,
+    )
+
+
+def _aligned(rows: Sequence[Sequence[str]]) -> list[list[str]]:
+    """Return the rows with their columns of numbers flush right."""
+    columns = [list(column) for column in zip(*rows, strict=True)]
+    for k in (2, 3, 4, 5):
+        if columns:
+            width = max(map(len, columns[k]))
+            columns[k] = [cell.rjust(width) for cell in columns[k]]
+    return [list(row) for row in zip(*columns, strict=True)]
+
+
+def _milliseconds(seconds: float) -> str:
+    value = 1e3 * seconds
+    return f"{value:.0f}" if value >= 1000 else f"{value:.3g}"
+
+
+def _finite(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value

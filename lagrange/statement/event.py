@@ -1,0 +1,108 @@
+"""Events: expressions whose zeros along a run are located, and what happens there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import sympy
+
+from lagrange.errors import StatementError, listing
+from lagrange.statement.declare import state_rows
+from lagrange.statement.number import real_number
+from lagrange.statement.statement import Statement
+from lagrange.statement.survey import Survey
+
+
+@dataclass(frozen=True, eq=False)
+class Event:
+    """A zero of an expression in coordinates, velocities, parameters and time.
+
+    `direction` is 1 for zeros at which the expression rises in the direction of the run, -1 where it falls, 0 for
+    both and for touches. The run ends at the `terminal`-th occurrence (0: never). `reset` maps coordinates and
+    velocities to expressions of the state before the event.
+    """
+
+    expression: Any
+    direction: int = 0
+    terminal: int = 0
+    reset: Mapping[Any, Any] = field(default_factory=dict)
+
+
+def event(
+    expression: Any, *, direction: float = 0, terminal: bool | int = False, reset: Mapping[Any, Any] | None = None
+) -> Event:
+    """Return an event for `events=[...]` of a run.
+
+    `expression` is a SymPy expression (or an equation) in coordinates, velocities, parameters and t; the event is
+    where it becomes zero. `direction` is positive for rising zeros only, negative for falling ones, as in SciPy's
+    solve_ivp. `terminal` ends the run at the event, or with a whole number at its occurrence of that number. `reset`
+    maps coordinates and velocities, or their names, to expressions of the state before, such as
+    {y.dot: -0.9*y.dot} for an impact; what is not named goes on as it was.
+
+    Raises StatementError for what cannot be meant.
+    """
+    if isinstance(expression, sympy.Eq):
+        expression = expression.lhs - expression.rhs
+    if not isinstance(expression, sympy.Expr):
+        raise StatementError(
+            f"the event is {str(expression)[:80]!r}: give a SymPy expression whose zero is the event, such as theta - "
+            "1. A Python function hides its formula, and its roots could be missed."
+        )
+    if isinstance(terminal, (bool, int)) and terminal >= 0:
+        count = int(terminal)
+    else:
+        raise StatementError(f"terminal = {terminal!r}: give True, or the number of the occurrence that ends the run.")
+    side = real_number(direction, "direction")
+    if reset is not None and not isinstance(reset, Mapping):
+        raise StatementError(
+            f"reset is {str(reset)[:80]!r}: give a dict from coordinates and velocities to expressions, such as "
+            "{y.dot: -0.9*y.dot}."
+        )
+    chosen = {key: _expression(value) for key, value in (reset or {}).items()}
+    return Event(expression, (side > 0) - (side < 0), count, MappingProxyType(chosen))
+
+
+def _expression(value: Any) -> Any:
+    """Return a number as SymPy, and anything else as it is."""
+    if isinstance(value, sympy.Basic):
+        return value
+    return sympy.Float(real_number(value, "the value of a reset"))
+
+
+def declare_events(events: Any, statement: Statement) -> tuple[Event, ...]:
+    """Return the events of a run, checked against a statement; a bare expression is an event of either direction."""
+    if events is None:
+        return ()
+    if isinstance(events, (Event, sympy.Basic)) or callable(events):
+        events = [events]
+    if isinstance(events, (str, bytes)) or not isinstance(events, Iterable):
+        raise StatementError(f"events is {str(events)[:80]!r}: give a list of expressions, or of lg.event(...).")
+    found = tuple(given if isinstance(given, Event) else event(given) for given in events)
+    for place, one in enumerate(found):
+        _check(one.expression, f"event {place}", statement)
+        for key, value in one.reset.items():
+            if key not in state_rows(statement.coordinates):
+                known = [label for label in state_rows(statement.coordinates) if isinstance(label, str)]
+                raise StatementError(
+                    f"the reset of event {place} names {str(key)[:80]!r}, which is no coordinate or velocity of this "
+                    f"system; they are {listing(known)}."
+                )
+            if not isinstance(value, sympy.Expr):
+                raise StatementError(f"the reset of event {place} gives {str(value)[:80]!r}: give an expression.")
+            _check(value, f"the reset of event {place}", statement)
+    return found
+
+
+def _check(expression: Any, what: str, statement: Statement) -> None:
+    survey = Survey()
+    survey.add(expression, what)
+    known = (*statement.coordinates, *statement.parameters)
+    for leaf in (*survey.coordinates, *survey.parameters):
+        if leaf not in known:
+            raise StatementError(
+                f"{what} contains {leaf}, which this system does not have; it may contain its coordinates, their "
+                f"velocities, t and {listing(p.name for p in statement.parameters) or 'no parameters'}."
+            )

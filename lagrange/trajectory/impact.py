@@ -1,0 +1,52 @@
+"""Events as a run needs them: which zeros count, when they end it, and the reset as a program."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lagrange.graph.node import Node
+from lagrange.machine.model import Model
+from lagrange.machine.numpy import NumpyKernel, NumpyMachine
+from lagrange.program.catalogue import lower_nodes
+from lagrange.statement.declare import state_rows
+from lagrange.statement.event import Event
+from lagrange.trajectory.trajectory import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Impact:
+    """An event of a model: `node` is its expression; `rows` of the state are reset to what `kernel` gives."""
+
+    node: Node
+    direction: int
+    terminal: int
+    rows: tuple[int, ...]
+    kernel: NumpyKernel | None
+    parameters: FloatArray
+
+    @property
+    def reset(self) -> bool:
+        """Whether the state jumps."""
+        return self.kernel is not None
+
+    def counts(self, rising: int) -> bool:
+        """Whether a zero of that direction is an event; a touch is one for either direction."""
+        return self.direction in (0, rising)
+
+    def apply(self, t: float, before: FloatArray, state: FloatArray) -> None:
+        """Enter the reset entries of the state (2n,), computed from the state before."""
+        if self.kernel is not None:
+            with np.errstate(all="ignore"):
+                state[list(self.rows)] = self.kernel(t, before, self.parameters)
+
+
+def impact(model: Model, event: Event, parameters: FloatArray) -> Impact:
+    """Return an event of a model."""
+    equations = model.equations
+    rows = state_rows(model.statement.coordinates)
+    nodes = [equations.translate(value) for value in event.reset.values()]
+    kernel = NumpyMachine().load(lower_nodes("reset", nodes, (len(nodes),), equations)) if nodes else None
+    places = tuple(rows[key] for key in event.reset)
+    return Impact(equations.translate(event.expression), event.direction, event.terminal, places, kernel, parameters)

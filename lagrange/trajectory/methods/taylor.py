@@ -1,0 +1,104 @@
+"""The adaptive Taylor integrator: the Euler-Lagrange equation is the recurrence (see `lagrange.program.series`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
+from lagrange.machine.driver import DriverState
+from lagrange.machine.model import Model
+from lagrange.trajectory.driver import drive
+from lagrange.trajectory.impact import Impact, impact
+from lagrange.trajectory.integrator import Claims, Problem
+from lagrange.trajectory.methods.settings import adaptive_settings
+from lagrange.trajectory.plan import Tolerances
+from lagrange.trajectory.series_path import SeriesPath
+from lagrange.trajectory.trajectory import FloatArray, Trajectory
+from lagrange.trajectory.watch import Watch
+
+LEAST_RTOL = 2.0**-53
+"""A relative tolerance below this asks for more than doubles hold."""
+
+
+@dataclass(frozen=True)
+class Taylor:
+    """The adaptive Taylor series method, compiled from the energies; order by cost.
+
+    `rtol` and `atol` are tolerances, `order` a fixed order; what is None is taken from the run, or is chosen.
+    """
+
+    rtol: float | None = None
+    atol: float | None = None
+    order: int | None = None
+
+    @property
+    def name(self) -> str:
+        """The registered name."""
+        return "taylor"
+
+    @property
+    def claims(self) -> Claims:
+        """Step control; the order named is the one that the default tolerance takes or so."""
+        return Claims(order=self.order or 20, adaptive=True, events=True)
+
+    def plan(self, problem: Problem) -> TaylorPlan:
+        """Return the plan; see `Planned`."""
+        tolerances = adaptive_settings(self.name, problem, None, self.rtol, self.atol, least=LEAST_RTOL)
+        parameters = problem.parameter_array if problem.events else np.empty(0)
+        impacts = tuple(impact(problem.model, event, parameters) for event in problem.events)
+        series, _ = problem.model.series(tuple(one.node for one in impacts))
+        return TaylorPlan(series, self.order or series.order(tolerances.rtol), tolerances, impacts)
+
+    def integrate(self, problem: Problem) -> Trajectory:
+        """Run the problem; see `Integrator`."""
+        return drive(problem, self.plan(problem), self.name)
+
+
+@dataclass(frozen=True, eq=False)
+class TaylorPlan:
+    """A series at an order, with tolerances; `impacts` are the events of the run, watched behind the surfaces."""
+
+    series: Series
+    order: int
+    tolerances: Tolerances
+    impacts: tuple[Impact, ...] = ()
+
+    def driver(self, model: Model, parameters: FloatArray) -> TaylorDriver:
+        """Return the driver, with the sides of surfaces still to be found; see `Plan`."""
+        return self.series.driver(self.order, np.concatenate([parameters, np.zeros(self.series.program.sides)]))
+
+    def watch(self, problem: Problem, driver: TaylorDriver) -> Watch | None:
+        """Return what watches events and surfaces; see `Plan`."""
+        if not self.series.program.watched:
+            return None
+        parameters = problem.parameter_array
+        return Watch(self.series, self.order, driver, parameters, self.impacts, watched_names(problem))
+
+    def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: Watch | None) -> SeriesPath:
+        """Return the dense output: the series themselves."""
+        epochs = ((0, problem.parameter_array),) if watch is None else tuple(watch.epochs)
+        return SeriesPath(self.series, self.order, epochs, times, states)
+
+    def failed(self, problem: Problem, state: DriverState) -> FloatArray:
+        """Return the state with the first coefficients that are not finite in place of the rows that have them."""
+        sides = np.zeros(self.series.program.sides)
+        values = np.concatenate([problem.parameter_array, sides])
+        try:
+            rows = self.series.rows(self.order, state.t, state.y, state.reals[DriverState.SCALE], values)
+        except SingularMassMatrix:
+            return state.y
+        rows = rows[:, : len(state.y)]
+        bad = ~np.isfinite(rows).all(axis=1)
+        return np.where(np.isfinite(rows[np.argmax(bad)]), state.y, rows[np.argmax(bad)])
+
+
+def watched_names(problem: Problem) -> list[str]:
+    """Return what is watched in the user's symbols: the surfaces, then the events."""
+    model = problem.model
+    _, switched = model.series(tuple(model.equations.translate(event.expression) for event in problem.events))
+    plain = dict(model.statement.plain)
+    surfaces = [model.equations.express(surface) for surface in switched.surfaces]
+    expressions = [*surfaces, *(event.expression for event in problem.events)]
+    return [str(expression.xreplace(plain))[:80] for expression in expressions]

@@ -1,0 +1,280 @@
+"""Races: errors against closed forms, runs that fail and stay in the table, references, and refusals."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from sympy import exp, sign
+
+import lagrange as lg
+from lagrange.errors import RunError, StatementError
+from lagrange.evidence import truth
+from lagrange.evidence.sensitivity import sensitivity
+from lagrange.trajectory.integrator import Claims, Problem
+from lagrange.trajectory.trajectory import Status, Trajectory
+from tests.models import k, m, x, y
+
+SPRING = lg.System(kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2, parameters={m: 1, k: 4}, initial={x: 1.0})
+END = 5.0
+EXACT = np.array([math.cos(2 * END), -2 * math.sin(2 * END)])
+HILL = lg.System(kinetic=m * x.dot**2 / 2, potential=-k * x**2 / 2, parameters={m: 1, k: 1}, initial={x: 1.0})
+PAIR = lg.System(
+    kinetic=m * (x.dot**2 + y.dot**2) / 2, potential=k * (x**2 + y**2) / 2, parameters={m: 1, k: 4}, initial={x: 1e3}
+)
+
+
+def race(system: Any = SPRING, end: float = END, **options: Any) -> lg.Race:
+    quick: dict[str, Any] = {"methods": ["dop853"], "tolerances": [1e-6], "steps": [0.01], "repeats": 1, "digits": 20}
+    return lg.race(system, end, **quick | options)
+
+
+@dataclass(frozen=True)
+class Scripted:
+    """A method that ends as told."""
+
+    status: Status = Status.SUCCESS
+    name: str = "scripted"
+    claims: Claims = field(default_factory=lambda: Claims(order=4))
+
+    def integrate(self, problem: Problem) -> Trajectory:
+        found: Trajectory = lg.methods.RK4().integrate(problem)
+        return replace(found, status=self.status, message="as told")
+
+
+# --- errors, times and costs --------------------------------------------------------------------------------
+
+
+def test_errors_are_those_against_the_closed_form() -> None:
+    found = race(methods=["rk4", "dop853"], tolerances=[1e-4, 1e-8], steps=[0.05, 0.025])
+    for entry in found:
+        options: dict[str, Any] = (
+            {"rtol": entry.setting, "atol": entry.setting} if entry.adaptive else {"step": entry.setting}
+        )
+        end = lg.flow(SPRING.compile(), method=entry.method, **options)([1.0, 0.0], 0.0, END)
+        assert entry.error == pytest.approx(np.abs(end - EXACT).max(), rel=1e-3)
+        assert entry.resolved and entry.complete and entry.status == "success"
+    assert [(entry.method, entry.setting) for entry in found] == [
+        ("rk4", 0.05),
+        ("rk4", 0.025),
+        ("dop853", 1e-4),
+        ("dop853", 1e-8),
+    ]
+    assert found[0].error / found[1].error == pytest.approx(16, rel=0.1)
+    assert (found[0].steps, found[0].evaluations) == (100, 401)
+
+
+def test_the_reference_says_how_well_it_is_known() -> None:
+    found = race()
+    assert 0 < found.uncertainty < 1e-15
+    assert race(digits=30).uncertainty < 1e-22
+    assert "30 digits" in race(digits=30).result.truth.about
+
+
+def test_times_are_the_least_of_so_many_warm_runs() -> None:
+    found = race(methods=["dop853", "scipy-rk23"], tolerances=[1e-3], repeats=3)
+    ours, theirs = found
+    assert ours.timed == theirs.timed == 3
+    assert 0 < ours.time < theirs.time < 1
+
+
+def test_relative_errors_are_in_parts_of_each_entry() -> None:
+    plain, relative = race(PAIR), race(PAIR, relative=True)
+    assert relative.result.unit == pytest.approx((1e3, 1, 2e3, 1), rel=1e-2)
+    assert plain.result.unit == (1, 1, 1, 1)
+    end = lg.flow(PAIR.compile(), rtol=1e-6, atol=1e-6)([1e3, 0, 0, 0], 0.0, END)
+    off = np.abs(end - 1e3 * np.array([EXACT[0], 0, EXACT[1], 0]))
+    assert plain[0].error == pytest.approx(off.max(), rel=1e-3)
+    assert relative[0].error == pytest.approx((off / relative.result.unit).max(), rel=1e-3)
+
+
+def test_errors_along_the_way() -> None:
+    found = race(methods=["rk4"], outputs=10)
+    assert found.result.truth.times == pytest.approx(np.linspace(0.5, 5.0, 10))
+    solution = SPRING.run(END, method="rk4", step=0.01, t_eval=found.result.truth.times)
+    exact = np.array([np.cos(2 * solution.t), -2 * np.sin(2 * solution.t)])
+    assert found[0].error == pytest.approx(np.abs(solution.y - exact).max(), rel=1e-3)
+
+
+def test_an_error_below_the_reference_is_not_told() -> None:
+    free = lg.System(kinetic=m * x.dot**2 / 2, potential=0, parameters={m: 1}, initial={x: 0.0, x.dot: 1.0})
+    entry = race(free, 1.0, reference=[1.0, 1.0], methods=["rk4"], steps=[0.25])[0]
+    assert not entry.resolved
+    assert entry.error == np.spacing(1.0) / 2
+
+
+# --- what fails stays in the table --------------------------------------------------------------------------
+
+
+def test_a_method_that_is_not_legal_is_refused_in_the_table() -> None:
+    elastic = lg.scene("elastic-pendulum")
+    entry = race(elastic, 1.0, methods=["verlet"])[0]
+    assert (entry.status, entry.complete, math.isnan(entry.error)) == ("refused", False, True)
+    assert "mass matrix changes" in entry.message
+    default = race(elastic, 1.0, methods=None)
+    assert "verlet" not in default.methods
+    assert any(note.startswith("verlet does not take part") for note in default.notes)
+
+
+def test_the_default_choice() -> None:
+    methods = race(methods=None, end=1.0).methods
+    assert {"rk4", "verlet", "dopri5", "dop853", "scipy-dop853", "scipy-lsoda"} <= set(methods)
+    assert not {"euler", "midpoint", "symplectic-euler", "scipy-rk23"} & set(methods)
+
+
+def test_a_run_out_of_time_is_kept_and_finer_ones_are_skipped() -> None:
+    found = race(methods=["scipy-rk23"], tolerances=[1e-12, 1e-11, 1e-2], max_wall=0.05)
+    assert [entry.status for entry in found] == ["success", "max_wall", "skipped"]
+    assert [entry.setting for entry in found] == [1e-2, 1e-11, 1e-12]
+    assert [entry.complete for entry in found] == [True, False, False]
+    assert "1e-11" in found[2].message and "0.05 s" in found[2].message
+
+
+def test_a_run_that_blows_up_is_kept() -> None:
+    stiff = lg.System(kinetic=m * x.dot**2 / 2, potential=exp(x), parameters={m: 1}, initial={x: 3.0})
+    coarse, fine = race(stiff, 10.0, methods=["euler"], steps=[2.0, 1e-4])
+    assert coarse.status == "success" or math.isnan(coarse.error)
+    assert fine.complete and math.isfinite(fine.error)
+
+
+@pytest.mark.parametrize("status", [Status.NON_FINITE, Status.STEP_TOO_SMALL, Status.MAX_STEPS])
+def test_every_end_is_kept_with_its_words(status: Status) -> None:
+    entry = race(methods=[Scripted(status)])[0]
+    assert (entry.status, entry.message, entry.complete, entry.timed) == (status.value, "as told", False, 0)
+
+
+def test_ctrl_c_ends_the_race() -> None:
+    with pytest.raises(KeyboardInterrupt):
+        race(methods=[Scripted(Status.INTERRUPTED)])
+
+
+def test_two_of_a_name_are_told_apart() -> None:
+    assert race(methods=["rk4", lg.methods.RK4(), Scripted()]).methods == ("rk4", "rk4 (2)", "scripted")
+
+
+# --- the reference ------------------------------------------------------------------------------------------
+
+
+def test_a_reference_of_the_users() -> None:
+    assert race(reference=EXACT + 1e-3)[0].error == pytest.approx(1e-3, rel=1e-2)
+    found = race(reference=EXACT)
+    assert found[0].error == pytest.approx(race()[0].error, rel=1e-3)
+    assert found.uncertainty == np.spacing(np.abs(EXACT)).max() / 2
+
+
+@pytest.mark.parametrize("reference", ["dop853", "dopri5", lg.methods.RK4(step=1e-3)])
+def test_a_method_as_reference_is_held_against_another(reference: Any) -> None:
+    found = race(reference=reference, outputs=2)
+    assert 0 < found.uncertainty < 1e-10
+    assert found[0].error == pytest.approx(race(outputs=2)[0].error, rel=1e-3)
+    assert "held against" in found.result.truth.about
+
+
+def test_a_poor_reference_is_refused() -> None:
+    with pytest.raises(RunError, match=r"known to .* only"):
+        race(reference=lg.methods.Euler(step=0.1))
+
+
+def test_a_system_that_no_digits_follow_points_to_another_reference() -> None:
+    brake = lg.System(
+        kinetic=m * x.dot**2 / 2,
+        potential=k * x**2 / 2,
+        forces={x: -0.1 * sign(x)},
+        parameters={m: 1, k: 4},
+        initial={x: 1.0},
+    )
+    with pytest.raises(RunError, match=r"forces jump there.* reference="):
+        race(brake, 2.0)
+    assert race(brake, 2.0, reference="dop853").uncertainty < 1e-6
+
+
+def test_the_reference_has_a_time_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(truth, "LONGEST", 1e-9)
+    with pytest.raises(RunError, match="time limit"):
+        race()
+
+
+# --- growth of errors ---------------------------------------------------------------------------------------
+
+
+def test_errors_on_a_hill_grow_with_the_exponential() -> None:
+    end = 12.0
+    found = race(HILL, end)
+    assert found.growth == pytest.approx(math.cosh(end) + math.sinh(end), rel=1e-3)
+    assert found.floor == pytest.approx(2.0**-53 * math.cosh(end), rel=1e-3)
+    assert any("grow up to" in note and "luck" in note for note in found.notes)
+    assert race(SPRING).notes == ()
+
+
+def test_growth_on_the_way_counts_too() -> None:
+    statement_model = SPRING.compile()
+    run = SPRING.run(END, rtol=1e-11, atol=1e-11).trajectory
+    size = np.abs(run.y).max(axis=1)
+    found = sensitivity(statement_model, run, statement_model.parameter_values(), size, np.ones(2))
+    assert found.growth == pytest.approx(math.sqrt(2), rel=2e-2)
+    backwards = HILL.run(-3.0, rtol=1e-11, atol=1e-11).trajectory
+    hill = HILL.compile()
+    there = sensitivity(hill, backwards, hill.parameter_values(), np.ones(2), np.ones(2))
+    assert there.growth == pytest.approx(math.exp(3), rel=1e-3)
+
+
+def test_chaos_has_no_winner() -> None:
+    pendulum, start = lg.scene("double-pendulum"), {"theta1": 2.0, "theta2": 2.5}
+    found = race(pendulum, 20.0, initial=start, reference=np.zeros(4))
+    assert found.growth > 1e14
+    assert found.floor > 1e-2
+    assert found.notes[0].startswith("No method can win")
+    with pytest.raises(RunError, match=r"grows by .* 22 digits say nothing"):
+        lg.race(pendulum, 40.0, start)
+
+
+# --- refusals -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"methods": ["rk5"]}, "no method 'rk5'.*Did you mean 'rk4'"),
+        ({"methods": []}, "methods is empty"),
+        ({"methods": [lg.methods.RK4]}, "give a name"),
+        ({"tolerances": [1e-6, 0]}, "tolerances contains 0"),
+        ({"tolerances": [math.nan]}, "entry of tolerances is nan"),
+        ({"tolerances": [-1e-6]}, "tolerances contains -1e-06"),
+        ({"tolerances": []}, "tolerances is empty"),
+        ({"tolerances": 1e-6}, "give a list"),
+        ({"tolerances": "1e-6"}, "give a list"),
+        ({"steps": [0.0]}, "steps contains 0"),
+        ({"steps": []}, "steps is empty"),
+        ({"repeats": 0}, "repeats = 0"),
+        ({"repeats": 1.5}, "repeats = 1.5"),
+        ({"outputs": 0}, "outputs = 0"),
+        ({"max_wall": 0}, "max_wall = 0"),
+        ({"digits": 5}, "digits = 5"),
+        ({"reference": [1.0, 2.0, 3.0]}, r"reference has shape \(3,\)"),
+        ({"reference": [math.nan, 0.0]}, "finite"),
+        ({"reference": "rk5"}, "no method 'rk5'"),
+        ({"end": 0.0}, "no length"),
+        ({"end": math.inf}, "t_end is inf"),
+        ({"parameters": {"q": 1}}, "'q' is no parameter"),
+        ({"initial": {"z": 1}}, "'z'"),
+        ({"system": 3}, "3 is no system"),
+    ],
+    ids=lambda value: str(value)[:30],
+)
+def test_refusals(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(StatementError, match=words):
+        race(**options)
+
+
+def test_one_method_needs_no_list() -> None:
+    assert race(methods="rk4").methods == ("rk4",)
+    assert race(methods=lg.methods.RK4()).methods == ("rk4",)
+
+
+def test_a_motion_without_an_end_cannot_be_raced() -> None:
+    escape = lg.System(kinetic=m * x.dot**2 / 2, potential=-(x**4), parameters={m: 1}, initial={x: 1.0})
+    with pytest.raises(RunError, match="no end to race for: dop853"):
+        race(escape, 10.0)

@@ -1,0 +1,158 @@
+"""Series in multiple precision, and what the equations of motion leave of them: an independent judge of recurrences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import mpmath
+import sympy as sp
+
+from lagrange.equations.euler_lagrange import Equations, euler_lagrange
+from lagrange.evidence.precise import Precise
+from lagrange.machine.arithmetic import Arithmetic
+from lagrange.machine.jet import Jet
+from lagrange.program.series import SeriesProgram
+from lagrange.program.switching import switch
+from lagrange.program.taylor import _assemblies, series_program
+from lagrange.statement.coordinate import t
+from lagrange.statement.statement import Statement
+
+DIGITS = 150
+"""Enough for a coefficient of order 12 to be seen in a motion over 1e-8, see `right_orders`."""
+
+CONTEXT: Any = mpmath.MPContext()
+CONTEXT.dps = DIGITS
+NUMBER = CONTEXT.mpf
+
+MANY_DIGITS = Arithmetic(
+    {
+        "neg": lambda a: -a,
+        "add": lambda a, b: a + b,
+        "sub": lambda a, b: a - b,
+        "mul": lambda a, b: a * b,
+        "div": lambda a, b: a / b,
+        "fma": lambda a, b, c: a * b + c,
+        "sqrt": CONTEXT.sqrt,
+        "power": CONTEXT.power,
+        **{name: getattr(CONTEXT, name) for name in ("sin", "cos", "tan", "asin", "acos", "atan", "atan2")},
+        **{name: getattr(CONTEXT, name) for name in ("exp", "log", "sinh", "cosh", "tanh", "sign")},
+        "abs": abs,
+        "min": min,
+        "max": max,
+        "less": lambda a, b: NUMBER(a < b),
+        "less_equal": lambda a, b: NUMBER(a <= b),
+        "equal": lambda a, b: NUMBER(a == b),
+        "and": lambda a, b: NUMBER(bool(a and b)),
+        "or": lambda a, b: NUMBER(bool(a or b)),
+        "not": lambda a: NUMBER(not a),
+        "select": lambda c, a, b: a if c else b,
+    },
+    NUMBER,
+    object,
+)
+"""The operations of a program on numbers of `DIGITS` digits."""
+
+
+def numbers(values: Sequence[Any]) -> list[Any]:
+    return [NUMBER(value) for value in values]
+
+
+def jet(program: SeriesProgram, parameters: Sequence[Any]) -> Jet:
+    return Jet(program, numbers(parameters), MANY_DIGITS)
+
+
+def values(statement: Statement) -> list[Any]:
+    """Return the parameters' default values."""
+    return [statement.defaults[p] for p in statement.parameters]
+
+
+def sides(program: SeriesProgram, parameters: Sequence[Any], time: Any, y: Sequence[Any]) -> list[Any]:
+    """Return the sides of the surfaces at a state; surfaces may depend on the sides of others."""
+    found: list[Any] = [NUMBER(1)] * program.sides
+    for _ in range(program.sides + 1):
+        x = jet(program, [*parameters, *found]).coefficients(NUMBER(time), numbers(y), 0)
+        found = [CONTEXT.sign(x[0, surface]) for surface in program.watched[: program.sides]]
+    return found
+
+
+def series(statement: Statement, order: int, time: Any = 0.25, start: Sequence[Any] | None = None) -> Any:
+    """Return the coefficients of q and v at a time and a state, (order + 1, 2n)."""
+    program, _ = series_program(euler_lagrange(statement))
+    return coefficients(program, statement, order, time, start)
+
+
+def coefficients(
+    program: SeriesProgram, statement: Statement, order: int, time: Any = 0.25, start: Sequence[Any] | None = None
+) -> Any:
+    """Return the coefficients of q and v that a program gives, (order + 1, 2n)."""
+    y = statement.initial if start is None else start
+    parameters = values(statement)
+    parameters += sides(program, parameters, time, y)
+    found = jet(program, parameters).coefficients(NUMBER(time), numbers(y), order)
+    return found[:, : 2 * program.dimension]
+
+
+def all_forms(equations: Equations) -> list[SeriesProgram]:
+    """Return the program of every form of the equations, the rates of sums taken whole and apart."""
+    e = equations
+    mass = [e.mass[i][j] for block in e.structure.blocks for i in block for j in block if j <= i]
+    switched = switch(e.graph, (*e.momenta, *e.forces, *mass))
+    n = len(e.q)
+    p, f, triangles = switched.outputs[:n], switched.outputs[n : 2 * n], switched.outputs[2 * n :]
+    return [
+        _Assembly(e, form, triangles, switched.surfaces, switched.sides, apart=apart).program("series")
+        for form in forms(p, f, e.q, e.v, e.time)
+        for apart in (False, True)
+    ]
+
+
+def right_orders(statement: Statement, found: Any, time: Any = 0.25) -> float:
+    """Return up to which order these coefficients of q are those of the motion, from what the law of motion leaves.
+
+    A motion that is right up to order p, and wrong by d at the next, leaves p (p+1) d h^(p-1) after a time h. The
+    power of h is seen by doubling h; the terms behind it add 1e-8 times what they are.
+    """
+    near, far = (residual(statement, found, time, NUMBER(h) * NUMBER(10) ** -8) for h in (1, 2))
+    if near < NUMBER(10) ** (10 - DIGITS):  # a series that ends, as that of an oscillator at rest
+        return math.inf
+    return float(CONTEXT.log(far / near, 2)) + 1
+
+
+def residual(statement: Statement, found: Any, time: Any, h: Any) -> Any:
+    """Return |d/dt dL/dv - dL/dq - Q + dD/dv| at time + h for the polynomial with these coefficients.
+
+    SymPy differentiates, mpmath computes: nothing here knows of the graph.
+    """
+    n = len(statement.coordinates)
+    powers = [h**k for k in range(len(found))]
+    q = [sum(c * s for c, s in zip(found[:, i], powers, strict=True)) for i in range(n)]
+    v = [sum(k * c * powers[k - 1] for k, c in enumerate(found[:, i]) if k) for i in range(n)]
+    a = [sum(k * (k - 1) * c * powers[k - 2] for k, c in enumerate(found[:, i]) if k > 1) for i in range(n)]
+    parameters = dict(zip(statement.parameters, values(statement), strict=True))
+    rows = _law(statement)(q, v, NUMBER(time) + h, parameters)
+    width = 2 * n + 1
+    left = [rows[i * width : (i + 1) * width] for i in range(n)]
+    return max(abs(row[-1] + sum(c * x for c, x in zip(row, (*v, *a), strict=False))) for row in left)
+
+
+@cache
+def _law(statement: Statement) -> Precise:
+    """Return for each coordinate the coefficients of v and a in the equation of motion, and the rest of it."""
+    q, v = statement.coordinates, statement.velocities
+    moving = [sp.Dummy() for _ in (*v, *q)]
+    there = dict(zip((*v, *q), moving, strict=True))
+    back = {symbol: leaf for leaf, symbol in there.items()}
+
+    def plain(expression: Any) -> Any:
+        return expression.xreplace({leaf: there[leaf] for leaf in v}).xreplace({leaf: there[leaf] for leaf in q})
+
+    lagrangian, dissipation = plain(statement.lagrangian), plain(statement.dissipation)
+    outputs = []
+    for place, speed, force in zip(q, v, statement.forces, strict=True):
+        momentum = lagrangian.diff(there[speed])
+        outputs += [momentum.diff(there[leaf]) for leaf in (*q, *v)]
+        outputs.append(momentum.diff(t) - lagrangian.diff(there[place]) - plain(force) + dissipation.diff(there[speed]))
+    return Precise([output.xreplace(back) for output in outputs], statement, DIGITS)

@@ -1,0 +1,106 @@
+"""The command `lagrange race`: what it prints and writes, and its exit codes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lagrange.cli import main
+
+SCENE = """\
+name = "drop"
+coordinates = ["y"]
+kinetic = "m*y_dot**2/2"
+potential = "m*g*y + sin(y)"
+[parameters]
+m = 2.0
+g = 10.0
+[initial]
+y = 5.0
+[run]
+t_end = 2.0
+"""
+
+QUICK = ["--tolerances", "1e-4,1e-8", "--steps", "0.1,0.05,0.025", "--repeats", "1", "--digits", "18"]
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> str:
+    path = tmp_path / "drop.toml"
+    path.write_text(SCENE, "utf-8")
+    return str(path)
+
+
+def test_the_table_is_printed_and_files_are_written(
+    scene: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "deep" / "er"
+    assert main(["race", scene, "--methods", "dop853, rk4", *QUICK, "--out", str(out)]) == 0
+    captured = capsys.readouterr()
+    assert captured.err == ""
+    assert captured.out.startswith("drop, t = 0 to 2: largest error of the state at t = 2\n")
+    assert captured.out.endswith(f"written to {out}: table.csv and plot.png\n")
+    table = np.genfromtxt(out / "table.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
+    assert table["method"].tolist() == ["dop853"] * 2 + ["rk4"] * 3
+    assert table["setting"].tolist() == [1e-4, 1e-8, 0.1, 0.05, 0.025]
+    assert (np.diff(table["error"][2:]) < 0).all()
+    assert (out / "plot.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_options_reach_the_race(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
+    options = [
+        "--t-end",
+        "1",
+        "--set",
+        "g=4",
+        "--initial",
+        "y_dot=1",
+        "--outputs",
+        "4",
+        "--relative",
+        "--max-wall",
+        "5",
+    ]
+    assert main(["race", scene, "--methods", "rk4", *QUICK, *options, "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert (data["t_end"], data["relative"], data["files"]) == (1.0, True, [])
+    assert data["measure"] == "largest error of the state at 4 times, relative to each entry's size"
+    assert "18 digits" in data["reference"]
+    assert [entry["timed"] for entry in data["entries"]] == [1, 1, 1]
+    assert main(["race", scene, "--methods", "rk4", *QUICK, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["entries"][0]["error"] != data["entries"][0]["error"]
+
+
+def test_no_run_at_the_end_is_a_failure_with_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    picture = tmp_path / "plot.png"
+    picture.write_text("of an earlier race")
+    request = ["race", "elastic-pendulum", "--t-end", "1", "--methods", "verlet", *QUICK, "--out", str(tmp_path)]
+    assert main(request) == 1
+    assert "refused" in capsys.readouterr().out
+    assert (tmp_path / "table.csv").exists() and not picture.exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--methods", "rk5"], "Did you mean 'rk4'"),
+        (["--methods", ""], "there is no method ''"),
+        (["--tolerances", "1e-6,small"], "--tolerances: 'small' is not a number"),
+        (["--tolerances", "0"], "tolerances contains 0"),
+        (["--steps", "0.1,,0.2"], "--steps: '' is not a number"),
+        (["--repeats", "0"], "repeats = 0"),
+        (["--digits", "2.5"], "digits = 2.5"),
+        (["--outputs", "0"], "outputs = 0"),
+        (["--max-wall", "-1"], "max_wall = -1"),
+        (["--t-end", "0"], "no length"),
+    ],
+    ids=lambda value: " ".join(value)[:30],
+)
+def test_refusals(scene: str, options: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["race", scene, *options]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert words in captured.err

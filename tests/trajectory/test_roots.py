@@ -1,0 +1,399 @@
+"""Root isolation: none missed, none doubled, each in its direction, on one step and across the joints of a run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+from functools import reduce
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from lagrange.trajectory.roots import Root, Side, may_vanish, roots
+from lagrange.trajectory.trajectory import FloatArray
+
+EPSILON = 2.0**-52
+GRID = 2**40
+"""Roots are multiples of 1 / GRID, so that the coefficients of their product are integers."""
+UNRESOLVED = 24 * EPSILON
+"""Times sum |c[k] h**k|: what is this small between two roots may pass for zero (3 times the least noise)."""
+
+Case = tuple[FloatArray, list[float], list[complex]]
+"""Coefficients in s = tau / h, the roots inside the step in order, and those outside."""
+
+
+def times(p: list[int], q: Sequence[int]) -> list[int]:
+    product = [0] * (len(p) + len(q) - 1)
+    for j, a in enumerate(p):
+        for k, b in enumerate(q):
+            product[j + k] += a * b
+    return product
+
+
+def rounded(inside: Sequence[float], outside: Sequence[complex] = (), sign: int = 1) -> FloatArray:
+    """The correctly rounded coefficients of the product over the roots; a complex one stands for its pair."""
+    product, scale = [sign], 1
+    for root in (*inside, *outside):
+        a, b = round(root.real * GRID), round(root.imag * GRID)
+        factor = (a * a + b * b, -2 * a * GRID, GRID * GRID) if b else (-a, GRID)
+        product, scale = times(product, factor), scale * factor[-1]
+    return np.array([c / scale for c in product])
+
+
+def stepped(scaled: FloatArray, h: float) -> FloatArray:
+    return np.array(scaled / h ** np.arange(len(scaled)))
+
+
+def snapped(s: float) -> float:
+    return round(s * GRID) / GRID
+
+
+def random_case(rng: np.random.Generator) -> Case:
+    """Up to eight roots inside, some of them close; up to degree 24 with real and complex roots at a distance."""
+    drawn = list(rng.uniform(0.01, 0.99, rng.integers(0, 9)))
+    close = [drawn[0] + 10 ** rng.uniform(-6, -2)] if drawn and rng.random() < 0.5 else []
+    inside = sorted(snapped(s) for s in (*drawn, *close))
+    outside: list[complex] = []
+    for _ in range(rng.integers(0, 16)):
+        turn = rng.uniform(0, np.pi)
+        away = 0.5 + rng.uniform(0.8, 4) * complex(np.cos(turn), np.sin(turn))
+        outside.append(complex(snapped(away.real), snapped(away.imag) if rng.random() < 0.4 else 0.0))
+        if 0 <= outside[-1].real <= 1 and not outside[-1].imag:
+            outside[-1] += 2
+    while len(inside) + sum(2 if z.imag else 1 for z in outside) > 24:
+        outside.pop()
+    return rounded(inside, outside, int(rng.choice((-1, 1)))), inside, outside
+
+
+def exact_value(c: FloatArray, s: float) -> Fraction:
+    return reduce(lambda value, k: value * Fraction(s) + Fraction(k), c.tolist()[::-1], Fraction(0))
+
+
+def size_of_product(s: float, inside: Sequence[float], outside: Sequence[complex]) -> float:
+    return math.prod([abs(s - z) ** (2 if z.imag else 1) for z in (*inside, *outside)])
+
+
+def resolved(case: Case) -> bool:
+    """Whether the product stands clear of the round-off of its coefficients between the roots and at the ends."""
+    c, inside, outside = case
+    limit = UNRESOLVED * float(np.abs(c).sum())
+    middles = [(a + b) / 2 for a, b in pairwise(inside)]
+    return all(size_of_product(s, inside, outside) > limit for s in (0.0, 1.0, *middles))
+
+
+def directions(found: list[Root]) -> list[int]:
+    return [root.rising for root in found]
+
+
+def alternating(count: int, first: int) -> list[int]:
+    return [first if k % 2 == 0 else -first for k in range(count)]
+
+
+def sturm_count(c: FloatArray) -> int:
+    """The number of distinct roots in (0, 1] of the polynomial with just these coefficients."""
+    p = [Fraction(x) for x in c.tolist()]
+    chain = [p, [k * x for k, x in enumerate(p)][1:]]
+    while any(chain[-1]):
+        rest, divisor = list(chain[-2]), chain[-1]
+        while len(rest) >= len(divisor):
+            factor, shift = rest[-1] / divisor[-1], len(rest) - len(divisor)
+            rest = [x - factor * divisor[k - shift] if k >= shift else x for k, x in enumerate(rest)][:-1]
+        while rest and rest[-1] == 0:
+            rest.pop()
+        size = max(map(abs, rest), default=Fraction(1))
+        chain.append([-x / size for x in rest])
+
+    def changes(at: int) -> int:
+        signs = [value for q in chain if (value := sum(q) if at else (q[0] if q else 0))]
+        return sum((a < 0) != (b < 0) for a, b in pairwise(signs))
+
+    return changes(0) - changes(1)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_every_root_of_a_random_polynomial_is_found_once(seed: int) -> None:
+    """A thousand with known roots in each block; the location is right to the round-off of g over its slope."""
+    rng = np.random.default_rng(seed)
+    drawn = [random_case(rng) for _ in range(1500)]
+    cases = [case for case in drawn if resolved(case)][:1000]
+    assert len(cases) == 1000, "the coefficients resolve most of what is drawn"
+    for scaled, inside, outside in cases:
+        h = float(rng.choice((-1, 1)) * 10 ** rng.uniform(-6, 6))
+        found, after = roots(stepped(scaled, h), h)
+        first = 1 if scaled[0] < 0 else -1
+        assert directions(found) == alternating(len(inside), first), (scaled, h)
+        assert after == Side(-first if len(inside) % 2 == 0 else first)
+        assert not inside or may_vanish(stepped(scaled, h), h)
+        size = float(np.abs(scaled).sum())
+        for root, s in zip(found, inside, strict=True):
+            slope = size_of_product(s, [other for other in inside if other != s], outside)
+            # The round-off of the coefficients, of their scaling by h**k and of Horner's rule is below 4 EPSILON.
+            # A close neighbour bends g at this distance: the factor 2.
+            assert abs(root.time / h - s) <= 2 * 4 * EPSILON * size / slope + 2 * EPSILON
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_count_is_that_of_sturm(seed: int) -> None:
+    """Of the polynomial with the rounded coefficients, in exact arithmetic."""
+    rng = np.random.default_rng(100 + seed)
+    for _ in range(50):
+        case = random_case(rng)
+        found, _ = roots(case[0], 1.0)
+        if resolved(case):
+            assert len(found) == sturm_count(case[0]) == len(case[1])
+        else:
+            assert len(found) <= max(len(case[1]), 1)
+
+
+def test_sturm_counts_for_itself() -> None:
+    assert sturm_count(rounded([0.25, 0.5, 1.0], [2.0, 0.5 + 1j])) == 3
+    assert sturm_count(rounded([0.25, 0.25], [0.0])) == 1
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_any_coefficients_keep_the_order_and_the_signs(seed: int) -> None:
+    """Also beyond what they resolve: times in order, crossings in turn, and the side at the end that of g there."""
+    rng = np.random.default_rng(200 + seed)
+    for _ in range(500):
+        m = int(rng.integers(1, 42))
+        c = rng.standard_normal(m) * rng.choice((0.1, 0.6, 1.0, 1.5)) ** np.arange(m)
+        if rng.random() < 0.3:
+            c = rounded(rng.uniform(0, 1, int(rng.integers(1, 25))).tolist())
+        h = float(rng.choice((-1.0, 1.0)))
+        found, after = roots(stepped(c, h), h)
+        places = [root.time / h for root in found]
+        assert places == sorted(places) and all(0 <= s <= 1 for s in places)
+        crossings = [rising for rising in directions(found) if rising]
+        assert crossings == alternating(len(crossings), crossings[0] if crossings else 1)
+        end, limit = exact_value(c, 1.0), UNRESOLVED * float(np.abs(c).sum())
+        assert abs(end) <= limit or after == Side(1 if end > 0 else -1)
+        for root in found:
+            assert abs(exact_value(c, root.time / h)) <= limit
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_roots_of_higher_order(sign: int) -> None:
+    """The double one is a touch, found as the extremum is; the triple one a crossing, as sharp as a cube root is."""
+    rng = np.random.default_rng(5)
+    for _ in range(300):
+        s = snapped(rng.uniform(0.01, 0.99))
+        outside = [complex(snapped(z)) for z in (*rng.uniform(1.5, 4, 6), *rng.uniform(-3, -0.5, 5))]
+        for order in (2, 3, 4):
+            c = rounded([s] * order, outside, sign)
+            before = 1 if c[0] > 0 else -1
+            found, after = roots(c, 1.0)
+            assert directions(found) == [0 if order % 2 == 0 else -before]
+            assert after == Side(before if order % 2 == 0 else -before)
+            spread = (UNRESOLVED * float(np.abs(c).sum()) / size_of_product(s, (), outside)) ** (1 / order)
+            assert abs(found[0].time - s) < (spread if order > 2 else 0.01 * spread)
+
+
+@pytest.mark.parametrize("count", [2, 3])
+@pytest.mark.parametrize("gap", [1e-8, 1e-7, 1e-6, 1e-5, 1e-4])
+def test_clusters(count: int, gap: float) -> None:
+    """Separated where g between them is beyond its noise; else one place, with the crossing that is left over."""
+    rng = np.random.default_rng(6)
+    apart, together = {2: (3e-7, 4e-8), 3: (5e-5, 8e-6)}[count]
+    for _ in range(200):
+        s = rng.uniform(0.01, 0.98)
+        inside = [snapped(s + k * gap) for k in range(count)]
+        found, _ = roots(rounded(inside), 1.0)
+        assert sum(directions(found)) == (0 if count == 2 else 1)
+        assert all(abs(root.time - s) < max(5 * gap, 1e-4 if count == 3 else 1e-6) for root in found)
+        assert len(found) == count or gap < apart
+        assert len(found) == 1 or gap > together
+
+
+def wave(t: float, turns: int) -> FloatArray:
+    """The Taylor coefficients about t of the cosine, turned on by quarters: 3 of them make the sine."""
+    derivatives = (math.cos(t), -math.sin(t), -math.cos(t), math.sin(t))
+    return np.array([derivatives[(k + turns) % 4] / math.factorial(k) for k in range(30)])
+
+
+@pytest.mark.parametrize("digits", range(1, 13))
+def test_grazing(digits: int) -> None:
+    """cos t - (1 - e): two crossings for e > 0, none for e < 0, one touch for 0, wherever the series stands."""
+    rng, e = np.random.default_rng(digits), 10.0**-digits
+    for _ in range(50):
+        t, end = rng.uniform(-1.2, -0.6), rng.uniform(0.6, 0.9)
+        for depth, expected in ((e, [1, -1]), (-e, []), (0.0, [0])):
+            c = wave(t, 0)
+            # cos t - 1 without cancellation
+            c[0] = -2 * math.sin(t / 2) ** 2 + depth
+            for start, length in ((t, end - t), (-t, t - end)):
+                series = c * np.sign(length) ** np.arange(len(c))
+                found, after = roots(series, length)
+                assert directions(found) == expected and after == Side(-1)
+                for root, side in zip(found, (-1, 1) if expected == [1, -1] else (0,), strict=False):
+                    truth = side * math.acos(1 - depth) if depth > 1e-6 else side * math.sqrt(2 * abs(depth))
+                    sharp = 1e-14 / math.sqrt(2 * depth) if depth > 0 else 1e-13
+                    assert abs((start + root.time) * np.sign(length) - truth) < sharp + abs(depth) ** 1.5
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-150, 1.0, 1e150, 1e300])
+def test_scales(scale: float) -> None:
+    """Neither the unit of g nor that of time changes anything."""
+    c = rounded([0.125, 0.25, 0.25, 0.75])
+    found, after = roots(c * scale, 1.0)
+    assert directions(found) == [-1, 0, 1] and after == Side(1)
+    assert [root.time for root in found] == pytest.approx([0.125, 0.25, 0.75], rel=1e-13)
+    for unit in (scale, -scale):
+        found, after = roots(np.array([-0.5, 1 / unit]), unit)
+        assert directions(found) == [1] and after == Side(1)
+        assert found[0].time == pytest.approx(unit / 2, rel=1e-15, abs=0)
+        assert roots(np.array([-scale / 2, scale / unit]), unit, noise=scale)[1] == Side()
+    assert may_vanish(c * scale, 1.0)
+    assert directions(roots(c * 1e308, 1.0)[0]) == [-1, 0, 1]
+    assert may_vanish(np.array([-0.5, 1 / scale]), scale)
+    assert not may_vanish(np.array([-0.5, 0.3 / scale]), scale)
+
+
+def test_nothing_vanishes_nowhere() -> None:
+    for before in (Side(), Side(1), Side(-1, near=True)):
+        for c in (np.zeros(1), np.zeros(25)):
+            found, after = roots(c, 1.0, before)
+            assert found == [] and after == before
+    assert roots(np.array([3.0]), 1.0) == ([], Side(1))
+    assert roots(np.array([-3.0, 1.0]), 0.0) == ([], Side(-1))
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_what_is_not_finite_is_refused(bad: float) -> None:
+    for c, h, noise in (([1.0, bad], 1.0, 0.0), ([1.0, 2.0], bad, 0.0), ([1.0, 2.0], 1.0, bad), ([bad], 1.0, 0.0)):
+        with pytest.raises(ValueError, match="not finite"):
+            roots(np.array(c), h, noise=noise)
+    assert may_vanish(np.array([1.0, bad]), 1.0) and may_vanish(np.array([bad, 1.0]), 1.0)
+    with pytest.raises(ValueError, match="not finite"):
+        roots(np.empty(0), 1.0)
+
+
+def test_functions_at_the_edge_of_their_noise_come_to_an_end() -> None:
+    """Constants and ripples that are as large as the noise: each halving would find them undecided again."""
+    rng = np.random.default_rng(8)
+    for _ in range(300):
+        c = np.eye(25)[0] + rng.standard_normal(25) * 10 ** rng.uniform(-20, 0)
+        edge = float(abs(c[0]) - 8 * EPSILON * np.abs(c).sum())
+        for noise in (0.5, 0.7, 1.0, 1.000001, max(edge, 0.0)):
+            assert len(roots(c, 1.0, noise=noise)[0]) <= 24
+
+
+def test_may_vanish_is_never_wrong() -> None:
+    rng = np.random.default_rng(9)
+    steps = [(rng.standard_normal(12) * 0.5 ** np.arange(12), float(rng.uniform(-2, 2))) for _ in range(2000)]
+    clear = [(c, h) for c, h in steps if not may_vanish(c, h)]
+    assert 200 < len(clear) < 1800
+    for c, h in clear:
+        assert roots(c, h) == ([], Side(1 if c[0] > 0 else -1))
+    assert may_vanish(np.array([1.0, 0.5]), 1.0, noise=0.6) and not may_vanish(np.array([1.0, 0.5]), 1.0, noise=0.4)
+
+
+Series = Callable[[float], FloatArray]
+"""From a time to the Taylor coefficients of g about it."""
+
+
+def versine(t: float) -> FloatArray:
+    c = -wave(t, 0)
+    c[0] = 2 * math.sin(t / 2) ** 2
+    return c
+
+
+def power(order: int) -> Series:
+    return lambda t: np.array([math.comb(order, k) * t ** (order - k) for k in range(order + 1)])
+
+
+def followed(g: Series, edges: Sequence[float], *, noise: float = 0.0, last: bool = False) -> list[tuple[float, int]]:
+    """What a run reports whose steps have these edges: times and directions."""
+    side = Side()
+    events: list[tuple[float, int]] = []
+    for a, b in pairwise(edges):
+        c, h = g(a), b - a
+        if side.settled and not may_vanish(c, h, noise=noise):
+            continue
+        found, side = roots(c, h, side, noise=noise, last=last and b == edges[-1])
+        events += [(a + root.time, root.rising) for root in found]
+    return events
+
+
+def edges_about(rng: np.random.Generator, places: Sequence[float], low: float, high: float, grid: bool) -> list[float]:
+    """Joints at most 2 apart, at the places themselves, at the numbers next to them, and at all distances."""
+    joints = [*np.arange(low, high, 1.9), *rng.uniform(low, high, 20), high]
+    for place in places:
+        near = [place, math.nextafter(place, high), math.nextafter(place, low)]
+        near += [place + s * 10 ** rng.uniform(-16, -1) for s in (-1, -1, -1, 1, 1, 1)]
+        joints += [t for t in near if rng.random() < 0.4]
+    joints = [snapped(t) if grid else float(t) for t in joints]
+    return sorted({t for t in joints if low <= t <= high})
+
+
+@pytest.mark.parametrize("grid", [True, False])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_run_reports_each_root_of_the_sine_once(seed: int, grid: bool) -> None:
+    """On a grid the joints are exact; elsewhere the two steps differ by the round-off of the time, which is noise."""
+    rng = np.random.default_rng(300 + seed)
+    places = [k * math.pi for k in range(1, 12)]
+    for _ in range(60):
+        edges = edges_about(rng, places, 0.375, 36.0, grid)
+        for path in (edges, edges[::-1]):
+            events = followed(lambda t: wave(t, 3), path, noise=0.0 if grid else 2e-14)
+            onward = path[0] < path[-1]
+            assert [way for _, way in events] == alternating(11, -1 if onward else 1), path
+            assert [time for time, _ in events] == pytest.approx(places[:: 1 if onward else -1], abs=4e-14)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-12])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_run_reports_each_touch_once(seed: int, noise: float) -> None:
+    rng = np.random.default_rng(400 + seed)
+    places = [2 * k * math.pi for k in range(1, 6)]
+    for _ in range(60):
+        edges = edges_about(rng, places, 0.375, 36.0, grid=False)
+        for path in (edges, edges[::-1]):
+            events = followed(versine, path, noise=noise)
+            assert [way for _, way in events] == [0] * 5, path
+            assert [time for time, _ in events] == pytest.approx(places[:: 1 if path is edges else -1], abs=3e-6)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4, 5])
+def test_a_flat_root_at_a_joint_is_one(order: int) -> None:
+    rng = np.random.default_rng(order)
+    for _ in range(300):
+        edges = sorted({-1.0, 1.0, *(float(s * 10 ** rng.uniform(-12, 0)) for s in rng.choice((-1, 0, 1), 6))})
+        for path in (edges, edges[::-1]):
+            way = 0 if order % 2 == 0 else 1 if path is edges else -1
+            assert [found for _, found in followed(power(order), path)] == [way], path
+
+
+def test_steps_that_do_not_meet_still_report_every_change_of_sign_once() -> None:
+    """Beyond the contract: g jumps at the joints by far more than its noise."""
+    rng = np.random.default_rng(11)
+    for _ in range(100):
+        edges = edges_about(rng, [math.pi, 2 * math.pi], 0.375, 7.0, grid=True)
+        ways = [way for _, way in followed(lambda t: wave(t, 3) + np.eye(30)[0] * rng.normal(0, 1e-9), edges)]
+        crossings = [way for way in ways if way]
+        assert crossings == alternating(len(crossings), -1) and len(crossings) % 2 == 0
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_ends_of_a_run(sign: int) -> None:
+    """A root at the start of a run is no event, one at its end is, and so is one at a joint, in the step after it."""
+    c = sign * np.array([0.0, 1.0])
+    assert roots(c, 1.0) == ([], Side(sign))
+    assert roots(c, 1.0, Side(-sign, near=True)) == ([Root(0.0, sign)], Side(sign))
+    assert roots(c, 1.0, Side(sign)) == ([], Side(sign))
+    towards = -sign * np.array([1.0, -1.0])
+    assert roots(towards, 1.0) == ([], Side(-sign, near=True))
+    assert roots(towards, 1.0, last=True)[0] == [Root(1.0, sign)]
+    turning = sign * np.array([0.25, -1.0, 1.0])
+    assert roots(turning, 0.5) == ([], Side(sign, near=True))
+    assert roots(turning, 0.5, last=True)[0] == [Root(0.5, 0)]
+    assert roots(sign * np.array([0.0, 0.0, 1.0]), 0.5, Side(sign, near=True)) == ([Root(0.0, 0)], Side(sign))
+
+
+def test_a_bouncing_ball_meets_the_floor_once_a_flight() -> None:
+    """Each flight starts on the floor, or as far below it as the impact was late."""
+    for floor in (0.0, 1e-17, -1e-17):
+        for speed in (1.0, 1e-3, 1e-6):
+            found, _ = roots(np.array([floor * speed**2, speed, -0.5]), 3 * speed)
+            assert directions(found) == [-1] and found[0].time == pytest.approx(2 * speed, rel=1e-15)
