@@ -20,8 +20,8 @@ from lagrange.program.taylor import _assemblies, series_program
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
 
-DIGITS = 150
-"""Enough for a coefficient of order 12 to be seen in a motion over 1e-8, see `right_orders`."""
+DIGITS = 200
+"""Enough for a coefficient of order 12 to be seen in a motion over 1e-12, see `right_orders`."""
 
 CONTEXT: Any = mpmath.MPContext()
 CONTEXT.dps = DIGITS
@@ -102,20 +102,17 @@ def all_forms(equations: Equations) -> list[SeriesProgram]:
     switched = switch(e.graph, (*e.momenta, *e.forces, *mass))
     n = len(e.q)
     p, f, triangles = switched.outputs[:n], switched.outputs[n : 2 * n], switched.outputs[2 * n :]
-    return [
-        _Assembly(e, form, triangles, switched.surfaces, switched.sides, apart=apart).program("series")
-        for form in forms(p, f, e.q, e.v, e.time)
-        for apart in (False, True)
-    ]
+    found = _assemblies(e, switched.sides, p, f, triangles, switched.surfaces)
+    return [assembly.program("series") for assembly in found]
 
 
 def right_orders(statement: Statement, found: Any, time: Any = 0.25) -> float:
     """Return up to which order these coefficients of q are those of the motion, from what the law of motion leaves.
 
     A motion that is right up to order p, and wrong by d at the next, leaves p (p+1) d h^(p-1) after a time h. The
-    power of h is seen by doubling h; the terms behind it add 1e-8 times what they are.
+    power of h is seen by doubling h from 1e-12; the terms behind it count by 1e-12 of what they are.
     """
-    near, far = (residual(statement, found, time, NUMBER(h) * NUMBER(10) ** -8) for h in (1, 2))
+    near, far = (residual(statement, found, time, NUMBER(h) * NUMBER(10) ** -12) for h in (1, 2))
     if near < NUMBER(10) ** (10 - DIGITS):  # a series that ends, as that of an oscillator at rest
         return math.inf
     return float(CONTEXT.log(far / near, 2)) + 1
@@ -142,7 +139,7 @@ def residual(statement: Statement, found: Any, time: Any, h: Any) -> Any:
 def _law(statement: Statement) -> Precise:
     """Return for each coordinate the coefficients of v and a in the equation of motion, and the rest of it."""
     q, v = statement.coordinates, statement.velocities
-    moving = [sp.Dummy() for _ in (*v, *q)]
+    moving = [sp.Dummy(real=True) for _ in (*v, *q)]
     there = dict(zip((*v, *q), moving, strict=True))
     back = {symbol: leaf for leaf, symbol in there.items()}
 
@@ -155,4 +152,6 @@ def _law(statement: Statement) -> Precise:
         momentum = lagrangian.diff(there[speed])
         outputs += [momentum.diff(there[leaf]) for leaf in (*q, *v)]
         outputs.append(momentum.diff(t) - lagrangian.diff(there[place]) - plain(force) + dissipation.diff(there[speed]))
+    # SymPy's slope of Max is Heaviside's step.
+    outputs = [output.replace(sp.Heaviside, lambda a, *_: (1 + sp.sign(a)) / 2) for output in outputs]
     return Precise([output.xreplace(back) for output in outputs], statement, DIGITS)

@@ -45,6 +45,9 @@ class Kernel(Protocol):
 class Driver(Protocol):
     """Advances a run by many steps without going through Python for each where the machine can."""
 
+    def adopt(self, state: DriverState) -> None:
+        """Let the state's y live in the driver's memory if that saves copying it; its entries are lost."""
+
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Try up to `budget` steps and record each accepted one in `times` (c,) and `rows` (c, 2n) from the first on.
 

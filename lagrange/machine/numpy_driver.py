@@ -25,6 +25,9 @@ class NumpyDriver:
         self._parameters = parameters
         self._slope: FloatArray | None = None
 
+    def adopt(self, state: DriverState) -> None:
+        """Leave the state where it is; see `Driver`."""
+
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Advance a run; see `Driver`."""
         if not state.count(S.SLOPE_KNOWN):

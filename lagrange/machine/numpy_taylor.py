@@ -60,6 +60,9 @@ class NumpyTaylorDriver:
         self._low[:] = 0.0
         state.reals[S.LOW] = 0.0
 
+    def adopt(self, state: DriverState) -> None:
+        """Leave the state where it is; see `Driver`."""
+
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Advance a run; see `Driver`."""
         state.counts[S.ROWS] = 0

@@ -34,13 +34,18 @@ class Cost:
     pairs: float
 
 
+NEARLY = 1.07
+"""The lowest order within this factor of the least cost is taken: the cost is flat there, and lower orders compile
+sooner, keep further from the radius of convergence and round less."""
+
+
 def best_order(cost: Cost, tolerance: float) -> int:
-    """Return the order p that minimises the cost of a step over its length, which goes like tolerance**(1/p)."""
-
-    def price(p: int) -> float:
-        return (cost.fixed + cost.each * p + cost.pairs * p * p) * math.exp(-math.log(tolerance) / p)
-
-    return min(range(LOWEST, HIGHEST + 1), key=price)
+    """Return the order p at which the cost of a step over its length, which goes like tolerance**(1/p), is least."""
+    prices = {
+        p: (cost.fixed + cost.each * p + cost.pairs * p * p) * math.exp(-math.log(tolerance) / p)
+        for p in range(LOWEST, HIGHEST + 1)
+    }
+    return min(p for p, price in prices.items() if price <= NEARLY * min(prices.values()))
 
 
 def constants(program: SeriesProgram, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:

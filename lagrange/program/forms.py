@@ -9,11 +9,12 @@ both; the caller builds both and keeps the cheaper.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 
 from lagrange.graph.differentiate import tangents
-from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, reachable
+from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, exact, reachable
 
 Terms = tuple[tuple[Exact, Node], ...]
 """Sum of coefficient * node, kept apart: the graph would take out common factors again."""
@@ -22,53 +23,74 @@ MOST_TERMS = 4096
 """A form with more terms in one equation than this is given up: expanding is worth its while for a few only."""
 
 
+@dataclass(frozen=True)
+class Momentum:
+    """A momentum up to a constant: the sum of `terms`, the integrals of c C dY over `swept`, and c s times others.
+
+    `swept` has (c, C, Y), `inner` has (c, s, node) with the node of another momentum and s constant.
+    """
+
+    terms: Terms = ()
+    swept: tuple[tuple[Exact, Node, Node], ...] = ()
+    inner: tuple[tuple[Exact, Node, Node], ...] = ()
+
+
 @dataclass(frozen=True, eq=False)
 class Form:
-    """dp/dt = f with p[i] = `momenta[i]` + the integrals of C dY over the pairs (coefficient, C, Y) of `swept[i]`."""
+    """dp/dt = f: `momenta` and `forces` by coordinate, and in `parts` what the momenta consist of, by node."""
 
-    momenta: tuple[Terms, ...]
-    swept: tuple[tuple[tuple[Exact, Node, Node], ...], ...]
+    momenta: tuple[Node, ...]
+    parts: Mapping[Node, Momentum]
     forces: tuple[Terms, ...]
 
     @property
     def nodes(self) -> list[Node]:
-        """Every node of the form."""
-        plain = [node for terms in (*self.momenta, *self.forces) for _, node in terms]
-        return plain + [node for pairs in self.swept for _, c, y in pairs for node in (c, y)]
+        """Every node of the form but the momenta themselves."""
+        found = [node for terms in self.forces for _, node in terms]
+        for part in self.parts.values():
+            found += [node for _, node in part.terms]
+            found += [node for _, c, y in part.swept for node in (c, y)]
+        return found
 
 
 def forms(p: Sequence[Node], f: Sequence[Node], q: Sequence[Node], v: Sequence[Node], time: Node) -> list[Form]:
     """Return the forms worth comparing, the momentum form as it stands first."""
-    none: tuple[tuple[tuple[Exact, Node, Node], ...], ...] = ((),) * len(p)
-    whole = Form(tuple(((1, node),) for node in p), none, tuple(((1, node),) for node in f))
-    once = _used_once([*p, *f])
-    momenta, forces = [], []
+    graph = time.graph
+    whole = Form(tuple(p), {node: Momentum(((1, node),)) for node in p}, tuple(((1, node),) for node in f))
+    whole_sums = _used_again([*p, *f])
+    momenta, forces = {}, []
     for momentum, force in zip(p, f, strict=True):
-        expansions = _expanded(momentum, once), _expanded(force, once)
+        expansions = _expanded(momentum, whole_sums), _expanded(force, whole_sums)
         if expansions[0] is None or expansions[1] is None:
             return [whole]
-        momenta.append(expansions[0])
+        momenta[momentum] = Momentum(_terms(graph, expansions[0]))
         forces.append(expansions[1])
-    graph = time.graph
-    expanded = Form(tuple(_terms(graph, e) for e in momenta), none, tuple(_terms(graph, e) for e in forces))
-    parts = _by_parts(momenta, forces, q, v, time)
+    expanded = Form(tuple(p), momenta, tuple(_terms(graph, e) for e in forces))
+    parts = _ByParts(p, f, forces, whole_sums, {**dict(zip(q, v, strict=True)), time: graph.one}).form()
     return [whole, expanded] + ([] if parts is None else [parts])
 
 
 Expansion = dict[tuple[Node, ...], Exact]
 """Coefficients by the factors of a term, sorted."""
 
+_Term = tuple[tuple[Node, ...], Exact]
 
-def _used_once(outputs: Sequence[Node]) -> frozenset[Node]:
+
+def _used_again(outputs: Sequence[Node]) -> frozenset[Node]:
+    """Return the sums that stand in more than one place, and the products that are outputs themselves as well."""
     uses: Counter[Node] = Counter(outputs)
     for node in reachable(outputs):
         uses.update(node.args)
-    return frozenset(node for node, count in uses.items() if count == 1)
+    again = {node for node, count in uses.items() if count > 1}
+    return frozenset(node for node in again if node.kind is not Kind.PRODUCT or node in outputs)
 
 
-def _expanded(node: Node, once: frozenset[Node]) -> Expansion | None:
-    """Return a node as a sum of products; sums that others use as well stay whole. None if there are too many terms."""
+def _expanded(node: Node, whole: Collection[Node]) -> Expansion | None:
+    """Return a node as a sum of products; the sums given stay whole. None if there are too many terms."""
     found: Expansion = {}
+    root = node
+    while root.kind is Kind.SUM and _is_scaled(root):
+        root = root.args[0]
     stack: list[tuple[Exact, tuple[Node, ...], tuple[Node, ...]]] = [(1, (), (node,))]
     while stack:
         coefficient, done, todo = stack.pop()
@@ -79,11 +101,12 @@ def _expanded(node: Node, once: frozenset[Node]) -> Expansion | None:
                 return None
             continue
         first, rest = todo[0], todo[1:]
+        opens = first is root or first not in whole
         if first.kind is Kind.CONSTANT:
             stack.append((coefficient * first.data, done, rest))
-        elif first.kind is Kind.PRODUCT:
+        elif first.kind is Kind.PRODUCT and (opens or not first.binding >= Binding.VELOCITY):
             stack.append((coefficient, done, (*first.args, *rest)))
-        elif first.kind is Kind.SUM and (first in once or first is node or _is_scaled(first) or _is_rate(first)):
+        elif first.kind is Kind.SUM and (opens or _is_scaled(first)):
             constant, scales = first.data
             if constant:
                 stack.append((coefficient * constant, done, rest))
@@ -97,45 +120,94 @@ def _is_scaled(node: Node) -> bool:
     return len(node.args) == 1 and not node.data[0]
 
 
-def _is_rate(node: Node) -> bool:
-    """Whether a sum is one of velocities themselves, as the rate of an angle between two links."""
-    return all(arg.kind is Kind.SYMBOL and arg.binding is Binding.VELOCITY for arg in node.args)
-
-
 def _terms(graph: Graph, expansion: Expansion) -> Terms:
     return tuple((c, graph.product(factors)) for factors, c in expansion.items() if c)
 
 
-def _by_parts(
-    momenta: Sequence[Expansion],
-    forces: Sequence[Expansion],
-    q: Sequence[Node],
-    v: Sequence[Node],
-    time: Node,
-) -> Form | None:
-    """Return d'Alembert's form, or None where it would have too many terms."""
-    graph = time.graph
-    along = {**dict(zip(q, v, strict=True)), time: graph.one}
-    plain, swept, rest = [], [], []
-    for momentum, force in zip(momenta, forces, strict=True):
+class _ByParts:
+    """D'Alembert's form. `slopes` has Y dC/dt, summed over all terms C Y of a momentum, as an expansion.
+
+    Where momenta are sums that contain other momenta, as in a chain with relative angles, so do their slopes and the
+    forces: what is left of one coordinate's force then stands for that of all coordinates behind it.
+    """
+
+    def __init__(
+        self,
+        p: Sequence[Node],
+        f: Sequence[Node],
+        forces: Sequence[Expansion],
+        whole: frozenset[Node],
+        along: Mapping[Node, Node],
+    ) -> None:
+        self.graph = p[0].graph
+        self.p, self.f, self.forces, self.along = p, f, forces, along
+        self.whole = set(whole)
+        self.parts: dict[Node, Momentum] = {}
+        self.slopes: dict[Node, Node] = {}
+
+    def form(self) -> Form | None:
+        """Return the form, or None where it would have too many terms."""
+        graph = self.graph
+        for momentum in sorted(self.p, key=lambda node: node.id):
+            if not self.split(momentum):
+                return None
+        left: dict[int, Expansion] = {}
+        behind: list[tuple[_Term, _Term, Node]] = []
+        for i in sorted(range(len(self.p)), key=lambda i: self.p[i].id):
+            slope = _expanded(self.slopes[self.p[i]], self.whole)
+            if slope is None:
+                return None
+            rest = dict(self.forces[i])
+            for key, value in slope.items():
+                rest[key] = rest.get(key, 0) - value
+            left[i] = {key: value for key, value in _joined(rest, behind).items() if value}
+            behind.append((_term(self.f[i]), _term(self.slopes[self.p[i]]), graph.sum(_terms(graph, left[i]))))
+        return Form(tuple(self.p), self.parts, tuple(_terms(graph, left[i]) for i in range(len(self.p))))
+
+    def split(self, momentum: Node) -> bool:
+        """Find what a momentum consists of, and its slope; return whether it has few enough terms."""
+        graph = self.graph
+        expansion = _expanded(momentum, self.whole)
+        if expansion is None:
+            return False
         kept: list[tuple[Exact, Node]] = []
-        pairs: list[tuple[Exact, Node, Node]] = []
-        left = dict(force)
-        for factors, coefficient in momentum.items():
+        swept: list[tuple[Exact, Node, Node]] = []
+        inner: list[tuple[Exact, Node, Node]] = []
+        slope: list[tuple[Exact, Node]] = []
+        for factors, coefficient in expansion.items():
+            constant = [a for a in factors if a.binding <= Binding.PARAMETER]
             still = [a for a in factors if Binding.PARAMETER < a.binding < Binding.VELOCITY]
             moving = [a for a in factors if a.binding >= Binding.VELOCITY]
-            if not still or not moving:
+            if still and moving:
+                c, y = graph.product([*constant, *still]), graph.product(moving)
+                swept.append((coefficient, c, y))
+                slope.append((coefficient, graph.product((tangents([c], self.along)(c), y))))
+            elif len(moving) == 1 and moving[0] in self.parts:
+                scale = graph.product(constant)
+                inner.append((coefficient, scale, moving[0]))
+                slope.append((coefficient, graph.product((scale, self.slopes[moving[0]]))))
+            else:
                 kept.append((coefficient, graph.product(factors)))
-                continue
-            constant = [a for a in factors if a.binding <= Binding.PARAMETER]
-            c, y = graph.product([*constant, *still]), graph.product(moving)
-            pairs.append((coefficient, c, y))
-            removed = _expanded(graph.product((tangents([c], along)(c), y)), frozenset())
-            if removed is None:
-                return None
-            for key, value in removed.items():
-                left[key] = left.get(key, 0) - coefficient * value
-        plain.append(tuple(kept))
-        swept.append(tuple(pairs))
-        rest.append(_terms(graph, left))
-    return Form(tuple(plain), tuple(swept), tuple(rest))
+        self.parts[momentum] = Momentum(tuple(kept), tuple(swept), tuple(inner))
+        self.slopes[momentum] = graph.sum(slope)
+        self.whole.add(self.slopes[momentum])
+        return True
+
+
+def _term(node: Node) -> _Term:
+    """Return a node that stays whole as a term of an expansion: its factors, and its coefficient."""
+    coefficient: Exact = 1
+    while node.kind is Kind.SUM and _is_scaled(node):
+        coefficient, node = coefficient * node.data[1][0], node.args[0]
+    return (node,), coefficient
+
+
+def _joined(terms: Expansion, behind: Sequence[tuple[_Term, _Term, Node]]) -> Expansion:
+    """Replace a force of another coordinate, less the slope of its momentum, by what is left of both."""
+    found = dict(terms)
+    for (force, scale), (slope, other), rest in behind:
+        share = Fraction(found.get(force, 0)) / scale if scale else Fraction(0)
+        if share and Fraction(found.get(slope, 0)) == -share * other:
+            del found[force], found[slope]
+            found[(rest,)] = exact(found.get((rest,), 0) + share)
+    return found

@@ -44,7 +44,7 @@ class Builder:
         self.q, self.v, self.time = tuple(q), tuple(v), time
         self.rules: list[Rule] = []
         self.nodes: list[Node | None] = []
-        self.numbers: dict[Rule, int] = {}
+        self.numbers: dict[tuple[Rule, Node | None], int] = {}
         self.values: dict[Node, int] = {}
         self.constants: dict[Node, int] = {}
         self.rates: dict[Node, Node | None] = {}
@@ -80,13 +80,17 @@ class Builder:
                 counts.update({(call, term): len(order) for call in calls for term in terms})
         return counts
 
-    def add(self, rule: Rule, node: Node | None) -> int:
-        """Return the number of a value with that rule, a new one only if there is none like it."""
-        if rule not in self.numbers:
-            self.numbers[rule] = len(self.rules)
+    def add(self, rule: Rule, node: Node | None, constant: Node | None = None) -> int:
+        """Return the number of a value with that rule, a new one only if there is none like it.
+
+        `constant` is what the value has at order 0 beside the rule: x - 1 and x - 2 are two values.
+        """
+        key = rule, constant
+        if key not in self.numbers:
+            self.numbers[key] = len(self.rules)
             self.rules.append(rule)
             self.nodes.append(node)
-        return self.numbers[rule]
+        return self.numbers[key]
 
     def reserve(self, node: Node) -> int:
         """Return a number whose rule is still to come, for functions that follow from themselves."""
@@ -108,15 +112,16 @@ class Builder:
 
     def _make(self, node: Node) -> int:
         if node.binding <= Binding.PARAMETER:
-            return self.add(Rule("constant"), node)
+            return self.add(Rule("constant"), node, node)
         if node.kind is Kind.SUM:
-            return self.linear([(c, arg) for c, arg in zip(node.data[1], node.args, strict=True)], node)
+            terms = [(c, arg) for c, arg in zip(node.data[1], node.args, strict=True)]
+            return self.linear([*terms, (node.data[0], self.graph.one)], node)
         if node.kind is Kind.PRODUCT:
             scale, moving = self.split(node)
             return (
                 moving
                 if scale is self.graph.one
-                else self.add(Rule("linear", (moving,), (self.constant(scale),)), node)
+                else self.add(Rule("linear", (moving,), (self.constant(scale),)), node, self.graph.zero)
             )
         if node.kind is Kind.POWER:
             return self.power(node)
@@ -127,17 +132,19 @@ class Builder:
     def linear(self, terms: Iterable[tuple[Exact, Node]], node: Node) -> int:
         """Return the value of a linear combination; constants in it matter at order 0 only."""
         merged: dict[int, Node] = {}
+        constant = self.graph.zero
         for coefficient, arg in terms:
             if arg.binding <= Binding.PARAMETER:
+                constant = self.graph.sum(((1, constant), (coefficient, arg)))
                 continue
             scale, moving = self.split(arg)
             term = self.graph.sum(((coefficient, scale),))
             merged[moving] = merged[moving] + term if moving in merged else term
         items = [(arg, c) for arg, c in merged.items() if c is not self.graph.zero]
         if not items:
-            return self.add(Rule("constant"), node)
+            return self.add(Rule("constant"), node, constant)
         args, scales = zip(*items, strict=True)
-        return self.add(Rule("linear", args, tuple(self.constant(c) for c in scales)), node)
+        return self.add(Rule("linear", args, tuple(self.constant(c) for c in scales)), node, constant)
 
     def split(self, node: Node) -> tuple[Node, int]:
         """Return the constant factor of a node and the value of the rest."""

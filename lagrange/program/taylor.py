@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from lagrange.equations.euler_lagrange import Equations, bias_forces
 from lagrange.graph.node import Binding, Exact, Kind, Node
-from lagrange.program.forms import Form, Terms, forms
+from lagrange.program.forms import Form, Momentum, Terms, forms
 from lagrange.program.lower import lower
 from lagrange.program.recurrence import Builder
 from lagrange.program.series import Rule, SeriesProgram, convolutions, kept_values, lagged_values
@@ -40,8 +40,9 @@ def _assemblies(
 ) -> list[_Assembly]:
     """Return every form of the equations worth comparing."""
     if all(entry.binding <= Binding.PARAMETER for entry in triangles):
-        # Of p only M v is solved for; the rest of it, of a potential that depends on velocities, is a force.
-        f = bias_forces(f, p, e.q, e.v, e.time)
+        # Of p only M v is solved for: the rest of it, of a potential that depends on velocities, is a force, and no
+        # form may count on p.
+        f, p = bias_forces(f, p, e.q, e.v, e.time), [e.graph.zero] * len(p)
     return [
         _Assembly(e, form, triangles, seen, sides, apart=apart)
         for form in forms(p, f, e.q, e.v, e.time)
@@ -66,32 +67,50 @@ class _Assembly:
         self.triangles, self.sides = triangles, sides
         self.constant_mass = all(entry.binding <= Binding.PARAMETER for entry in triangles)
         graph = equations.graph
-        inertia = [] if self.constant_mass else form.nodes
         forces = [node for terms in form.forces for _, node in terms]
-        self.builder = Builder(
-            graph, equations.q, equations.v, equations.time, [*inertia, *forces, *watched], apart=apart
-        )
-        pairs = zip(form.momenta, form.swept, strict=True)
-        self.momenta = [None if self.constant_mass else self.momentum(terms, swept) for terms, swept in pairs]
+        inertia = forces if self.constant_mass else form.nodes
+        self.builder = Builder(graph, equations.q, equations.v, equations.time, [*inertia, *watched], apart=apart)
+        self.parts = form.parts
+        self.known: dict[Node, int | None] = {}
+        self.momenta = [None if self.constant_mass else self.momentum(node) for node in form.momenta]
         self.forces = [self.force(terms) for terms in form.forces]
         self.watched = [self.builder.value(node) for node in watched]
 
-    def momentum(self, terms: Terms, swept: Sequence[tuple[Exact, Node, Node]]) -> int | None:
-        """Return the value of the terms plus the integrals of C dY, up to a constant."""
+    def momentum(self, node: Node) -> int | None:
+        """Return the value of a momentum, up to a constant; those inside it come first."""
+        todo = [node]
+        while todo:
+            inner = [other for _, _, other in self.parts[todo[-1]].inner if other not in self.known]
+            if inner:
+                todo += inner
+            else:
+                ready = todo.pop()
+                self.known[ready] = self.combined(self.parts[ready])
+        return self.known[node]
+
+    def combined(self, part: Momentum) -> int | None:
+        """Return the value of a momentum whose parts have theirs."""
         b, graph = self.builder, self.equations.graph
         args: dict[int, Node] = {}
-        for coefficient, node in terms:
+
+        def add(value: int, coefficient: Exact, *factors: Node) -> None:
+            args[value] = args.get(value, graph.zero) + graph.product((graph.node(coefficient), *factors))
+
+        for coefficient, node in part.terms:
             if node.binding > Binding.PARAMETER:
                 scale, value = b.split(node)
-                args[value] = args.get(value, graph.zero) + graph.sum(((coefficient, scale),))
-        for coefficient, c, y in swept:
+                add(value, coefficient, scale)
+        for coefficient, c, y in part.swept:
             scale, w = b.split(c)
             factor, a = b.split(y)
-            value = b.add(Rule("along", (a, w), (b.constant(1),)), None)
-            args[value] = args.get(value, graph.zero) + graph.product((graph.node(coefficient), scale, factor))
+            add(b.add(Rule("along", (a, w), (b.constant(1),)), None), coefficient, scale, factor)
+        for coefficient, scale, other in part.inner:
+            known = self.known[other]
+            if known is not None:
+                add(known, coefficient, scale)
         if not args:
             return None
-        return b.add(Rule("linear", tuple(args), tuple(b.constant(c) for c in args.values())), None)
+        return b.add(Rule("linear", tuple(args), tuple(b.constant(c) for c in args.values())), None, graph.zero)
 
     def force(self, terms: Terms) -> int | None:
         """Return the value of a force."""

@@ -179,6 +179,7 @@ class Solution:
             "complete": self.status.complete,
             "message": self.message,
             "method": self.method,
+            "form": self.trajectory.form,
             "steps": self.steps,
             "rejected": self.trajectory.rejected,
             "evaluations": self.evaluations,
@@ -252,7 +253,7 @@ class Solution:
     def _lines(self) -> list[tuple[str, str]]:
         span = f"{self.t[0]:.6g} to {self.t[-1]:.6g}, " if len(self.t) else ""
         return [
-            ("method", self.method),
+            ("method", ", ".join(part for part in (self.method, self.trajectory.form) if part)),
             ("time", f"{span}{len(self.t)} outputs"),
             ("steps", f"{self.steps} ({self.trajectory.rejected} rejected), {self.evaluations} evaluations"),
             (

@@ -32,24 +32,24 @@ class _Rows:
     """The accepted states so far, in the pieces in which the driver wrote them."""
 
     def __init__(self, t: float, y: FloatArray) -> None:
-        self.pieces = [(np.array([t]), y[None].copy())]
-        self.added = 1
+        self.pieces = [(np.array([t]), y[None].copy(), 0)]
 
     def add(self, t: float, y: FloatArray) -> None:
         """Keep a state that no step led to: the state has jumped."""
-        self.pieces.append((np.array([t]), y[None].copy()))
-        self.added += 1
+        self.pieces.append((np.array([t]), y[None].copy(), self.pieces[-1][2]))
 
     def collect(self, state: DriverState, times: FloatArray, rows: FloatArray) -> None:
         """Keep what the last burst wrote; calling it twice, as Ctrl-C may, keeps it once."""
-        written = state.count(DriverState.ROWS)
-        kept = sum(len(piece[0]) for piece in self.pieces) - self.added
-        if written and kept < state.count(DriverState.STEPS):
-            self.pieces.append((times[:written], rows[:written]))
+        written, steps = state.count(DriverState.ROWS), state.count(DriverState.STEPS)
+        if written and self.pieces[-1][2] < steps:
+            # As a view, a short piece would keep the memory of the whole burst.
+            short = 2 * written < len(times)
+            t, y = times[:written], rows[:written]
+            self.pieces.append((t.copy() if short else t, y.copy() if short else y, steps))
 
     def joined(self) -> tuple[FloatArray, FloatArray]:
         """Return the times (S+1,) and states (S+1, 2n)."""
-        times, states = zip(*self.pieces, strict=True)
+        times, states, _ = zip(*self.pieces, strict=True)
         return np.concatenate(times), np.concatenate(states)
 
 
@@ -58,7 +58,8 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
     began = time.perf_counter()
     tolerances, parameters = plan.tolerances, problem.parameter_array
     size = tolerances.step * (1.0 if problem.t1 >= problem.t0 else -1.0)
-    state = DriverState(problem.t0, problem.t1, problem.y0, tolerances.rtol, tolerances.atol, size)
+    rtol, atol = tolerances.margin * tolerances.rtol, tolerances.margin * tolerances.atol
+    state = DriverState(problem.t0, problem.t1, problem.y0, rtol, atol, size)
     state.reals[DriverState.LONGEST] = tolerances.longest
     rows = _Rows(problem.t0, problem.y0)
     status, sentence = _first_look(problem, name, parameters)
@@ -87,6 +88,7 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
         wall=time.perf_counter() - began,
         span=(float(times[0]), float(times[-1])),
         dense=path,
+        form=plan.form,
         t_events=() if watch is None else watch.t_events,
         y_events=() if watch is None else watch.y_events,
     )

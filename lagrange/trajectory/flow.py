@@ -23,6 +23,7 @@ from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.plan import Plan, Planned
 from lagrange.trajectory.trajectory import FloatArray
 
+_DOUBLE = np.dtype(float)
 _NO_TIMES, _NO_ROWS = np.empty(0), np.empty((0, 0))
 
 
@@ -70,7 +71,8 @@ class Flow:
 
     def __call__(self, y0: ArrayLike, t0: float, t1: float, parameters: Mapping[Any, Any] | None = None) -> FloatArray:
         """Return the state at t1, (2n,). Raises RunError with the sentence of a run that does not get there."""
-        start = real_array(y0, "y0")
+        known = isinstance(y0, np.ndarray) and y0.dtype is _DOUBLE
+        start: FloatArray = np.asarray(y0) if known else real_array(y0, "y0")
         if start.shape != (self._dimension,):
             raise StatementError(f"y0 has shape {start.shape}: give [q, v] of shape ({self._dimension},).")
         if not (type(t0) is type(t1) is float and math.isfinite(t1 - t0)):
@@ -95,19 +97,33 @@ class Flow:
         if local.driver is None or local.parameters != parameters:
             local.driver = plan.driver(model, model.parameter_array(parameters))
             local.parameters = None if parameters is None else dict(parameters)
-            local.state = DriverState(0.0, 1.0, np.zeros(self._dimension), 0.0, 0.0, 0.0)
+            local.state = self._fresh(plan)
+            local.driver.adopt(local.state)
         return local.driver, local.state
 
-    def _begin(self, plan: Plan, state: DriverState, y0: FloatArray, t0: float, t1: float) -> None:
+    def _fresh(self, plan: Plan) -> DriverState:
+        """Return the record of a run from 0 to 1, from which every run of the flow begins."""
         settings = plan.tolerances
-        size = settings.step * abs(t1 - t0) if self._problem.step is None and settings.notes else settings.step
-        signed = size if t1 >= t0 else -size
-        longest = settings.longest * abs(t1 - t0)  # prepared for a span of 1
-        settled = (settings.rtol, settings.atol, 1.0, t0, signed, Outcome.STEP_TOO_SMALL, longest)
-        state.reals[: len(settled) + 3] = (t0, t1, signed, *settled)
-        state.reals[DriverState.SCALE] = 1.0
-        state.reals[DriverState.ONCE] = math.inf
+        rtol, atol = settings.margin * settings.rtol, settings.margin * settings.atol
+        state = DriverState(0.0, 1.0, np.zeros(self._dimension), rtol, atol, settings.step)
+        state.reals[DriverState.LONGEST] = settings.longest
         state.counts[:] = 0
+        self._first = state.reals.copy()
+        return state
+
+    def _begin(self, plan: Plan, state: DriverState, y0: FloatArray, t0: float, t1: float) -> None:
+        settings, reals = plan.tolerances, state.floats
+        state.reals[:] = self._first
+        reals[DriverState.T] = reals[DriverState.START] = t0
+        reals[DriverState.END] = t1
+        if settings.step:
+            # Without a step of the user's, it is a part of the span, and was prepared for a span of 1.
+            whole = abs(t1 - t0) if self._problem.step is None and settings.notes else 1.0
+            size = settings.step * whole
+            reals[DriverState.H] = reals[DriverState.STEP] = size if t1 >= t0 else -size
+        if settings.longest != math.inf:
+            reals[DriverState.LONGEST] = settings.longest * abs(t1 - t0)
+        state.counts.fill(0)
         state.y[:] = y0
 
     def _by_run(self, y0: FloatArray, t0: float, t1: float, parameters: Mapping[Any, Any] | None) -> FloatArray:

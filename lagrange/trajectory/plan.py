@@ -22,13 +22,15 @@ from lagrange.trajectory.watch import Watch
 class Tolerances:
     """What a driver is told, and notes for the user.
 
-    That is the relative and absolute tolerance and the longest step, or the size of equal steps.
+    That is the relative and absolute tolerance and the longest step, or the size of equal steps. A driver aims at
+    `margin` times the tolerances.
     """
 
     rtol: float = 0.0
     atol: float = 0.0
     step: float = 0.0
     longest: float = math.inf
+    margin: float = 1.0
     notes: tuple[str, ...] = ()
 
 
@@ -42,6 +44,10 @@ class Plan(Protocol):
     @property
     def tolerances(self) -> Tolerances:
         """What the driver is told."""
+
+    @property
+    def form(self) -> str:
+        """How a step is computed, in a few words for the status card; nothing where there is no choice."""
 
     def driver(self, model: Model, parameters: FloatArray) -> Driver:
         """Return a driver for parameters (k,)."""
@@ -71,6 +77,7 @@ class StepPlan:
     step: StepProgram
     tolerances: Tolerances
     path_of: Callable[[Problem, FloatArray, FloatArray], Path]
+    form: str = ""
 
     def driver(self, model: Model, parameters: FloatArray) -> Driver:
         """Return the driver of the step around the right-hand side."""

@@ -1,22 +1,29 @@
 """On which side of each switching surface a motion goes on, where it starts on one or comes to one.
 
 On a surface the sign of g says nothing; the first of its derivatives that is not zero does, on the side that is
-tried: a side is consistent if the motion with it goes there. Where neither is, the motion slides along the surface.
+tried: a side is consistent if the motion with it goes there. Where no choice of sides is, the motion slides along a
+surface.
 Source: A. F. Filippov, Differential Equations with Discontinuous Righthand Sides, 1988, section 4.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
+from itertools import islice, product
 
 import numpy as np
 
-from lagrange.machine.backend import Series
-from lagrange.machine.driver import DriverState
 from lagrange.trajectory.trajectory import FloatArray
 
 DOUBT = 64 * 2.0**-52
 """A coefficient of g below this part of the sum of all counts as zero."""
+
+MOST_TRIALS = 3**8
+"""How many choices of sides are tried where several surfaces meet: all, up to eight surfaces."""
+
+Surfaces = Callable[[FloatArray], FloatArray]
+"""From the side of every surface to the series of all surfaces at a state, (order + 1, surfaces)."""
 
 
 class Sliding(Exception):
@@ -27,52 +34,43 @@ class Sliding(Exception):
         self.surface = surface
 
 
-def settle(series: Series, order: int, parameters: FloatArray, state: DriverState) -> FloatArray:
-    """Return the side of every surface at a state. Raises Sliding."""
-    count = series.program.sides
+def apparent_sides(surfaces: Surfaces, count: int, noise: FloatArray) -> FloatArray:
+    """Return the sign of every surface at a state, 0 where g is zero to within its noise.
+
+    A surface may depend on the sides of those before it, so the signs are read again until they stay.
+    """
     sides = np.zeros(count)
     for _ in range(count + 1):
-        g = _surfaces(series, order, np.concatenate([parameters, sides]), state)
-        found = np.sign(g[0])
-        if (found == sides).all():
+        g = surfaces(sides)
+        doubtful = [is_zero(g[:, i], float(noise[i])) for i in range(count)]
+        found = np.where(doubtful, 0.0, np.sign(g[0]))
+        if np.array_equal(found, sides, equal_nan=True):
             break
         sides = found
-    for surface in range(count):
-        if sides[surface] == 0:
-            sides[surface] = settled_side(series, order, np.concatenate([parameters, sides]), state, surface, 1)
     return sides
 
 
-def settled_side(
-    series: Series, order: int, values: FloatArray, state: DriverState, surface: int, likely: int
-) -> float:
-    """Return the side on which the motion leaves a surface that it is on: the likely one if it can. Raises Sliding.
+def settled_sides(surfaces: Surfaces, sides: FloatArray, choices: Mapping[int, tuple[int, ...]]) -> FloatArray:
+    """Return the sides with which the motion leaves the surfaces that it is on, the first consistent choice of all.
 
-    `values` are the parameters and the sides. Zero is the side of a motion that stays on the surface by itself.
+    `choices` has the sides to try for each of those surfaces, the likely one first; 0 is the side of a motion that
+    stays on the surface by itself. Raises Sliding.
     """
-    for side in (likely, -likely, 0):
-        trial = values.copy()
-        trial[len(values) - series.program.sides + surface] = side
-        if leaving(_surfaces(series, order, trial, state)[:, surface])[0] == side:
-            return float(side)
-    raise Sliding(surface)
+    for combination in islice(product(*choices.values()), MOST_TRIALS):
+        trial = sides.copy()
+        trial[list(choices)] = combination
+        g = surfaces(trial)
+        if np.isfinite(g).all() and all(
+            leaving(g[:, i])[0] == side for i, side in zip(choices, combination, strict=True)
+        ):
+            return trial
+    raise Sliding(next(iter(choices)))
 
 
-def _surfaces(series: Series, order: int, values: FloatArray, state: DriverState) -> FloatArray:
-    """Return the series of the surfaces, (order + 1, sides)."""
-    rows = series.rows(order, state.t, state.y, signed_scale(state), values)
-    return rows[:, len(state.y) : len(state.y) + series.program.sides]
-
-
-def signed_scale(state: DriverState) -> float:
-    """Return the scale of time with the sign of the run's direction."""
-    left = state.reals[DriverState.END] - state.t
-    return math.copysign(state.reals[DriverState.SCALE], left or state.reals[DriverState.SCALE])
-
-
-def is_zero(g: FloatArray) -> bool:
-    """Whether a function with the series g is zero at its start, to round-off."""
-    return bool(abs(g[0]) <= DOUBT * np.abs(g[1:]).sum())
+def is_zero(g: FloatArray, noise: float = 0.0) -> bool:
+    """Whether a function with the series g is zero at its start, to round-off and its noise."""
+    rest = float(np.abs(g[1:]).sum())
+    return bool(abs(g[0]) <= noise + (DOUBT * rest if rest < math.inf else 0.0))
 
 
 def leaving(g: FloatArray) -> tuple[int, int]:
@@ -82,4 +80,4 @@ def leaving(g: FloatArray) -> tuple[int, int]:
     if not beyond.any():
         return 0, 0
     first = int(np.argmax(beyond))
-    return int(np.sign(g[1 + first])), 1 + first
+    return int(math.copysign(1.0, g[1 + first])), 1 + first

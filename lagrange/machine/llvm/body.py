@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from lagrange.machine.llvm import unrolled
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.linear_solver import factor_size
@@ -112,8 +114,8 @@ class Body:
         """Return the condition that was saved as a number."""
         return self.e.value(f"fcmp une {self.kind} {value}, {number(0.0, self.lanes)}")
 
-    def run(self, refs: range) -> None:
-        """Emit a range of instructions."""
+    def run(self, refs: Iterable[int]) -> None:
+        """Emit some instructions, each after those that it reads."""
         for i in refs:
             instruction = self.program.instructions[i]
             op = instruction.op

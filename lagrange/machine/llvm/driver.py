@@ -54,6 +54,9 @@ class LlvmDriver:
         second = self._layout.width if step.partitioned else n
         self._places = np.array([*range(n), *range(second, second + n)])
 
+    def adopt(self, state: DriverState) -> None:
+        """Leave the state where it is; see `Driver`."""
+
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Advance a run; see `Driver`. `rows` needs one block of slack behind its last row."""
         self._work[self._places] = state.y

@@ -7,30 +7,30 @@ vectors, each where the code reads it.
 from __future__ import annotations
 
 import ctypes
+from typing import Any
 
 import numpy as np
 
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
-from lagrange.machine.driver import DriverState, Outcome
+from lagrange.machine.driver import OUTCOMES, DriverState, Outcome
 from lagrange.machine.llvm.body import prepared_size, shares_angle_function
 from lagrange.machine.llvm.engine import Module, inversion, lanes, linear_solver
 from lagrange.machine.llvm.kernel import ATTRIBUTES, METADATA, QUICKLY, prepare_function
 from lagrange.machine.llvm.memory import address
 from lagrange.machine.llvm.packing import Packing, pack
 from lagrange.machine.llvm.spelling import LIBRARY
-from lagrange.machine.llvm.taylor_cost import is_large, jet_cost
+from lagrange.machine.llvm.taylor_cost import cheapest_order, is_large
 from lagrange.machine.llvm.taylor_jet import Table
-from lagrange.machine.llvm.taylor_loop import TaylorLayout, drive_function
+from lagrange.machine.llvm.taylor_layout import TaylorLayout
+from lagrange.machine.llvm.taylor_loop import RUN, drive_function, run_function
 from lagrange.machine.llvm.taylor_looped import LoopedJet, Slots, scratch_size
 from lagrange.machine.llvm.taylor_unrolled import UnrolledJet
 from lagrange.machine.llvm.trigonometry import angle_function
-from lagrange.machine.taylor import best_order, constants
+from lagrange.machine.taylor import constants
 from lagrange.program.series import SeriesProgram
 
 _PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
-_DRIVE = ctypes.CFUNCTYPE(
-    ctypes.c_int32, *([ctypes.c_void_p] * 5), ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64
-)
+_RUN = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 _SERIES = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_double, *([ctypes.c_void_p] * 4), ctypes.c_int64)
 
 
@@ -40,20 +40,19 @@ class LlvmSeries:
     def __init__(self, program: SeriesProgram) -> None:
         self.program = program
         self._packing = pack(program, lanes())
-        self._looped = is_large(self._packing)
         self._compiled: dict[int, CompiledJet] = {}
 
     def form(self, order: int) -> str:
         """Return how the series is computed."""
-        return "in loops" if self._looped else "written out"
+        return "in loops" if is_large(self._packing, order) else "written out"
 
     def order(self, tolerance: float) -> int:
         """Return the order by cost; see `Series`."""
-        return best_order(jet_cost(self._packing, looped=self._looped), tolerance)
+        return cheapest_order(self._packing, tolerance)
 
     def compiled(self, order: int) -> CompiledJet:
         """Return the machine code for an order."""
-        key = 0 if self._looped else order
+        key = 0 if is_large(self._packing, order) else order
         if key not in self._compiled:
             self._compiled[key] = CompiledJet(self._packing, key)
         return self._compiled[key]
@@ -84,7 +83,7 @@ class CompiledJet:
             inversion()
         self._module = Module(series_ir(self.program, self.layout, jet))
         self._prepare = _PREPARE(self._module.address(f"{self.program.start.name}_prepare"))
-        self.drive = _DRIVE(self._module.address("drive"))
+        self.run = _RUN(self._module.address("run"))
         self._series = _SERIES(self._module.address("series"))
         self._prepared: tuple[bytes, tuple[FloatArray, FloatArray]] | None = None
 
@@ -143,7 +142,7 @@ def inverse_size(program: SeriesProgram) -> int:
 def series_ir(program: SeriesProgram, layout: TaylorLayout, jet: str) -> str:
     """Return the IR of a whole module around a jet."""
     functions = [angle_function(1)] if shares_angle_function(program.start) else []
-    functions += [prepare_function(program.start), jet, SERIES, drive_function(layout)]
+    functions += [prepare_function(program.start), jet, SERIES, drive_function(layout), run_function()]
     return "\n".join([declarations(layout.lanes), *functions, METADATA, ATTRIBUTES, QUICKLY, ""])
 
 
@@ -174,18 +173,26 @@ def declarations(lanes: int) -> str:
 
 
 class LlvmTaylorDriver:
-    """A compiled Taylor driver with its numbers and its memory."""
+    """A compiled Taylor driver with its numbers and its memory.
+
+    The arguments of the loop stand in memory, for a call through ctypes takes 0.1 us for each.
+    """
 
     def __init__(self, compiled: CompiledJet, order: int, parameters: FloatArray) -> None:
         self._compiled, self._order = compiled, order
         self._work = np.zeros(compiled.layout.size(order))
+        self._y = self._work[: compiled.layout.dimension]
+        self._arguments = np.zeros(RUN.COUNT, dtype=np.int64)
+        self._entries: Any = self._arguments.data
+        self._entries[RUN.WORK], self._entries[RUN.ORDER] = address(self._work), order
+        self._place = address(self._arguments)
+        self._state: DriverState | None = None
         self.use(parameters)
-        self._work_address = address(self._work)
 
     def use(self, parameters: FloatArray) -> None:
         """Go on with other numbers; see `TaylorDriver`."""
         self._numbers = self._compiled.numbers(parameters)
-        self._fixed = tuple(map(address, self._numbers))
+        self._entries[RUN.PREPARED], self._entries[RUN.CONSTANTS] = map(address, self._numbers)
 
     def restart(self, state: DriverState) -> None:
         """Forget what rounding lost; see `TaylorDriver`."""
@@ -193,13 +200,22 @@ class LlvmTaylorDriver:
         self._work[padded : 2 * padded] = 0.0
         state.reals[DriverState.LOW] = 0.0
 
+    def adopt(self, state: DriverState) -> None:
+        """Let the state live in the driver's memory; see `Driver`."""
+        state.y = self._y
+
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Advance a run; see `Driver`."""
-        dimension = self._compiled.layout.dimension
-        self._work[:dimension] = state.y
-        recorded = (address(times), address(rows)) if state.counts[DriverState.RECORD] else (None, None)
-        outcome = self._compiled.drive(
-            *self._fixed, *state.addresses, self._work_address, budget, *recorded, self._order
-        )
-        state.y[:] = self._work[:dimension]
-        return Outcome(outcome)
+        if state is not self._state:
+            self._state = state
+            self._entries[RUN.REALS], self._entries[RUN.COUNTS] = state.addresses
+        foreign = state.y is not self._y
+        if foreign:
+            self._y[:] = state.y
+        self._entries[RUN.BUDGET] = budget
+        if state.integers[DriverState.RECORD]:
+            self._entries[RUN.TIMES], self._entries[RUN.STATES] = address(times), address(rows)
+        outcome: Outcome = OUTCOMES[self._compiled.run(self._place)]
+        if foreign:
+            state.y[:] = self._y
+        return outcome

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
-from lagrange.machine.llvm.body import Body
+from lagrange.machine.llvm.body import ANGLES, Body
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.packing import NOTHING, Chunk, Operand, Packing
 from lagrange.machine.llvm.spelling import element, number
 from lagrange.machine.llvm.taylor_rules import Vector, vector_literal
+from lagrange.machine.llvm.trigonometry import sine_and_cosine
+from lagrange.program.program import Instruction
 
 SIGNATURE = (
     "define internal i32 @jet(double %t, double %scale, ptr noalias readonly %y, ptr noalias readonly %p, "
@@ -123,13 +126,52 @@ class Start:
                 self.body.values[i] = self.e.get("%y", int(data))
             elif op == "time":
                 self.body.values[i] = "%t"
-        self.body.run(range(program.start.hoisted, len(program.start.instructions)))
+        early = self.early()
+        self.body.run(early)
+        self.find_angles([ref for ref in self.angles if ref in {*early, *self.body.values}])
+        done = set(early)
+        rest = range(program.start.hoisted, len(program.start.instructions))
+        self.body.run([i for i in rest if i not in done])
         outputs = [self.body.ref(ref) for ref in program.start.outputs]
         self.values = dict(zip(program.started, outputs, strict=False))
         self.triangles = outputs[len(program.started) :]
         for i in range(2 * program.dimension):
             if i not in self.values:
                 self.values[i] = self.e.get("%y", i)
+
+    @cached_property
+    def angles(self) -> list[int]:
+        """The results of which a sine or a cosine is taken, each once."""
+        instructions = self.packing.program.start.instructions
+        return list(dict.fromkeys(i.args[0] for i in instructions if i.op in ANGLES))
+
+    def early(self) -> list[int]:
+        """Return what the angles are computed from, but for those that come from other angles."""
+        program = self.packing.program.start
+        late: set[int] = set()
+        for i, (op, args, _) in enumerate(program.instructions):
+            if op in ANGLES or not late.isdisjoint(args):
+                late.add(i)
+        needed = set(self.angles) - late
+        for i in range(len(program.instructions) - 1, program.hoisted - 1, -1):
+            if i in needed:
+                needed.update(program.instructions[i].args)
+        return sorted(i for i in needed if i >= program.hoisted)
+
+    def find_angles(self, angles: Sequence[int]) -> None:
+        """Emit the sines and cosines of several angles at once, in vectors."""
+        e, shuffle = self.e, Shuffle(self.e)
+        moving = [ref for ref in angles if ref >= self.packing.program.start.hoisted]
+        while len(moving) > 1:
+            width = min(8, 1 << (len(moving) - 1).bit_length())
+            chosen, moving = moving[:width], moving[width:]
+            padded = chosen + [chosen[-1]] * (width - len(chosen))
+            vector = shuffle.gather([(self.body.ref(ref), 1, 0) for ref in padded])
+            for op, found in zip(ANGLES, sine_and_cosine(e, str(vector), width), strict=True):
+                for lane, ref in enumerate(chosen):
+                    place = self.body.by_code.get(Instruction(op, (ref,)))
+                    if place is not None:
+                        self.body.values[place] = e.value(f"extractelement {element(width)} {found}, i64 {lane}")
 
     def vector(self, operand: Operand) -> Vector:
         """Return an operand at order 0."""

@@ -8,16 +8,12 @@ result is an `Outcome`. It does what `lagrange.machine.numpy_taylor` does, which
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-import numpy as np
-
-from lagrange.machine.backend import FloatArray
 from lagrange.machine.driver import DriverState, Outcome
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.loops import SPACING, leave_if
 from lagrange.machine.llvm.spelling import element, number
 from lagrange.machine.llvm.step import bump
+from lagrange.machine.llvm.taylor_layout import TaylorLayout
 from lagrange.machine.taylor import FARTHEST, NEAREST, TRIES
 
 LOG2 = (-1.6531240060861732, 1.9941811995403236, -0.33474901889029146)
@@ -32,45 +28,21 @@ LEAST = 123 << 52
 """The bits of 2**-900: a ratio below this is that, for its logarithm is taken."""
 
 
-@dataclass(frozen=True)
-class TaylorLayout:
-    """Where things stand in the work memory: the state, what its rounding lost, and the rows of coefficients.
+class RUN:
+    """The places of the loop's arguments in memory."""
 
-    `dimension` is 2n. `width` doubles lie between two rows; a row begins with q and v, and its coefficients of what
-    is watched begin at `watched_at`. With an order of 0 the code serves every order. `scratch` doubles follow the rows.
-    """
+    PREPARED, CONSTANTS, REALS, COUNTS, WORK, BUDGET, TIMES, STATES, ORDER = range(9)
+    COUNT = 9
 
-    dimension: int
-    order: int
-    width: int
-    watched: int
-    watched_at: int
-    scratch: int = 0
 
-    @property
-    def lanes(self) -> int:
-        """How many entries of the state are handled at once."""
-        return 2 if self.dimension <= 2 else 4 if self.dimension <= 4 else 8
-
-    @property
-    def padded(self) -> int:
-        """The length of the state in whole vectors."""
-        return -(-self.dimension // self.lanes) * self.lanes
-
-    @property
-    def rows(self) -> int:
-        """Where the rows begin."""
-        return 2 * self.padded
-
-    def coefficients(self, work: FloatArray, order: int) -> FloatArray:
-        """Return the rows that begin at the start of an array, (order + 1, 2n + watched)."""
-        rows = work[: (order + 1) * self.width].reshape(order + 1, self.width)
-        watched = slice(self.watched_at, self.watched_at + self.watched)
-        return np.concatenate([rows[:, : self.dimension], rows[:, watched]], axis=1)
-
-    def size(self, order: int) -> int:
-        """Return the length of the work memory."""
-        return self.rows + (order + 1) * self.width + self.scratch + 8
+def run_function() -> str:
+    """Return the IR of the loop with its arguments in memory: i32 run(ptr arguments)."""
+    e = Emitter()
+    kinds = ["i64" if place in (RUN.BUDGET, RUN.ORDER) else "ptr" for place in range(RUN.COUNT)]
+    arguments = [f"{kind} {e.get('%arguments', place, kind)}" for place, kind in enumerate(kinds)]
+    result = e.value(f"call i32 @drive({', '.join(arguments)})")
+    e.do(f"ret i32 {result}")
+    return e.function("define i32 @run(ptr readonly %arguments) #0")
 
 
 def drive_function(layout: TaylorLayout) -> str:
@@ -116,7 +88,7 @@ class _Loop:
         reached = e.real("fcmp oeq", e.get("%reals", r.T), end)
         e.do(f"ret i32 {e.value(f'select i1 {reached}, i32 {int(Outcome.DONE)}, i32 {int(Outcome.PAUSED)}')}")
         return e.function(
-            "define i32 @drive(ptr noalias readonly %p, ptr noalias readonly %c, ptr noalias %reals, "
+            "define internal i32 @drive(ptr noalias readonly %p, ptr noalias readonly %c, ptr noalias %reals, "
             "ptr noalias %counts, ptr noalias %work, i64 %budget, ptr noalias %times, ptr noalias %states, "
             "i64 %order) #0"
         )

@@ -26,7 +26,7 @@ from lagrange.machine.llvm.taylor_jet import (
     pieces,
     store_exactly,
 )
-from lagrange.machine.llvm.taylor_loop import TaylorLayout
+from lagrange.machine.llvm.taylor_layout import TaylorLayout
 from lagrange.machine.llvm.taylor_rules import Arithmetic, Vector, coefficient
 from lagrange.program.series import SeriesProgram
 
@@ -80,17 +80,26 @@ class LoopedJet:
         self.write_first()
         self.inverse_at = self.invert()
         self.reciprocals = {operand: self.one_over(operand) for operand in self.divisors()}
-        with e.loop(1, e.value("add nsw i64 %order, 1")) as k:
-            self.begin(k)
+        refined = not program.constant_mass
+        self.start_guess()
+        # Order 1 is computed twice, the second time from the velocities found first: see `UnrolledJet.refined`.
+        with e.loop(0 if refined else 1, e.value("add nsw i64 %order, 1")) as turn:
+            begun = e.value(f"icmp ne i64 {turn}, 0")
+            self.begin(e.value(f"select i1 {begun}, i64 {turn}, i64 1"))
             self.sum_up()
             for chunk, velocity in zip(self.packing.coordinates, self.packing.velocities, strict=True):
                 lanes = len(chunk.values)
                 self.x[chunk] = self.do.scale(self.before(velocity.whole), self.share(lanes), lanes)
             self.fill(self.packing.configuration)
-            for chunk in self.packing.velocities:
-                self.x[chunk] = None
+            guesses = self.guesses()
+            for chunk, guess in zip(self.packing.velocities, guesses, strict=True):
+                self.x[chunk] = guess
             self.fill(self.packing.trial)
-            found = self.velocities()
+            found = [
+                self.do.add(value, guess, len(chunk.values))
+                for chunk, value, guess in zip(self.packing.velocities, self.velocities(), guesses, strict=True)
+            ]
+            self.keep_guess(found, begun)
             moving = program.moving
             self.gathered = {o: v for o, v in self.gathered.items() if moving.isdisjoint(o.values)}
             for chunk, value in zip(self.packing.velocities, found, strict=True):
@@ -99,6 +108,32 @@ class LoopedJet:
             self.write()
         e.do(f"ret i32 {self.origin.body.status()}")
         return e.function(SIGNATURE)
+
+    def start_guess(self) -> None:
+        """Begin with velocities of zero."""
+        if not self.packing.program.constant_mass:
+            for chunk in self.packing.velocities:
+                self.e.store(number(0.0, len(chunk.values)), self.guess_at(chunk), element(len(chunk.values)))
+
+    def guess_at(self, chunk: Chunk) -> str:
+        """Return where the guess of some velocities stands."""
+        return self.origin.body.scratch(f"guess {chunk.values[0]}", element(len(chunk.values)), 1)
+
+    def guesses(self) -> list[Vector]:
+        """Return the velocities from which those of this turn are corrected: zero but in the second turn."""
+        if self.packing.program.constant_mass:
+            return [None] * len(self.packing.velocities)
+        return [self.e.load(self.guess_at(chunk), element(len(chunk.values))) for chunk in self.packing.velocities]
+
+    def keep_guess(self, found: Sequence[Vector], begun: str) -> None:
+        """Keep the velocities of the first turn for the second, and none after it."""
+        if self.packing.program.constant_mass:
+            return
+        for chunk, value in zip(self.packing.velocities, found, strict=True):
+            lanes = len(chunk.values)
+            kind, zero = element(lanes), number(0.0, lanes)
+            kept = self.e.value(f"select i1 {begun}, {kind} {zero}, {kind} {value or zero}")
+            self.e.store(kept, self.guess_at(chunk), kind)
 
     def write_first(self) -> None:
         """Store order 0: the state, what is watched, and every operand lane by lane."""

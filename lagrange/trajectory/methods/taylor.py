@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from lagrange.trajectory.plan import Tolerances
 from lagrange.trajectory.series_path import SeriesPath
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 from lagrange.trajectory.watch import Watch
+
+MARGIN = 0.1
+"""Steps aim at a tenth of the tolerance: their errors add up along a run."""
 
 LEAST_RTOL = 2.0**-53
 """A relative tolerance below this asks for more than doubles hold."""
@@ -49,6 +53,7 @@ class Taylor:
         parameters = problem.parameter_array if problem.events else np.empty(0)
         impacts = tuple(impact(problem.model, event, parameters) for event in problem.events)
         series, _ = problem.model.series(tuple(one.node for one in impacts))
+        tolerances = replace(tolerances, margin=MARGIN)
         return TaylorPlan(series, self.order or series.order(tolerances.rtol), tolerances, impacts)
 
     def integrate(self, problem: Problem) -> Trajectory:
@@ -65,6 +70,11 @@ class TaylorPlan:
     tolerances: Tolerances
     impacts: tuple[Impact, ...] = ()
 
+    @property
+    def form(self) -> str:
+        """The order, and how the series is computed; see `Plan`."""
+        return f"order {self.order}, {self.series.form(self.order)}"
+
     def driver(self, model: Model, parameters: FloatArray) -> TaylorDriver:
         """Return the driver, with the sides of surfaces still to be found; see `Plan`."""
         return self.series.driver(self.order, np.concatenate([parameters, np.zeros(self.series.program.sides)]))
@@ -74,7 +84,7 @@ class TaylorPlan:
         if not self.series.program.watched:
             return None
         parameters = problem.parameter_array
-        return Watch(self.series, self.order, driver, parameters, self.impacts, watched_names(problem))
+        return Watch(self.series, self.order, driver, parameters, self.impacts, partial(watched_names, problem))
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: Watch | None) -> SeriesPath:
         """Return the dense output: the series themselves."""

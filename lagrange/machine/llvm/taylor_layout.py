@@ -1,0 +1,50 @@
+"""Where the state and the coefficients of a Taylor step stand in memory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lagrange.machine.backend import FloatArray
+
+
+@dataclass(frozen=True)
+class TaylorLayout:
+    """Where things stand in the work memory: the state, what its rounding lost, and the rows of coefficients.
+
+    `dimension` is 2n. `width` doubles lie between two rows; a row begins with q and v, and its coefficients of what
+    is watched begin at `watched_at`. With an order of 0 the code serves every order. `scratch` doubles follow the rows.
+    """
+
+    dimension: int
+    order: int
+    width: int
+    watched: int
+    watched_at: int
+    scratch: int = 0
+
+    @property
+    def lanes(self) -> int:
+        """How many entries of the state are handled at once."""
+        return 2 if self.dimension <= 2 else 4 if self.dimension <= 4 else 8
+
+    @property
+    def padded(self) -> int:
+        """The length of the state in whole vectors."""
+        return -(-self.dimension // self.lanes) * self.lanes
+
+    @property
+    def rows(self) -> int:
+        """Where the rows begin."""
+        return 2 * self.padded
+
+    def coefficients(self, work: FloatArray, order: int) -> FloatArray:
+        """Return the rows that begin at the start of an array, (order + 1, 2n + watched)."""
+        rows = work[: (order + 1) * self.width].reshape(order + 1, self.width)
+        watched = slice(self.watched_at, self.watched_at + self.watched)
+        return np.concatenate([rows[:, : self.dimension], rows[:, watched]], axis=1)
+
+    def size(self, order: int) -> int:
+        """Return the length of the work memory."""
+        return self.rows + (order + 1) * self.width + self.scratch + 8

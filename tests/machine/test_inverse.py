@@ -1,0 +1,156 @@
+"""The inverse of a symmetric matrix in machine code: every size, definite or not, graded, singular."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lagrange.machine.llvm.engine import inversion
+from lagrange.machine.llvm.inverse import padded, work_size
+from lagrange.machine.llvm.memory import address
+
+SIZES = range(1, 41)
+EPS = 2.0**-52
+
+_INVERT = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_int64, ctypes.c_int64, *([ctypes.c_void_p] * 3))
+
+
+def invert(a: Any) -> tuple[int, Any]:
+    """Return the status and the inverse; what is not the lower triangle, and all memory to write to, is NaN before."""
+    n = len(a)
+    stride = padded(n)
+    given = np.full((n, n), np.nan)
+    given[np.tril_indices(n)] = a[np.tril_indices(n)]
+    columns = given.T.ravel().copy()  # entry (i, j) at j*n + i
+    before = columns.copy()
+    out, work = np.full(stride * stride + 8, np.nan), np.full(work_size(n) + 8, np.nan)
+    function = _INVERT(inversion().address("invert"))
+    status = function(n, stride, address(columns), address(out), address(work))
+    assert np.array_equal(columns, before, equal_nan=True)
+    assert np.isnan(out[stride * stride :]).all() and np.isnan(work[-8:]).all()
+    return status, out[: stride * stride].reshape(stride, stride)[:n, :n].T
+
+
+def positive(rng: np.random.Generator, n: int) -> Any:
+    a = rng.normal(size=(n, n + 2))
+    return a @ a.T + 0.1 * np.eye(n)
+
+
+def indefinite(rng: np.random.Generator, n: int) -> Any:
+    a = rng.normal(size=(n, n))
+    return a + a.T + np.diag(np.where(np.arange(n) % 2, 2.0, -2.0))
+
+
+def hollow(rng: np.random.Generator, n: int) -> Any:
+    """Zeros on the whole diagonal: no pivot without an exchange."""
+    a = indefinite(rng, n)
+    if n > 1:
+        np.fill_diagonal(a, 0.0)
+    return a if n > 2 else a + 1.5 * (np.ones((n, n)) - np.eye(n))
+
+
+def negative(rng: np.random.Generator, n: int) -> Any:
+    return -positive(rng, n)
+
+
+def crossed(rng: np.random.Generator, n: int) -> Any:
+    """Ones on the other diagonal."""
+    return np.fliplr(np.eye(n))
+
+
+@pytest.mark.parametrize("kind", [positive, indefinite, hollow, negative, crossed], ids=lambda kind: kind.__name__)
+def test_every_size(kind: Any) -> None:
+    """A stable inverse is off by a condition number of round-offs, times a modest function of n."""
+    rng = np.random.default_rng(1)
+    for n in SIZES:
+        a = kind(rng, n)
+        status, found = invert(a)
+        expected = np.linalg.inv(a)
+        assert status == 0, n
+        bound = 100 * n * EPS * np.linalg.cond(a) * np.abs(expected).max()
+        assert np.abs(found - expected).max() < bound, n
+
+
+def test_units_that_differ_by_many_orders() -> None:
+    """S A S is inverted as well as A: elimination without exchanges does not see a scaling by powers of two."""
+    rng = np.random.default_rng(2)
+    for n in SIZES:
+        a = positive(rng, n)
+        scale = 2.0 ** np.round(np.linspace(-40, 40, n))
+        plain, graded = invert(a), invert(a * np.outer(scale, scale))
+        assert plain[0] == graded[0] == 0
+        assert (graded[1] * np.outer(scale, scale) == plain[1]).all(), n
+
+
+def test_a_pivot_that_cancels_is_not_trusted() -> None:
+    """Well conditioned, but elimination in the given order passes through 1e-14: exchanges keep all digits."""
+    rng = np.random.default_rng(3)
+    for n in (2, 3, 8, 9, 17, 40):
+        a = positive(rng, n)
+        a[:2, :2] = [[1.0, 1.0], [1.0, 1.0 + 1e-14]]
+        a[2:, :2] = a[:2, 2:] = 0.0
+        a[0, n - 1] = a[n - 1, 0] = a[0, n - 1] + 3.0
+        if n == 2:
+            a = np.array([[1e-17, 1.0], [1.0, 1.0]])
+        status, found = invert(a)
+        assert status == 0
+        residual = np.abs(a @ found - np.eye(n)).max()
+        assert residual < 1e-12 * max(1.0, np.abs(found).max() * np.abs(a).max()), n
+
+
+def test_the_inverse_is_symmetric_to_round_off() -> None:
+    rng = np.random.default_rng(4)
+    for n in SIZES:
+        _, found = invert(positive(rng, n))
+        assert np.abs(found - found.T).max() < 1e-12 * np.abs(found).max()
+
+
+def dependent(rng: np.random.Generator, n: int) -> Any:
+    a = positive(rng, n)
+    a[-1] = a[0]
+    a[:, -1] = a[:, 0]
+    a[-1, -1] = a[0, 0]
+    return a if n > 1 else np.zeros((1, 1))
+
+
+def empty_row(rng: np.random.Generator, n: int) -> Any:
+    a = positive(rng, n)
+    a[n // 2] = a[:, n // 2] = 0.0
+    return a
+
+
+def zero(rng: np.random.Generator, n: int) -> Any:
+    return np.zeros((n, n))
+
+
+def flat(rng: np.random.Generator, n: int) -> Any:
+    """Rank one."""
+    return np.ones((n, n)) if n > 1 else np.zeros((1, 1))
+
+
+@pytest.mark.parametrize("kind", [dependent, empty_row, zero, flat], ids=lambda kind: kind.__name__)
+def test_a_singular_matrix_is_told(kind: Any) -> None:
+    rng = np.random.default_rng(5)
+    for n in SIZES:
+        assert invert(kind(rng, n))[0] == 1, n
+
+
+def test_the_same_bits_twice() -> None:
+    rng = np.random.default_rng(6)
+    for n in (1, 7, 8, 9, 33):
+        a = positive(rng, n)
+        first = invert(a)[1]
+        invert(indefinite(rng, 12))
+        assert (invert(a)[1] == first).all()
+
+
+def test_what_is_not_finite_is_no_inverse_in_silence() -> None:
+    for bad in (np.nan, np.inf):
+        for n in (2, 3, 9):
+            a = np.eye(n)
+            a[n - 1, 0] = a[0, n - 1] = bad
+            status, found = invert(a)
+            assert status == 1 or not np.isfinite(found).all()

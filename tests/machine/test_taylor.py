@@ -1,0 +1,217 @@
+"""Compiled series are those of the interpreter: written out and in loops, in vectors of every width, for every law."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from hypothesis import HealthCheck, given, settings
+
+from lagrange.equations.euler_lagrange import euler_lagrange
+from lagrange.machine.backend import SingularMassMatrix
+from lagrange.machine.llvm.memory import address
+from lagrange.machine.llvm.packing import Packing, pack
+from lagrange.machine.llvm.taylor import CompiledJet, LlvmSeries
+from lagrange.machine.numpy_taylor import NumpySeries
+from lagrange.program.series import RULES, SeriesProgram
+from lagrange.program.taylor import series_program
+from lagrange.statement.coordinate import t
+from lagrange.statement.statement import Statement
+from tests.laws.test_random_systems import functions_of, kinetic_energies, potentials
+from tests.models import stated, x, y
+from tests.series_systems import LARGER
+
+LANES = (1, 2, 4, 8)
+WRITTEN_OUT = {1: 4, 2: 7, 4: 11, 8: 6}
+"""The order of the code that is written out, by lanes."""
+
+few = settings(max_examples=8, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+
+
+@cache
+def system(name: str) -> tuple[Statement, SeriesProgram]:
+    statement = LARGER[name]()
+    return statement, series_program(euler_lagrange(statement))[0]
+
+
+@cache
+def packing(name: str, lanes: int) -> Packing:
+    return pack(system(name)[1], lanes)
+
+
+@cache
+def compiled(name: str, lanes: int, order: int) -> CompiledJet:
+    """Return a kernel written out, or with an order of 0 in loops; one for all tests."""
+    return CompiledJet(packing(name, lanes), order)
+
+
+def parameters(statement: Statement, program: SeriesProgram, rng: Any) -> Any:
+    """Return the parameters and random sides: a series takes any, whether or not the state is on them."""
+    return np.array([*(statement.defaults[p] for p in statement.parameters), *rng.choice([-1.0, 1.0], program.sides)])
+
+
+def near(statement: Statement, rng: Any) -> Any:
+    return np.array(statement.initial) + rng.uniform(-0.1, 0.1, len(statement.initial))
+
+
+def natural(program: SeriesProgram, order: int, t: float, state: Any, given: Any) -> float:
+    """Return the scale of time in which the coefficients neither grow nor fall: an error shows at every order."""
+    size = np.abs(NumpySeries(program).rows(order, t, state, 1.0, given)[-2:]).max()
+    return float(2.0 ** -round(np.log2(size) / order)) if size > 0 else 1.0
+
+
+def assert_same_rows(kernel: CompiledJet, order: int, t: float, state: Any, given: Any) -> None:
+    """Sums in another order, with fused products and an inverted matrix: some 1e-15 a term, more by what cancels."""
+    scale = natural(kernel.program, order, t, state, given)
+    ours, theirs = (f(order, t, state, scale, given) for f in (kernel.rows, NumpySeries(kernel.program).rows))
+    assert ours.shape == theirs.shape == (order + 1, 2 * kernel.program.dimension + len(kernel.program.watched))
+    assert (ours[0] == theirs[0])[: len(state)].all()
+    top = np.maximum.accumulate(np.abs(theirs).max(axis=1))[:, None]
+    assert np.isfinite(theirs).all() and (np.abs(ours - theirs) / top).max() < 1e-11
+
+
+@pytest.mark.parametrize("lanes", LANES)
+@pytest.mark.parametrize("name", LARGER)
+def test_written_out(name: str, lanes: int) -> None:
+    rng = np.random.default_rng(lanes)
+    statement, program = system(name)
+    order = WRITTEN_OUT[lanes]
+    for time in (0.3, -1.1):
+        assert_same_rows(
+            compiled(name, lanes, order), order, time, near(statement, rng), parameters(statement, program, rng)
+        )
+
+
+@pytest.mark.parametrize("lanes", LANES)
+@pytest.mark.parametrize("name", LARGER)
+def test_in_loops(name: str, lanes: int) -> None:
+    """One kernel for every order, up to the highest there is and beyond."""
+    rng = np.random.default_rng(10 + lanes)
+    statement, program = system(name)
+    for order in (1, 2, 3, 8, 17, 32):
+        state, given = near(statement, rng), parameters(statement, program, rng)
+        assert_same_rows(compiled(name, lanes, 0), order, 0.3, state, given)
+
+
+def test_every_rule_is_compiled() -> None:
+    """But the quotient, which no graph leads to today."""
+    assert {rule.op for name in LARGER for rule in system(name)[1].rules} == set(RULES) - {"div"}
+
+
+@pytest.mark.parametrize("order", [4, 20, 32])
+@pytest.mark.parametrize("name", ["double pendulum", "Kepler orbit", "functions"])
+def test_written_out_at_the_orders_of_a_run(name: str, order: int) -> None:
+    rng = np.random.default_rng(order)
+    statement, program = system(name)
+    kernel = LlvmSeries(program).compiled(order) if name == "Kepler orbit" else CompiledJet(packing(name, 8), order)
+    assert_same_rows(kernel, order, 0.3, near(statement, rng), parameters(statement, program, rng))
+
+
+# --- memory, bits, scales -------------------------------------------------------------------------------------
+
+KERNELS = [(name, order) for name in LARGER for order in (WRITTEN_OUT[8], 0)]
+
+
+@pytest.mark.parametrize(("name", "order"), KERNELS)
+def test_what_was_in_memory_before_does_not_matter(name: str, order: int) -> None:
+    rng = np.random.default_rng(3)
+    statement, program = system(name)
+    kernel, wanted = compiled(name, 8, order), order or 9
+    state, given = near(statement, rng), parameters(statement, program, rng)
+    expected = kernel.rows(wanted, 0.3, state, 0.25, given)
+    work = np.full(kernel.layout.size(wanted), np.nan)
+    padded = np.zeros(kernel.layout.padded)
+    padded[: len(state)] = state
+    assert kernel._series(0.3, 0.25, *map(address, (padded, *kernel.numbers(given), work)), wanted) == 0
+    assert (kernel.layout.coefficients(work, wanted) == expected).all()
+    assert np.isfinite(expected).all()
+
+
+@pytest.mark.parametrize(("name", "order"), KERNELS)
+def test_the_same_bits_twice_and_on_every_scale(name: str, order: int) -> None:
+    """Powers of two only move the exponent: x[k] scale**k is the same digits whatever the scale."""
+    rng = np.random.default_rng(4)
+    statement, program = system(name)
+    kernel, wanted = compiled(name, 8, order), order or 9
+    state, given = near(statement, rng), parameters(statement, program, rng)
+    first = kernel.rows(wanted, 0.3, state, 1.0, given)
+    kernel.rows(wanted, 0.9, state + 0.05, 0.125, given)
+    assert (kernel.rows(wanted, 0.3, state, 1.0, given) == first).all()
+    for scale in (2.0**-20, 0.25, -1.0, 2.0**9, -(2.0**-3)):
+        powers = scale ** np.arange(wanted + 1.0)
+        assert (kernel.rows(wanted, 0.3, state, scale, given) == first * powers[:, None]).all()
+
+
+@pytest.mark.parametrize("order", [5, 0])
+def test_a_singular_mass_matrix_is_told(order: int) -> None:
+    statement, program = system("spherical pendulum")
+    given = parameters(statement, program, np.random.default_rng(0))
+    kernel = compiled("spherical pendulum", 8, order)
+    pole = np.array([0.0, 0.0, 0.5, 0.5])
+    with pytest.raises(SingularMassMatrix):
+        kernel.rows(5, 0.0, pole, 1.0, given)
+    assert np.isfinite(kernel.rows(5, 0.0, np.array(statement.initial), 1.0, given)).all()
+
+
+def test_a_constant_mass_matrix_that_is_singular_is_told_before_any_step() -> None:
+    statement, program = system("coupled masses")
+    given = parameters(statement, program, np.random.default_rng(0))
+    given[[p.name == "m" for p in statement.parameters]] = 0.0
+    with pytest.raises(SingularMassMatrix):
+        compiled("coupled masses", 8, 6).rows(6, 0.0, np.array(statement.initial), 1.0, given)
+
+
+# --- packing --------------------------------------------------------------------------------------------------
+
+
+def assert_packed(program: SeriesProgram, lanes: int) -> None:
+    """Hold a packing to what the kernels count on: each value once, like with like, arguments before their use."""
+    packed = pack(program, lanes)
+    n = program.dimension
+    for part in ("configuration", "trial", "velocity"):
+        chunks, members = getattr(packed, part), getattr(program, part)
+        found = [value for chunk in chunks for value in chunk.values[: chunk.count]]
+        assert sorted(found) == [i for i in members if i >= 2 * n]
+        known = set(range(2 * n)) | ({*program.configuration} if part != "configuration" else set())
+        for chunk in chunks:
+            assert len(chunk.values) in (1, 2, 4, 8) and len(chunk.values) <= lanes
+            assert 0 < chunk.count <= len(chunk.values) < 2 * chunk.count or chunk.count == len(chunk.values)
+            assert set(chunk.values[chunk.count :]) <= {chunk.values[chunk.count - 1]}
+            for lane, value in enumerate(chunk.values):
+                rule = program.rules[value]
+                assert rule.op == chunk.op and set(program.direct(value)) <= known
+                args = [operand.values[lane] for operand in chunk.args]
+                places = [lanes_[lane] for lanes_ in chunk.coefficients]
+                assert sorted(args) == sorted(rule.args)
+                if rule.op == "linear":
+                    pairs = zip(rule.args, rule.coefficients, strict=True)
+                    assert sorted(zip(args, places, strict=True)) == sorted(pairs)
+                else:
+                    assert args == list(rule.args) or rule.op == "mul"
+                    assert tuple(places) == rule.coefficients
+            known |= set(chunk.values)
+    for chunks, first in ((packed.coordinates, 0), (packed.velocities, n)):
+        assert [value for chunk in chunks for value in chunk.values[: chunk.count]] == list(range(first, first + n))
+    assert set(packed.place) >= program.kept | program.lagged | program.summed
+
+
+@pytest.mark.parametrize("lanes", LANES)
+@pytest.mark.parametrize("name", LARGER)
+def test_a_packing_has_every_value_once_and_in_order(name: str, lanes: int) -> None:
+    assert_packed(system(name)[1], lanes)
+
+
+@few
+@given(kinetic_energies(x, y), potentials(x, y), functions_of(x, y, x.dot, y.dot), functions_of(x, y))
+def test_random_systems(T: Any, V: Any, Q: Any, A: Any) -> None:
+    """A kinetic energy of products, a potential linear in the velocity, a force, and a wave in time."""
+    statement = stated(lagrangian=T - V + A * x.dot, forces={x: Q, y: sp.cos(t) - y.dot}, coordinates=[x, y])
+    program, _ = series_program(euler_lagrange(statement))
+    state = np.array([0.3, -0.4, 0.2, 0.5])
+    for lanes in LANES:
+        assert_packed(program, lanes)
+    for lanes, order in ((2, 6), (4, 0), (8, 10)):
+        assert_same_rows(CompiledJet(pack(program, lanes), order), order or 12, 0.3, state, np.empty(0))

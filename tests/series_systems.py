@@ -1,0 +1,139 @@
+"""Systems for the series, beside those of `tests.models`: what the forms of the equations and the kernels differ on."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import sympy as sp
+from sympy import cos, sin, sqrt
+
+from lagrange.statement.coordinate import coordinate, coordinates, t
+from lagrange.statement.statement import Statement
+from tests.models import SYSTEMS, M, c, chain, g, k, l, m, omega, phi, stated, theta, x, y
+
+
+def relative(n: int) -> Statement:
+    """Return n pendulums, each angle measured from the link before: mass matrices full of products."""
+    angles = [coordinate(f"a{i}") for i in range(n)]
+    kinetic = potential = px = py = total = sp.S.Zero
+    for angle in angles:
+        total += angle
+        px, py = px + l * sin(total), py - l * cos(total)
+        kinetic += m * (sp.diff(px, t) ** 2 + sp.diff(py, t) ** 2) / 2
+        potential += m * g * py
+    start = {angle: 0.5 + 0.125 * i for i, angle in enumerate(angles)} | {angles[0].dot: 0.75}
+    return stated(kinetic=kinetic, potential=potential, coordinates=angles, initial=start)
+
+
+def textbook() -> Statement:
+    """The double pendulum with cos(theta - phi), as books write it."""
+    spin = theta.dot**2 + phi.dot**2 / 2 + theta.dot * phi.dot * cos(theta - phi)
+    return stated(
+        kinetic=m * l**2 * spin,
+        potential=-m * g * l * (2 * cos(theta) + cos(phi)),
+        coordinates=[theta, phi],
+        initial={theta: 0.5, phi: 0.75, theta.dot: 0.25, phi.dot: -1.0},
+    )
+
+
+def kapitza() -> Statement:
+    """A pivot that is shaken."""
+    place = (l * sin(theta), cos(omega * t) / 4 - l * cos(theta))
+    speed = sum(sp.diff(part, t) ** 2 for part in place)
+    return stated(kinetic=m * speed / 2, potential=m * g * place[1], initial={theta: 0.5, theta.dot: 0.25})
+
+
+def growing() -> Statement:
+    """Explicit time in the kinetic energy, linear and quadratic in velocities, and dissipation of degree four."""
+    return stated(
+        kinetic=m * sp.exp(t / 4) * x.dot**2 / 2 + M * (x.dot + y.dot * cos(x)) ** 2 / 2 + y.dot**2 + t * x * y.dot,
+        potential=k * (x * y) ** 2 / 2,
+        forces={x: cos(omega * t) - c * y.dot},
+        dissipation=c * (x.dot**2 + y.dot**4) / 2,
+        coordinates=[x, y],
+        initial={x: 0.5, y: 0.25, x.dot: 0.25, y.dot: 0.5},
+    )
+
+
+def rotating() -> Statement:
+    """A constant mass matrix that couples, with Coriolis forces from a potential linear in velocities, and time."""
+    return stated(
+        lagrangian=m * x.dot**2 / 2 + M * (x.dot + y.dot) ** 2 / 2 + omega * x * y**2 * y.dot + t * x.dot * sin(y),
+        coordinates=[x, y],
+        initial={x: 0.5, y: 0.25, x.dot: 0.25, y.dot: 0.5},
+    )
+
+
+def relativistic() -> Statement:
+    """A Lagrangian that is not quadratic in the velocities."""
+    return stated(
+        lagrangian=-m * c**2 * 256 * sqrt(1 - (x.dot**2 + y.dot**2) / (256 * c**2)) - k * x * y**2,
+        initial={x: 0.5, y: 0.25, x.dot: 0.25, y.dot: 0.5},
+    )
+
+
+def gravity(n: int) -> Statement:
+    """Return n bodies in space."""
+    bodies = [coordinates(f"x{i} y{i} z{i}") for i in range(n)]
+    kinetic = sum((1 + sp.Rational(i, 4)) * r.dot**2 / 2 for i, body in enumerate(bodies) for r in body)
+    potential = sp.S.Zero
+    for (i, a), (j, b) in itertools.combinations(enumerate(bodies), 2):
+        distance = sqrt(sum((p - q) ** 2 for p, q in zip(a, b, strict=True)))
+        potential -= k * (1 + sp.Rational(i, 4)) * (1 + sp.Rational(j, 4)) / distance
+    places = [r for body in bodies for r in body]
+    start = {r: (-1) ** i * (0.5 + 0.25 * i) + (i % 3) for i, r in enumerate(places)}
+    return stated(kinetic=kinetic, potential=potential, coordinates=places, initial=start)
+
+
+def lattice(n: int) -> Statement:
+    """Return n masses between walls with springs that harden, as of Fermi, Pasta, Ulam and Tsingou."""
+    xs = [coordinate(f"x{i}") for i in range(n)]
+    stretch = [b - a for a, b in itertools.pairwise([sp.S.Zero, *xs, sp.S.Zero])]
+    return stated(
+        kinetic=m * sum(q.dot**2 for q in xs) / 2,
+        potential=sum(k * s**2 / 2 + s**4 / 4 for s in stretch),
+        coordinates=xs,
+        initial={q: 0.25 * (-1) ** i + 0.125 * i for i, q in enumerate(xs)},
+    )
+
+
+def functions() -> Statement:
+    """Every function of the graph, in vectors of two and one."""
+    terms = [f(x * y / 4) + f(x.dot / 8) for f in (sp.sin, sp.tan, sp.asin, sp.acos, sp.atan, sp.exp, sp.sinh, sp.tanh)]
+    terms += [sp.log(2 + x), sp.atan2(y, 2 + x), sp.atan2(x, m), sp.atan2(m, 2 + y), sqrt(2 + x * y), x / (y + 3)]
+    terms += [(3 + x) ** k, (3 + y) ** c, (2 + x) ** y, (4 + y) ** -3, (2 + x) ** sp.Rational(-3, 2)]
+    terms += [sp.Abs(x - 4), sp.Min(x, y) * sp.Max(x**2, y), cos(t) * sp.sign(y.dot)]
+    terms += [sp.Piecewise((x * y, x < y), (cos(y), x < 2 * y), (t, True))]
+    return stated(
+        kinetic=x.dot**2 / 2 + y.dot**2,
+        forces={x: sum(terms[::2]), y: sum(terms[1::2])},
+        coordinates=[x, y],
+        initial={x: 0.5, y: 0.25, x.dot: 0.25, y.dot: 0.5},
+    )
+
+
+def started(name: str) -> Statement:
+    """Return a system of the tests with velocities: from rest every other coefficient is zero."""
+    statement = SYSTEMS[name]()
+    n = len(statement.coordinates)
+    return replace(statement, initial=(*statement.initial[:n], *(0.25 + 0.125 * i for i in range(n))))
+
+
+LARGER: dict[str, Callable[[], Statement]] = {
+    **SYSTEMS,
+    "textbook": textbook,
+    "relative angles": lambda: relative(2),
+    **{f"chain of {n}": partial(chain, n) for n in (3, 5)},
+    **{f"{n} relative angles": partial(relative, n) for n in (3, 5, 7)},
+    "kapitza": kapitza,
+    "growing": growing,
+    "rotating": rotating,
+    "relativistic": relativistic,
+    "4 bodies": lambda: gravity(4),
+    "lattice of 10": lambda: lattice(10),
+    "functions": functions,
+}
+"""Everything that a kernel may look like: diagonal, full and constant, in blocks, long, and with every rule."""

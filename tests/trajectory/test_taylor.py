@@ -1,0 +1,281 @@
+"""Taylor runs: as accurate as they were asked to be, in any units, for long, up to a singularity, and in threads."""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from typing import Any
+
+import mpmath
+import numpy as np
+import pytest
+import sympy as sp
+
+from lagrange.errors import StatementError
+from lagrange.evidence.precise_run import precise_run
+from lagrange.machine.model import Model
+from lagrange.trajectory.flow import Flow
+from lagrange.trajectory.methods.taylor import Taylor
+from lagrange.trajectory.trajectory import Status
+from tests.models import SYSTEMS, TARGETS, M, build, g, k, l, laws, m, model, r, theta, x, y
+from tests.series_systems import relative
+from tests.trajectory.runs import exact, run
+
+SMOOTH = ("pendulum", "double pendulum", "Kepler orbit", "cart and pole", "charge", "Henon-Heiles", "bead on a hoop")
+
+
+@cache
+def truth(name: str, end: float) -> Any:
+    """Return the state at the end, by collocation in multiple precision from the stated energies alone."""
+    statement = SYSTEMS[name]()
+    values = {p: statement.defaults[p] for p in statement.parameters}
+    return np.array(precise_run(statement, values, 0.0, statement.initial, [end], digits=18)[0], dtype=float)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("end", [1.5, -1.5])
+@pytest.mark.parametrize("name", SMOOTH)
+def test_the_error_is_what_was_asked_for(name: str, end: float, target: str) -> None:
+    """The error is that of a step times what the motion makes of it, up to 20 within this time."""
+    expected = truth(name, end)
+    size = max(1.0, np.abs(expected).max())
+    for rtol in (1e-4, 1e-8, 1e-12, 1e-16):
+        found = run(model(name, target), end, "taylor", rtol=rtol, atol=rtol)
+        assert found.status is Status.SUCCESS and found.rejected == 0
+        assert np.abs(found.y[:, -1] - expected).max() < 20 * max(rtol, 2e-15) * size, rtol
+
+
+@pytest.mark.parametrize("order", range(4, 33, 4))
+def test_an_order_of_ones_own(order: int) -> None:
+    compiled, method = model("Kepler orbit"), Taylor(rtol=1e-10, atol=1e-10, order=order)
+    assert method.claims.order == order
+    found = run(compiled, 1.5, method)
+    assert np.abs(found.y[:, -1] - truth("Kepler orbit", 1.5)).max() < 2e-9
+    higher = run(compiled, 1.5, Taylor(rtol=1e-10, atol=1e-10, order=order + 1))
+    assert higher.steps <= found.steps
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", ["pendulum", "double pendulum", "Kepler orbit", "cart and pole"])
+def test_there_and_back(name: str, target: str) -> None:
+    compiled = model(name, target)
+    start = np.array(compiled.statement.initial)
+    flow = Flow(compiled, method=Taylor(rtol=1e-16, atol=1e-16))
+    assert flow(flow(start, 0.0, 2.0), 2.0, 0.0) == pytest.approx(start, abs=2e-13)
+
+
+def test_a_system_in_loops() -> None:
+    """Seven relative angles: a full mass matrix that is inverted at every step."""
+    given = relative(7)
+    compiled = build(
+        lagrangian=given.lagrangian,
+        coordinates=list(given.coordinates),
+        initial=dict(zip((*given.coordinates, *given.velocities), given.initial, strict=True)),
+    )
+    assert compiled.series()[0].form(20) == "in loops"
+    found = run(compiled, 1.0, "taylor", rtol=1e-13, atol=1e-13)
+    assert found.y[:, -1] == pytest.approx(exact(compiled, 1.0).y[:, -1], abs=1e-9)
+
+
+# --- long runs ------------------------------------------------------------------------------------------------
+
+
+def test_the_phase_of_an_oscillator_after_many_steps() -> None:
+    """cos t, compensated in state and time.
+
+    Each of n = 10^5 steps adds an error of its increment alone, about h eps: at random that is some sqrt(n) h eps =
+    1e-13 in all. Without compensation of the state it would be 1e-11 or more.
+    """
+    compiled = build(kinetic=x.dot**2 / 2, potential=x**2 / 2, initial={x: 1.0})
+    end = 1.0e5
+    found = run(compiled, end, Taylor(rtol=1e-16, atol=1e-16, order=20))
+    assert found.steps > 5e4
+    with mpmath.workdps(30):
+        expected = [float(mpmath.cos(mpmath.mpf(end))), -float(mpmath.sin(mpmath.mpf(end)))]
+    assert found.y[:, -1] == pytest.approx(expected, abs=2e-12)
+
+
+@pytest.mark.parametrize(("name", "end"), [("Henon-Heiles", 20_000.0), ("Kepler orbit", 20_000.0)])
+def test_energy_walks_and_does_not_drift(name: str, end: float) -> None:
+    """At the edge of round-off the error of the energy is a random walk of some eps per step, no drift."""
+    compiled = model(name)
+    found = run(compiled, end, "taylor", rtol=1e-16, atol=1e-16)
+    energy = compiled.energy(found.y[:2], found.y[2:])
+    assert np.abs(energy / energy[0] - 1).max() < 20 * 2.0**-53 * math.sqrt(found.steps)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_times_add_up(target: str) -> None:
+    """From t = 1e6 on every step is rounded to 1e-10: the lost parts are carried along, so that the phase is right."""
+    compiled = build(target, kinetic=x.dot**2 / 2, potential=x**2 / 2, initial={x: 1.0})
+    found = run(compiled, 1e6 + 300.0, Taylor(rtol=1e-15, atol=1e-15), start=1e6)
+    assert found.y[:, -1] == pytest.approx([math.cos(300), -math.sin(300)], abs=1e-13)
+
+
+# --- the path -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("rtol", [1e-4, 1e-9])
+@pytest.mark.parametrize("name", ["double pendulum", "Kepler orbit", "cart and pole"])
+def test_between_the_steps_it_is_as_accurate_as_at_them(name: str, rtol: float, target: str) -> None:
+    compiled = model(name, target)
+    found = run(compiled, 3.0, "taylor", rtol=rtol, atol=rtol)
+    between = np.sort(np.concatenate([found.t[:-1] + part * np.diff(found.t) for part in (0.1, 0.5, 0.8, 0.97)]))
+    reference = exact(compiled, 3.0)
+    at_steps = np.abs(found.y - reference.dense(found.t)).max()
+    assert 1e-13 < np.abs(found.dense(between) - reference.dense(between)).max() < 10 * at_steps
+
+
+# --- series that end, or have gaps ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("end", [1.0, 3.7, -2.0, 1e5])
+def test_a_rock_without_air(end: float, target: str) -> None:
+    """The series ends with t^2: one step, and one unit in the last place of the largest part."""
+    rock = build(
+        target,
+        kinetic=m * (x.dot**2 + y.dot**2) / 2,
+        potential=m * g * y,
+        parameters={m: 1.5, g: 9.75},
+        initial={x: 0.25, y: 1.5, x.dot: 3.5, y.dot: 12.0},
+    )
+    found = run(rock, end, "taylor")
+    assert found.steps <= 2
+    parts = np.array([[0.25, 3.5 * end, 0.0], [1.5, 12 * end, -9.75 * end**2 / 2], [3.5, 0, 0], [12, -9.75 * end, 0]])
+    assert (np.abs(found.y[:, -1] - parts.sum(axis=1)) <= np.spacing(np.abs(parts).max(axis=1))).all()
+    middle = found.dense(np.array([end / 2]))[:, 0]
+    halves = parts * np.array([1.0, 0.5, 0.25])
+    assert (np.abs(middle - halves.sum(axis=1)) <= np.spacing(np.abs(halves).max(axis=1))).all()
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_nothing_moves(target: str) -> None:
+    found = run(build(target, kinetic=x.dot**2 / 2, potential=x**4, initial={x: 0.0}), 1e3, "taylor")
+    assert found.status is Status.SUCCESS and (found.y == 0).all() and found.steps <= 2
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("order", [12, 13, 14])
+def test_from_rest_every_other_coefficient_is_zero(order: int, target: str) -> None:
+    """The step must not be taken from a coefficient that happens to vanish."""
+    method = Taylor(rtol=1e-9, atol=1e-9, order=order)
+    found = run(model("pendulum", target), 1.5, method)
+    assert np.abs(found.y[:, -1] - truth("pendulum", 1.5)).max() < 2e-8
+
+
+# --- tolerances -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("rtol", [0.0, 1e-30])
+def test_tolerances_below_round_off_are_raised_and_said(rtol: float, target: str) -> None:
+    found = run(model("pendulum", target), 1.5, "taylor", rtol=rtol, atol=0.0)
+    assert found.status is Status.SUCCESS
+    assert f"rtol = {rtol:g} is below round-off and was raised to 1.11e-16." in found.message
+    assert np.abs(found.y[:, -1] - truth("pendulum", 1.5)).max() < 1e-13
+    told = run(model("pendulum", target), 1.5, "taylor", rtol=2e-16, atol=0.0)
+    assert "raised" not in told.message
+
+
+@pytest.mark.parametrize("bad", [math.nan, -1e-9, math.inf])
+@pytest.mark.parametrize("which", ["rtol", "atol"])
+def test_tolerances_without_a_meaning_are_refused(which: str, bad: float) -> None:
+    compiled, given = model("pendulum"), {which: bad}
+    with pytest.raises(StatementError, match=f"{which} = {bad}: give a finite tolerance that is not negative"):
+        run(compiled, 1.0, "taylor", **given)
+    with pytest.raises(StatementError, match=f"{which} = {bad}: give a finite tolerance that is not negative"):
+        run(compiled, 1.0, Taylor(**given))
+    with pytest.raises(StatementError, match="taylor chooses its steps by itself"):
+        run(compiled, 1.0, "taylor", step=0.1)
+
+
+# --- units ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("unit", [1e-30, 1e30])
+@pytest.mark.parametrize("what", ["length", "time", "mass"])
+def test_the_same_digits_in_any_units(what: str, unit: float, target: str) -> None:
+    """An elastic pendulum; the state at the end is off by what the rounded units themselves are, magnified by 100."""
+    compiled = model("elastic pendulum", target)
+    length, time, mass = (unit if what == one else 1.0 for one in ("length", "time", "mass"))
+    base = compiled.parameter_values()
+    values = {m: base[m] * mass, l: base[l] * length, k: base[k] * mass / time**2, g: base[g] * length / time**2}
+    start = {"r": 1.1 * length, "theta": 0.4, "theta_dot": 0.3 / time}
+    scale = np.array([length, 1.0, length / time, 1.0 / time])
+    plain = run(compiled, 2.0, "taylor", rtol=1e-13, atol=0.0)
+    found = run(compiled, 2.0 * time, "taylor", initial=start, parameters=values, rtol=1e-13, atol=0.0)
+    assert found.status is Status.SUCCESS and found.steps == plain.steps
+    assert found.y[:, -1] / scale == pytest.approx(plain.y[:, -1], rel=1e-11)
+
+
+# --- ends -----------------------------------------------------------------------------------------------------
+
+STOPPED = (Status.STEP_TOO_SMALL, Status.NON_FINITE)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_two_bodies_fall_into_each_other(target: str) -> None:
+    """From rest at a distance of one with a total mass of one they meet after pi / sqrt(8)."""
+    pair = build(target, kinetic=(x.dot**2 + y.dot**2) / 4, potential=-1 / (4 * (y - x)), initial={x: -0.5, y: 0.5})
+    found = run(pair, 5.0, "taylor", rtol=1e-12, atol=1e-14)
+    assert found.status in STOPPED
+    assert found.t[-1] == pytest.approx(math.pi / math.sqrt(8), abs=1e-7)
+    assert found.steps == len(found.t) - 1 > 10 and np.isfinite(found.y).all()
+    assert "taylor stopped at t = 1.1107" in found.message and (
+        "x_dot is" in found.message or "y_dot is" in found.message
+    )
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_configuration_without_a_mass_matrix_is_approached(target: str) -> None:
+    """A spherical pendulum without angular momentum, which falls through the pole of its coordinates."""
+    compiled = model("spherical pendulum", target)
+    start = {"theta": 0.5, "theta_dot": -4.0, "phi_dot": 0.0}
+    found = run(compiled, 2.0, "taylor", initial=start)
+    # With phi at rest nothing is singular but the matrix itself, and no step need end on the pole.
+    assert found.status in (Status.SUCCESS, Status.SINGULAR, *STOPPED) and np.isfinite(found.y).all()
+    whirled = run(compiled, 2.0, "taylor", initial=start | {"phi_dot": 1e-3})
+    assert whirled.status is Status.SUCCESS
+    energy = compiled.energy(whirled.y[:2], whirled.y[2:])
+    assert np.abs(energy / energy[0] - 1).max() < 1e-8
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_coefficients_that_overflow(target: str) -> None:
+    """exp(1000 x) near x = 0.7: forces of 1e304 that no scale of time brings into range, and then x is beyond."""
+    steep = build(target, kinetic=x.dot**2 / 2, forces={x: sp.exp(1000 * x)}, initial={x: 0.0, x.dot: 1.0})
+    found = run(steep, 1.0, "taylor", max_steps=10_000)
+    assert found.status in STOPPED and np.isfinite(found.y).all() and 0 < found.t[-1] < 0.1
+    assert "taylor stopped at t = " in found.message and "x" in found.message.split(":")[1]
+
+
+# --- flows ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_flow_gives_the_same_bits_whatever_it_did_before(target: str) -> None:
+    compiled = model("double pendulum", target)
+    start = np.array(compiled.statement.initial)
+    flow = Flow(compiled, method="taylor", rtol=1e-12)
+    first = flow(start, 0.0, 1.0)
+    flow(start * 1.1, 5.0, -20.0)
+    flow(start, 0.0, 1e-7)
+    flow(start, 0.0, 1.0, {M: 1.0} if M in compiled.statement.parameters else {"g": 1.0})
+    assert (flow(start, 0.0, 1.0) == first).all()
+    assert (Flow(compiled, method="taylor", rtol=1e-12)(start, 0.0, 1.0) == first).all()
+
+
+@pytest.mark.parametrize("name", ["double pendulum", "friction"])
+@pytest.mark.parametrize("target", TARGETS)
+def test_threads_share_a_flow(target: str, name: str) -> None:
+    compiled = Model(SYSTEMS[name](), laws(name), model(name, target).machine)
+    flow = Flow(compiled, method="taylor")
+    starts = [np.array(compiled.statement.initial) * (1 + 0.01 * i) for i in range(8)]
+    with ThreadPoolExecutor(4) as pool:  # the first calls compile
+        found = list(pool.map(lambda start: flow(start, 0.0, 1.0), starts))
+    assert all((flow(start, 0.0, 1.0) == end).all() for start, end in zip(starts, found, strict=True))
+    assert r not in compiled.statement.coordinates and theta not in compiled.statement.coordinates
