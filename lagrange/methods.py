@@ -7,6 +7,7 @@ from lagrange.trajectory.methods import scipy_solvers
 from lagrange.trajectory.methods.explicit import DOP853, RK4, Dopri5, Euler, Midpoint, RungeKutta, explicit_method
 from lagrange.trajectory.methods.registry import names, table
 from lagrange.trajectory.methods.splitting import Splitting, SymplecticEuler, Verlet
+from lagrange.trajectory.methods.taylor import Taylor
 
 ScipyRK45 = scipy_solvers.RK45
 ScipyRK23 = scipy_solvers.RK23
@@ -30,6 +31,7 @@ __all__ = [
     "ScipyRadau",
     "Splitting",
     "SymplecticEuler",
+    "Taylor",
     "Verlet",
     "explicit_method",
     "names",

@@ -28,8 +28,10 @@ class Jet:
     parameters: Sequence[Any] | Numbers
     arithmetic: Arithmetic = field(default=FLOATS)
 
-    def coefficients(self, t: Any, y: Sequence[Any] | Numbers, order: int) -> Numbers:
+    def coefficients(self, t: Any, y: Sequence[Any] | Numbers, order: int, scale: Any = 1) -> Numbers:
         """Return the normalised Taylor coefficients of every value, (order + 1, values), at a time and a state (2n,).
+
+        Those of order k are multiplied by scale**k.
 
         Values 0 to 2n - 1 are the coordinates and the velocities. Raises SingularMassMatrix.
         """
@@ -41,13 +43,13 @@ class Jet:
         x[0, : 2 * n] = list(y)
         mass = self._mass if program.constant_mass else self._full(first[len(program.started) :])
         for k in range(1, order + 1):
-            x[k, :n] = x[k - 1, n : 2 * n] / k
-            self._fill(x, k, program.configuration)
-            self._fill(x, k, program.trial)
-            rate = [x[k - 1, f] / k if f is not None else 0 * y[0] for f in program.forces]
+            x[k, :n] = x[k - 1, n : 2 * n] * scale / k
+            self._fill(x, k, program.configuration, scale)
+            self._fill(x, k, program.trial, scale)
+            rate = [x[k - 1, f] * scale / k if f is not None else 0 * y[0] for f in program.forces]
             right = [r if p is None else r - x[k, p] for r, p in zip(rate, self._momenta, strict=True)]
             x[k, n : 2 * n] = self._solve(mass, right)
-            self._fill(x, k, program.velocity)
+            self._fill(x, k, program.velocity, scale)
         return x
 
     @cached_property
@@ -72,13 +74,13 @@ class Jet:
             mass[i, j] = mass[j, i] = entry
         return mass
 
-    def _fill(self, x: Numbers, k: int, members: Sequence[int]) -> None:
+    def _fill(self, x: Numbers, k: int, members: Sequence[int], scale: Any) -> None:
         """Enter the coefficients of order k of some values, in order."""
         for i in members:
             rule = self.program.rules[i]
             if rule.op not in ("coordinate", "velocity"):
                 constants = [self._table[c] for c in rule.coefficients]
-                x[k, i] = COEFFICIENT[rule.op](_Place(x, k, i, rule.args, constants))
+                x[k, i] = COEFFICIENT[rule.op](_Place(x, k, i, rule.args, constants, scale))
 
     def _solve(self, mass: Numbers, right: Sequence[Any]) -> Numbers:
         """Return the solution of mass x = right by elimination with pivoting, in any arithmetic."""
@@ -104,6 +106,7 @@ class _Place:
     i: int
     args: tuple[int, ...]
     constants: Sequence[Any]
+    scale: Any
 
     @property
     def u(self) -> Numbers:
@@ -155,7 +158,7 @@ def _power(at: _Place) -> Any:
 
 
 def _integral(at: _Place) -> Any:
-    return at.constants[0] * at.arg(0)[-2] / at.k
+    return at.constants[0] * at.arg(0)[-2] * at.scale / at.k
 
 
 def _along(at: _Place) -> Any:
@@ -168,7 +171,7 @@ def _against(at: _Place) -> Any:
 
 
 COEFFICIENT: dict[str, Callable[[_Place], Any]] = {
-    "time": lambda at: at.u[0] * 0 + (at.k == 1),
+    "time": lambda at: at.u[0] * 0 + (at.scale if at.k == 1 else 0),
     "constant": lambda at: at.u[0] * 0,
     "linear": _linear,
     "mul": _mul,

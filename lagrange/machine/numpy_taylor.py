@@ -9,7 +9,7 @@ import numpy as np
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.driver import DriverState, Outcome
 from lagrange.machine.jet import Jet
-from lagrange.machine.taylor import FARTHEST, NEAREST, TRIES, Cost, best_order
+from lagrange.machine.taylor import FARTHEST, LONGER, NEAREST, SHORTER, SHORTEST, TRIES, Cost, best_order
 from lagrange.program.series import SeriesProgram
 
 S = DriverState
@@ -36,12 +36,12 @@ class NumpySeries:
     def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
         """Return the series at a state; see `Series`."""
         with np.errstate(all="ignore"):
-            found = Jet(self.program, parameters).coefficients(t, y, order)
+            found = Jet(self.program, parameters).coefficients(t, y, order, scale)
             n = self.program.dimension
             zero = np.zeros(order + 1)
             watched = [zero if i is None else found[:, i] for i in self.program.watched]
             rows: FloatArray = np.column_stack([found[:, : 2 * n], *watched])
-            return rows * (scale ** np.arange(order + 1.0))[:, None]
+            return rows
 
 
 class NumpyTaylorDriver:
@@ -88,18 +88,20 @@ class NumpyTaylorDriver:
         state.counts[S.EVALUATIONS] += 1
         exponent = self._exponent(state, series)
         first = not state.count(S.STEPS) and not state.count(S.TRIES)
+        left = float(reals[S.END] - state.t - reals[S.LOW])
+        reach = math.log2(max(min(abs(left), reals[S.LONGEST]) / abs(scale), 2.0**-900))
         ends = exponent > 800.0 / self._order
         tried = state.count(S.TRIES) >= TRIES and not math.isnan(exponent)
-        if not (abs(exponent) < (NEAREST if first else FARTHEST) or ends or tried):
-            if state.count(S.TRIES) >= TRIES:
+        if not (abs(exponent) < (NEAREST if first else FARTHEST) or (ends and reach < 1.0) or tried):
+            if state.count(S.TRIES) >= TRIES or abs(scale) < SHORTEST:
                 return Outcome.NON_FINITE
             state.counts[S.TRIES] += 1
-            reals[S.SCALE] = scale * 2.0 ** (round(exponent) if exponent >= -45.0 else -40)
+            change = SHORTER if not exponent >= -45.0 else min(reach, LONGER) if ends else exponent
+            reals[S.SCALE] = scale * 2.0 ** round(change)
             return Outcome.PAUSED
         whole = min(round(exponent), 900)
         natural = 2.0 ** (exponent - round(exponent)) * 2.0**whole * abs(scale)
         size = min(natural, reals[S.LONGEST], reals[S.ONCE])
-        left = reals[S.END] - state.t - reals[S.LOW]
         final = size * 1.01 >= abs(left) and not reals[S.ONCE] < abs(left)
         if min(natural, reals[S.LONGEST]) < 16 * 2.0**-52 * max(abs(state.t), 1e-290) and not final:
             return Outcome.STEP_TOO_SMALL
@@ -120,8 +122,11 @@ class NumpyTaylorDriver:
         entries = len(state.y)
         size = np.maximum(np.abs(state.y), np.abs(series[1, :entries]))
         tolerance = state.reals[S.RTOL] * size + state.reals[S.ATOL]
-        logs = []
-        for k in (self._order - 1, self._order):
+        logs: list[float] = []
+        # Where both last coefficients are zero, the upper half of the others must keep in bounds as well.
+        for k in (self._order, self._order - 1, *range(self._order // 2 + 1, self._order - 1)):
+            if len(logs) == 2 and not min(logs) > 800.0 / self._order:
+                break
             ratio = np.max(np.abs(series[k, :entries]) / tolerance)
             logs.append(
                 math.nan

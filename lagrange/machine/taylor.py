@@ -18,7 +18,13 @@ overflow nor vanish whatever the units are; a step that differs from the scale b
 NEAREST = 1.5
 """The first step of a run is computed anew if it differs from the scale by more than 2**1.5."""
 
-TRIES = 60
+LONGER, SHORTER = 20.0, -40.0
+"""Powers of two by which the scale changes where the last coefficients are zero, and where one has overflowed."""
+
+SHORTEST = 1e-280
+"""The shortest scale of time that is tried."""
+
+TRIES = 120
 """How often a step is computed anew with another scale of time before the coefficients count as infinite."""
 
 LOWEST, HIGHEST = 4, 32

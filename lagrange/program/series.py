@@ -239,12 +239,12 @@ def _problems(program: SeriesProgram) -> Iterator[str]:
     sizes[0 if program.constant_mass else 1] += sum(len(b) * (len(b) + 1) // 2 for b in program.blocks)
     if [len(program.constants.outputs), len(program.start.outputs)] != sizes:
         yield "the start does not give every value of order 0 and the mass matrix"
-    outputs = {i for i in (*program.forces, *program.watched) if i is not None}
+    outputs = [i for i in (*program.forces, *program.watched) if i is not None]
     if any(not 0 <= i < len(program.rules) for i in (*outputs, *program.momenta) if i is not None):
         yield "an output is no value"
     if not len(program.momenta) == len(program.forces) == program.dimension:
         yield "there is not one momentum and one force for each coordinate"
-    missing = (program.kept | program.lagged | outputs).difference(program.started)
+    missing = (program.kept | program.lagged).union(outputs).difference(program.started)
     if missing:
         yield f"%{min(missing)} has no value of order 0"
     if sorted(i for block in program.blocks for i in block) != list(range(program.dimension)):

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import numbers
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
 import sympy
 
 from lagrange.errors import StatementError, listing
+from lagrange.statement.coordinate import t
 from lagrange.statement.declare import state_rows
 from lagrange.statement.number import real_number
 from lagrange.statement.statement import Statement
@@ -51,11 +54,9 @@ def event(
             f"the event is {str(expression)[:80]!r}: give a SymPy expression whose zero is the event, such as theta - "
             "1. A Python function hides its formula, and its roots could be missed."
         )
-    if isinstance(terminal, (bool, int)) and terminal >= 0:
-        count = int(terminal)
-    else:
+    if not isinstance(terminal, (numbers.Integral, bool, np.bool_)) or terminal < 0:
         raise StatementError(f"terminal = {terminal!r}: give True, or the number of the occurrence that ends the run.")
-    side = real_number(direction, "direction")
+    count, side = int(terminal), real_number(direction, "direction")
     if reset is not None and not isinstance(reset, Mapping):
         raise StatementError(
             f"reset is {str(reset)[:80]!r}: give a dict from coordinates and velocities to expressions, such as "
@@ -82,7 +83,15 @@ def declare_events(events: Any, statement: Statement) -> tuple[Event, ...]:
         raise StatementError(f"events is {str(events)[:80]!r}: give a list of expressions, or of lg.event(...).")
     found = tuple(given if isinstance(given, Event) else event(given) for given in events)
     for place, one in enumerate(found):
-        _check(one.expression, f"event {place}", statement)
+        survey = _check(one.expression, f"event {place}", statement)
+        if not survey.coordinates and not one.expression.has(t):
+            raise StatementError(
+                f"event {place} is {str(one.expression)[:80]}, which stays as it is along a run: give an expression in "
+                "coordinates, velocities and t that becomes zero on the way."
+            )
+        rows = state_rows(statement.coordinates)
+        if len({rows[key] for key in one.reset if key in rows}) < sum(key in rows for key in one.reset):
+            raise StatementError(f"the reset of event {place} names the same coordinate or velocity twice.")
         for key, value in one.reset.items():
             if key not in state_rows(statement.coordinates):
                 known = [label for label in state_rows(statement.coordinates) if isinstance(label, str)]
@@ -96,7 +105,7 @@ def declare_events(events: Any, statement: Statement) -> tuple[Event, ...]:
     return found
 
 
-def _check(expression: Any, what: str, statement: Statement) -> None:
+def _check(expression: Any, what: str, statement: Statement) -> Survey:
     survey = Survey()
     survey.add(expression, what)
     known = (*statement.coordinates, *statement.parameters)
@@ -106,3 +115,4 @@ def _check(expression: Any, what: str, statement: Statement) -> None:
                 f"{what} contains {leaf}, which this system does not have; it may contain its coordinates, their "
                 f"velocities, t and {listing(p.name for p in statement.parameters) or 'no parameters'}."
             )
+    return survey

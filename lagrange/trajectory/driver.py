@@ -13,7 +13,8 @@ from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.messages import message
 from lagrange.trajectory.plan import Plan
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
-from lagrange.trajectory.watch import Verdict, Watch
+from lagrange.trajectory.verdict import Verdict
+from lagrange.trajectory.watch import Watch
 
 BURST = 0.02
 """Seconds of steps between two looks at the clock, the step limit and Ctrl-C."""

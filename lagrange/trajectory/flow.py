@@ -67,7 +67,9 @@ class Flow:
             max_steps=self._max_steps,
         )
         self._problem = unit
-        self._plan: Plan | None = self._integrator.plan(unit) if isinstance(self._integrator, Planned) else None
+        plan = self._integrator.plan(unit) if isinstance(self._integrator, Planned) else None
+        # Where something is watched the driver comes back on the way, and a run is what deals with that.
+        self._plan: Plan | None = None if plan is None or plan.watched else plan
 
     def __call__(self, y0: ArrayLike, t0: float, t1: float, parameters: Mapping[Any, Any] | None = None) -> FloatArray:
         """Return the state at t1, (2n,). Raises RunError with the sentence of a run that does not get there."""

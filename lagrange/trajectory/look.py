@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from lagrange.machine.backend import Series, SingularMassMatrix
 from lagrange.machine.driver import DriverState
+from lagrange.program.recurrence import LARGEST_POWER
+from lagrange.program.series import SeriesProgram
 from lagrange.trajectory.trajectory import FloatArray
 
 TILT = 2.0**-26
@@ -21,18 +23,29 @@ NOISE = 4 * 2.0**-52
 SLACK = 64.0
 """The series of an expression may end this many tolerances above the end of the state's: it is a sum of products."""
 
+BALANCE = 256.0
+"""A step without a length of its own ends where what grows with the square of time is this much larger than the rest:
+two digits of the roots are lost to it, and a run of any length takes a few steps more."""
+
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """Series at a state in units of `scale`: those of the state (2n) and of what is watched, and its `noise`."""
+    """Series at a state in units of `scale`: those of the state (2n) and of what is watched, and its `noise`.
+
+    `rtol` is the tolerance to which they are to be right, `unit` a time for comparing the terms of what is watched.
+    """
 
     scale: float
+    unit: float
+    rtol: float
     rows: FloatArray
     watched: FloatArray
     noise: FloatArray
 
     @classmethod
-    def at(cls, series: Series, order: int, t: float, y: FloatArray, scale: float, values: FloatArray) -> Look:
+    def at(
+        cls, series: Series, order: int, t: float, y: FloatArray, scale: float, values: FloatArray, rtol: float
+    ) -> Look:
         """Look ahead from a state (2n,); the scale has the sign of the run. Raises SingularMassMatrix."""
         size = len(y)
         rows = series.rows(order, t, y, scale, values)
@@ -45,27 +58,91 @@ class Look:
             moved = watched[0]
         with np.errstate(all="ignore"):
             noise = np.abs(moved - watched[0]) * (NOISE / TILT)
-        return cls(scale, rows, watched, np.where(noise < math.inf, noise, 0.0))
+        return cls(scale, unit(t, scale), rtol, rows, watched, np.where(noise < math.inf, noise, 0.0))
 
-    def trusted(self, s: float, rtol: float) -> tuple[float, int]:
+    def trusted(self, s: float) -> tuple[float, int]:
         """Return how much of a step the watched series reach with their accuracy, and which of them reaches least.
 
         The step is as long as the series of the state allow. That of an expression such as log(x) may end earlier.
         """
-        order, least = len(self.watched) - 1, -1
-        sizes = np.abs(self.watched)
-        tolerance = SLACK * max(rtol, 2.0**-52)
-        for _ in range(60):
-            with np.errstate(all="ignore"):
-                terms = sizes * (s ** _ranks(order))[:, None]
-                ratios = terms[-2:].max(axis=0) / (tolerance * terms[: order // 2 + 1].max(axis=0))
+        far = reach(self.watched, s, self.rtol, self.noise)
+        least = int(np.argmin(far))
+        s = min(s, float(far[least]))
+        return (self._balanced(s) if self.ends else s), least
+
+    def _balanced(self, s: float) -> float:
+        """Shorten a step that may have any length until the high powers do not drown the others in round-off."""
+        sizes, ranks = np.abs(self.watched), _ranks(len(self.watched) - 1)
+        for _ in range(200):
+            terms = sizes * (s**ranks)[:, None]
+            low, high = terms[:2].max(axis=0), terms[2:].max(axis=0)
+            if not ((low > 0) & (high > BALANCE * low)).any():
+                break
+            s /= 2
+        return s
+
+    @cached_property
+    def near(self) -> FloatArray:
+        """What is watched in a unit of time in which its terms can be compared; see `near`."""
+        return near(self.watched, self.unit, self.rtol, self.noise)
+
+    @property
+    def ends(self) -> bool:
+        """Whether the series of the state terminate, and say nothing about the length of a step."""
+        return not self.rows[-2:, : self.rows.shape[1] - len(self.noise)].any()
+
+    def disagrees(self, there: FloatArray, s: float, noise: FloatArray) -> FloatArray:
+        """Return for each watched value whether its series from here misses what it is at s, `there`."""
+        with np.errstate(all="ignore"):
+            terms = self.watched * (s ** _ranks(len(self.watched) - 1))[:, None]
+            allowed = SLACK * (max(self.rtol, 2.0**-52) * np.abs(terms).max(axis=0) + noise)
+            return np.asarray(~(np.abs(terms.sum(axis=0) - there) <= allowed))
+
+
+def degree(program: SeriesProgram) -> int:
+    """Return the highest power of the state in what is watched: a series of lower order may show nothing of it."""
+    found: list[int] = []
+    for op, args, _ in program.rules:
+        powers = [found[arg] if arg < len(found) else 0 for arg in args]
+        if op == "mul":
+            found.append(sum(powers))
+        elif op == "square":
+            found.append(2 * powers[0])
+        else:
+            found.append(LARGEST_POWER if op == "power" else max(powers, default=1))
+    return max((found[value] for value in program.watched if value is not None), default=0)
+
+
+def reach(series: FloatArray, s: float, rtol: float, noise: FloatArray | float = 0.0) -> FloatArray:
+    """Return how far the columns of a series (order + 1, k) reach with their accuracy or noise, (k,), at most to s."""
+    order = len(series) - 1
+    sizes, ranks, tolerance = np.abs(series), _ranks(order)[:, None], SLACK * max(rtol, 2.0**-52)
+    far: FloatArray = np.full(series.shape[1], s)
+    for _ in range(60):
+        with np.errstate(all="ignore"):
+            terms = sizes * far**ranks
+            ratios = terms[-2:].max(axis=0) / (tolerance * terms[: order // 2 + 1].max(axis=0) + noise)
             # Where all is zero there is nothing to reach; where a term overflows, the step is much too long.
-            ratios = np.where(terms[-2:].any(axis=0), np.nan_to_num(ratios, nan=math.inf), 0.0)
+            ratios = np.where(sizes[-2:].any(axis=0), np.where(ratios >= 0, ratios, math.inf), 0.0)
             if not (ratios > 1).any():
                 break
-            least = int(np.argmax(ratios))
-            s *= min(0.9, max(0.05, float(ratios[least]) ** (-1 / order)))
-        return s, least
+            far = np.where(ratios > 1, far * np.clip(ratios ** (-1 / order), 0.05, 0.9), far)
+    return far
+
+
+def near(series: FloatArray, unit: float, rtol: float, noise: FloatArray | float = 0.0) -> FloatArray:
+    """Return the columns of a series in the unit of time, or one as long as each reaches: its terms can be compared."""
+    with np.errstate(all="ignore"):
+        return np.asarray(series * reach(series, unit, rtol, noise) ** _ranks(len(series) - 1)[:, None])
+
+
+def unit(t: float, scale: float) -> float:
+    """Return the time, in units of the scale, in which a velocity beside an acceleration counts as zero or not.
+
+    Motions of polynomials have a scale without a meaning. What takes less than some spacings of floating-point times
+    cannot be told apart anyway, and the doubt of `leaving` is to stay below that.
+    """
+    return max(min(1.0, abs(t / scale) / 64), 2.0**-40) if t else 1.0
 
 
 @lru_cache(maxsize=64)

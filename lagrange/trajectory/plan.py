@@ -49,6 +49,10 @@ class Plan(Protocol):
     def form(self) -> str:
         """How a step is computed, in a few words for the status card; nothing where there is no choice."""
 
+    @property
+    def watched(self) -> bool:
+        """Whether a run by this plan has anything to watch."""
+
     def driver(self, model: Model, parameters: FloatArray) -> Driver:
         """Return a driver for parameters (k,)."""
 
@@ -78,6 +82,11 @@ class StepPlan:
     tolerances: Tolerances
     path_of: Callable[[Problem, FloatArray, FloatArray], Path]
     form: str = ""
+
+    @property
+    def watched(self) -> bool:
+        """Nothing: a step program has no series in which to find roots."""
+        return False
 
     def driver(self, model: Model, parameters: FloatArray) -> Driver:
         """Return the driver of the step around the right-hand side."""

@@ -14,6 +14,7 @@ from sympy import Piecewise, sqrt
 from lagrange.errors import StatementError
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import t
+from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.trajectory import Status, Trajectory
 from tests.models import TARGETS, build, x
 from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, SPLITTINGS, run
@@ -99,12 +100,36 @@ def test_a_double_pole(name: str, target: str) -> None:
         assert found.t[-1] == pytest.approx(1.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("events", [[x**3 - x], [x - 1, x - sp.Rational(1001, 1000)], [sp.nan], lambda t, y: math.nan])
-def test_events_are_refused_and_not_ignored(name: str, events: Any) -> None:
-    """Three roots of a cubic, two roots 1e-3 apart, an event that is not a number: none is missed, as none is taken."""
-    with pytest.raises(StatementError, match="events are not supported yet: leave events empty"):
-        go(particle(), 1.0, name, events=events)
+@pytest.mark.parametrize("name", [name for name in NAMES if not find(name).claims.events])
+def test_events_are_refused_and_not_ignored(name: str) -> None:
+    with pytest.raises(StatementError, match=f"{name} does not locate events: use taylor, or leave events empty"):
+        go(particle(), 1.0, name, events=[x - 1])
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("events", [[x**3 - x], [x - 1, x - sp.Rational(1001, 1000)], [(x - 1) * (x - 1.001)]])
+def test_no_event_hides_behind_another(events: list[Any], target: str) -> None:
+    """Three roots of a cubic and two roots 1e-3 apart, within one step; so are those of two events."""
+    found = go(particle(target, initial={x: -2.0, x.dot: 1.0}), 6.0, "taylor", events=events)
+    times = [time for row in found.t_events for time in row]
+    places = [-1.0, 0.0, 1.0] if events[0] == x**3 - x else [1.0, 1.001]
+    assert found.status is Status.SUCCESS
+    assert times == pytest.approx([2.0 + place for place in places], rel=1e-13)
+
+
+@pytest.mark.parametrize("events", [[sp.nan], lambda t, y: math.nan, [sp.Integer(0)]])
+def test_an_event_without_a_zero_to_find_is_refused(events: Any) -> None:
+    with pytest.raises(StatementError, match="event"):
+        go(particle(), 1.0, "taylor", events=events)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_an_event_that_is_not_a_number_on_the_way(target: str) -> None:
+    """log(1 - x) and its series end at x = 1, to which they come closer and closer."""
+    found = go(particle(target, initial={x.dot: 1.0}), 2.0, "taylor", events=[sp.log(1 - x) + 1])
+    assert found.status is Status.NON_FINITE and found.t[-1] == pytest.approx(1.0, abs=1e-10)
+    assert "log(1 - x) + 1, which is watched, has a pole there or leaves its domain" in found.message
+    assert found.t_events[0] == pytest.approx([1 - math.exp(-1)], rel=1e-9)
 
 
 @pytest.mark.parametrize("target", TARGETS)

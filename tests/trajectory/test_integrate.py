@@ -36,7 +36,7 @@ def test_the_values_of_all_parameters_come_back() -> None:
 
 def test_the_default_method_is_the_one_that_is_documented() -> None:
     found, _ = integrate(model("oscillator"), (0.0, 1.0))
-    assert found.method == DEFAULT == "dop853"
+    assert found.method == DEFAULT == "taylor"
 
 
 @pytest.mark.parametrize("span", [(0, 1), [0.0, 1.0], np.array([0.0, 1.0]), (np.float64(0), np.int64(1))])

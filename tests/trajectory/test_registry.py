@@ -46,7 +46,7 @@ def test_names_and_instances_are_found() -> None:
     [
         ("rk5", r"there is no method 'rk5'; the methods are euler, .* Did you mean 'rk4'\?"),
         ("", "there is no method ''"),
-        (RK4, r"give a name, such as 'dop853', or an instance, such as lg\.methods\.RK4\(step=0\.01\)"),
+        (RK4, r"give a name, such as 'taylor', or an instance, such as lg\.methods\.RK4\(step=0\.01\)"),
         (Verlet, "give a name"),
         (4, "method is 4: give a name"),
         (Splitting, "give a name"),

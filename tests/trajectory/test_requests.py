@@ -38,10 +38,10 @@ def coupled() -> lg.System:
     [
         ({"method": "leapfrog"}, "there is no method 'leapfrog'; the methods are euler, "),
         ({"method": "dop583"}, "Did you mean 'dop853'?"),
-        ({"method": 4}, "method is 4: give a name, such as 'dop853', or an instance"),
-        ({"method": lg.methods.RungeKutta}, "give a name, such as 'dop853', or an instance"),
+        ({"method": 4}, "method is 4: give a name, such as 'taylor', or an instance"),
+        ({"method": lg.methods.RungeKutta}, "give a name, such as 'taylor', or an instance"),
         ({"method": "rk4", "rtol": 1e-3}, "rk4 takes equal steps and cannot aim at a tolerance: give step="),
-        ({"step": 0.1}, "dop853 chooses its steps by itself: give rtol and atol"),
+        ({"step": 0.1}, "taylor chooses its steps by itself: give rtol and atol"),
         ({"method": "rk4", "step": -0.1}, "step = -0.1: give a positive size"),
         ({"method": "rk4", "step": 0.0}, "step = 0: give a positive size"),
         ({"method": "rk4", "step": float("nan")}, "step is nan: give a finite number"),
@@ -53,7 +53,10 @@ def coupled() -> lg.System:
         ({"t_eval": [0.5, float("nan")]}, "t_eval contains nan, outside the time span"),
         ({"t_eval": [[0.5]]}, "t_eval has shape (1, 1)"),
         ({"t_eval": ["a"]}, "give a list of times"),
-        ({"events": [theta]}, "events are not supported yet"),
+        ({"events": [theta], "method": "rk4"}, "rk4 does not locate events: use taylor, or leave events empty"),
+        ({"events": lambda t, y: y[0]}, "give a SymPy expression whose zero is the event, such as theta - 1"),
+        ({"events": "theta"}, "events is 'theta': give a list of expressions, or of lg.event(...)"),
+        ({"events": [g - 9]}, "event 0 is g - 9, which stays as it is along a run"),
         ({"max_steps": 0}, "max_steps = 0: give a whole number of at least 1"),
         ({"max_steps": 1.5}, "max_steps = 1.5: give a whole number of at least 1"),
         ({"max_wall": -1.0}, "max_wall = -1.0: give a positive number of seconds"),
@@ -139,7 +142,7 @@ def test_a_flow_is_the_end_of_a_run(pendulum: lg.System) -> None:
 
 
 def test_a_flow_takes_parameters_and_refuses_in_words(pendulum: lg.System) -> None:
-    flow = lg.flow(pendulum.compile(), method="dop853", rtol=1e-10)
+    flow = lg.flow(pendulum.compile(), rtol=1e-10)
     slow = flow([1.0, 0.0], 0.0, 1.0, {"g": 1.0})
     np.testing.assert_array_equal(slow, pendulum.run(1.0, rtol=1e-10, parameters={g: 1.0}).y[:, -1])
     np.testing.assert_array_equal(flow([1.0, 0.0], 0.0, 1.0), pendulum.run(1.0, rtol=1e-10).y[:, -1])

@@ -21,9 +21,10 @@ from lagrange.machine.llvm.packing import Packing, pack
 from lagrange.machine.llvm.spelling import LIBRARY
 from lagrange.machine.llvm.taylor_cost import cheapest_order, is_large
 from lagrange.machine.llvm.taylor_jet import Table
-from lagrange.machine.llvm.taylor_layout import TaylorLayout
-from lagrange.machine.llvm.taylor_loop import RUN, drive_function, run_function
-from lagrange.machine.llvm.taylor_looped import LoopedJet, Slots, scratch_size
+from lagrange.machine.llvm.taylor_layout import Slots, TaylorLayout, looped_layout, unrolled_layout
+from lagrange.machine.llvm.taylor_loop import drive_function
+from lagrange.machine.llvm.taylor_looped import LoopedJet
+from lagrange.machine.llvm.taylor_run import RUN, run_function
 from lagrange.machine.llvm.taylor_unrolled import UnrolledJet
 from lagrange.machine.llvm.trigonometry import angle_function
 from lagrange.machine.taylor import constants
@@ -116,20 +117,6 @@ class CompiledJet:
         if self._series(t, scale, *map(address, (state, *numbers, work)), order):
             raise SingularMassMatrix
         return layout.coefficients(work, order)
-
-
-def unrolled_layout(program: SeriesProgram, order: int) -> TaylorLayout:
-    """Return where things stand for a jet that is written out."""
-    dimension, watched = 2 * program.dimension, len(program.watched)
-    padded = TaylorLayout(dimension, order, 0, watched, 0).padded
-    return TaylorLayout(dimension, order, padded + watched, watched, padded)
-
-
-def looped_layout(program: SeriesProgram, width: int) -> TaylorLayout:
-    """Return where things stand for a jet in loops, with rows of that width or of q, v and what is watched."""
-    dimension, watched = 2 * program.dimension, len(program.watched)
-    padded = TaylorLayout(dimension, 0, 0, watched, 0).padded
-    return TaylorLayout(dimension, 0, width or padded + watched, watched, padded, scratch_size(program))
 
 
 def inverse_size(program: SeriesProgram) -> int:

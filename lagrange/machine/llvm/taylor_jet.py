@@ -148,15 +148,16 @@ class Start:
     def early(self) -> list[int]:
         """Return what the angles are computed from, but for those that come from other angles."""
         program = self.packing.program.start
-        late: set[int] = set()
+        count = len(program.instructions)
+        late, needed = bytearray(count), bytearray(count)
         for i, (op, args, _) in enumerate(program.instructions):
-            if op in ANGLES or not late.isdisjoint(args):
-                late.add(i)
-        needed = set(self.angles) - late
-        for i in range(len(program.instructions) - 1, program.hoisted - 1, -1):
-            if i in needed:
-                needed.update(program.instructions[i].args)
-        return sorted(i for i in needed if i >= program.hoisted)
+            late[i] = op in ANGLES or any(late[arg] for arg in args)
+        for ref in self.angles:
+            needed[ref] = not late[ref]
+        for i in range(count - 1, program.hoisted - 1, -1):
+            for arg in program.instructions[i].args if needed[i] else ():
+                needed[arg] = True
+        return [i for i in range(program.hoisted, count) if needed[i]]
 
     def find_angles(self, angles: Sequence[int]) -> None:
         """Emit the sines and cosines of several angles at once, in vectors."""
@@ -164,11 +165,11 @@ class Start:
         moving = [ref for ref in angles if ref >= self.packing.program.start.hoisted]
         while len(moving) > 1:
             width = min(8, 1 << (len(moving) - 1).bit_length())
-            chosen, moving = moving[:width], moving[width:]
-            padded = chosen + [chosen[-1]] * (width - len(chosen))
+            taken, moving = moving[:width], moving[width:]
+            padded = taken + [taken[-1]] * (width - len(taken))
             vector = shuffle.gather([(self.body.ref(ref), 1, 0) for ref in padded])
             for op, found in zip(ANGLES, sine_and_cosine(e, str(vector), width), strict=True):
-                for lane, ref in enumerate(chosen):
+                for lane, ref in enumerate(taken):
                     place = self.body.by_code.get(Instruction(op, (ref,)))
                     if place is not None:
                         self.body.values[place] = e.value(f"extractelement {element(width)} {found}, i64 {lane}")

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from lagrange.machine.backend import FloatArray
+from lagrange.machine.llvm.inverse import padded, work_size
+from lagrange.machine.llvm.packing import Operand, Packing
+from lagrange.program.series import SeriesProgram
 
 
 @dataclass(frozen=True)
@@ -48,3 +51,39 @@ class TaylorLayout:
     def size(self, order: int) -> int:
         """Return the length of the work memory."""
         return self.rows + (order + 1) * self.width + self.scratch + 8
+
+
+class Slots:
+    """Where operands stand in a row, behind q, v and what is watched."""
+
+    def __init__(self, packing: Packing, begin: int) -> None:
+        self.places: dict[Operand, int] = {}
+        self.size = begin
+        velocities = [chunk.whole for chunk in packing.velocities]
+        for operand in (*packing.summed, *packing.delayed, *packing.initial, *velocities):
+            if operand not in self.places:
+                width = len(operand.values)
+                self.size = -(-self.size // width) * width
+                self.places[operand] = self.size
+                self.size += width
+        self.size = -(-self.size // 8) * 8
+
+
+def scratch_size(program: SeriesProgram) -> int:
+    """Return how many doubles the inverse of the mass matrix takes behind the rows, on the way to it too."""
+    n = program.dimension
+    return 0 if program.constant_mass or program.diagonal else padded(n) ** 2 + n * n + work_size(n)
+
+
+def unrolled_layout(program: SeriesProgram, order: int) -> TaylorLayout:
+    """Return where things stand for a jet that is written out."""
+    dimension, watched = 2 * program.dimension, len(program.watched)
+    padded = TaylorLayout(dimension, order, 0, watched, 0).padded
+    return TaylorLayout(dimension, order, padded + watched, watched, padded)
+
+
+def looped_layout(program: SeriesProgram, width: int) -> TaylorLayout:
+    """Return where things stand for a jet in loops, with rows of that width or of q, v and what is watched."""
+    dimension, watched = 2 * program.dimension, len(program.watched)
+    padded = TaylorLayout(dimension, 0, 0, watched, 0).padded
+    return TaylorLayout(dimension, 0, width or padded + watched, watched, padded, scratch_size(program))

@@ -14,7 +14,7 @@ from lagrange.machine.llvm.loops import SPACING, leave_if
 from lagrange.machine.llvm.spelling import element, number
 from lagrange.machine.llvm.step import bump
 from lagrange.machine.llvm.taylor_layout import TaylorLayout
-from lagrange.machine.taylor import FARTHEST, NEAREST, TRIES
+from lagrange.machine.taylor import FARTHEST, LONGER, NEAREST, SHORTER, SHORTEST, TRIES
 
 LOG2 = (-1.6531240060861732, 1.9941811995403236, -0.33474901889029146)
 EXP2 = (1.0, 0.703601177393781, 0.24203533019053836)
@@ -26,23 +26,6 @@ TILE = 16
 
 LEAST = 123 << 52
 """The bits of 2**-900: a ratio below this is that, for its logarithm is taken."""
-
-
-class RUN:
-    """The places of the loop's arguments in memory."""
-
-    PREPARED, CONSTANTS, REALS, COUNTS, WORK, BUDGET, TIMES, STATES, ORDER = range(9)
-    COUNT = 9
-
-
-def run_function() -> str:
-    """Return the IR of the loop with its arguments in memory: i32 run(ptr arguments)."""
-    e = Emitter()
-    kinds = ["i64" if place in (RUN.BUDGET, RUN.ORDER) else "ptr" for place in range(RUN.COUNT)]
-    arguments = [f"{kind} {e.get('%arguments', place, kind)}" for place, kind in enumerate(kinds)]
-    result = e.value(f"call i32 @drive({', '.join(arguments)})")
-    e.do(f"ret i32 {result}")
-    return e.function("define i32 @run(ptr readonly %arguments) #0")
 
 
 def drive_function(layout: TaylorLayout) -> str:
@@ -77,9 +60,10 @@ class _Loop:
             leave_if(e, e.value(f"icmp ne i32 {status}, 0"), Outcome.SINGULAR)
             exponent = self.exponent()
             name = e.fresh("usable")
-            e.do(f"br i1 {self.fits(exponent)}, label %{name}.yes, label %{name}.no")
+            reach = self.reach(t, low, end, scale)
+            e.do(f"br i1 {self.fits(exponent, reach)}, label %{name}.yes, label %{name}.no")
             e.label(f"{name}.no")
-            self.rescale(exponent, scale)
+            self.rescale(exponent, reach, scale)
             e.jump(f"{name}.end")
             e.label(f"{name}.yes")
             self.step(t, low, end, scale, exponent)
@@ -109,7 +93,24 @@ class _Loop:
         logs = []
         for less, reciprocal in zip((1, 0), self.reciprocals, strict=True):
             logs.append(e.real("fmul", self.logarithm(self.ratio(self.row_at(less), weights)), reciprocal))
-        return e.smaller(*logs)
+        found = e.reserve("double")
+        e.store(e.smaller(*logs), found)
+        with e.when(self.ends(e.load(found))):
+            self.look_back(found, weights)
+        return e.load(found)
+
+    def look_back(self, found: str, weights: list[str]) -> None:
+        """Where both last coefficients are zero, let the upper half of the others keep in bounds as well.
+
+        They are zero too if the series terminates; a series in the fourth power of time has gaps of that size.
+        """
+        e = self.e
+        half = e.value(f"add nsw i64 {e.value(f'lshr i64 {self.order}, 1')}, 1")
+        with e.loop(half, e.value(f"sub nsw i64 {self.order}, 1")) as k:
+            row = e.address(self.rows, e.value(f"mul nsw i64 {k}, {self.layout.width}"))
+            share = e.real("fdiv", literal(-1.0), e.value(f"sitofp i64 {k} to double"))
+            bound = e.real("fmul", self.logarithm(self.ratio(row, weights)), share)
+            e.store(e.smaller(e.load(found), bound), found)
 
     def minus_one_over(self, less: int) -> str:
         """Return -1 over the order, or the order less one."""
@@ -211,30 +212,48 @@ class _Loop:
         biased = e.value(f"add i64 {e.value(f'fptosi double {whole} to i64')}, 1023")
         return e.value(f"bitcast i64 {e.value(f'shl i64 {biased}, 52')} to double")
 
-    def fits(self, exponent: str) -> str:
+    def reach(self, t: str, low: str, end: str, scale: str) -> str:
+        """Return the binary logarithm of what is left of the run, or of the longest step, in units of the scale."""
+        e, r = self.e, DriverState
+        left = e.fabs(e.real("fsub", e.real("fsub", end, t), low))
+        longest = e.smaller(left, e.get("%reals", r.LONGEST))
+        return self.logarithm(e.real("fdiv", longest, e.fabs(scale)))
+
+    def ends(self, exponent: str) -> str:
+        """Whether a series has no last coefficients: it terminates, or they are too small for doubles."""
+        return self.e.real("fcmp ogt", exponent, self.e.real("fmul", self.reciprocals[1], literal(-800.0)))
+
+    def fits(self, exponent: str, reach: str) -> str:
         """Whether the step is near the scale of time, so that no coefficient has left the range of doubles.
 
-        A series that terminates has no step of its own; after some tries the scale is as good as it gets.
+        A series without last coefficients fits when the scale is as long as any step may be; after some tries the
+        scale is as good as it gets.
         """
         e = self.e
         steps, tries = (e.get("%counts", which, "i64") for which in (DriverState.STEPS, DriverState.TRIES))
         first = e.value(f"icmp eq i64 {e.value(f'or i64 {steps}, {tries}')}, 0")
         near = e.real("fcmp olt", e.fabs(exponent), e.choose(first, literal(NEAREST), literal(FARTHEST)))
-        ends = e.real("fcmp ogt", exponent, e.real("fmul", self.reciprocals[1], literal(-800.0)))
+        whole = e.value(f"and i1 {self.ends(exponent)}, {e.real('fcmp olt', reach, literal(1.0))}")
         tried = e.value(f"icmp sge i64 {tries}, {TRIES}")
         good = e.value(f"and i1 {tried}, {e.real('fcmp ord', exponent, exponent)}")
-        return e.value(f"or i1 {e.value(f'or i1 {near}, {ends}')}, {good}")
+        return e.value(f"or i1 {e.value(f'or i1 {near}, {whole}')}, {good}")
 
-    def rescale(self, exponent: str, scale: str) -> None:
-        """Try again with another scale of time: the step's own, or a shorter one if a coefficient overflowed."""
+    def rescale(self, exponent: str, reach: str, scale: str) -> None:
+        """Try again with another scale of time: the step's own.
+
+        It is a shorter one if a coefficient overflowed, and a longer one, as far as a step may reach, if the last
+        coefficients are zero.
+        """
         e, r = self.e, DriverState
         tries = e.get("%counts", r.TRIES, "i64")
-        leave_if(e, e.value(f"icmp sge i64 {tries}, {TRIES}"), Outcome.NON_FINITE)
+        often = e.value(f"icmp sge i64 {tries}, {TRIES}")
+        short = e.real("fcmp olt", e.fabs(scale), literal(SHORTEST))
+        leave_if(e, e.value(f"or i1 {often}, {short}"), Outcome.NON_FINITE)
         bump(e, r.TRIES, 1)
-        overflow = e.value(
-            f"or i1 {e.real('fcmp uno', exponent, exponent)}, {e.real('fcmp olt', exponent, literal(-45.0))}"
-        )
-        whole = self.rounded(e.choose(overflow, literal(-40.0), exponent))
+        infinite = e.real("fcmp olt", exponent, literal(-45.0))
+        overflow = e.value(f"or i1 {e.real('fcmp uno', exponent, exponent)}, {infinite}")
+        longer = e.choose(self.ends(exponent), e.smaller(reach, literal(LONGER)), exponent)
+        whole = self.rounded(e.choose(overflow, literal(SHORTER), longer))
         e.put(e.real("fmul", scale, self.power_of_two(whole)), "%reals", r.SCALE)
 
     def step(self, t: str, low: str, end: str, scale: str, exponent: str) -> None:

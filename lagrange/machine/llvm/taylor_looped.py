@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from lagrange.machine.llvm.emitter import Emitter, literal
-from lagrange.machine.llvm.inverse import padded, work_size
+from lagrange.machine.llvm.inverse import padded
 from lagrange.machine.llvm.packing import NOTHING, Chunk, Operand, Packing
 from lagrange.machine.llvm.spelling import element, number
 from lagrange.machine.llvm.taylor_jet import (
@@ -26,37 +26,14 @@ from lagrange.machine.llvm.taylor_jet import (
     pieces,
     store_exactly,
 )
-from lagrange.machine.llvm.taylor_layout import TaylorLayout
-from lagrange.machine.llvm.taylor_rules import Arithmetic, Vector, coefficient
-from lagrange.program.series import SeriesProgram
+from lagrange.machine.llvm.taylor_layout import Slots, TaylorLayout
+from lagrange.machine.llvm.taylor_rules import Arithmetic, Vector, coefficient, divided
 
 TILE = 16
 """How many sums run in one loop: their totals stay in registers."""
 
 WRITTEN_OUT = 32
 """Up to this dimension the product with the inverse of the mass matrix is written out."""
-
-
-class Slots:
-    """Where operands stand in a row, behind q, v and what is watched."""
-
-    def __init__(self, packing: Packing, begin: int) -> None:
-        self.places: dict[Operand, int] = {}
-        self.size = begin
-        velocities = [chunk.whole for chunk in packing.velocities]
-        for operand in (*packing.summed, *packing.delayed, *packing.initial, *velocities):
-            if operand not in self.places:
-                width = len(operand.values)
-                self.size = -(-self.size // width) * width
-                self.places[operand] = self.size
-                self.size += width
-        self.size = -(-self.size // 8) * 8
-
-
-def scratch_size(program: SeriesProgram) -> int:
-    """Return how many doubles the inverse of the mass matrix takes behind the rows, on the way to it too."""
-    n = program.dimension
-    return 0 if program.constant_mass or program.diagonal else padded(n) ** 2 + n * n + work_size(n)
 
 
 class LoopedJet:
@@ -72,7 +49,9 @@ class LoopedJet:
         self.gathered: dict[Operand, Vector] = {}
         self.totals: dict[tuple[Chunk, int], Vector] = {}
         self.splats: dict[tuple[str, int], str] = {}
-        self.row = self.previous = self.k = self.rank = self.part = self.reciprocal = ""
+        self.row = self.previous = self.k = self.rank = ""
+        self.parts: tuple[str, ...] = ()
+        self.shares: tuple[str, ...] = ()
 
     def function(self) -> str:
         """Return the IR."""
@@ -89,7 +68,7 @@ class LoopedJet:
             self.sum_up()
             for chunk, velocity in zip(self.packing.coordinates, self.packing.velocities, strict=True):
                 lanes = len(chunk.values)
-                self.x[chunk] = self.do.scale(self.before(velocity.whole), self.share(lanes), lanes)
+                self.x[chunk] = self.share(self.before(velocity.whole), lanes)
             self.fill(self.packing.configuration)
             guesses = self.guesses()
             for chunk, guess in zip(self.packing.velocities, guesses, strict=True):
@@ -172,8 +151,11 @@ class LoopedJet:
         self.row = e.address("%rows", e.value(f"mul nsw i64 {k}, {width}"))
         self.previous = e.address(self.row, -width)
         self.rank = e.value(f"sitofp i64 {k} to double")
-        self.reciprocal = e.real("fdiv", literal(1.0), self.rank)
-        self.part = e.real("fmul", "%scale", self.reciprocal)
+        high = e.real("fdiv", literal(1.0), self.rank)
+        # What 1 - k high leaves over is exact, and its share is the part of 1 / k that rounding lost.
+        left = e.fma(e.value(f"fneg double {self.rank}"), high, literal(1.0))
+        self.parts = (high, e.real("fmul", left, high))
+        self.shares = tuple(e.real("fmul", "%scale", part) for part in self.parts)
 
     def sum_up(self) -> None:
         """Emit the sums over lower orders, some vectors at a time."""
@@ -262,13 +244,15 @@ class LoopedJet:
             self.splats[key] = self.shuffle.splat(value, lanes)
         return self.splats[key]
 
-    def share(self, lanes: int) -> str:
-        """Return scale / k in every lane."""
-        return self.splat(self.part, lanes)
+    def share(self, x: Vector, lanes: int) -> Vector:
+        """Return x scale / k."""
+        high, low = (self.splat(share, lanes) for share in self.shares)
+        return divided(self.do, x, high, low, lanes)
 
-    def inverse(self, lanes: int) -> str:
-        """Return 1 / k in every lane."""
-        return self.splat(self.reciprocal, lanes)
+    def part(self, x: Vector, lanes: int) -> Vector:
+        """Return x / k."""
+        high, low = (self.splat(part, lanes) for part in self.parts)
+        return divided(self.do, x, high, low, lanes)
 
     def start(self, lanes: int) -> Vector:
         """Return the coefficient of time."""
@@ -310,7 +294,7 @@ class LoopedJet:
         right: list[Vector] = []
         for chunk, force, momentum in zip(packing.velocities, packing.forces, packing.momenta, strict=True):
             lanes = len(chunk.values)
-            rate = None if force is None else self.do.scale(self.before(force), self.share(lanes), lanes)
+            rate = None if force is None else self.share(self.before(force), lanes)
             right.append(self.do.less(rate, None if momentum is None else self.now(momentum), lanes))
         if program.diagonal:
             return self.divided(right)

@@ -7,6 +7,7 @@ a sum over the orders between. None stands for a vector that is exactly zero.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from fractions import Fraction
 from typing import Protocol
 
 from lagrange.machine.llvm.emitter import Emitter, literal
@@ -43,11 +44,11 @@ class Orders(Protocol):
     def constant(self, chunk: Chunk, which: int) -> str:
         """Return a coefficient as a vector."""
 
-    def share(self, lanes: int) -> str:
-        """Return scale / k in every lane."""
+    def share(self, x: Vector, lanes: int) -> Vector:
+        """Return x scale / k."""
 
-    def inverse(self, lanes: int) -> str:
-        """Return 1 / k in every lane."""
+    def part(self, x: Vector, lanes: int) -> Vector:
+        """Return x / k."""
 
     def start(self, lanes: int) -> Vector:
         """Return the coefficient of time: the scale at k = 1, else 0."""
@@ -86,6 +87,21 @@ class Arithmetic:
         if a is None or b is None:
             return b if a is None else a
         return self.e.value(f"fadd {element(lanes)} {a}, {b}")
+
+
+def divided(do: Arithmetic, x: Vector, high: str, low: str, lanes: int) -> Vector:
+    """Return x (high + low), rounded once.
+
+    The reciprocal of an order, rounded, would err to the same side at every step, and errors would grow with time
+    where those of a rounding that is now up, now down grow with its square root.
+    """
+    return x if x is None else do.fma(x, high, do.scale(x, low, lanes), lanes)
+
+
+def reciprocal(k: int) -> tuple[float, float]:
+    """Return 1 / k as the sum of two doubles."""
+    high = 1.0 / k
+    return high, float(Fraction(1, k) - Fraction(high))
 
 
 def coefficient(jet: Orders, chunk: Chunk) -> Vector:
@@ -160,8 +176,7 @@ def _power(jet: Orders, chunk: Chunk, lanes: int) -> Vector:
         above = e.value(f"fadd {kind} {exponent}, {number(1.0, lanes)}")
     else:
         above = vector_literal([value + 1.0 for value in known])
-    weight = e.value(f"fmul {kind} {above}, {jet.inverse(lanes)}")
-    ranked = jet.do.scale(jet.total(chunk, 0), weight, lanes)
+    ranked = jet.do.scale(jet.part(jet.total(chunk, 0), lanes), above, lanes)
     left = jet.do.less(ranked, jet.total(chunk, 1), lanes)
     slope = jet.do.scale(jet.first(chunk.whole), exponent, lanes)
     left = jet.do.fma(jet.now(a), slope, left, lanes)
@@ -169,20 +184,20 @@ def _power(jet: Orders, chunk: Chunk, lanes: int) -> Vector:
 
 
 def _integral(jet: Orders, chunk: Chunk, lanes: int) -> Vector:
-    w = jet.do.scale(jet.before(chunk.args[0]), jet.share(lanes), lanes)
+    w = jet.share(jet.before(chunk.args[0]), lanes)
     return jet.do.scale(w, jet.constant(chunk, 0), lanes)
 
 
 def _along(jet: Orders, chunk: Chunk, lanes: int) -> Vector:
     a, w = chunk.args
-    total = jet.do.scale(jet.total(chunk, 0), jet.inverse(lanes), lanes)
+    total = jet.part(jet.total(chunk, 0), lanes)
     total = jet.do.fma(jet.now(a), jet.first(w), total, lanes)
     return jet.do.scale(total, jet.constant(chunk, 0), lanes)
 
 
 def _against(jet: Orders, chunk: Chunk, lanes: int) -> Vector:
     a, w = chunk.args
-    total = jet.do.scale(jet.total(chunk, 0), jet.inverse(lanes), lanes)
+    total = jet.part(jet.total(chunk, 0), lanes)
     return jet.do.scale(jet.do.less(jet.now(a), total, lanes), jet.over(w), lanes)
 
 

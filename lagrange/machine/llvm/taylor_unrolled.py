@@ -27,7 +27,11 @@ from lagrange.machine.llvm.taylor_jet import (
     lower_triangles,
     store_exactly,
 )
-from lagrange.machine.llvm.taylor_rules import Arithmetic, Vector, coefficient
+from lagrange.machine.llvm.taylor_rules import Arithmetic, Vector, coefficient, divided, reciprocal
+
+EXACT = 10
+"""Up to this order a division by the order is rounded once; what a later coefficient adds to a step is so much less
+than what the first does that its bias does not show."""
 
 
 class UnrolledJet:
@@ -46,7 +50,7 @@ class UnrolledJet:
         self.initial: dict[Operand, Vector] = {}
         self.reciprocals: dict[Operand, str] = {}
         self.constants: dict[tuple[int, ...], str] = {}
-        self.shares: dict[tuple[int, int], str] = {}
+        self.shares: dict[tuple[float, int], str] = {}
         self.columns: list[dict[int, Vector]] = []
 
     def function(self) -> str:
@@ -58,7 +62,7 @@ class UnrolledJet:
             self.k = k
             for chunk, velocity in zip(packing.coordinates, packing.velocities, strict=True):
                 lanes = len(chunk.values)
-                self.x[chunk, self.k] = self.do.scale(self.before(velocity.whole), self.share(lanes), lanes)
+                self.x[chunk, self.k] = self.share(self.before(velocity.whole), lanes)
             self.fill(packing.configuration)
             for chunk in packing.velocities:
                 self.x[chunk, self.k] = None
@@ -177,24 +181,36 @@ class UnrolledJet:
             self.constants[lanes] = constant_vector(self.e, self.table, lanes)
         return self.constants[lanes]
 
-    def share(self, lanes: int) -> str:
-        """Return scale / k in every lane."""
-        key = (self.k, lanes)
+    def share(self, x: Vector, lanes: int) -> Vector:
+        """Return x scale / k."""
+        high, low = reciprocal(self.k)
+        return self.times(
+            x, self.scales(high, lanes), self.scales(low, lanes) if low and self.k <= EXACT else None, lanes
+        )
+
+    def part(self, x: Vector, lanes: int) -> Vector:
+        """Return x / k."""
+        high, low = reciprocal(self.k)
+        exact = low and self.k <= EXACT
+        return self.times(x, number(high, lanes), number(low, lanes) if exact else None, lanes)
+
+    def times(self, x: Vector, high: str, low: str | None, lanes: int) -> Vector:
+        """Return x times a number that is the sum of two."""
+        return self.do.scale(x, high, lanes) if low is None else divided(self.do, x, high, low, lanes)
+
+    def scales(self, factor: float, lanes: int) -> str:
+        """Return the scale times a number in every lane; the scale is a power of two, so that this is exact."""
+        key = (factor, lanes)
         if key not in self.shares:
             if lanes == 1:
-                part = literal(1.0 / self.k)
-                self.shares[key] = "%scale" if self.k == 1 else self.e.real("fmul", "%scale", part)
+                self.shares[key] = "%scale" if factor == 1.0 else self.e.real("fmul", "%scale", literal(factor))
             else:
-                self.shares[key] = self.shuffle.splat(self.share(1), lanes)
+                self.shares[key] = self.shuffle.splat(self.scales(factor, 1), lanes)
         return self.shares[key]
-
-    def inverse(self, lanes: int) -> str:
-        """Return 1 / k in every lane."""
-        return number(1.0 / self.k, lanes)
 
     def start(self, lanes: int) -> Vector:
         """Return the coefficient of time."""
-        return self.share(lanes) if self.k == 1 else None
+        return self.scales(1.0, lanes) if self.k == 1 else None
 
     def velocities(self) -> list[Vector]:
         """Return v[k] = M0^-1 (f[k-1] scale / k - p^[k])."""
@@ -204,7 +220,7 @@ class UnrolledJet:
         right: list[tuple[Vector, int]] = []
         for chunk, force, momentum in zip(packing.velocities, packing.forces, packing.momenta, strict=True):
             lanes = len(chunk.values)
-            rate = None if force is None else self.do.scale(self.before(force), self.share(lanes), lanes)
+            rate = None if force is None else self.share(self.before(force), lanes)
             trial = None if momentum is None else self.now(momentum)
             right.append((self.do.less(rate, trial, lanes), lanes))
         entries = [(vector, lanes, lane) for vector, lanes in right for lane in range(lanes)][: program.dimension]
@@ -219,13 +235,14 @@ class UnrolledJet:
         return found
 
     def lightest(self) -> list[Vector]:
-        """Return v[k] = f[k-1] (scale / k m) for a constant diagonal mass matrix; the bracket is there early."""
+        """Return v[k] = f[k-1] scale / k m for a constant diagonal mass matrix."""
         packing, found = self.packing, []
         for i, (chunk, force) in enumerate(zip(packing.velocities, packing.forces, strict=True)):
             lanes = len(chunk.values)
             inverse = self.columns[i][-1] or number(0.0, lanes)
-            share = self.do.scale(self.share(lanes), inverse, lanes) or number(0.0, lanes)
-            found.append(None if force is None else self.do.scale(self.before(force), share, lanes))
+            found.append(
+                None if force is None else self.do.scale(self.share(self.before(force), lanes), inverse, lanes)
+            )
         return found
 
     def invert(self) -> None:

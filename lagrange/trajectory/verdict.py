@@ -1,0 +1,77 @@
+"""What comes of a look at a run: it goes on, or it ends with a status and a sentence on the cause and the remedy."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lagrange.trajectory.trajectory import FloatArray, Status
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What came of a look: a status if the run ends, with a sentence, and whether the state has jumped."""
+
+    status: Status | None = None
+    detail: str = ""
+    jumped: bool = False
+
+
+def at_rest(name: str) -> Verdict:
+    """Return the end of a run whose reset leaves nothing that could bounce."""
+    return Verdict(
+        Status.STEP_TOO_SMALL,
+        f"After the reset {name} is zero without a velocity of its own and goes on to the same side: the motion comes "
+        "to rest there, as a ball does after infinitely many bounces, and the reset does not say how it stays. End "
+        "the run with a terminal event, or state the contact as a stiff spring.",
+    )
+
+
+def accumulating(name: str) -> Verdict:
+    """Return the end of a run whose changes leave no time between them."""
+    return Verdict(
+        Status.STEP_TOO_SMALL,
+        f"Events accumulate: {name} is zero again and again within the spacing of floating-point times, as for a ball "
+        "that bounces lower and lower and comes to rest after infinitely many impacts. End the run before it, or "
+        "state what rest is with a terminal event.",
+    )
+
+
+def sliding(name: str, t: float) -> Verdict:
+    """Return the end of a run on a surface to which both sides lead back."""
+    return Verdict(
+        Status.STEP_TOO_SMALL,
+        f"The equations of motion switch where {name} is zero, and at t = {t:.6g} both sides lead back there: the "
+        "motion sticks to the surface, where the equations do not say what it does. Smooth the switch, such as "
+        "sign(v) by tanh(v/0.001), or end the run there with a terminal event.",
+    )
+
+
+def nowhere(name: str) -> Verdict:
+    """Return the end of a run whose reset is not a state."""
+    return Verdict(
+        Status.NON_FINITE,
+        f"The reset where {name} is zero gives a state that is nan or infinite: look for a division by zero, or a "
+        "root or logarithm outside its domain.",
+    )
+
+
+def undefined(names: Sequence[str], watched: FloatArray) -> Verdict:
+    """Return the end of a run at which something watched, (order + 1, watched), has no value."""
+    bad = int(np.argmax(~np.isfinite(watched).all(axis=0)))
+    return Verdict(
+        Status.NON_FINITE,
+        f"{names[bad]}, which is watched, is {watched[0, bad]:.6g} there, and it or its derivatives are not finite. "
+        "Start elsewhere, or watch an expression that is defined and smooth along the run.",
+    )
+
+
+def without_series(name: str, value: float) -> Verdict:
+    """Return the end of a run at a place beyond which no series of something watched leads."""
+    return Verdict(
+        Status.NON_FINITE,
+        f"{name}, which is watched, has a pole there or leaves its domain: its value is {value:.4g}, and no series of "
+        "it leads on. End the run before it, or watch an expression without the division, root or logarithm.",
+    )

@@ -1,0 +1,102 @@
+"""Events as they are stated: what is accepted in which form, and every refusal in words."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from lagrange.errors import StatementError
+from lagrange.statement.coordinate import coordinate, parameters, t
+from lagrange.statement.event import Event, declare_events, event
+from tests.models import stated
+
+x, y, z = coordinate("x"), coordinate("y"), coordinate("z")
+a, b = parameters("a b")
+STATEMENT = stated(kinetic=(x.dot**2 + y.dot**2) / 2, potential=a * x, parameters={a: 1.0})
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        (None, []),
+        ([], []),
+        (x - 1, [x - 1]),
+        (event(x), [x]),
+        ([x, event(y.dot), t - a], [x, y.dot, t - a]),
+        (iter([x]), [x]),
+        (sp.Eq(x, y), [x - y]),
+    ],
+)
+def test_one_expression_or_many(given: Any, expected: list[Any]) -> None:
+    assert [found.expression for found in declare_events(given, STATEMENT)] == expected
+
+
+@pytest.mark.parametrize(("direction", "expected"), [(0, 0), (2.5, 1), (-1, -1), (np.float64(-0.1), -1), (sp.pi, 1)])
+def test_a_direction_is_a_sign(direction: Any, expected: int) -> None:
+    assert event(x, direction=direction).direction == expected
+
+
+@pytest.mark.parametrize(
+    ("terminal", "expected"), [(False, 0), (True, 1), (0, 0), (3, 3), (np.int64(2), 2), (np.True_, 1)]
+)
+def test_terminal_is_a_number_of_occurrences(terminal: Any, expected: int) -> None:
+    assert event(x, terminal=terminal).terminal == expected
+
+
+def test_a_reset_is_by_symbol_or_by_name() -> None:
+    found = declare_events(event(x, reset={"x_dot": -x.dot, y: 0.5, "y_dot": 1, "x": a}), STATEMENT)[0]
+    assert isinstance(found, Event)
+    assert found.reset == {"x_dot": -x.dot, y: sp.Float(0.5), "y_dot": sp.Float(1.0), "x": a}
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"expression": "x - 1"}, "the event is 'x - 1': give a SymPy expression whose zero is the event"),
+        ({"expression": lambda t, y: y[0]}, "A Python function hides its formula, and its roots could be missed"),
+        ({"expression": x > 0}, "give a SymPy expression whose zero is the event"),
+        ({"expression": 3}, "give a SymPy expression whose zero is the event"),
+        ({"terminal": -1}, "terminal = -1: give True, or the number of the occurrence that ends the run"),
+        ({"terminal": 1.5}, "terminal = 1.5: give True"),
+        ({"terminal": "yes"}, "terminal = 'yes': give True"),
+        ({"direction": "up"}, "direction is 'up' (str): give a number"),
+        ({"direction": float("nan")}, "direction is nan: give a finite number"),
+        ({"reset": [x]}, "reset is '[x(t)]': give a dict from coordinates and velocities to expressions"),
+        ({"reset": {x: "0"}}, "the value of a reset is '0' (str): give a number"),
+        ({"reset": {x: float("inf")}}, "the value of a reset is inf: give a finite number"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused_when_it_is_written(given: dict[str, Any], words: str) -> None:
+    with pytest.raises(StatementError) as refusal:
+        event(**{"expression": x} | given)
+    assert words in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (7, "events is '7': give a list of expressions, or of lg.event(...)"),
+        ("x", "events is 'x': give a list of expressions"),
+        ([x, "y"], "the event is 'y': give a SymPy expression"),
+        ([x, z - 1], "event 1 contains z(t), which this system does not have"),
+        ([x - b], "event 0 contains b, which this system does not have; it may contain its coordinates, their "),
+        ([sp.nan], "event 0 contains nan, which is not a finite number"),
+        ([x + sp.I], "event 0 contains the imaginary unit I"),
+        ([sp.gamma(x)], "event 0 contains gamma in 'gamma(x(t))', which is not supported"),
+        ([sp.diff(x, t, 2)], "event 0 contains the derivative of order 2 of x"),
+        ([a - 1], "event 0 is a - 1, which stays as it is along a run"),
+        ([sp.Integer(0)], "event 0 is 0, which stays as it is along a run"),
+        ([event(x, reset={z: 0})], "the reset of event 0 names 'z(t)', which is no coordinate or velocity of this "),
+        ([event(x, reset={"z": 0})], "the reset of event 0 names 'z', which is no coordinate or velocity of this "),
+        ([event(x, reset={x: x > 0})], "the reset of event 0 gives 'x(t) > 0': give an expression"),
+        ([event(x, reset={x: z})], "the reset of event 0 contains z(t), which this system does not have"),
+        ([event(x, reset={x: 0, "x": 1})], "the reset of event 0 names the same coordinate or velocity twice"),
+    ],
+)
+def test_what_the_system_does_not_have_is_refused(given: Any, words: str) -> None:
+    with pytest.raises(StatementError) as refusal:
+        declare_events(given, STATEMENT)
+    assert words in str(refusal.value)

@@ -1,0 +1,226 @@
+"""Events: every zero of an expression along a run once, in its direction, at its time; and ends that say why."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from scipy.optimize import brentq
+from sympy import Abs, Max, Piecewise, cos, exp, log, sin, sqrt, tan
+
+from lagrange.machine.model import Model
+from lagrange.statement.coordinate import t
+from lagrange.statement.event import event
+from lagrange.trajectory.trajectory import Status
+from tests.models import TARGETS, build, x, y
+from tests.trajectory.watched import FALL, G, ball, free, go, harmonic
+
+# Zeros
+
+
+@pytest.mark.parametrize("rtol", [1e-9, 1e-12])
+@pytest.mark.parametrize("depth", range(1, 9))
+def test_grazing_turns_of_a_pendulum(depth: int, rtol: float) -> None:
+    """Started at rest from 1 rad, it passes 1 - eps at each return, twice within sqrt(8 eps / sin 1)."""
+    eps = 10.0**-depth
+    found = go(build(kinetic=x.dot**2 / 2, potential=-cos(x), initial={x: 1.0}), 50.0, [x - (1 - eps)], rtol=rtol)
+    times = found.t_events[0]
+    assert len(times) == 15
+    apart = math.sqrt(8 * eps / math.sin(1))
+    assert np.diff(times)[1::2] == pytest.approx(
+        apart, rel=0.5 * eps + 1e-13 / eps + (1e-8 if rtol > 1e-10 else 1e-11) / eps
+    )
+
+
+def test_a_loose_run_grazes_where_its_own_path_does() -> None:
+    """At rtol = 1e-6 the amplitude drifts by some 1e-8: what counts are the crossings of the path that is returned."""
+    graze = 1 - 1e-8
+    found = go(build(kinetic=x.dot**2 / 2, potential=-cos(x), initial={x: 1.0}), 50.0, [x.dot, x - graze], rtol=1e-6)
+    peaks = found.y_events[0][:, 0] > graze
+    assert len(found.t_events[1]) == 1 + 2 * np.count_nonzero(peaks)
+
+
+ON_A_SINE: list[Any] = [
+    1.04 - 0.04 / (1 - 0.99 * x),
+    log(x + 1.01) - 0.3,
+    x**30 - sp.Rational(1, 1000),
+    (2 * x) ** 30 - 1,
+    tan(1.4 * x) - 3,
+    sp.atan(50 * x) - 1,
+    1 / (1 + 100 * x**2) - 0.5,
+    exp(20 * x) - 5,
+    sqrt(x + 1.1) - 1,
+    x * x.dot - 0.4 * cos(3 * t),
+    Abs(x) - 0.5,
+    Max(x, x.dot) - 0.9,
+    Piecewise((x - 0.25, x < 0.5), (0.75 - x, True)),
+]
+
+
+@pytest.mark.parametrize("expression", ON_A_SINE, ids=str)
+def test_the_zeros_are_those_of_a_dense_search(expression: Any) -> None:
+    """Along x = sin t, against a bracketing of the closed form: poles nearby, high powers, kinks, a jump through zero.
+
+    Expressions are right to 64 tolerances of 1e-10 relative to their own terms, hence times to some 1e-8 over a slope.
+    """
+
+    def closed(when: float) -> float:
+        return float(g(when, math.sin(when), math.cos(when)))
+
+    g = sp.lambdify((t, x, x.dot), expression)
+    grid = np.linspace(1e-3, 20.0, 40_001)
+    values = np.array([closed(when) for when in grid])
+    places = np.flatnonzero(np.sign(values[1:]) * np.sign(values[:-1]) < 0)
+    expected = [brentq(closed, grid[i], grid[i + 1], xtol=1e-15) for i in places]
+    found = go(harmonic(), 20.0, [expression])
+    assert found.status is Status.SUCCESS
+    assert found.t_events[0] == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_directions_and_touches(target: str) -> None:
+    """x falls and rises through zero by turns; (x - 1)**2 only touches it, which has no direction."""
+    events = [event(x, direction=1), event(x, direction=-1), x, (x - 1) ** 2, event((x - 1) ** 2, direction=1)]
+    found = go(build(target, kinetic=x.dot**2 / 2, potential=x**2 / 2, initial={x: 2.0}), 7.0, events, rtol=1e-12)
+    falling, rising = math.pi / 2, 3 * math.pi / 2
+    assert found.t_events[0] == pytest.approx([rising], rel=1e-11)
+    assert found.t_events[1] == pytest.approx([falling], rel=1e-11)
+    assert found.t_events[2] == pytest.approx([falling, rising], rel=1e-11)
+    # A double root is as uncertain as the square root of round-off.
+    assert found.t_events[3] == pytest.approx([math.pi / 3, 5 * math.pi / 3], abs=1e-6)
+    assert len(found.t_events[4]) == 0
+
+
+def test_a_kink_that_touches_zero_is_one_touch() -> None:
+    found = go(free(), 3.0, [Abs(x - 1), event(Abs(x - 1), direction=-1), event(Abs(x - 1), direction=1)])
+    assert [list(times) for times in found.t_events] == [pytest.approx([1.0], rel=1e-15), [], []]
+
+
+@pytest.mark.parametrize("factor", [1e-320, 1e-30, 1.0, 1e30, 1e300])
+def test_the_size_of_an_event_is_no_matter(factor: float) -> None:
+    found = go(free(), 3.0, [sp.Float(factor) * (x - 1)])
+    assert found.t_events[0] == pytest.approx([1.0], rel=1e-15)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_many_events_keep_their_own_places(target: str) -> None:
+    """They differ in their constants only."""
+    found = go(free(target), 3.0, [x - i / 20 for i in range(1, 51)])
+    assert [float(times[0]) for times in found.t_events] == pytest.approx([i / 20 for i in range(1, 51)], rel=1e-14)
+    assert {len(times) for times in found.t_events} == {1}
+
+
+def test_time_velocity_and_parameters() -> None:
+    a = sp.Symbol("a", positive=True)
+    model = build(kinetic=x.dot**2 / 2, potential=a * x, parameters={a: 2.0}, initial={x.dot: 3.0})
+    found = go(model, 3.0, [t - 1, x.dot, x.dot - a / 2, x - a, x.dot**2 / 2 + a * x - 4.5 - a * (t - 2)])
+    assert [list(times) for times in found.t_events] == [
+        pytest.approx([1.0]),
+        pytest.approx([1.5]),
+        pytest.approx([1.0]),
+        pytest.approx([1.0, 2.0]),
+        pytest.approx([2.0]),
+    ]
+
+
+def test_a_fast_event_of_time_along_a_slow_motion() -> None:
+    """The series of sin(1000 t) ends long before that of the motion, which has one step."""
+    times = go(free(), 3.0, [sin(1000 * t)]).t_events[0]
+    assert times == pytest.approx(np.arange(1, 955) * math.pi / 1000, abs=1e-11)
+
+
+def test_a_pole_on_the_way_of_a_step_without_length() -> None:
+    """The one zero of g is just before its pole, to which the first terms of the series point with no word."""
+    found = go(free(), 0.97, [1.04 - 0.04 / (1 - x)])
+    assert found.t_events[0] == pytest.approx([1 - 0.04 / 1.04], rel=1e-9)
+    for start in (0.0, 0.01):
+        high = go(free(x=start, x_dot=1.0), 2.0, [x**30 - 1])
+        assert high.t_events[0] == pytest.approx([1 - start], rel=1e-10)
+
+
+@pytest.mark.parametrize("end", [0.9, 9e3, 9e6])
+def test_the_length_of_the_run_does_not_blur_an_apex(end: float) -> None:
+    """Polynomials have no step of their own; thrown up to 1, the ball passes 1 - 1e-9 twice in 29 microseconds."""
+    found = go(ball(height=0.0, speed=math.sqrt(2 * G)), end, [y - (1 - 1e-9)])
+    assert found.t_events[0] - FALL == pytest.approx([-math.sqrt(1e-9) * FALL, math.sqrt(1e-9) * FALL], rel=1e-4)
+
+
+# Starts and ends
+
+
+def test_a_zero_at_the_start_is_no_event_and_one_at_the_end_is() -> None:
+    found = go(free(), 1.0, [x, event(x, terminal=True), x - 1])
+    assert [list(times) for times in found.t_events] == [[], [], [1.0]] and found.status is Status.SUCCESS
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize(
+    ("terminal", "direction", "turns"), [(True, 0, 1), (1, -1, 2), (2, 0, 2), (2, -1, 4), (3, 1, 5)]
+)
+def test_a_terminal_event_ends_the_run(terminal: int, direction: int, turns: int, target: str) -> None:
+    """x = sin t is zero at each multiple of pi, falling at the odd ones."""
+    turns = turns - 1 if direction == -1 else turns + 1 if direction == 1 else turns
+    found = go(harmonic(target), 40.0, [event(x, direction=direction, terminal=terminal), x.dot])
+    assert found.status is Status.EVENT and found.status.complete
+    assert found.message.startswith(f"taylor stopped at an event at t = {turns * math.pi:.6g}.")
+    assert found.t[-1] == found.t_events[0][-1] == pytest.approx(turns * math.pi, rel=1e-9)
+    assert found.y[:, -1] == pytest.approx(found.y_events[0][-1], abs=0) and len(found.t_events[0]) == terminal
+    assert len(found.t_events[1]) == turns
+
+
+def test_a_terminal_event_at_the_end_of_the_span() -> None:
+    found = go(free(), 1.0, [event(x - 1, terminal=True)])
+    assert found.status is Status.EVENT and found.t[-1] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("options", "status"), [({"max_steps": 50}, Status.MAX_STEPS), ({"max_wall": 0.1}, Status.MAX_WALL)]
+)
+def test_what_a_limit_cuts_off_has_not_happened(options: dict[str, Any], status: Status) -> None:
+    found = go(free(), 1e6, [event(x - 1, reset={x: 0}), sin(20 * t)], **options)
+    assert found.status is status and found.t[-1] < 1e5
+    assert len(found.t_events[0]) in (int(found.t[-1]) - 1, int(found.t[-1]))
+    assert len(found.t_events[1]) == pytest.approx(found.t[-1] * 20 / math.pi, abs=1.1)
+
+
+def test_control_c_keeps_events_and_states_together() -> None:
+    def progress(when: float) -> None:
+        if when > 30:
+            raise KeyboardInterrupt
+
+    found = go(free(), 1e6, [event(x - 1, reset={x: 0}), x - 0.5], progress=progress)
+    assert found.status is Status.INTERRUPTED and 30 < found.t[-1] < 40
+    assert len(found.t_events[1]) in (len(found.t_events[0]), len(found.t_events[0]) + 1)
+
+
+@pytest.mark.parametrize(
+    ("expression", "words"),
+    [
+        (log(x), "log(x), which is watched, is -inf there"),
+        (sqrt(x - 1), "sqrt(x - 1), which is watched, is nan there"),
+        (tan(x + 1), "tan(x + 1), which is watched, has a pole there or leaves its domain"),
+        (1 / (x - 1), "1/(x - 1), which is watched, has a pole there or leaves its domain"),
+        (sqrt(1 - x), "sqrt(1 - x), which is watched, has a pole there or leaves its domain"),
+    ],
+)
+def test_an_event_without_a_value_ends_the_run_in_words(expression: Any, words: str) -> None:
+    found = go(free(), 3.0, [expression])
+    assert found.status is Status.NON_FINITE and found.t[-1] <= 1.0 and found.steps < 200
+    assert words in found.message
+
+
+SYSTEMS: list[Callable[[], Model]] = [free, ball, harmonic]
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_the_machines_agree(system: Callable[..., Model]) -> None:
+    leaf = y if system is ball else x
+    events = [leaf - 0.3, event(leaf + 0.4, reset={leaf.dot: -leaf.dot / 2}), cos(3 * leaf) - t / 4]
+    llvm, numpy = (go(system(target), 3.0, events) for target in ("llvm", "numpy"))
+    for first, second in zip((*llvm.t_events, *llvm.y_events), (*numpy.t_events, *numpy.y_events), strict=True):
+        assert first == pytest.approx(second, abs=1e-9)
+    assert sum(map(len, llvm.t_events)) > 2

@@ -1,0 +1,200 @@
+"""Resets at events: impacts by their laws, over thousands of them, and every end where no law says how to go on."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from sympy import log
+
+from lagrange.statement.coordinate import t
+from lagrange.statement.event import event
+from lagrange.trajectory.flow import Flow
+from lagrange.trajectory.trajectory import FloatArray, Status
+from tests.models import TARGETS, build, x, y
+from tests.trajectory.watched import FALL, G, ball, floor, free, go
+
+
+def bounces(restitution: float, count: int) -> FloatArray:
+    flights = 2 * FALL * restitution ** np.arange(1, count)
+    return np.asarray(FALL + np.concatenate([[0.0], np.cumsum(flights)]))
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("level", [0.0, 3.0, 6.4e6])
+@pytest.mark.parametrize("restitution", [0.5, 0.9])
+def test_a_ball_comes_to_rest_after_infinitely_many_bounces(restitution: float, level: float, target: str) -> None:
+    """It stops in words where they accumulate, and never falls through, be the floor a planet's radius away."""
+    if target == "numpy" and level:
+        pytest.skip("interpreted, and the same as without an offset")
+    found = go(ball(target, height=level + 1), 100.0, [floor(restitution, level)])
+    end = FALL * (1 + restitution) / (1 - restitution)
+    assert found.status is Status.STEP_TOO_SMALL
+    assert found.t[-1] == pytest.approx(end, rel=1e-13)
+    assert "comes to rest" in found.message and f"at t = {end:.6g} on the way from 0 to 100" in found.message
+    assert found.y[0].min() >= level - 4e-15 * max(level, 1)
+    times = found.t_events[0]
+    assert len(times) > 40 and times == pytest.approx(bounces(restitution, len(times)), rel=1e-14 + 3e-16 * level)
+
+
+@pytest.mark.parametrize(("direction", "level"), [(-1, 0.0), (0, 0.0), (0, 6.4e6)])
+def test_an_elastic_ball_bounces_on(direction: int, level: float) -> None:
+    impact = event(y - level, direction=direction, reset={y.dot: -y.dot})
+    found = go(ball(height=level + 1), 1000 * 2 * FALL, [impact])
+    count = len(found.t_events[0])
+    assert count == 1000 and found.status is Status.SUCCESS
+    assert found.t_events[0] == pytest.approx(bounces(1.0, count), rel=1e-12 + 1e-14 * level)
+    # Each impact rounds the velocity once: what is lost adds up like a random walk.
+    energy = found.y[1] ** 2 / 2 + G * (found.y[0] - level)
+    assert np.abs(energy / G - 1).max() < 1e-12 + 1e-8 * (level > 0)
+
+
+def test_plastic_impact_and_rest_are_said() -> None:
+    for model, events in (
+        (ball(), [floor(0)]),
+        (ball(height=0.0), [floor(0.9)]),
+        (ball(height=3.0), [floor(0.5, level=3.0)]),
+    ):
+        found = go(model, 2.0, events)
+        assert found.status is Status.STEP_TOO_SMALL and len(found.t_events[0]) == 1
+        assert "is zero without a velocity of its own and goes on to the same side" in found.message
+        assert "End the run with a terminal event, or state the contact as a stiff spring" in found.message
+
+
+def test_a_start_on_the_floor() -> None:
+    """A ball that starts there and falls bounces at once, one that rises does not; one from below falls freely."""
+    falling = go(ball(height=0.0, speed=-2.0), 0.3, [floor(0.5)])
+    assert list(falling.t_events[0]) == [0.0, pytest.approx(2 / G)]
+    assert falling.y[:, 0].tolist() == [0.0, -2.0] and falling.y[:, 1].tolist() == [0.0, 1.0]
+    rising = go(ball(height=0.0, speed=2.0), 0.3, [floor(0.5)])
+    assert rising.t_events[0] == pytest.approx([]) and rising.y[0, -1] == pytest.approx(0.6 - G * 0.09 / 2)
+    below = go(ball(height=-1.0, speed=10.0), 1.0, [floor(0.5)])
+    assert len(below.t_events[0]) == 0 and below.y[0, -1] == pytest.approx(9 - G / 2)
+    passing = go(free(x=1.0, x_dot=1.0), 1.0, [event(x - 1, direction=1, reset={x.dot: x.dot / 2})])
+    assert len(passing.t_events[0]) == 0 and passing.y[0, -1] == 2.0
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_circular_billiard(target: str) -> None:
+    """Energy and angular momentum are conserved, and chords take the same time, over 2000 impacts."""
+    r2 = x**2 + y**2
+    normal = (x * x.dot + y * y.dot) / r2
+    mirror = event(r2 - 1, direction=1, reset={x.dot: x.dot - 2 * normal * x, y.dot: y.dot - 2 * normal * y})
+    start = {x: 0.3, y: 0.1, x.dot: 0.7, y.dot: 0.5}
+    model = build(target, kinetic=(x.dot**2 + y.dot**2) / 2, coordinates=[x, y], initial=start)
+    found = go(model, 5000.0 if target == "llvm" else 100.0, [mirror])
+    spin = found.y[0] * found.y[3] - found.y[1] * found.y[2]
+    assert len(found.t_events[0]) > (2000 if target == "llvm" else 40)
+    # Some 3 roundings an impact, which add up like a random walk or, at worst, one by one.
+    assert np.ptp(spin) < 1e-12 and np.ptp((found.y[2:] ** 2).sum(axis=0)) < 1e-12
+    assert np.ptp(np.diff(found.t_events[0])) < 1e-11
+    assert (found.y[:2] ** 2).sum(axis=0).max() < 1 + 1e-12
+
+
+def folded(u: Any) -> FloatArray:
+    return np.asarray(1 - np.abs(1 - np.mod(u, 2)))
+
+
+WALLS = [
+    event(x * (1 - x), direction=-1, reset={x.dot: -x.dot}),
+    event(y * (1 - y), direction=-1, reset={y.dot: -y.dot}),
+]
+
+
+def test_a_square_billiard() -> None:
+    """Unfolded, the path is a straight line."""
+    start = {x: 0.3, y: 0.1, x.dot: 0.7, y.dot: math.sqrt(0.5)}
+    model = build(kinetic=(x.dot**2 + y.dot**2) / 2, coordinates=[x, y], initial=start)
+    found = go(model, 1400.0, WALLS)
+    assert [len(times) for times in found.t_events] == [980, 990]
+    assert found.y[0] == pytest.approx(folded(0.3 + 0.7 * found.t), abs=1e-11)
+    assert found.y[1] == pytest.approx(folded(0.1 + math.sqrt(0.5) * found.t), abs=1e-11)
+
+
+def test_both_walls_of_a_corner_at_once() -> None:
+    model = build(
+        kinetic=(x.dot**2 + y.dot**2) / 2, coordinates=[x, y], initial={x: 0.5, y: 0.5, x.dot: 1.0, y.dot: 1.0}
+    )
+    found = go(model, 10.3, WALLS)
+    assert found.t_events[0] == pytest.approx(np.arange(10) + 0.5, rel=1e-14)
+    assert np.array_equal(found.t_events[0], found.t_events[1]) and found.y[:, -1] == pytest.approx(
+        [0.8, 0.8, 1.0, 1.0], rel=1e-12
+    )
+    # Both resets are computed from the state before.
+    swap = [event(x - 1, reset={x.dot: -y.dot}), event(y - 1, reset={y.dot: 3 * x.dot})]
+    assert go(model, 0.6, swap).y[2:, -1].tolist() == [-1.0, 3.0]
+
+
+def test_a_trap_closes_in_words() -> None:
+    """Each wall halves the speed, so that the flights grow longer; doubled, they accumulate."""
+    left, right = (
+        event(x, direction=-1, reset={x.dot: -2 * x.dot}),
+        event(x - 1, direction=1, reset={x.dot: -2 * x.dot}),
+    )
+    found = go(free(x=0.5, x_dot=1.0), 10.0, [left, right])
+    assert found.status is Status.STEP_TOO_SMALL and found.t[-1] == pytest.approx(1.5, rel=1e-13)
+    assert "within the spacing of floating-point times" in found.message
+
+
+def test_backwards_through_resets() -> None:
+    """Run back from the end, elastic impacts are those of the way there in reverse."""
+    impact = event(y, reset={y.dot: -y.dot})
+    there = go(ball(), 5.0, [impact])
+    back = go(ball(), 0.0, [impact], start=5.0, initial=dict(zip([y, y.dot], there.y[:, -1], strict=True)))
+    assert back.t_events[0] == pytest.approx(there.t_events[0][::-1], rel=1e-13)
+    assert back.y[:, -1] == pytest.approx([1.0, 0.0], abs=1e-12)
+
+
+def test_dense_output_across_a_reset() -> None:
+    found = go(ball(), 3.0, [floor(0.5)], max_steps=20)
+    when = FALL + 2 * FALL * 0.5 * np.linspace(0.01, 0.99, 50)
+    speed = 0.5 * G * FALL
+    expected = speed * (when - FALL) - G * (when - FALL) ** 2 / 2
+    assert found.dense(when)[0] == pytest.approx(expected, abs=1e-14)
+    hit = found.t_events[0][0]
+    assert found.dense(np.array([hit]))[1, 0] == pytest.approx(speed) and found.y_events[0][0, 1] == pytest.approx(
+        -2 * speed
+    )
+    same = go(ball(), 3.0, [floor(0.5)], max_steps=20, t_eval=when)
+    assert np.array_equal(same.y, found.dense(when)) and np.array_equal(same.t, when)
+
+
+def test_resets_of_all_kinds() -> None:
+    """Teleports, time in a reset, a reset at the very end, and one together with the end of the run."""
+    saw = go(free(), 5.0, [event(x - 1, reset={x: 0})])
+    assert saw.t_events[0] == pytest.approx([1, 2, 3, 4, 5], rel=1e-15) and saw.y[:, -1].tolist() == [0.0, 1.0]
+    clock = go(free(), 4.0, [event(t - 2, reset={x: t * x.dot, x.dot: x - 1})])
+    assert clock.t_events[0].tolist() == [2.0] and clock.y[:, -1].tolist() == [4.0, 1.0]
+    last = go(free(), 5.0, [event(x - 1, reset={x.dot: -2 * x.dot}, terminal=True)])
+    assert last.status is Status.EVENT and last.y[:, -1].tolist() == [1.0, -2.0]
+    assert last.y_events[0].tolist() == [[1.0, 1.0]]
+
+
+def test_resets_that_lead_nowhere() -> None:
+    bad = go(free(), 3.0, [event(x - 1, reset={x.dot: log(1 - t * x)})])
+    assert bad.status is Status.NON_FINITE and bad.t[-1] == pytest.approx(1.0)
+    assert "The reset where x - 1 is zero gives a state that is nan or infinite" in bad.message
+    polar = build(
+        kinetic=(x.dot**2 + x**2 * y.dot**2) / 2, coordinates=[x, y], initial={x: 1.0, x.dot: -0.5, y.dot: 1.0}
+    )
+    singular = go(polar, 3.0, [event(x - 0.9, direction=-1, reset={x: 0})])
+    assert singular.status is Status.SINGULAR and "the mass matrix is singular at t = " in singular.message
+
+
+def test_an_impact_takes_some_hundred_microseconds() -> None:
+    """Measured: 0.25 ms of Python. Ten times that, to bear a busy machine."""
+    model, clock = ball(), time.process_time
+    go(model, 3.0, [floor(1)])
+    began = clock()
+    count = len(go(model, 500 * 2 * FALL, [floor(1)]).t_events[0])
+    assert count == 500 and (clock() - began) / count < 2.5e-3
+
+
+def test_a_flow_has_no_events() -> None:
+    """An event belongs to a run: a flow after it is that of the equations alone."""
+    model = ball()
+    go(model, 2.0, [floor(0.5)])
+    assert Flow(model, method="taylor")([1.0, 0.0], 0.0, 2.0) == pytest.approx([1 - 2 * G, -2 * G], rel=1e-13)

@@ -1,0 +1,54 @@
+"""Runs with events or switching surfaces that tests share, held to what every such run must be."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+import numpy as np
+
+from lagrange.machine.model import Model
+from lagrange.statement.event import event
+from lagrange.trajectory.trajectory import Trajectory
+from tests.models import build, x, y
+from tests.trajectory.runs import run
+
+G = 9.81
+FALL = math.sqrt(2 / G)
+"""How long a fall from 1 takes."""
+
+
+def go(model: Model, end: float, events: Any = None, start: float = 0.0, **options: Any) -> Trajectory:
+    """Run with events, within seconds, and hold the result to what every result must be."""
+    began = time.perf_counter()
+    found = run(model, end, "taylor", start, events=events, **options)
+    assert time.perf_counter() - began < 20.0
+    forward = 1.0 if end >= start else -1.0
+    assert (forward * np.diff(found.t) >= 0).all() and np.isfinite(found.y).all()
+    for times, states in zip(found.t_events, found.y_events, strict=True):
+        assert states.shape == (len(times), len(found.y))
+        assert (forward * np.diff(times) >= 0).all()
+        if len(times):
+            # Nothing happens beyond the last accepted step, or before the first.
+            assert forward * (times[-1] - found.span[1]) <= 4e-16 * abs(times[-1])
+            assert forward * (times[0] - start) >= 0
+    return found
+
+
+def free(target: str = "llvm", **initial: float) -> Model:
+    """A unit mass on a line without a force."""
+    return build(target, kinetic=x.dot**2 / 2, initial=initial or {"x_dot": 1.0})
+
+
+def ball(target: str = "llvm", height: float = 1.0, speed: float = 0.0) -> Model:
+    return build(target, kinetic=y.dot**2 / 2, potential=G * y, initial={y: height, y.dot: speed})
+
+
+def floor(restitution: Any, level: float = 0.0, **options: Any) -> Any:
+    return event(y - level, direction=-1, reset={y.dot: -restitution * y.dot}, **options)
+
+
+def harmonic(target: str = "llvm") -> Model:
+    """x = sin t."""
+    return build(target, kinetic=x.dot**2 / 2, potential=x**2 / 2, initial={x.dot: 1.0})
