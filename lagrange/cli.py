@@ -85,7 +85,7 @@ theta_dot = 0.0
 # How to run it; each line may be left out.
 [run]
 t_end = 10.0
-# method = "dop853"
+# method = "taylor"
 # rtol = 1e-8
 """
 
@@ -138,7 +138,7 @@ def parser() -> argparse.ArgumentParser:
 def _add_run(commands: Any) -> None:
     run_ = add_command(commands, "run", run, "compile a scene, run it and print how it went")
     add_start(run_)
-    run_.add_argument("--method", metavar="NAME", help="integrator, such as dop853 or rk4")
+    run_.add_argument("--method", metavar="NAME", help="integrator, such as dop853 or rk4 (default: taylor)")
     run_.add_argument("--rtol", metavar="X", help="relative tolerance of an adaptive method")
     run_.add_argument("--atol", metavar="X", help="absolute tolerance of an adaptive method")
     run_.add_argument("--step", metavar="H", help="step of a method with fixed steps")

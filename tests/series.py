@@ -16,7 +16,7 @@ from lagrange.machine.arithmetic import Arithmetic
 from lagrange.machine.jet import Jet
 from lagrange.program.series import SeriesProgram
 from lagrange.program.switching import switch
-from lagrange.program.taylor import _assemblies, series_program
+from lagrange.program.taylor import assemblies, series_program
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
 
@@ -102,7 +102,7 @@ def all_forms(equations: Equations) -> list[SeriesProgram]:
     switched = switch(e.graph, (*e.momenta, *e.forces, *mass))
     n = len(e.q)
     p, f, triangles = switched.outputs[:n], switched.outputs[n : 2 * n], switched.outputs[2 * n :]
-    found = _assemblies(e, switched.sides, p, f, triangles, switched.surfaces)
+    found = assemblies(e, switched.sides, p, f, triangles, switched.surfaces)
     return [assembly.program("series") for assembly in found]
 
 

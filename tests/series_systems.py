@@ -103,7 +103,15 @@ def lattice(n: int) -> Statement:
 def functions() -> Statement:
     """Every function of the graph, in vectors of two and one."""
     terms = [f(x * y / 4) + f(x.dot / 8) for f in (sp.sin, sp.tan, sp.asin, sp.acos, sp.atan, sp.exp, sp.sinh, sp.tanh)]
-    terms += [sp.log(2 + x), sp.atan2(y, 2 + x), sp.atan2(x, m), sp.atan2(m, 2 + y), sqrt(2 + x * y), x / (y + 3)]
+    terms += [
+        sp.log(2 + x),
+        sp.atan2(y, 2 + x),
+        sp.atan2(x, m),
+        sp.atan2(m, 2 + y),
+        sqrt(2 + x * y),
+        x / (y + 3),
+        1 / (3 + x * y),
+    ]
     terms += [(3 + x) ** k, (3 + y) ** c, (2 + x) ** y, (4 + y) ** -3, (2 + x) ** sp.Rational(-3, 2)]
     terms += [sp.Abs(x - 4), sp.Min(x, y) * sp.Max(x**2, y), cos(t) * sp.sign(y.dot)]
     terms += [sp.Piecewise((x * y, x < y), (cos(y), x < 2 * y), (t, True))]
@@ -122,6 +130,18 @@ def started(name: str) -> Statement:
     return replace(statement, initial=(*statement.initial[:n], *(0.25 + 0.125 * i for i in range(n))))
 
 
+def coupled() -> Statement:
+    """Three coupled velocities, of which a vector has room for four, and rules that use the vector as it lies."""
+    a, b, d = coordinates("a b d")
+    coupling = (a.dot * b.dot + b.dot * d.dot) / 3
+    return stated(
+        kinetic=a.dot**2 + b.dot**2 + d.dot**2 + coupling + a**2 * a.dot**2 / 10,
+        potential=sp.exp(a) + sp.exp(b + 1) + sp.tan(d) + sp.tanh(d),
+        coordinates=[a, b, d],
+        initial={a: 0.25, b: 0.5, d: 0.125, a.dot: 0.5},
+    )
+
+
 LARGER: dict[str, Callable[[], Statement]] = {
     **SYSTEMS,
     "textbook": textbook,
@@ -135,5 +155,6 @@ LARGER: dict[str, Callable[[], Statement]] = {
     "4 bodies": lambda: gravity(4),
     "lattice of 10": lambda: lattice(10),
     "functions": functions,
+    "coupled functions": coupled,
 }
 """Everything that a kernel may look like: diagonal, full and constant, in blocks, long, and with every rule."""

@@ -57,7 +57,7 @@ def test_run_prints_the_status_card(scene: str, capsys: pytest.CaptureFixture[st
     assert main(["run", scene]) == 0
     captured = capsys.readouterr()
     assert captured.out.startswith("drop: success\n")
-    assert "dop853 reached t = 2." in captured.out
+    assert "taylor reached t = 2." in captured.out
     assert captured.err == ""
 
 

@@ -18,7 +18,7 @@ from lagrange.statement.number import real_number
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.integrator import Integrator, Problem
-from lagrange.trajectory.methods.registry import BUILT_IN, DEFAULT, find, names
+from lagrange.trajectory.methods.registry import BUILT_IN, find, names
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 14))
@@ -26,11 +26,14 @@ TOLERANCES = tuple(10.0**-k for k in range(3, 14))
 RUNGS = 9
 """Steps of the ladder that is used where no steps are given, each half of the one before."""
 
+SCOUT = "dop853"
+"""The method of the runs before the race: a Taylor step may span half an oscillation, and its ends hide the sizes."""
+
 PER_STEP = 4
-"""The longest of them: a step of DOP853 at `ROUGH`, divided by this, which is where RK4 begins to see the motion."""
+"""The longest of them: a step of the scout at `ROUGH`, divided by this, which is where RK4 begins to see the motion."""
 
 ROUGH, FINE = 1e-6, 1e-11
-"""Tolerances of the runs of DOP853 from which the ladder comes, and from which sizes and growth of errors come."""
+"""Tolerances of the scout's runs from which the ladder comes, and from which sizes and growth of errors come."""
 
 RIVALS = ("scipy-dop853", "scipy-lsoda")
 """Raced by default with the methods of our own; the other solvers of SciPy take seconds at small errors."""
@@ -295,7 +298,7 @@ def _fine_run(
 ) -> tuple[Trajectory, dict[Any, float]]:
     """Return the run from which the sizes of the states and the growth of errors come, and the parameters' values."""
     run, values = integrate(
-        model, span, initial, method=DEFAULT, rtol=FINE, atol=FINE, max_wall=max_wall, parameters=parameters
+        model, span, initial, method=SCOUT, rtol=FINE, atol=FINE, max_wall=max_wall, parameters=parameters
     )
     if not _checked(run).status.complete:
         raise RunError(f"there is no end to race for: {run.message}")
@@ -313,7 +316,7 @@ def _checked(run: Any) -> Trajectory:
 
 def _ladder(problem: Problem) -> tuple[float, ...]:
     """Return the steps that methods with equal steps are tried at where none are given."""
-    rough = find(DEFAULT).integrate(replace(problem, rtol=ROUGH, atol=ROUGH))
+    rough = find(SCOUT).integrate(replace(problem, rtol=ROUGH, atol=ROUGH))
     count = max(FEWEST, PER_STEP * rough.steps)
     return tuple(abs(problem.t1 - problem.t0) / (count << k) for k in range(RUNGS))
 

@@ -31,12 +31,12 @@ class DriverState:
     `floats` and `integers` are the same entries, to be set one by one: that takes a fifth of the time.
     """
 
-    T, END, H, RTOL, ATOL, PREVIOUS, START, STEP, CAUSE, LONGEST, LOW, SCALE, ONCE, RATIO = range(14)
+    T, END, H, RTOL, ATOL, PREVIOUS, START, STEP, CAUSE, LONGEST, LOW, SCALE, ONCE = range(13)
     STEPS, REJECTED, EVALUATIONS, SLOPE_KNOWN, ROWS, RECORD, AFTER_REJECT, TRIES, LOOK = range(9)
 
     def __init__(self, t: float, end: float, y: NDArray[np.float64], rtol: float, atol: float, step: float) -> None:
         """Begin at (t, y) towards `end`; `step` is the signed step of a fixed-step method, or a first step, or 0."""
-        self.reals = np.zeros(14)
+        self.reals = np.zeros(13)
         self.counts = np.zeros(9, dtype=np.int64)
         self.y = np.array(y, dtype=float)
         self.reals[[self.T, self.START]] = t

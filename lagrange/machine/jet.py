@@ -28,17 +28,19 @@ class Jet:
     parameters: Sequence[Any] | Numbers
     arithmetic: Arithmetic = field(default=FLOATS)
 
-    def coefficients(self, t: Any, y: Sequence[Any] | Numbers, order: int, scale: Any = 1) -> Numbers:
+    def coefficients(self, t: Any, y: Sequence[Any] | Numbers, order: int, scale: Any = 1, low: Any = None) -> Numbers:
         """Return the normalised Taylor coefficients of every value, (order + 1, values), at a time and a state (2n,).
 
-        Those of order k are multiplied by scale**k.
+        Those of order k are multiplied by scale**k. `low` (2n,) is what rounding lost of the state.
 
         Values 0 to 2n - 1 are the coordinates and the velocities. Raises SingularMassMatrix.
         """
         program = self.program
         n = program.dimension
         x = np.full((order + 1, len(program.rules)), self.arithmetic.number(0.0), dtype=self.arithmetic.dtype)
-        first = self.arithmetic.evaluate(program.start, t, y, self.parameters)
+        table = self._table[: len(program.numbers)]
+        lost = [self.arithmetic.number(0.0)] * (2 * n) if low is None else low
+        first = self.arithmetic.evaluate(program.start, t, [*y, *lost], [*self.parameters, *table])
         x[0, list(program.started)] = first[: len(program.started)]
         x[0, : 2 * n] = list(y)
         mass = self._mass if program.constant_mass else self._full(first[len(program.started) :])

@@ -29,6 +29,9 @@ Parameters = Mapping[Any, Any] | FloatArray | None
 State = tuple[FloatArray, FloatArray]
 """Coordinates and velocities, (n,) each or (n, batch)."""
 
+SERIES_KEPT = 16
+"""So many series with events are kept beside the one without: each takes some 2 MB of machine code."""
+
 SOLVED = frozenset(("rhs", "accelerations", "jacobian"))
 """The quantities that divide by the mass matrix."""
 
@@ -86,11 +89,15 @@ class Model:
     def series(self, watched: tuple[Node, ...] = ()) -> tuple[Series, Switched]:
         """Return the Taylor series of the motion on this machine, and its switching surfaces; made when asked for.
 
-        `watched` are nodes of the equations' graph whose series are wanted as well, behind those of the surfaces.
+        `watched` are nodes of the equations' graph whose series are wanted as well, behind those of the surfaces. The
+        last few are kept: an event with another number in it is another series.
         """
         if watched not in self._series:
             program, switched = series_program(self.equations, watched)
             self._series[watched] = self.machine.series(program), switched
+            others = [key for key in self._series if key]
+            for key in others[:-SERIES_KEPT]:
+                self._series.pop(key, None)
         return self._series[watched]
 
     def accelerations(

@@ -33,10 +33,18 @@ class NumpySeries:
         """Return a driver; see `Series`."""
         return NumpyTaylorDriver(self, order, parameters)
 
-    def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
-        """Return the series at a state; see `Series`."""
+    def rows(
+        self,
+        order: int,
+        t: float,
+        y: FloatArray,
+        scale: float,
+        parameters: FloatArray,
+        low: FloatArray | None = None,
+    ) -> FloatArray:
+        """Return the series at a state, of which rounding lost `low`; see `Series`."""
         with np.errstate(all="ignore"):
-            found = Jet(self.program, parameters).coefficients(t, y, order, scale)
+            found = Jet(self.program, parameters).coefficients(t, y, order, scale, low)
             n = self.program.dimension
             zero = np.zeros(order + 1)
             watched = [zero if i is None else found[:, i] for i in self.program.watched]
@@ -82,7 +90,7 @@ class NumpyTaylorDriver:
     def _step(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome:
         reals, scale = state.reals, float(state.reals[S.SCALE])
         try:
-            series = self._series.rows(self._order, state.t, state.y, scale, self._parameters)
+            series = self._series.rows(self._order, state.t, state.y, scale, self._parameters, self._low)
         except SingularMassMatrix:
             return Outcome.SINGULAR
         state.counts[S.EVALUATIONS] += 1
@@ -108,7 +116,6 @@ class NumpyTaylorDriver:
         h = left if final else math.copysign(size, scale)
         reals[S.H] = h
         if reals[S.ONCE] == math.inf and (state.count(S.LOOK) or self._near(series, h / scale)):
-            reals[S.RATIO] = h / scale
             return Outcome.WATCHED
         if not self._advance(state, series, h / scale):
             return Outcome.NON_FINITE

@@ -33,7 +33,7 @@ LOWEST, HIGHEST = 4, 32
 
 @dataclass(frozen=True)
 class Cost:
-    """What a step of order p costs, in cycles or so: fixed + each p + pairs p**2."""
+    """What a step of order p costs, in nanoseconds or so: fixed + each p + pairs p**2."""
 
     fixed: float
     each: float

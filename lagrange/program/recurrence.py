@@ -8,12 +8,13 @@ anyway. Products of many factors are split so that their parts are shared.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 from itertools import combinations
 
-from lagrange.errors import StatementError
 from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, reachable
+from lagrange.graph.rebuild import substitute
+from lagrange.program.function_rules import FUNCTION_RULES
 from lagrange.program.series import Rule
 
 LARGEST_POWER = 64
@@ -44,6 +45,7 @@ class Builder:
         self.q, self.v, self.time = tuple(q), tuple(v), time
         self.rules: list[Rule] = []
         self.nodes: list[Node | None] = []
+        self.offsets: list[Node | None] = []
         self.numbers: dict[tuple[Rule, Node | None], int] = {}
         self.values: dict[Node, int] = {}
         self.constants: dict[Node, int] = {}
@@ -57,8 +59,9 @@ class Builder:
         order = [node for node in reachable(outputs) if node.binding > Binding.PARAMETER]
         self.pairs = self._pairs(order)
         for node in order:
-            # A product that only sums use is taken apart by them, so that its constant factor joins theirs.
-            if node.kind is not Kind.PRODUCT:
+            # A product that only sums use is taken apart by them, so that its constant factor joins theirs, and a
+            # reciprocal in a product is a division.
+            if node.kind is not Kind.PRODUCT and not _is_divisor(node):
                 self.value(node)
 
     def _pairs(self, order: Sequence[Node]) -> Counter[tuple[Node, Node]]:
@@ -90,12 +93,14 @@ class Builder:
             self.numbers[key] = len(self.rules)
             self.rules.append(rule)
             self.nodes.append(node)
+            self.offsets.append(constant)
         return self.numbers[key]
 
     def reserve(self, node: Node) -> int:
         """Return a number whose rule is still to come, for functions that follow from themselves."""
         self.rules.append(Rule("constant"))
         self.nodes.append(node)
+        self.offsets.append(None)
         self.values[node] = len(self.rules) - 1
         return self.values[node]
 
@@ -152,7 +157,7 @@ class Builder:
             return self.graph.one, self.value(node)
         scale = self.graph.product([a for a in node.args if a.binding <= Binding.PARAMETER])
         over = [a for a in node.args if a.binding > Binding.PARAMETER]
-        under = [a for a in over if a.kind is Kind.POWER and a.data == -1 and a not in self.values]
+        under = [a for a in over if _is_divisor(a) and a not in self.values]
         over = [a for a in over if a not in under]
         if not under or not over:
             return scale, self.product([*over, *under])
@@ -185,10 +190,7 @@ class Builder:
 
     def node_of(self, value: int) -> Node:
         """Return what a value is at order 0."""
-        node = self.nodes[value]
-        if node is None:
-            raise AssertionError("the value of an integral without a start is read")
-        return node
+        return known_node(self.nodes[value])
 
     def power(self, node: Node) -> int:
         """Return the value of a power with a constant exponent."""
@@ -253,133 +255,44 @@ class Builder:
             terms.append((coefficient, self.graph.product((scale, product))))
         return [(c, node) for c, node in terms if c]
 
+    def initial(self, table: Sequence[Node], low: Mapping[int, Node]) -> list[Node | None]:
+        """Return every value at order 0 from the same table of constants, as symbols, as its higher orders.
 
-FunctionRule = Callable[[Builder, Node], int]
-
-
-def _pair(names: tuple[str, str], signs: tuple[int, int]) -> FunctionRule:
-    """Two functions that are each other's derivative up to a sign, such as sin and cos."""
-
-    def build(b: Builder, node: Node) -> int:
-        a = node.args[0]
-        first, second = (b.graph.call(name, a) for name in names)
-        if first not in b.values:
-            b.value(a)
-            one, other = b.reserve(first), b.reserve(second)
-            b.integrate(one, a, other, signs[0])
-            b.integrate(other, a, one, signs[1])
-        return b.values[node]
-
-    return build
-
-
-def _exponential(b: Builder, node: Node) -> int:
-    b.value(node.args[0])
-    value = b.reserve(node)
-    b.integrate(value, node.args[0], value)
-    return value
-
-
-def _tangent(sign: int) -> FunctionRule:
-    """U' = (1 + sign u**2) a'."""
-
-    def build(b: Builder, node: Node) -> int:
-        b.value(node.args[0])
-        value = b.reserve(node)
-        square = b.multiply(value, value)
-        slope = b.graph.sum(((sign, node**2),), 1)
-        w = b.add(Rule("linear", (square,), (b.constant(sign),)), slope)
-        b.values.setdefault(slope, w)
-        b.integrate(value, node.args[0], w)
-        return value
-
-    return build
+        Rounded in another way, G m1 m2 would differ by a unit in the last place between a force and its derivatives,
+        at every step to the same side, and the error of the energy would grow with time itself. `low` has by value
+        what rounding lost of the coordinates and velocities: it enters their differences, so that bodies may move
+        together far from the origin.
+        """
+        found: list[Node | None] = []
+        replaced: dict[Node, Node] = {}
+        for rule, node, offset in zip(self.rules, self.nodes, self.offsets, strict=True):
+            if node is None:
+                found.append(None)
+                continue
+            if rule.op == "linear":
+                pairs = zip(rule.coefficients, rule.args, strict=True)
+                terms = [(1, table[c] * known_node(found[arg])) for c, arg in pairs]
+                if len(rule.args) > 1 and all(arg in low for arg in rule.args):
+                    pairs = zip(rule.coefficients, rule.args, strict=True)
+                    terms += [(1, table[c] * low[arg]) for c, arg in pairs]
+                start = self.graph.sum(terms if offset is None else [*terms, (1, offset)])
+            else:
+                start = substitute([node], replaced)[0]
+            found.append(start)
+            if start is not node:
+                replaced[node] = start
+        return found
 
 
-def _against(slope: Callable[[Node], Node], sign: int = 1) -> FunctionRule:
-    """slope(a) u' = a'; the negative of that for acos."""
-
-    def build(b: Builder, node: Node) -> int:
-        a = node.args[0]
-        w = b.value(slope(a))
-        if sign > 0:
-            return b.add(Rule("against", (b.value(a), w)), node)
-        mirrored = b.add(Rule("linear", (b.value(a),), (b.constant(-1),)), -a)
-        return b.add(Rule("against", (mirrored, w)), node)
-
-    return build
+def known_node(node: Node | None) -> Node:
+    """Return a value at order 0 that must be there."""
+    if node is None:
+        raise AssertionError("the value of an integral without a start is read")
+    return node
 
 
-def _atan2(b: Builder, node: Node) -> int:
-    """(x**2 + y**2) u' = x y' - y x'."""
-    y, x = node.args
-    w = b.value(x**2 + y**2)
-    terms = []
-    for a, other, sign in ((y, x, 1), (x, y, -1)):
-        if a.binding > Binding.PARAMETER:
-            terms.append(_swept(b, a, other, sign))
-    area = terms[0] if len(terms) == 1 else b.add(Rule("linear", tuple(terms), (b.constant(1),) * len(terms)), None)
-    return b.add(Rule("against", (area, w)), node)
-
-
-def _swept(b: Builder, a: Node, w: Node, sign: int) -> int:
-    """Return sign times the integral of w da, up to a constant."""
-    if w.binding <= Binding.PARAMETER:
-        return b.add(Rule("linear", (b.value(a),), (b.constant(b.graph.sum(((sign, w),))),)), None)
-    return b.add(Rule("along", (b.value(a), b.value(w)), (b.constant(sign),)), None)
-
-
-def _pow(b: Builder, node: Node) -> int:
-    """Return base ** exponent, by the rule of powers for a constant exponent, else exp(exponent log(base))."""
-    base, exponent = node.args
-    if exponent.binding <= Binding.PARAMETER:
-        return b.add(Rule("power", (b.value(base),), (b.constant(exponent),)), node)
-    inner = b.graph.product((exponent, b.graph.call("log", base)))
-    b.value(inner)
-    value = b.reserve(node)
-    b.integrate(value, inner, value)
-    return value
-
-
-def _piecewise(b: Builder, node: Node) -> int:
-    """Return the branch of the first condition that holds; conditions are constant along a series."""
-    value = b.value(node.args[-1])
-    rest = node.args[-1]
-    for condition, chosen in list(zip(node.args[:-1:2], node.args[1::2], strict=True))[::-1]:
-        if condition.binding > Binding.PARAMETER:
-            raise AssertionError("a condition of a series is about sides")
-        rest = b.graph.piecewise([(condition, chosen)], rest)
-        value = b.add(Rule("choose", (b.value(chosen), value), (b.constant(condition),)), rest)
-    return value
-
-
-def _refuse(_: Builder, node: Node) -> int:
-    raise StatementError(f"{node.data} has no Taylor series: it should have become a side of a surface.")
-
-
-def _sqrt(a: Node) -> Node:
-    return a ** Fraction(1, 2)
-
-
-FUNCTION_RULES: dict[str, FunctionRule] = {
-    "sin": _pair(("sin", "cos"), (1, -1)),
-    "cos": _pair(("sin", "cos"), (1, -1)),
-    "sinh": _pair(("sinh", "cosh"), (1, 1)),
-    "cosh": _pair(("sinh", "cosh"), (1, 1)),
-    "exp": _exponential,
-    "tan": _tangent(1),
-    "tanh": _tangent(-1),
-    "log": _against(lambda a: a),
-    "atan": _against(lambda a: 1 + a**2),
-    "asin": _against(lambda a: _sqrt(1 - a**2)),
-    "acos": _against(lambda a: _sqrt(1 - a**2), -1),
-    "atan2": _atan2,
-    "pow": _pow,
-    "piecewise": _piecewise,
-    **dict.fromkeys(("abs", "sign", "min", "max", "less", "less_equal", "equal", "and", "or", "not"), _refuse),
-    **dict.fromkeys(("pi", "e", "nan"), _refuse),
-}
-"""How each function of the graph becomes values; what switches is gone by then, and constants never get here."""
+def _is_divisor(node: Node) -> bool:
+    return node.kind is Kind.POWER and node.data == -1
 
 
 def _moving(product: Node) -> list[Node]:

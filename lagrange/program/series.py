@@ -71,8 +71,9 @@ class SeriesProgram:
     `constants` gives the table of coefficients; `numbers` has the value of each that is known now, else None. `start`
     gives, for `started`, the values of order 0. The lower triangles of the mass matrix, block by block, follow behind
     the one or, if it is constant, the other. Both take the parameters, then the `sides` of the switching surfaces (see
-    `lagrange.program.switching`). `momenta` and `forces` say which values are p, up to a constant, and f (None: zero);
-    `watched` those of the surfaces and events.
+    `lagrange.program.switching`); `start` takes the table as well, and its state is [q, v] and what rounding lost of
+    it. `momenta` and `forces` say which values are p, up to a constant, and f (None: zero); `watched` those of the
+    surfaces and events.
     """
 
     name: str

@@ -8,7 +8,7 @@ from lagrange.equations.euler_lagrange import Equations, bias_forces
 from lagrange.graph.node import Binding, Exact, Kind, Node
 from lagrange.program.forms import Form, Momentum, Terms, forms
 from lagrange.program.lower import lower
-from lagrange.program.recurrence import Builder
+from lagrange.program.recurrence import Builder, known_node
 from lagrange.program.series import Rule, SeriesProgram, convolutions, kept_values, lagged_values
 from lagrange.program.switching import Switched, switch
 
@@ -26,11 +26,11 @@ def series_program(equations: Equations, watched: Sequence[Node] = ()) -> tuple[
     p, f = switched.outputs[:n], switched.outputs[n : 2 * n]
     triangles = switched.outputs[2 * n : len(outputs) - count]
     seen = (*switched.surfaces, *switched.outputs[len(outputs) - count :])
-    best = min(_assemblies(equations, switched.sides, p, f, triangles, seen), key=lambda assembly: assembly.cost)
+    best = min(assemblies(equations, switched.sides, p, f, triangles, seen), key=lambda assembly: assembly.cost)
     return best.program("series"), switched
 
 
-def _assemblies(
+def assemblies(
     e: Equations,
     sides: Sequence[Node],
     p: Sequence[Node],
@@ -135,8 +135,13 @@ class _Assembly:
         started = tuple(sorted(needed)) or (0,)
         table = list(b.constants) or [e.graph.one]
         mass = list(self.triangles)
-        initial = [b.node_of(value) for value in started]
         symbols = (*e.parameters, *self.sides)
+        entries = [e.graph.symbol(f"constant {place}", Binding.PARAMETER) for place in range(len(table))]
+        known = [node if node.kind is Kind.CONSTANT else entries[place] for place, node in enumerate(table)]
+        n = len(e.q)
+        low = [e.graph.symbol(f"low {i}", Binding.CONFIGURATION if i < n else Binding.VELOCITY) for i in range(2 * n)]
+        values = b.initial(known, dict(enumerate(low)))
+        initial = [known_node(values[value]) for value in started]
         constants = [*table, *mass] if self.constant_mass else table
         first = initial if self.constant_mass else [*initial, *mass]
         state = (*e.q, *e.v)
@@ -147,7 +152,7 @@ class _Assembly:
             constants=lower(f"{name}_constants", constants, (len(constants),), state, e.time, symbols),
             numbers=tuple(float(c.data) if c.kind is Kind.CONSTANT else None for c in table),
             rules=tuple(b.rules),
-            start=lower(f"{name}_start", first, (len(first),), state, e.time, symbols),
+            start=lower(f"{name}_start", first, (len(first),), (*state, *low), e.time, (*symbols, *entries)),
             started=started,
             momenta=tuple(self.momenta),
             forces=tuple(self.forces),

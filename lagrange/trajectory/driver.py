@@ -1,4 +1,4 @@
-"""Run a step program from start to end: bursts of compiled steps, and a look around between them."""
+"""Run a plan from start to end: bursts of compiled steps, and a look around between them."""
 
 from __future__ import annotations
 
@@ -66,9 +66,12 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
     status, sentence = _first_look(problem, name, parameters)
     watch = None
     if status is None:
-        driver = plan.driver(problem.model, parameters)
-        watch = plan.watch(problem, driver)
-        status, detail = _bursts(problem, driver, watch, state, rows, began)
+        try:
+            driver = plan.driver(problem.model, parameters)
+            watch = plan.watch(problem, driver)
+            status, detail = _bursts(problem, driver, watch, state, rows, began)
+        except SingularMassMatrix:
+            status, detail = Status.SINGULAR, ""
         sentence = _closing(problem, plan, name, state, status, detail)
     times, states = rows.joined()
     path = plan.path(problem, times, states, watch)

@@ -54,16 +54,20 @@ def settled_sides(surfaces: Surfaces, sides: FloatArray, choices: Mapping[int, t
     """Return the sides with which the motion leaves the surfaces that it is on, the first consistent choice of all.
 
     `choices` has the sides to try for each of those surfaces, the likely one first; 0 is the side of a motion that
-    stays on the surface by itself. Raises Sliding.
+    stays on the surface by itself. Where the equations have no value behind a surface, the motion goes there all the
+    same: the run is to end by that. Raises Sliding.
     """
+    undefined: FloatArray | None = None
     for combination in islice(product(*choices.values()), MOST_TRIALS):
         trial = sides.copy()
         trial[list(choices)] = combination
         g = surfaces(trial)
-        if np.isfinite(g).all() and all(
-            leaving(g[:, i])[0] == side for i, side in zip(choices, combination, strict=True)
-        ):
+        if not np.isfinite(g).all():
+            undefined = trial if undefined is None else undefined
+        elif all(leaving(g[:, i])[0] == side for i, side in zip(choices, combination, strict=True)):
             return trial
+    if undefined is not None:
+        return undefined
     raise Sliding(next(iter(choices)))
 
 

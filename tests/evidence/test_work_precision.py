@@ -85,7 +85,7 @@ def test_relative_errors_are_in_parts_of_each_entry() -> None:
     plain, relative = race(PAIR), race(PAIR, relative=True)
     assert relative.result.unit == pytest.approx((1e3, 1, 2e3, 1), rel=1e-2)
     assert plain.result.unit == (1, 1, 1, 1)
-    end = lg.flow(PAIR.compile(), rtol=1e-6, atol=1e-6)([1e3, 0, 0, 0], 0.0, END)
+    end = lg.flow(PAIR.compile(), method="dop853", rtol=1e-6, atol=1e-6)([1e3, 0, 0, 0], 0.0, END)
     off = np.abs(end - 1e3 * np.array([EXACT[0], 0, EXACT[1], 0]))
     assert plain[0].error == pytest.approx(off.max(), rel=1e-3)
     assert relative[0].error == pytest.approx((off / relative.result.unit).max(), rel=1e-3)
@@ -121,7 +121,7 @@ def test_a_method_that_is_not_legal_is_refused_in_the_table() -> None:
 
 def test_the_default_choice() -> None:
     methods = race(methods=None, end=1.0).methods
-    assert {"rk4", "verlet", "dopri5", "dop853", "scipy-dop853", "scipy-lsoda"} <= set(methods)
+    assert {"rk4", "verlet", "dopri5", "dop853", "taylor", "scipy-dop853", "scipy-lsoda"} <= set(methods)
     assert not {"euler", "midpoint", "symplectic-euler", "scipy-rk23"} & set(methods)
 
 
@@ -211,11 +211,11 @@ def test_errors_on_a_hill_grow_with_the_exponential() -> None:
 
 def test_growth_on_the_way_counts_too() -> None:
     statement_model = SPRING.compile()
-    run = SPRING.run(END, rtol=1e-11, atol=1e-11).trajectory
+    run = SPRING.run(END, method="dop853", rtol=1e-11, atol=1e-11).trajectory
     size = np.abs(run.y).max(axis=1)
     found = sensitivity(statement_model, run, statement_model.parameter_values(), size, np.ones(2))
     assert found.growth == pytest.approx(math.sqrt(2), rel=2e-2)
-    backwards = HILL.run(-3.0, rtol=1e-11, atol=1e-11).trajectory
+    backwards = HILL.run(-3.0, method="dop853", rtol=1e-11, atol=1e-11).trajectory
     hill = HILL.compile()
     there = sensitivity(hill, backwards, hill.parameter_values(), np.ones(2), np.ones(2))
     assert there.growth == pytest.approx(math.exp(3), rel=1e-3)

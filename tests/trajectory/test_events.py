@@ -149,6 +149,13 @@ def test_the_length_of_the_run_does_not_blur_an_apex(end: float) -> None:
     assert found.t_events[0] - FALL == pytest.approx([-math.sqrt(1e-9) * FALL, math.sqrt(1e-9) * FALL], rel=1e-4)
 
 
+def test_an_event_that_stays_zero_is_no_obstacle() -> None:
+    """Along the motion it is nothing but round-off and, later, drift: no pole, no end, and no zero at every step."""
+    found = go(harmonic(), 30.0, [x**2 + x.dot**2 - 1, x - 0.5])
+    assert found.status is Status.SUCCESS and len(found.t_events[0]) < found.steps / 2
+    assert len(found.t_events[1]) == 10
+
+
 # Starts and ends
 
 

@@ -95,10 +95,15 @@ def _linear_solver(often: bool) -> Module:
     return module
 
 
-@cache
 def inversion() -> Module:
-    """Compile the inverse of a symmetric matrix, once per process."""
+    """Return the inverse of a symmetric matrix, compiled once per process."""
     linear_solver(often=False)
+    with _LOADING:
+        return _inversion()
+
+
+@cache
+def _inversion() -> Module:
     module = Module(inverse_module())
     llvm.add_symbol("invert", module.address("invert"))
     return module

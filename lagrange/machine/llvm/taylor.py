@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from lagrange.errors import RunError
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.driver import OUTCOMES, DriverState, Outcome
 from lagrange.machine.llvm.body import prepared_size, shares_angle_function
@@ -55,7 +56,10 @@ class LlvmSeries:
         """Return the machine code for an order."""
         key = 0 if is_large(self._packing, order) else order
         if key not in self._compiled:
-            self._compiled[key] = CompiledJet(self._packing, key)
+            try:
+                self._compiled[key] = CompiledJet(self._packing, key)
+            except RuntimeError as error:
+                raise RunError(f"LLVM could not compile the series: {error}. Use target='numpy'.") from error
         return self._compiled[key]
 
     def driver(self, order: int, parameters: FloatArray) -> LlvmTaylorDriver:
@@ -76,7 +80,7 @@ class CompiledJet:
         linear_solver(often=False)
         if order:
             self.layout = unrolled_layout(self.program, order)
-            jet = UnrolledJet(packing, self._table, order, self.layout.width).function()
+            jet = UnrolledJet(packing, self._table, self.layout).function()
         else:
             slots = Slots(packing, looped_layout(self.program, 0).width)
             self.layout = looped_layout(self.program, slots.size)
@@ -99,9 +103,10 @@ class CompiledJet:
         if known is not None and known[0] == key:
             return known[1]
         prepared = np.zeros(prepared_size(self.program.start) + 1)
-        prepared[: len(parameters)] = parameters
-        self._prepare(address(prepared))
         table, inverse = constants(self.program, parameters)
+        given = np.concatenate([parameters, table])
+        prepared[: len(given)] = given
+        self._prepare(address(prepared))
         columns = np.diag(inverse) if self.program.diagonal else inverse.T.ravel()
         parts = [columns] if self.program.constant_mass else []
         found = prepared, np.concatenate([*parts, table[self._table.order], [0.0]])
@@ -112,7 +117,7 @@ class CompiledJet:
         """Return the coefficients of the state and of what is watched, times scale**k, (order + 1, 2n + watched)."""
         layout, numbers = self.layout, self.numbers(parameters)
         work = np.zeros(layout.size(order))
-        state = np.zeros(layout.padded)
+        state = np.zeros(2 * layout.padded)
         state[: layout.dimension] = y
         if self._series(t, scale, *map(address, (state, *numbers, work)), order):
             raise SingularMassMatrix

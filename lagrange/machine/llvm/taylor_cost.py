@@ -15,8 +15,8 @@ cache, and compiling it takes more than a third of a second."""
 
 
 ROUNDING, ROUGHEST = 1e-14, 16
-"""Below this tolerance the rounding of the accelerations makes most of the error where a mass matrix is inverted, and
-more and shorter steps average it: ten links end within 6e-15 of the truth at order 16, and 2e-14 at the cheapest."""
+"""Below this tolerance rounding makes most of the error but for the smallest systems, and more and shorter steps
+average it: the outer solar system ends within 2e-13 of the truth at order 16, and 5e-13 at order 20, as fast."""
 
 
 def cheapest_order(packing: Packing, tolerance: float) -> int:

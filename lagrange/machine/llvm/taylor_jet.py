@@ -114,16 +114,20 @@ class Shuffle:
 
 
 class Start:
-    """Order 0 of a jet, as scalars, by the program that computes it."""
+    """Order 0 of a jet, as scalars, by the program that computes it.
 
-    def __init__(self, packing: Packing) -> None:
+    What rounding lost of the state stands `padded` numbers behind it.
+    """
+
+    def __init__(self, packing: Packing, padded: int) -> None:
         self.packing = packing
         program = packing.program
         self.body = Body(program.start, 1, {})
         self.e: Emitter = self.body.e
         for i, (op, _, data) in enumerate(program.start.instructions):
             if op == "state":
-                self.body.values[i] = self.e.get("%y", int(data))
+                place, size = int(data), 2 * program.dimension
+                self.body.values[i] = self.e.get("%y", place if place < size else padded + place - size)
             elif op == "time":
                 self.body.values[i] = "%t"
         early = self.early()

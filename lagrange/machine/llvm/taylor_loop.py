@@ -306,7 +306,6 @@ class _Loop:
                 loop.following = [e.real("fmul", e.real("fadd", loop.values[0], size), s)]
             near = e.real("fcmp ule", e.fabs(e.load(first)), loop.values[0])
             unsafe = e.value(f"or i1 {unsafe}, {near}")
-        e.put(s, "%reals", DriverState.RATIO)
         leave_if(e, e.value(f"and i1 {asked}, {unsafe}"), Outcome.WATCHED)
 
     def advance(self, s: str) -> str:

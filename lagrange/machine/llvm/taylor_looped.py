@@ -41,7 +41,7 @@ class LoopedJet:
 
     def __init__(self, packing: Packing, table: Table, layout: TaylorLayout, slots: Slots) -> None:
         self.packing, self.table, self.layout, self.slots = packing, table, layout, slots
-        self.origin = Start(packing)
+        self.origin = Start(packing, layout.padded)
         self.e: Emitter = self.origin.e
         self.do = Arithmetic(self.e)
         self.shuffle = Shuffle(self.e)
@@ -339,9 +339,7 @@ class LoopedJet:
                 self.inverse_at, j * stride if isinstance(j, int) else e.value(f"mul nsw i64 {j}, {stride}")
             )
             return [
-                self.load_exactly(
-                    e.address(base, at), len(chunk.values), chunk.count if stride == n else len(chunk.values)
-                )
+                self.load_exactly(e.address(base, at), len(chunk.values), chunk.count)
                 for at, chunk in zip(starts, chunks, strict=True)
             ]
 

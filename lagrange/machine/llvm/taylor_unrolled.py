@@ -27,6 +27,7 @@ from lagrange.machine.llvm.taylor_jet import (
     lower_triangles,
     store_exactly,
 )
+from lagrange.machine.llvm.taylor_layout import TaylorLayout
 from lagrange.machine.llvm.taylor_rules import Arithmetic, Vector, coefficient, divided, reciprocal
 
 EXACT = 10
@@ -37,9 +38,9 @@ than what the first does that its bias does not show."""
 class UnrolledJet:
     """Emits the function. `x` has the coefficients of each chunk, by chunk and order; k is the order at hand."""
 
-    def __init__(self, packing: Packing, table: Table, order: int, width: int) -> None:
-        self.packing, self.table, self.order, self.width = packing, table, order, width
-        self.origin = Start(packing)
+    def __init__(self, packing: Packing, table: Table, layout: TaylorLayout) -> None:
+        self.packing, self.table, self.order, self.width = packing, table, layout.order, layout.width
+        self.origin = Start(packing, layout.padded)
         self.e: Emitter = self.origin.e
         self.do = Arithmetic(self.e)
         self.shuffle = Shuffle(self.e)

@@ -1,0 +1,75 @@
+"""A tolerance is kept: over many systems and tolerances the error stays below what was asked for.
+
+A step's error is within the tolerance; along the run it grows as the motion makes errors grow. That amplification is
+measured: the initial state and states on the way are moved a little, and the largest effect at the end counts.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lagrange as lg
+from lagrange.machine.model import Model
+from lagrange.trajectory.flow import Flow
+from lagrange.trajectory.trajectory import FloatArray
+from tests.models import model
+
+SCENES = tuple(lg.scenes())
+MODELS = ("Henon-Heiles", "coupled masses", "8 carried masses", "cart and pole", "chain of 7")
+TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
+
+PLACES = 8
+"""At so many places along the run an error is let in."""
+
+SHIFT = 1e-7
+"""Large against round-off and small against the motion: its effect is linear to some digits."""
+
+
+@cache
+def compiled(name: str) -> Model:
+    return lg.scene(name).compile(check=False) if name in SCENES else model(name)
+
+
+def exact(name: str) -> Flow:
+    return Flow(compiled(name), rtol=1e-16, atol=1e-20)
+
+
+@cache
+def course(name: str) -> tuple[float, FloatArray, FloatArray, float]:
+    """Return the time and state at the end, the size of each entry, and by how much an error grows."""
+    run: Any = exact(name)
+    end = min(compiled(name).statement.run.t_end, 20.0)
+    start = np.array(compiled(name).statement.initial)
+    last = run(start, 0.0, end)
+    size = np.maximum(np.maximum(np.abs(start), np.abs(last)), 1e-12)
+    growth = 1.0
+    for place in range(PLACES):
+        t = end * place / PLACES
+        y = run(start, 0.0, t)
+        for i in range(len(y)):
+            moved = y.copy()
+            moved[i] += SHIFT * max(abs(y[i]), size[i])
+            growth = max(growth, float((np.abs(run(moved, t, end) - last) / size).max() / SHIFT))
+    return end, last, size, growth
+
+
+@pytest.mark.parametrize("name", [*SCENES, *MODELS])
+def test_the_reference_agrees_with_another_method(name: str) -> None:
+    """DOP853 at the edge of round-off: its own error is some hundred times its tolerance times the growth."""
+    end, last, size, growth = course(name)
+    other = Flow(compiled(name), method="dop853", rtol=1e-13, atol=1e-16)(compiled(name).statement.initial, 0.0, end)
+    assert (np.abs(other - last) / size).max() < 100 * 1e-13 * growth
+
+
+@pytest.mark.parametrize("tolerance", TOLERANCES)
+@pytest.mark.parametrize("name", [*SCENES, *MODELS])
+def test_the_error_is_within_the_tolerance(name: str, tolerance: float) -> None:
+    """The tenth at which steps aim leaves room for their sum; at 1e-14 rounding along the run counts as well."""
+    end, last, size, growth = course(name)
+    flow = Flow(compiled(name), rtol=tolerance, atol=tolerance * 1e-3)
+    found = flow(compiled(name).statement.initial, 0.0, end)
+    assert (np.abs(found - last) / size).max() <= growth * (tolerance + 2e-14)
