@@ -9,7 +9,18 @@ import numpy as np
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.driver import DriverState, Outcome
 from lagrange.machine.jet import Jet
-from lagrange.machine.taylor import FARTHEST, LONGER, NEAREST, SHORTER, SHORTEST, TRIES, Cost, best_order
+from lagrange.machine.taylor import (
+    FARTHEST,
+    GUARD,
+    LONGER,
+    NEAREST,
+    ROWS_SEEN,
+    SHORTER,
+    SHORTEST,
+    TRIES,
+    Cost,
+    best_order,
+)
 from lagrange.program.series import SeriesProgram
 
 S = DriverState
@@ -129,20 +140,22 @@ class NumpyTaylorDriver:
         entries = len(state.y)
         size = np.maximum(np.abs(state.y), np.abs(series[1, :entries]))
         tolerance = state.reals[S.RTOL] * size + state.reals[S.ATOL]
-        logs: list[float] = []
-        # Where both last coefficients are zero, the upper half of the others must keep in bounds as well.
-        for k in (self._order, self._order - 1, *range(self._order // 2 + 1, self._order - 1)):
-            if len(logs) == 2 and not min(logs) > 800.0 / self._order:
-                break
-            ratio = np.max(np.abs(series[k, :entries]) / tolerance)
-            logs.append(
-                math.nan
-                if math.isnan(ratio)
-                else -math.log2(max(ratio, 2.0**-900)) / k
-                if ratio < math.inf
-                else -math.inf
-            )
-        return float(np.min(logs))
+        p = self._order
+
+        def bound(k: int) -> float:
+            ratio = float(np.max(np.abs(series[k, :entries]) / tolerance))
+            if not ratio < math.inf:
+                return math.nan if math.isnan(ratio) else -math.inf
+            return -math.log2(max(ratio, 2.0**-900)) / k
+
+        digits = -math.log2(state.reals[S.RTOL])
+        earlier = [max(p - less, 1) for less in range(2, ROWS_SEEN)]
+        guards = [bound(k) + digits * (1 / k - 1 / p) + GUARD for k in earlier]
+        found = float(np.min([bound(p - 1), bound(p), *guards]))
+        if found > 800.0 / p:
+            # The upper half of all rows must keep in bounds where these are zero.
+            found = float(np.min([found, *(bound(k) for k in range(p // 2 + 1, p - 1))]))
+        return found
 
     def _near(self, series: FloatArray, s: float) -> bool:
         """Whether something that is watched may vanish on the step."""

@@ -18,6 +18,12 @@ overflow nor vanish whatever the units are; a step that differs from the scale b
 NEAREST = 1.5
 """The first step of a run is computed anew if it differs from the scale by more than 2**1.5."""
 
+ROWS_SEEN = 6
+GUARD = 0.25
+"""The step follows the last two rows, and the four before them as a guard: from rest every other coefficient is zero,
+and the last that is not may be small by chance. Row k of a series of radius r shows r tolerance**(1/k); what it shows
+of r may be exceeded by a quarter of a binary digit, for the rows of an entire function fall faster and faster."""
+
 LONGER, SHORTER = 20.0, -40.0
 """Powers of two by which the scale changes where the last coefficients are zero, and where one has overflowed."""
 

@@ -151,7 +151,7 @@ def declarations(lanes: int) -> str:
     for kind, code in (("double", "f64"), *((f"<{n} x double>", f"v{n}f64") for n in (2, 4, 8))):
         for name, operands in (("fma", 3), ("minimum", 2), ("maximum", 2), ("sqrt", 1), ("fabs", 1)):
             lines.append(f"declare {kind} @llvm.{name}.{code}({', '.join([kind] * operands)})")
-    lines.append("declare i64 @llvm.umax.i64(i64, i64)")
+    lines += [f"declare i64 @llvm.{name}.i64(i64, i64)" for name in ("umax", "smax")]
     lines.append(f"declare <{lanes} x i64> @llvm.umax.v{lanes}i64(<{lanes} x i64>, <{lanes} x i64>)")
     lines.append(f"declare i64 @llvm.vector.reduce.umax.v{lanes}i64(<{lanes} x i64>)")
     lines.append("declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)")

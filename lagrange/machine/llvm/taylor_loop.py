@@ -11,21 +11,14 @@ from __future__ import annotations
 from lagrange.machine.driver import DriverState, Outcome
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.loops import SPACING, leave_if
+from lagrange.machine.llvm.powers import EXP2, logarithm, polynomial, power_of_two, rounded
 from lagrange.machine.llvm.spelling import element, number
 from lagrange.machine.llvm.step import bump
 from lagrange.machine.llvm.taylor_layout import TaylorLayout
-from lagrange.machine.taylor import FARTHEST, LONGER, NEAREST, SHORTER, SHORTEST, TRIES
-
-LOG2 = (-1.6531240060861732, 1.9941811995403236, -0.33474901889029146)
-EXP2 = (1.0, 0.703601177393781, 0.24203533019053836)
-"""Polynomials for the binary logarithm on [1, 2], good to 0.007, and the power of two on [-1/2, 1/2], good to 0.002: a
-step size needs no more than two digits, and the C library's functions would take a tenth of a small step."""
+from lagrange.machine.taylor import FARTHEST, GUARD, LONGER, NEAREST, ROWS_SEEN, SHORTER, SHORTEST, TRIES
 
 TILE = 16
 """How many vectors of the state are summed in one loop."""
-
-LEAST = 123 << 52
-"""The bits of 2**-900: a ratio below this is that, for its logarithm is taken."""
 
 
 def drive_function(layout: TaylorLayout) -> str:
@@ -42,6 +35,8 @@ class _Loop:
         self.rows = self.e.address("%work", layout.rows)
         self.order = str(layout.order) if layout.order else "%order"
         self.reciprocals = [self.minus_one_over(less) for less in (1, 0)]
+        # Minus the binary logarithm of the relative tolerance.
+        self.digits = self.e.value(f"fneg double {logarithm(self.e, self.e.get('%reals', DriverState.RTOL))}")
 
     def function(self) -> str:
         e, r = self.e, DriverState
@@ -92,12 +87,23 @@ class _Loop:
         e, weights = self.e, self.weights()
         logs = []
         for less, reciprocal in zip((1, 0), self.reciprocals, strict=True):
-            logs.append(e.real("fmul", self.logarithm(self.ratio(self.row_at(less), weights)), reciprocal))
+            logs.append(e.real("fmul", logarithm(e, self.ratio(self.row_at(less), weights)), reciprocal))
+        bound = e.smaller(*logs)
+        for less in range(2, ROWS_SEEN):
+            bound = e.smaller(bound, self.guarded(less, weights))
         found = e.reserve("double")
-        e.store(e.smaller(*logs), found)
+        e.store(bound, found)
         with e.when(self.ends(e.load(found))):
             self.look_back(found, weights)
         return e.load(found)
+
+    def guarded(self, less: int, weights: list[str]) -> str:
+        """Return what an earlier row says of the step: the radius that it shows, at the last order; see `GUARD`."""
+        e = self.e
+        reciprocal = self.minus_one_over(less)
+        own = e.real("fmul", logarithm(e, self.ratio(self.row_at(less), weights)), reciprocal)
+        apart = e.real("fsub", self.reciprocals[1], reciprocal)
+        return e.real("fadd", e.fma(self.digits, apart, own), literal(GUARD))
 
     def look_back(self, found: str, weights: list[str]) -> None:
         """Where both last coefficients are zero, let the upper half of the others keep in bounds as well.
@@ -109,22 +115,26 @@ class _Loop:
         with e.loop(half, e.value(f"sub nsw i64 {self.order}, 1")) as k:
             row = e.address(self.rows, e.value(f"mul nsw i64 {k}, {self.layout.width}"))
             share = e.real("fdiv", literal(-1.0), e.value(f"sitofp i64 {k} to double"))
-            bound = e.real("fmul", self.logarithm(self.ratio(row, weights)), share)
+            bound = e.real("fmul", logarithm(e, self.ratio(row, weights)), share)
             e.store(e.smaller(e.load(found), bound), found)
 
     def minus_one_over(self, less: int) -> str:
-        """Return -1 over the order, or the order less one."""
+        """Return -1 over the order less some, at least 1."""
         if self.layout.order:
-            return literal(-1.0 / (self.layout.order - less))
-        number = self.e.value(f"sitofp i64 {self.e.value(f'sub nsw i64 %order, {less}')} to double")
+            return literal(-1.0 / max(self.layout.order - less, 1))
+        number = self.e.value(f"sitofp i64 {self.before(less)} to double")
         return self.e.real("fdiv", literal(-1.0), number)
 
-    def row_at(self, less: int) -> str:
-        """Return the address of the last row, or the one before."""
-        if self.layout.order:
-            return self.e.address(self.rows, (self.layout.order - less) * self.layout.width)
+    def before(self, less: int) -> str:
+        """Return the order less some, at least 1, where it is known at run time only."""
         k = self.e.value(f"sub nsw i64 %order, {less}")
-        return self.e.address(self.rows, self.e.value(f"mul nsw i64 {k}, {self.layout.width}"))
+        return self.e.value(f"call i64 @llvm.smax.i64(i64 {k}, i64 1)") if less > 1 else k
+
+    def row_at(self, less: int) -> str:
+        """Return the address of one of the last rows."""
+        if self.layout.order:
+            return self.e.address(self.rows, max(self.layout.order - less, 1) * self.layout.width)
+        return self.e.address(self.rows, self.e.value(f"mul nsw i64 {self.before(less)}, {self.layout.width}"))
 
     def weights(self) -> list[str]:
         """Return one over the tolerance of each entry of the state."""
@@ -182,42 +192,12 @@ class _Loop:
         one = e.value(f"insertelement {kind} poison, double {value}, i64 0")
         return e.value(f"shufflevector {kind} {one}, {kind} poison, <{self.layout.lanes} x i32> zeroinitializer")
 
-    def logarithm(self, x: str) -> str:
-        """Return log2 of a number that is not negative, bounded below; infinity gives 1024, and NaN itself."""
-        e = self.e
-        bits = e.value(f"bitcast double {x} to i64")
-        bits = e.value(f"call i64 @llvm.umax.i64(i64 {bits}, i64 {LEAST})")
-        biased = e.value(f"lshr i64 {bits}, 52")
-        exponent = e.value(f"sitofp i64 {e.value(f'sub i64 {biased}, 1023')} to double")
-        mantissa = e.value(f"or i64 {e.value(f'and i64 {bits}, {2**52 - 1}')}, {1023 << 52}")
-        m = e.value(f"bitcast i64 {mantissa} to double")
-        total = e.real("fadd", exponent, self.polynomial(m, LOG2))
-        return e.choose(e.real("fcmp uno", x, x), x, total)
-
-    def polynomial(self, x: str, coefficients: tuple[float, ...]) -> str:
-        """Return the polynomial's value."""
-        total = literal(coefficients[-1])
-        for coefficient in reversed(coefficients[:-1]):
-            total = self.e.fma(total, x, literal(coefficient))
-        return total
-
-    def rounded(self, x: str) -> str:
-        """Return the integer nearest to a number of modest size."""
-        big = literal(1.5 * 2.0**52)
-        return self.e.real("fsub", self.e.real("fadd", x, big), big)
-
-    def power_of_two(self, whole: str) -> str:
-        """Return 2 to a whole number within the range of doubles."""
-        e = self.e
-        biased = e.value(f"add i64 {e.value(f'fptosi double {whole} to i64')}, 1023")
-        return e.value(f"bitcast i64 {e.value(f'shl i64 {biased}, 52')} to double")
-
     def reach(self, t: str, low: str, end: str, scale: str) -> str:
         """Return the binary logarithm of what is left of the run, or of the longest step, in units of the scale."""
         e, r = self.e, DriverState
         left = e.fabs(e.real("fsub", e.real("fsub", end, t), low))
         longest = e.smaller(left, e.get("%reals", r.LONGEST))
-        return self.logarithm(e.real("fdiv", longest, e.fabs(scale)))
+        return logarithm(e, e.real("fdiv", longest, e.fabs(scale)))
 
     def ends(self, exponent: str) -> str:
         """Whether a series has no last coefficients: it terminates, or they are too small for doubles."""
@@ -253,8 +233,8 @@ class _Loop:
         infinite = e.real("fcmp olt", exponent, literal(-45.0))
         overflow = e.value(f"or i1 {e.real('fcmp uno', exponent, exponent)}, {infinite}")
         longer = e.choose(self.ends(exponent), e.smaller(reach, literal(LONGER)), exponent)
-        whole = self.rounded(e.choose(overflow, literal(SHORTER), longer))
-        e.put(e.real("fmul", scale, self.power_of_two(whole)), "%reals", r.SCALE)
+        whole = rounded(e, e.choose(overflow, literal(SHORTER), longer))
+        e.put(e.real("fmul", scale, power_of_two(e, whole)), "%reals", r.SCALE)
 
     def step(self, t: str, low: str, end: str, scale: str, exponent: str) -> None:
         """Choose the step, look out for what is watched, and take it.
@@ -269,11 +249,11 @@ class _Loop:
         limit = e.smaller(e.get("%reals", r.LONGEST), e.get("%reals", r.ONCE))
         bound = e.smaller(e.real("fmul", limit, inverse), whole_way)
         spacing = e.real("fmul", e.larger(e.fabs(t), literal(1e-290)), literal(SPACING))
-        whole = self.rounded(exponent)
-        fraction = self.polynomial(e.real("fsub", exponent, whole), EXP2)
+        whole = rounded(e, exponent)
+        fraction = polynomial(e, e.real("fsub", exponent, whole), EXP2)
         # A series that terminates may ask for a step beyond all doubles.
         whole = e.smaller(whole, literal(900.0))
-        natural = e.real("fmul", fraction, self.power_of_two(whole))
+        natural = e.real("fmul", fraction, power_of_two(e, whole))
         bounded = e.real("fcmp oge", e.real("fmul", natural, literal(1.01)), bound)
         s = e.choose(bounded, bound, natural)
         final = e.value(f"and i1 {bounded}, {e.real('fcmp oeq', bound, whole_way)}")
@@ -291,7 +271,7 @@ class _Loop:
         # A series that terminates says nothing about the next one.
         ends = e.real("fcmp ogt", whole, literal(FARTHEST))
         nearest = e.choose(ends, literal(0.0), whole)
-        e.put(e.real("fmul", scale, self.power_of_two(nearest)), "%reals", r.SCALE)
+        e.put(e.real("fmul", scale, power_of_two(e, nearest)), "%reals", r.SCALE)
 
     def look_out(self, s: str) -> None:
         """Come back before a step on which something that is watched may vanish, unless told to take it once."""
