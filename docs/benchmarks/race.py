@@ -169,21 +169,22 @@ def summary(page: Page, found: Mapping[str, Sequence[Point]]) -> None:
     """Add the table of multiples."""
     page.text(f"## Time as a multiple of {BASE}'s, at the same error")
     head = [f"{name}, {goal:.0e}" for name in found for goal in GOALS]
-    lines = [
-        [label, *(multiple(points, label, goal) for points in found.values() for goal in GOALS)] for label in LABELS
-    ]
+    wanted = [(points, goal) for points in found.values() for goal in GOALS]
+    lines = [[label, *(multiple(points, label, goal) for points, goal in wanted)] for label in LABELS]
     page.table(("method", *head), lines)
     page.text(
         "Times are interpolated on each method's line of error against time, both in logarithms, through those points "
-        "that none of its others beats in both. A `>` stands where a method's least error is larger: it is the time "
-        "that it took for that. A `<=` stands where its rough end is better already."
+        "that none of its others beats in both. A `>` stands where a method's least error is larger: the multiple is "
+        "that of the time for its least error."
     )
+    if any(cell.startswith(("<=", ">=", "~")) for line in lines for cell in line[1:]):
+        page.text("`<=`, `>=` and `~` stand where the roughest run of the method, of the base or of both is better.")
 
 
 def request() -> Namespace:
     """Return what the command line asks for."""
     parser = ArgumentParser(description="Time lagrange, heyoka and SciPy at the same error, and write the page.")
-    parser.add_argument("--rounds", type=int, default=8, help="turns of every run in the timing")
+    parser.add_argument("--rounds", type=int, default=10, help="turns of every run in the timing")
     parser.add_argument("--cache", type=Path, help="folder for heyoka's code and the references")
     return parser.parse_args()
 
@@ -200,9 +201,10 @@ def main() -> None:
         "Jacobians by differences, and `solve_ivp` keeps its steps. lagrange is `lg.flow`, heyoka is "
         "`taylor_adaptive` on the equations of `heyoka.lagrangian`, in the faster of its compact mode and its default; "
         "both return the state at the end alone. An error is the largest of a final state, against heyoka's Taylor "
-        f"method in 80-bit arithmetic with tolerance {REFERENCE:g}. Errors are geometric means and times are means over "
-        f"{STARTS} initial states that differ a little. All runs take turns, and the least time counts; those that are "
-        f"long have fewer turns, at least {FEWEST}. SciPy's runs of more than {LIMIT:g} s were broken off.",
+        f"method in 80-bit arithmetic with tolerance {REFERENCE:g}. Errors are geometric means, times and steps are "
+        f"means over {STARTS} initial states that differ a little; lagrange's steps are those from the first. All runs "
+        "take turns, and the least time counts, in processor time; those that are long have fewer turns, at least "
+        f"{FEWEST}. SciPy's runs of more than {LIMIT:g} s were broken off.",
     )
     with tempfile.TemporaryDirectory() as folder:
         cache = Cache(options.cache or Path(folder))

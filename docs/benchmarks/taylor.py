@@ -28,7 +28,7 @@ import lagrange as lg
 METHOD = "taylor"
 TOLERANCES = (1e-6, 1e-8, 1e-11, 1e-14, 1e-16)
 COMPARED = (1e-6, 1e-11, 1e-16)
-SWEEP = tuple(10.0**-k for k in range(3, 17))
+SWEEP = tuple(10.0**-k for k in range(2, 17))
 TRUSTED = 0.05
 """The largest doubt about the reference, as a share of the least error that is measured with it."""
 RELATIVE = (10, 30)

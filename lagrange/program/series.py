@@ -16,7 +16,7 @@ For every k from 1 to the order wanted a machine
   3. finds the values of the `velocity` list, hence f[k].
 
 Source: A. Jorba, M. Zou, Experimental Mathematics 14 (2005) 99-117, for the recurrences; the step through the mass
-matrix of order 0 is that of an implicit function, D. Barton, Computing 27 (1981) 77-86.
+matrix of order 0 is that of implicit equations, J. D. Pryce, Numerical Algorithms 19 (1998) 195-211.
 """
 
 from __future__ import annotations

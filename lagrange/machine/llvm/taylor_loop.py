@@ -85,14 +85,17 @@ class _Loop:
     def exponent(self) -> str:
         """Return the binary logarithm of the step in units of the scale: both last coefficients stay in bounds."""
         e, weights = self.e, self.weights()
+        # The earlier rows come first: they are known long before the last.
+        guards = [self.guarded(less, weights) for less in range(2, ROWS_SEEN)]
+        least = guards[0]
+        for guard in guards[1:]:
+            least = e.choose(e.real("fcmp olt", guard, least), guard, least)
         logs = []
         for less, reciprocal in zip((1, 0), self.reciprocals, strict=True):
             logs.append(e.real("fmul", logarithm(e, self.ratio(self.row_at(less), weights)), reciprocal))
         bound = e.smaller(*logs)
-        for less in range(2, ROWS_SEEN):
-            bound = e.smaller(bound, self.guarded(less, weights))
         found = e.reserve("double")
-        e.store(bound, found)
+        e.store(e.choose(e.real("fcmp olt", least, bound), least, bound), found)
         with e.when(self.ends(e.load(found))):
             self.look_back(found, weights)
         return e.load(found)

@@ -18,8 +18,8 @@ GROUP = "lagrange.integrators"
 """The entry-point group in which a package registers `name = module:class`; the class is called without arguments."""
 
 DEFAULT = "taylor"
-"""The method of a run that names none: at errors from 1e-4 to 1e-15 it needs the least time of those here, on systems
-from a pendulum to 64 masses (docs/benchmarks/taylor.md)."""
+"""The method of a run that names none: at errors of 1e-6 and below it needs the least time of those here
+(docs/benchmarks/race.md)."""
 
 BUILT_IN: dict[str, Callable[[], Integrator]] = {
     "euler": Euler,
