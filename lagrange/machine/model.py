@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from fractions import Fraction
 from functools import cached_property
 from typing import Any
 
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange
 from lagrange.errors import RunError, StatementError, listing
-from lagrange.graph.node import Node
+from lagrange.graph.node import Binding, Kind, Node, reachable
 from lagrange.machine.backend import FloatArray, Kernel, Machine, Series, SingularMassMatrix
 from lagrange.machine.numpy import NumpyMachine
 from lagrange.program.catalogue import QUANTITIES, lower_nodes, program_of
@@ -99,6 +100,15 @@ class Model:
             for key in others[:-SERIES_KEPT]:
                 self._series.pop(key, None)
         return self._series[watched]
+
+    @cached_property
+    def square_roots(self) -> tuple[Node, ...]:
+        """The square roots in momenta and forces: where one is zero, no series goes on, and none is seen to end."""
+        nodes = reachable([*self.equations.momenta, *self.equations.forces])
+        powers = [node for node in nodes if node.kind is Kind.POWER and node.binding > Binding.PARAMETER]
+        halves = [node for node in powers if isinstance(node.data, Fraction) and node.data.denominator == 2]
+        graph = self.equations.graph
+        return tuple(dict.fromkeys(graph.power(node.args[0], Fraction(1, 2)) for node in halves if node.data > 0))
 
     def accelerations(
         self, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Parameters = None

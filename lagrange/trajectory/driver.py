@@ -21,6 +21,12 @@ BURST = 0.02
 
 LARGEST_BURST = 16384
 
+ROOT = (
+    "A square root becomes zero there, and its series ends: behind it lies a sqrt, log or power outside its domain or, "
+    "if it is the root of a square, the wrong sign. Write the root of a square as abs, or take dop853."
+)
+"""Why a run ends where a square root is zero."""
+
 _STATUS = {
     Outcome.DONE: Status.SUCCESS,
     Outcome.NON_FINITE: Status.NON_FINITE,
@@ -72,6 +78,8 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
             status, detail = _bursts(problem, driver, watch, state, rows, began)
         except SingularMassMatrix:
             status, detail = Status.SINGULAR, ""
+        if status is Status.EVENT and watch is not None and any(watch.occurrences[len(problem.events) :]):
+            status, detail = Status.NON_FINITE, ROOT
         sentence = _closing(problem, plan, name, state, status, detail)
     times, states = rows.joined()
     path = plan.path(problem, times, states, watch)
@@ -93,8 +101,8 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
         span=(float(times[0]), float(times[-1])),
         dense=path,
         form=plan.form,
-        t_events=() if watch is None else watch.t_events,
-        y_events=() if watch is None else watch.y_events,
+        t_events=() if watch is None else watch.t_events[: len(problem.events)],
+        y_events=() if watch is None else watch.y_events[: len(problem.events)],
     )
 
 

@@ -42,6 +42,11 @@ class Impact:
                 state[list(self.rows)] = self.kernel(t, before, self.parameters)
 
 
+def root_of(node: Node) -> Impact:
+    """Return a square root as an event that ends the run: behind its zero a series would go on with the wrong sign."""
+    return Impact(node, 0, 1, (), None, np.empty(0))
+
+
 def impact(model: Model, event: Event, parameters: FloatArray) -> Impact:
     """Return an event of a model."""
     equations = model.equations

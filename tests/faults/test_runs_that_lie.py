@@ -76,7 +76,7 @@ def test_a_root_leaves_its_domain(name: str, target: str) -> None:
     """Towards x = 1 at constant speed, with a force sqrt(1 - x) that ends there."""
     found = go(particle(target, -sqrt(1 - x) / 100, initial={x.dot: 1.0}), 5.0, name)
     assert found.status is Status.NON_FINITE
-    assert found.t[-1] == pytest.approx(1.0, abs=0.05) and "sqrt, log or power outside its domain" in found.message
+    assert found.t[-1] == pytest.approx(1.0, abs=0.05) and "its domain" in found.message
 
 
 @pytest.mark.parametrize("target", TARGETS)

@@ -13,7 +13,7 @@ from lagrange.machine.driver import DriverState
 from lagrange.machine.model import Model
 from lagrange.machine.taylor import LOWEST
 from lagrange.trajectory.driver import drive
-from lagrange.trajectory.impact import Impact, impact
+from lagrange.trajectory.impact import Impact, impact, root_of
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.settings import adaptive_settings
 from lagrange.trajectory.plan import Tolerances
@@ -68,7 +68,8 @@ class Taylor:
         """Return the plan; see `Planned`."""
         tolerances = adaptive_settings(self.name, problem, None, self.rtol, self.atol, least=LEAST_RTOL)
         parameters = problem.parameter_array if problem.events else np.empty(0)
-        impacts = tuple(impact(problem.model, event, parameters) for event in problem.events)
+        events = [impact(problem.model, event, parameters) for event in problem.events]
+        impacts = (*events, *map(root_of, problem.model.square_roots))
         series, _ = problem.model.series(tuple(one.node for one in impacts))
         tolerances = replace(tolerances, margin=MARGIN if tolerances.rtol >= ROUND_OFF else LEAST_MARGIN)
         return TaylorPlan(series, self.order or series.order(tolerances.rtol), tolerances, impacts)
@@ -131,8 +132,10 @@ class TaylorPlan:
 def watched_names(problem: Problem) -> list[str]:
     """Return what is watched in the user's symbols: the surfaces, then the events."""
     model = problem.model
-    _, switched = model.series(tuple(model.equations.translate(event.expression) for event in problem.events))
+    events = tuple(model.equations.translate(event.expression) for event in problem.events)
+    _, switched = model.series((*events, *model.square_roots))
     plain = dict(model.statement.plain)
     surfaces = [model.equations.express(surface) for surface in switched.surfaces]
-    expressions = [*surfaces, *(event.expression for event in problem.events)]
+    roots = [model.equations.express(root) for root in model.square_roots]
+    expressions = [*surfaces, *(event.expression for event in problem.events), *roots]
     return [str(expression.xreplace(plain))[:80] for expression in expressions]
