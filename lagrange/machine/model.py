@@ -103,12 +103,23 @@ class Model:
 
     @cached_property
     def square_roots(self) -> tuple[Node, ...]:
-        """The square roots in momenta and forces: where one is zero, no series goes on, and none is seen to end."""
+        """The square roots of what has a fractional power in momenta and forces.
+
+        Where one is zero no series goes on, and none is seen to end: sqrt(x**2) continues as x. Powers of positions
+        from -1 down, as in gravity, are left out: there the forces themselves are infinite, and the steps shrink.
+        """
         nodes = reachable([*self.equations.momenta, *self.equations.forces])
         powers = [node for node in nodes if node.kind is Kind.POWER and node.binding > Binding.PARAMETER]
-        halves = [node for node in powers if isinstance(node.data, Fraction) and node.data.denominator == 2]
         graph = self.equations.graph
-        return tuple(dict.fromkeys(graph.power(node.args[0], Fraction(1, 2)) for node in halves if node.data > 0))
+        return tuple(
+            dict.fromkeys(
+                graph.power(node.args[0], Fraction(1, 2))
+                for node in powers
+                if isinstance(node.data, Fraction)
+                and node.data.denominator > 1
+                and (node.data > -1 or node.binding >= Binding.VELOCITY)
+            )
+        )
 
     def accelerations(
         self, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Parameters = None

@@ -21,12 +21,6 @@ BURST = 0.02
 
 LARGEST_BURST = 16384
 
-ROOT = (
-    "A square root becomes zero there, and its series ends: behind it lies a sqrt, log or power outside its domain or, "
-    "if it is the root of a square, the wrong sign. Write the root of a square as abs, or take dop853."
-)
-"""Why a run ends where a square root is zero."""
-
 _STATUS = {
     Outcome.DONE: Status.SUCCESS,
     Outcome.NON_FINITE: Status.NON_FINITE,
@@ -78,8 +72,6 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
             status, detail = _bursts(problem, driver, watch, state, rows, began)
         except SingularMassMatrix:
             status, detail = Status.SINGULAR, ""
-        if status is Status.EVENT and watch is not None and any(watch.occurrences[len(problem.events) :]):
-            status, detail = Status.NON_FINITE, ROOT
         sentence = _closing(problem, plan, name, state, status, detail)
     times, states = rows.joined()
     path = plan.path(problem, times, states, watch)
@@ -142,7 +134,12 @@ def _bursts(
     times, states = np.empty(0), np.empty((0, len(problem.y0)))
     verdict = Verdict() if watch is None else watch.begin(state)
     try:
-        while verdict.status is None:
+        while True:
+            while verdict.smooth and watch is not None and (onwards := watch.leap(state)) is not None:
+                verdict = onwards
+                rows.add(state.t, state.y)
+            if verdict.status is not None:
+                return verdict.status, verdict.detail
             left = problem.max_steps - state.count(DriverState.STEPS) - state.count(DriverState.REJECTED)
             if state.t != problem.t1 and left <= 0:
                 return Status.MAX_STEPS, ""
@@ -156,13 +153,14 @@ def _bursts(
             rows.collect(state, times, states)
             if outcome is Outcome.STEP_TOO_SMALL:
                 # A step may shrink below the spacing of times without a rejection: then no trial step is to blame.
-                return _STATUS[state.cause] if state.count(DriverState.AFTER_REJECT) else Status.STEP_TOO_SMALL, ""
-            if watch is not None and outcome in (Outcome.WATCHED, Outcome.DONE):
-                verdict = watch.meet(state) if outcome is Outcome.WATCHED else watch.end(state)
+                cause = state.cause if state.count(DriverState.AFTER_REJECT) else outcome
+                verdict = Verdict(_STATUS[cause], smooth=True)
+            elif watch is not None and (outcome in (Outcome.WATCHED, Outcome.DONE) or watch.arrived(state)):
+                verdict = watch.end(state) if outcome is Outcome.DONE else watch.meet(state)
                 if verdict.jumped:
                     rows.add(state.t, state.y)
             elif outcome is not Outcome.PAUSED:
-                return _STATUS[outcome], ""
+                verdict = Verdict(_STATUS[outcome], smooth=outcome is Outcome.NON_FINITE)
             if time.perf_counter() - before < BURST:
                 burst = min(2 * burst, LARGEST_BURST)
             if problem.progress is not None:
@@ -170,7 +168,6 @@ def _bursts(
     except KeyboardInterrupt:
         rows.collect(state, times, states)
         return Status.INTERRUPTED, ""
-    return verdict.status, verdict.detail
 
 
 def _closing(problem: Problem, plan: Plan, name: str, state: DriverState, status: Status, cause: str) -> str:

@@ -17,7 +17,10 @@ from lagrange.trajectory.trajectory import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Impact:
-    """An event of a model: `node` is its expression; `rows` of the state are reset to what `kernel` gives."""
+    """An event of a model: `node` is its expression; `rows` of the state are reset to what `kernel` gives.
+
+    A `root` is none of the user's: it is a square root in the equations of motion, whose series ends where it is zero.
+    """
 
     node: Node
     direction: int
@@ -25,6 +28,7 @@ class Impact:
     rows: tuple[int, ...]
     kernel: NumpyKernel | None
     parameters: FloatArray
+    root: bool = False
 
     @property
     def reset(self) -> bool:
@@ -44,7 +48,7 @@ class Impact:
 
 def root_of(node: Node) -> Impact:
     """Return a square root as an event that ends the run: behind its zero a series would go on with the wrong sign."""
-    return Impact(node, 0, 1, (), None, np.empty(0))
+    return Impact(node, 0, 1, (), None, np.empty(0), root=True)
 
 
 def impact(model: Model, event: Event, parameters: FloatArray) -> Impact:

@@ -12,11 +12,15 @@ from lagrange.trajectory.trajectory import FloatArray, Status
 
 @dataclass(frozen=True)
 class Verdict:
-    """What came of a look: a status if the run ends, with a sentence, and whether the state has jumped."""
+    """What came of a look: a status if the run ends, with a sentence, and whether the state has jumped.
+
+    `smooth` says that the motion itself may go on although its series does not.
+    """
 
     status: Status | None = None
     detail: str = ""
     jumped: bool = False
+    smooth: bool = False
 
 
 def at_rest(name: str) -> Verdict:
@@ -65,6 +69,17 @@ def undefined(names: Sequence[str], watched: FloatArray) -> Verdict:
         Status.NON_FINITE,
         f"{names[bad]}, which is watched, is {watched[0, bad]:.6g} there, and it or its derivatives are not finite. "
         "Start elsewhere, or watch an expression that is defined and smooth along the run.",
+        smooth=bool(np.isfinite(watched[0]).all()),
+    )
+
+
+def rootless(name: str) -> Verdict:
+    """Return the end of a run where a square root becomes zero."""
+    return Verdict(
+        Status.NON_FINITE,
+        f"{name} becomes zero there, and its series ends: behind it lies a sqrt, log or power outside its domain, or a "
+        "force that jumps. Write the root of a square as abs, or take dop853.",
+        smooth=True,
     )
 
 

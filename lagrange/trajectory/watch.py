@@ -17,11 +17,21 @@ import numpy as np
 from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
 from lagrange.machine.driver import DriverState
 from lagrange.trajectory.impact import Impact
+from lagrange.trajectory.leap import Leaps
 from lagrange.trajectory.look import Look, degree, near, signed_scale, state_at, unit
 from lagrange.trajectory.roots import Root, Side, roots
 from lagrange.trajectory.sides import Sliding, apparent_sides, is_zero, leaving, settled_sides
 from lagrange.trajectory.trajectory import FloatArray, Status
-from lagrange.trajectory.verdict import Verdict, accumulating, at_rest, nowhere, sliding, undefined, without_series
+from lagrange.trajectory.verdict import (
+    Verdict,
+    accumulating,
+    at_rest,
+    nowhere,
+    rootless,
+    sliding,
+    undefined,
+    without_series,
+)
 
 S = DriverState
 
@@ -63,9 +73,10 @@ class Watch:
         parameters: FloatArray,
         impacts: Sequence[Impact],
         names: Callable[[], Sequence[str]],
+        leaps: Leaps,
     ) -> None:
         self.series, self.order, self.driver, self.parameters = series, order, driver, parameters
-        self.impacts, self.names = tuple(impacts), names
+        self.impacts, self.names, self.leaps = tuple(impacts), names, leaps
         self.surfaces = series.program.sides
         self.steep = degree(series.program) > order
         self.sides = np.zeros(self.surfaces)
@@ -119,7 +130,7 @@ class Watch:
         h, left = float(state.reals[S.H]), float(state.reals[S.END] - state.t - state.reals[S.LOW])
         s, limiting = look.trusted(h / look.scale)
         if self.steep:
-            s, limiting = self._verified(look, s, limiting, state)
+            s, limiting = look.verified(s, limiting, self.series, state.t, state.y, self.values)
         whole = s == h / look.scale
         if not whole and abs(s * look.scale) < TOGETHER * abs(state.t) + 2.0**-70 * abs(left):
             return without_series(self.names()[limiting], float(look.watched[0, limiting]))
@@ -136,28 +147,29 @@ class Watch:
     def end(self, state: DriverState) -> Verdict:
         """Do what is pending at the end of the run; how the motion would go on from there is no matter."""
         verdict = self._finish(state) if self.pending else Verdict()
-        ended = verdict.status in (Status.EVENT, Status.NON_FINITE)
+        ended = verdict.status in (Status.EVENT, Status.NON_FINITE) and not verdict.smooth
         return verdict if ended else Verdict(Status.SUCCESS, jumped=verdict.jumped)
 
-    def _verified(self, look: Look, s: float, limiting: int, state: DriverState) -> tuple[float, int]:
-        """Shorten a step until the series of what is watched agree with it at the end; for high powers only.
+    def arrived(self, state: DriverState) -> bool:
+        """Whether the state is where something pending is to happen, though no series may begin there."""
+        return bool(self.pending) and state.reals[S.ONCE] == math.inf
 
-        At x = 0 the series of x**40 is zero up to order 39, and nothing in it says that it rises.
-        """
-        for _ in range(60):
-            t, y = state.t + s * look.scale, state_at(state.y, look.rows, s)
-            try:
-                there = self.series.rows(self.order, t, y, look.scale, self.values)[0, len(y) :]
-                wrong = look.disagrees(there, s, look.noise)
-                if wrong.any():
-                    noise = Look.at(self.series, self.order, t, y, look.scale, self.values, look.rtol).noise
-                    wrong = look.disagrees(there, s, look.noise + noise)
-            except SingularMassMatrix:
-                break
-            if not wrong.any():
-                break
-            s, limiting = s / 2, int(np.argmax(wrong))
-        return s, limiting
+    def leap(self, state: DriverState) -> Verdict | None:
+        """Leap over a point without a series; return how the run goes on from there, or None if it cannot."""
+        events = [self.surfaces + i for i, impact in enumerate(self.impacts) if not impact.root]
+        for there in self.leaps.ahead(state):
+            y = self.leaps.landing(state, there)
+            if y is None:
+                continue
+            sides = [self.relay[i].sign for i in events]
+            ends = np.sign(self._look(state, y).watched[0, events])
+            if all(end == side or 0 in (end, side) for end, side in zip(ends, sides, strict=True)):
+                self.leaps.land(state, there, y, state.count(S.STEPS) + self.jumps)
+                self.jumps += 1
+                self.driver.restart(state)
+                done = there == state.reals[S.END]
+                return replace(Verdict(Status.SUCCESS) if done else self.begin(state), jumped=True)
+        return None
 
     def _start(self, state: DriverState, stayed: Mapping[int, float]) -> Verdict:
         """Find the side of every surface, and on which side of zero everything watched is or is about to be.
@@ -307,6 +319,8 @@ class Watch:
         if crossed and verdict.status is None:
             met = self._behind_the_kink(met, before, state)
         met = [m for m in met if self._impact(m).counts(m.root.rising)]
+        roots_met = [m for m in met if self._impact(m).root]
+        met = [m for m in met if not self._impact(m).root]
         for m in met:
             here = _Occurrence(state.t, state.y.copy(), state.count(S.STEPS))
             self.occurrences[m.which - self.surfaces].append(here)
@@ -314,7 +328,9 @@ class Watch:
         resets = [m for m in met if self._impact(m).reset]
         if resets:
             return self._jump(resets, state, ends=ends)
-        return Verdict(Status.EVENT) if ends else verdict
+        if ends:
+            return Verdict(Status.EVENT)
+        return rootless(self.names()[roots_met[0].which]) if roots_met and verdict.status is None else verdict
 
     def _behind_the_kink(self, met: Sequence[_Meeting], before: Sequence[Side], state: DriverState) -> list[_Meeting]:
         """Return events met on a surface as the motion leaves it: an event may turn back there, as abs(x) does."""

@@ -12,9 +12,13 @@ from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
 from lagrange.machine.driver import DriverState
 from lagrange.machine.model import Model
 from lagrange.machine.taylor import LOWEST
+from lagrange.trajectory.dense import HermitePath
 from lagrange.trajectory.driver import drive
 from lagrange.trajectory.impact import Impact, impact, root_of
 from lagrange.trajectory.integrator import Claims, Problem
+from lagrange.trajectory.leap import Leaps
+from lagrange.trajectory.methods.explicit import DOP853
+from lagrange.trajectory.methods.settings import LEAST_RTOL as LEAST_RTOL_OF_LEAPS
 from lagrange.trajectory.methods.settings import adaptive_settings
 from lagrange.trajectory.plan import Tolerances
 from lagrange.trajectory.series_path import SeriesPath
@@ -106,13 +110,18 @@ class TaylorPlan:
         """Return what watches events and surfaces; see `Plan`."""
         if not self.watched:
             return None
-        parameters = problem.parameter_array
-        return Watch(self.series, self.order, driver, parameters, self.impacts, partial(watched_names, problem))
+        parameters, own = problem.parameter_array, self.tolerances
+        leaps = Leaps(problem, DOP853(), max(own.rtol, LEAST_RTOL_OF_LEAPS), own.atol)
+        return Watch(self.series, self.order, driver, parameters, self.impacts, partial(watched_names, problem), leaps)
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: Watch | None) -> SeriesPath:
         """Return the dense output: the series themselves."""
-        epochs = ((0, problem.parameter_array),) if watch is None else tuple(watch.epochs)
-        return SeriesPath(self.series, self.order, epochs, times, states)
+        parameters = problem.parameter_array
+        if watch is None:
+            return SeriesPath(self.series, self.order, ((0, parameters),), times, states)
+        rhs = problem.model.kernel("rhs")
+        leaps = {i: HermitePath(rhs, parameters, times[i : i + 2], states[i : i + 2]) for i in watch.leaps.rows}
+        return SeriesPath(self.series, self.order, tuple(watch.epochs), times, states, leaps)
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
         """Return the state with the first coefficients that are not finite in place of the rows that have them."""
@@ -136,6 +145,8 @@ def watched_names(problem: Problem) -> list[str]:
     _, switched = model.series((*events, *model.square_roots))
     plain = dict(model.statement.plain)
     surfaces = [model.equations.express(surface) for surface in switched.surfaces]
-    roots = [model.equations.express(root) for root in model.square_roots]
-    expressions = [*surfaces, *(event.expression for event in problem.events), *roots]
-    return [str(expression.xreplace(plain))[:80] for expression in expressions]
+    shown = [*surfaces, *(event.expression for event in problem.events)]
+    # SymPy would print sqrt(x**2) as Abs(x), which is what the user is asked to write instead.
+    roots = [model.equations.express(root.args[0]) for root in model.square_roots]
+    names = [str(expression.xreplace(plain))[:80] for expression in (*shown, *roots)]
+    return [*names[: len(shown)], *(f"sqrt({name})" for name in names[len(shown) :])]

@@ -1,0 +1,101 @@
+"""Points at which a motion has no series: leapt over where forces hardly change, named in words where they do."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from sympy import Rational, sqrt
+
+import lagrange as lg
+
+G, C = 9.81, 0.1
+LIMIT = math.sqrt(G / C)
+"""The speed at which drag and weight of a unit mass are equal."""
+
+x, y = lg.coordinates("x y")
+speed = sqrt(x.dot**2 + y.dot**2)
+
+
+def thrown() -> lg.System:
+    """Return a unit mass in the plane with drag against the square of its speed."""
+    drag = {x: -C * speed * x.dot, y: -C * speed * y.dot}
+    return lg.System(kinetic=(x.dot**2 + y.dot**2) / 2, potential=G * y, forces=drag, name="thrown")
+
+
+def fallen(time: Any) -> Any:
+    """Return the height after a fall from rest."""
+    return -(LIMIT**2) / G * np.log(np.cosh(G * time / LIMIT))
+
+
+@pytest.mark.parametrize("target", ["llvm", "numpy"])
+def test_drag_from_rest(target: str) -> None:
+    model = thrown().compile(target=target)
+    found = lg.integrate(model, (0.0, 5.0), {}, rtol=1e-12, atol=1e-14)
+    assert found.status is lg.Status.SUCCESS
+    # A step's tolerance is a tenth of 1e-12 of some 30 m; the first millionth of the run is DOP853's, as exact.
+    times = np.linspace(0.0, 5.0, 301)
+    assert found.at(times)[1] == pytest.approx(fallen(times), rel=1e-11, abs=1e-13)
+    # On the leap itself, 5e-6 s long, the path is a cubic with the right slopes.
+    times = np.linspace(0.0, 5e-6, 11)
+    assert found.at(times)[3] == pytest.approx(-G * times, rel=1e-9, abs=1e-15)
+
+
+@pytest.mark.parametrize("events", [None, [y.dot], [lg.event(y.dot, direction=-1)]])
+def test_straight_up_and_down_again(events: Any) -> None:
+    """At the turning point the speed is the root of a square; an event may be at the same place."""
+    up = 10.0
+    found = thrown().run(5.0, {y.dot: up}, events=events, rtol=1e-12, atol=1e-14)
+    turn = LIMIT / G * math.atan(up / LIMIT)
+    height = LIMIT**2 / (2 * G) * math.log1p((up / LIMIT) ** 2)
+    assert found.status is lg.Status.SUCCESS
+    assert found[y][-1] == pytest.approx(height + fallen(5.0 - turn), rel=1e-10)
+    if events:
+        assert found.t_events[0] == pytest.approx([turn], rel=1e-11)
+
+
+def test_events_around_a_leap_are_not_lost() -> None:
+    """On the way down just behind the turning point, within the millionth of the run that a leap takes."""
+    up = 10.0
+    turn = LIMIT / G * math.atan(up / LIMIT)
+    late = 1e-6
+    found = thrown().run(5.0, {y.dot: up}, events=[y.dot + G * late], rtol=1e-13, atol=1e-15)
+    # Behind the turn drag is of the second order: 1e-12 of the speed.
+    assert found.t_events[0] == pytest.approx([turn + late], abs=1e-11)
+
+
+def test_what_stays_at_rest_takes_few_leaps() -> None:
+    model = lg.System(kinetic=x.dot**2 / 2, potential=x**2, forces={x: -sqrt(x.dot**2) * x.dot})
+    found = model.run(1e6, {}, max_wall=60.0)
+    assert found.status is lg.Status.SUCCESS and len(found.t) < 40
+    assert not found.y.any()
+
+
+@pytest.mark.parametrize("power", [Rational(1, 2), Rational(1, 3), Rational(3, 4)])
+def test_an_oscillation_with_drag_of_a_fractional_power(power: Rational) -> None:
+    """Forces that depend on a power of the speed squared, at every turn of the oscillation."""
+    system = lg.System(kinetic=x.dot**2 / 2, potential=2 * x**2, forces={x: -((x.dot**2) ** power) * x.dot / 3})
+    found = system.run(20.0, {x: 1.0})
+    truth = system.run(20.0, {x: 1.0}, method="dop853", rtol=1e-13, atol=1e-14)
+    assert found.status is lg.Status.SUCCESS
+    # The default tolerance is 1e-9; behind each turn some steps more end at the new branch.
+    assert found.y[:, -1] == pytest.approx(truth.y[:, -1], abs=2e-9)
+
+
+@pytest.mark.parametrize("force", [-(sqrt(x**2) - 1) * x / sqrt(x**2), -x * (1 - 1 / sqrt(x**2))])
+def test_a_force_that_jumps_is_not_leapt_over(force: Any) -> None:
+    """A spring of length 1 whose ends pass through each other: its force changes from a push to a pull.
+
+    Until then x = 1 - 2 sin t.
+    """
+    found = lg.System(kinetic=x.dot**2 / 2, forces={x: force}).run(5.0, {x: 1.0, x.dot: -2.0})
+    assert found.status is lg.Status.NON_FINITE
+    assert found.t[-1] == pytest.approx(math.asin(0.5), rel=1e-8)
+    assert "sqrt(x**2) becomes zero there" in found.message and "as abs" in found.message
+
+
+def test_a_root_that_leaves_its_domain_is_not_leapt_over() -> None:
+    found = lg.System(kinetic=x.dot**2 / 2, forces={x: -sqrt(1 - x) / 100}).run(5.0, {x: 0.0, x.dot: 1.0})
+    assert found.status is lg.Status.NON_FINITE and found[x][-1] == pytest.approx(1.0, abs=1e-6)
