@@ -99,3 +99,12 @@ def test_a_force_that_jumps_is_not_leapt_over(force: Any) -> None:
 def test_a_root_that_leaves_its_domain_is_not_leapt_over() -> None:
     found = lg.System(kinetic=x.dot**2 / 2, forces={x: -sqrt(1 - x) / 100}).run(5.0, {x: 0.0, x.dot: 1.0})
     assert found.status is lg.Status.NON_FINITE and found[x][-1] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_dry_friction_written_as_a_root_is_not_leapt_over() -> None:
+    """At the turning point the friction changes sign, by more than a hundredth of the acceleration there."""
+    friction = -0.3 * x.dot / sqrt(x.dot**2)
+    found = lg.System(kinetic=x.dot**2 / 2, potential=2 * x**2, forces={x: friction}).run(5.0, {x: 1.0, x.dot: -0.5})
+    assert found.status in (lg.Status.NON_FINITE, lg.Status.STEP_TOO_SMALL)
+    # x = 0.075 + A cos(2 t + phase) until the speed is zero: half a period after it would have been zero.
+    assert found.t[-1] == pytest.approx((math.pi - math.atan2(0.25, 1.0 - 0.075)) / 2, rel=1e-9)
