@@ -77,7 +77,7 @@ class Body:
             if op == "constant":
                 return number(data, self.lanes)
             if op == "parameter":
-                self.values[i] = self.splat(self.e.get("%p", int(data)))
+                self.values[i] = self.given(int(data))
             else:
                 self.restore(i, self.slots[i])
         return self.values[i]
@@ -88,13 +88,9 @@ class Body:
             self.restore(i, self.slots[i])
         return self.vectors[i]
 
-    def splat(self, scalar: str) -> str:
-        """Return a number in every lane."""
-        if self.lanes == 1:
-            return scalar
-        one = self.e.value(f"insertelement {self.kind} poison, double {scalar}, i64 0")
-        zeros = f"<{self.lanes} x i32> zeroinitializer"
-        return self.e.value(f"shufflevector {self.kind} {one}, {self.kind} poison, {zeros}")
+    def given(self, place: int) -> str:
+        """Return a parameter or a saved number, in every lane."""
+        return self.e.splat(self.e.get("%p", place), self.kind)
 
     def restore(self, ref: int, slot: int) -> None:
         """Read a result that `prepare` left behind the parameters."""
@@ -103,11 +99,11 @@ class Body:
             self.values[ref] = self.e.address("%p", slot)
         elif op in ("factor", "solve"):
             width = width_of(self.program, ref)
-            self.vectors[ref] = [self.splat(self.e.get("%p", slot + k)) for k in range(width)]
+            self.vectors[ref] = [self.given(slot + k) for k in range(width)]
             if op == "factor":
                 self.vectors[ref][-1] = self.as_truth(self.vectors[ref][-1])
         else:
-            value = self.splat(self.e.get("%p", slot))
+            value = self.given(slot)
             self.values[ref] = self.as_truth(value) if op in BOOLEAN else value
 
     def as_truth(self, value: str) -> str:

@@ -109,6 +109,13 @@ class Emitter:
         """Return |a|."""
         return self.value(f"call {kind} @llvm.fabs.{suffix(kind)}({kind} {a})")
 
+    def splat(self, scalar: str, kind: str) -> str:
+        """Return a number in every lane of a vector, or the number itself where the type is double."""
+        if kind == "double":
+            return scalar
+        one = self.value(f"insertelement {kind} poison, double {scalar}, i64 0")
+        return self.value(f"shufflevector {kind} {one}, {kind} poison, <{_lanes(kind)} x i32> zeroinitializer")
+
     @contextmanager
     def loop(self, start: str | int, stop: str | int, step: int = 1) -> Iterator[str]:
         """Repeat the body for an index from `start` while below `stop`; yields the index."""
@@ -171,4 +178,9 @@ class Emitter:
 
 def suffix(kind: str) -> str:
     """Return the suffix that LLVM's intrinsics carry for a type: f64 for double, v8f64 for <8 x double>."""
-    return "f64" if kind == "double" else f"v{kind[1:].partition(' ')[0]}f64"
+    return "f64" if kind == "double" else f"v{_lanes(kind)}f64"
+
+
+def _lanes(kind: str) -> str:
+    """Return how many entries a type of vectors has."""
+    return kind[1:].partition(" ")[0]

@@ -32,11 +32,6 @@ def _at(e: Emitter, stride: str, row: str, column: str) -> str:
     return e.value(f"add nsw i64 {e.value(f'mul nsw i64 {column}, {stride}')}, {row}")
 
 
-def _splat(e: Emitter, value: str) -> str:
-    one = e.value(f"insertelement {KIND} poison, double {value}, i64 0")
-    return e.value(f"shufflevector {KIND} {one}, {KIND} poison, <{LANES} x i32> zeroinitializer")
-
-
 def _factor() -> str:
     """Turn the columns %l, lower triangle, into those of L below the diagonal, and 1/d into %d; 1 if it is trusted."""
     e = Emitter()
@@ -51,12 +46,12 @@ def _factor() -> str:
         e.put(reciprocal, "%d", j)
         after = e.value(f"add nsw i64 {j}, 1")
         with e.loop(after, "%n") as k:
-            minus = _splat(e, e.value(f"fneg double {e.real('fmul', e.get(column, k), reciprocal)}"))
+            minus = e.splat(e.value(f"fneg double {e.real('fmul', e.get(column, k), reciprocal)}"), KIND)
             target = e.address("%l", e.value(f"mul nsw i64 {k}, %stride"))
             with e.loop(e.value(f"and i64 {k}, -{LANES}"), "%n", LANES) as i:
                 old = e.load(e.address(target, i), KIND)
                 e.store(e.fma(minus, e.load(e.address(column, i), KIND), old, KIND), e.address(target, i), KIND)
-        scale = _splat(e, reciprocal)
+        scale = e.splat(reciprocal, KIND)
         with e.loop(e.value(f"and i64 {after}, -{LANES}"), "%n", LANES) as i:
             place = e.address(column, i)
             e.store(e.value(f"fmul {KIND} {e.load(place, KIND)}, {scale}"), place, KIND)
@@ -74,10 +69,10 @@ def _solve() -> str:
             with e.carry(c, i, [(KIND, e.load(e.address(row, c), KIND))]) as inner:
                 minus = e.value(f"fneg double {e.get('%l', _at(e, '%stride', i, inner.index))}")
                 other = e.load(e.address("%x", _at(e, "%stride", c, inner.index)), KIND)
-                inner.following = [e.fma(_splat(e, minus), other, inner.values[0], KIND)]
+                inner.following = [e.fma(e.splat(minus, KIND), other, inner.values[0], KIND)]
             e.store(inner.values[0], e.address(row, c), KIND)
     with e.loop(0, "%n") as i:
-        row, scale = e.address("%x", e.value(f"mul nsw i64 {i}, %stride")), _splat(e, e.get("%d", i))
+        row, scale = e.address("%x", e.value(f"mul nsw i64 {i}, %stride")), e.splat(e.get("%d", i), KIND)
         with e.loop(0, "%n", LANES) as c:
             place = e.address(row, c)
             e.store(e.value(f"fmul {KIND} {e.load(place, KIND)}, {scale}"), place, KIND)
@@ -89,7 +84,7 @@ def _solve() -> str:
             with e.carry(first, "%n", [(KIND, e.load(e.address(row, c), KIND))]) as inner:
                 minus = e.value(f"fneg double {e.get(column, inner.index)}")
                 other = e.load(e.address("%x", _at(e, "%stride", c, inner.index)), KIND)
-                inner.following = [e.fma(_splat(e, minus), other, inner.values[0], KIND)]
+                inner.following = [e.fma(e.splat(minus, KIND), other, inner.values[0], KIND)]
             e.store(inner.values[0], e.address(row, c), KIND)
     e.do("ret void")
     return e.function("define internal void @solve(i64 %n, i64 %stride, ptr %l, ptr %d, ptr noalias %x) #0")

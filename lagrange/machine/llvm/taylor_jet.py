@@ -46,14 +46,6 @@ class Shuffle:
     def __init__(self, e: Emitter) -> None:
         self.e = e
 
-    def splat(self, value: str, lanes: int) -> str:
-        """Return a number in every lane."""
-        if lanes == 1:
-            return value
-        kind = element(lanes)
-        one = self.e.value(f"insertelement {kind} poison, double {value}, i64 0")
-        return self.e.value(f"shufflevector {kind} {one}, {kind} poison, <{lanes} x i32> zeroinitializer")
-
     def gather(self, lanes: Sequence[tuple[Vector, int, int]]) -> Vector:
         """Return a vector whose lanes are (vector, its width, lane in it); a missing vector gives zero."""
         sources: dict[str, tuple[int, int]] = {}
@@ -95,7 +87,7 @@ class Shuffle:
         kind = element(count)
         if width == 1:
             if len(here) == count:
-                return self.splat(source, count)
+                return self.e.splat(source, kind)
             total = "poison"
             for i in here:
                 total = self.e.value(f"insertelement {kind} {total}, double {source}, i64 {i}")

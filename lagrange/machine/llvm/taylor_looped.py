@@ -241,7 +241,7 @@ class LoopedJet:
         """Return a number in every lane, made once."""
         key = (value, lanes)
         if key not in self.splats:
-            self.splats[key] = self.shuffle.splat(value, lanes)
+            self.splats[key] = self.e.splat(value, element(lanes))
         return self.splats[key]
 
     def share(self, x: Vector, lanes: int) -> Vector:
@@ -349,7 +349,7 @@ class LoopedJet:
             with e.carry(0, n, list(zip(kinds, zeros, strict=True))) as loop:
                 entry = e.get(right, loop.index)
                 loop.following = [
-                    e.fma(part, self.shuffle.splat(entry, len(chunk.values)), total, kind)
+                    e.fma(part, e.splat(entry, kind), total, kind)
                     for part, chunk, total, kind in zip(column(loop.index), chunks, loop.values, kinds, strict=True)
                 ]
             return list(loop.values)
@@ -358,7 +358,7 @@ class LoopedJet:
             entry = e.get(right, j)
             for i, (part, chunk) in enumerate(zip(column(j), chunks, strict=True)):
                 lanes = len(chunk.values)
-                totals[i][j % 2] = self.do.fma(part, self.shuffle.splat(entry, lanes), totals[i][j % 2], lanes)
+                totals[i][j % 2] = self.do.fma(part, e.splat(entry, element(lanes)), totals[i][j % 2], lanes)
         return [self.do.add(a, b, len(chunk.values)) for (a, b), chunk in zip(totals, chunks, strict=True)]
 
     def write(self) -> None:

@@ -206,7 +206,7 @@ class UnrolledJet:
             if lanes == 1:
                 self.shares[key] = "%scale" if factor == 1.0 else self.e.real("fmul", "%scale", literal(factor))
             else:
-                self.shares[key] = self.shuffle.splat(self.scales(factor, 1), lanes)
+                self.shares[key] = self.e.splat(self.scales(factor, 1), element(lanes))
         return self.shares[key]
 
     def start(self, lanes: int) -> Vector:
@@ -230,7 +230,7 @@ class UnrolledJet:
             lanes, total = len(chunk.values), None
             for j, column in columns.items():
                 single = self.shuffle.lane(*entries[j])
-                splat = None if single is None else self.shuffle.splat(single, lanes)
+                splat = None if single is None else self.e.splat(single, element(lanes))
                 total = self.do.fma(column, splat, total, lanes)
             found.append(total)
         return found
