@@ -119,24 +119,13 @@ class Emitter:
     @contextmanager
     def loop(self, start: str | int, stop: str | int, step: int = 1) -> Iterator[str]:
         """Repeat the body for an index from `start` while below `stop`; yields the index."""
-        name = self.fresh("loop")
-        before = self.block
-        self.jump(f"{name}.head")
-        self.label(f"{name}.head")
-        index, following = f"%{name}.i", f"%{name}.next"
-        hole = len(self.lines)
-        self.lines.append("")
-        self.do(f"%{name}.go = icmp slt i64 {index}, {stop}")
-        self.do(f"br i1 %{name}.go, label %{name}.body, label %{name}.end")
-        self.label(f"{name}.body")
-        yield index
-        self.do(f"{following} = add nsw i64 {index}, {step}")
-        self.lines[hole] = f"  {index} = phi i64 [ {start}, %{before} ], [ {following}, %{self.block} ]"
-        self.jump(f"{name}.head")
-        self.label(f"{name}.end")
+        with self.carry(start, stop, (), step) as carried:
+            yield carried.index
 
     @contextmanager
-    def carry(self, start: str | int, stop: str | int, carried: Sequence[tuple[str, str]]) -> Iterator[Carried]:
+    def carry(
+        self, start: str | int, stop: str | int, carried: Sequence[tuple[str, str]], step: int = 1
+    ) -> Iterator[Carried]:
         """Repeat the body as `loop` does, handing values of (kind, initial value) from one turn to the next.
 
         The body sets `following` of what it gets, one value for each; behind the loop, `values` are the last ones.
@@ -153,7 +142,7 @@ class Emitter:
         self.do(f"br i1 %{name}.go, label %{name}.body, label %{name}.end")
         self.label(f"{name}.body")
         yield loop
-        self.do(f"{following} = add nsw i64 {index}, 1")
+        self.do(f"{following} = add nsw i64 {index}, {step}")
         self.lines[hole] = f"  {index} = phi i64 [ {start}, %{before} ], [ {following}, %{self.block} ]"
         for i, (kind, initial) in enumerate(carried):
             entry = f"[ {initial}, %{before} ], [ {loop.following[i]}, %{self.block} ]"

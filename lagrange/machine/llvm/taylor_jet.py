@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 
 from lagrange.machine.llvm.body import ANGLES, Body
@@ -48,33 +48,29 @@ class Shuffle:
 
     def gather(self, lanes: Sequence[tuple[Vector, int, int]]) -> Vector:
         """Return a vector whose lanes are (vector, its width, lane in it); a missing vector gives zero."""
-        sources: dict[str, tuple[int, int]] = {}
-        for vector, width, _ in lanes:
-            if vector is not None:
-                sources.setdefault(vector, (width, len(sources)))
+        sources = {vector: width for vector, width, _ in lanes if vector is not None}
         if not sources:
             return None
         count = len(lanes)
         if count == 1:
-            vector, width, lane = lanes[0]
-            return self.lane(vector, width, lane)
-        total: str | None = None
+            return self.lane(*lanes[0])
+        total = ""
         filled: set[int] = set()
-        for source, (width, _) in sources.items():
+        for source, width in sources.items():
             here = {i: lane for i, (vector, _, lane) in enumerate(lanes) if vector == source}
-            if (
-                total is None
-                and set(here) == set(range(count))
-                and width == count
-                and list(here.values()) == list(range(count))
-            ):
-                return source
             part = self._moved(source, width, here, count)
-            total = part if total is None else self._merged(total, part, set(here), count)
+            total = self._merged(total, part, set(here), count) if total else part
             filled |= set(here)
-        if total is not None and len(filled) < count:
-            total = self._merged(number(0.0, count), total, filled, count)
-        return total
+        return total if len(filled) == count else self._merged(number(0.0, count), total, filled, count)
+
+    def operand(self, packing: Packing, operand: Operand, x: Callable[[Chunk], Vector]) -> Vector:
+        """Return an operand as it is, not times its order, from the vectors of its values' chunks."""
+        homes = [None if value == NOTHING else packing.place[value] for value in operand.values]
+        if homes[0] is not None and homes[0][0].values == operand.values:
+            return x(homes[0][0])
+        return self.gather(
+            [(None, 1, 0) if home is None else (x(home[0]), len(home[0].values), home[1]) for home in homes]
+        )
 
     def lane(self, vector: Vector, width: int, lane: int) -> Vector:
         """Return one entry of a vector."""

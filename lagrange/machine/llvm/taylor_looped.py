@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.inverse import padded
-from lagrange.machine.llvm.packing import NOTHING, Chunk, Operand, Packing
+from lagrange.machine.llvm.packing import Chunk, Operand, Packing
 from lagrange.machine.llvm.spelling import element, number
 from lagrange.machine.llvm.taylor_jet import (
     SIGNATURE,
@@ -198,19 +198,11 @@ class LoopedJet:
     def now(self, operand: Operand) -> Vector:
         """Return an operand at the order at hand."""
         if operand not in self.gathered:
-            place = self.packing.place
-            home = place[operand.values[0]][0] if operand.values[0] != NOTHING else None
-            if home is not None and home.values == operand.values:
-                vector = self.x[home]
-            else:
-                found = [None if value == NOTHING else place[value] for value in operand.values]
-                vector = self.shuffle.gather(
-                    [(None, 1, 0) if at is None else (self.x[at[0]], len(at[0].values), at[1]) for at in found]
-                )
-            lanes = len(operand.values)
-            self.gathered[operand] = (
-                self.do.scale(vector, self.splat(self.rank, lanes), lanes) if operand.ranked else vector
-            )
+            vector = self.shuffle.operand(self.packing, operand, self.x.__getitem__)
+            if operand.ranked:
+                lanes = len(operand.values)
+                vector = self.do.scale(vector, self.splat(self.rank, lanes), lanes)
+            self.gathered[operand] = vector
         return self.gathered[operand]
 
     def before(self, operand: Operand) -> Vector:

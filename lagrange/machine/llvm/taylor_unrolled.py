@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from lagrange.machine.llvm import unrolled
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.linear_solver import factor_size
-from lagrange.machine.llvm.packing import NOTHING, Chunk, Operand, Packing
+from lagrange.machine.llvm.packing import Chunk, Operand, Packing
 from lagrange.machine.llvm.spelling import element, number
 from lagrange.machine.llvm.taylor_jet import (
     SIGNATURE,
@@ -112,19 +112,10 @@ class UnrolledJet:
             return self.first(operand)
         key = (operand, k)
         if key not in self.gathered:
-            place = self.packing.place
-            lanes: list[tuple[Vector, int, int]] = []
-            for value in operand.values:
-                if value == NOTHING:
-                    lanes.append((None, 1, 0))
-                else:
-                    chunk, lane = place[value]
-                    lanes.append((self.x[chunk, k], len(chunk.values), lane))
-            home = None if operand.values[0] == NOTHING else place[operand.values[0]][0]
-            same = home is not None and home.values == operand.values
-            vector = self.x[home, k] if home is not None and same else self.shuffle.gather(lanes)
+            vector = self.shuffle.operand(self.packing, operand, lambda chunk: self.x[chunk, k])
             if operand.ranked and k > 1:
-                vector = self.do.scale(vector, number(float(k), len(operand.values)), len(operand.values))
+                lanes = len(operand.values)
+                vector = self.do.scale(vector, number(float(k), lanes), lanes)
             self.gathered[key] = vector
         return self.gathered[key]
 
