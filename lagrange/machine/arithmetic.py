@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -49,16 +49,20 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
 
 @dataclass(frozen=True)
 class Arithmetic:
-    """What numbers are: their spelling of each operation of a program, and the number that a double is."""
+    """What numbers are: their spelling of each operation of a program, and the number that a double is.
+
+    `systems` spells factor, solve and component, on the instruction's datum and its operands, where there are any.
+    """
 
     operations: Mapping[str, Callable[..., Any]]
     number: Callable[[float], Any]
     dtype: Any
+    systems: Mapping[str, Callable[..., Any]] = field(default_factory=dict)
 
     def evaluate(
         self, program: Program, t: Any, y: Sequence[Any] | NDArray[Any], parameters: Sequence[Any] | NDArray[Any]
     ) -> list[Any]:
-        """Return the outputs of a program without linear systems."""
+        """Return the outputs of a program."""
         values: list[Any] = []
         for op, args, data in program.instructions:
             if op == "state":
@@ -69,8 +73,10 @@ class Arithmetic:
                 values.append(t)
             elif op == "constant":
                 values.append(self.number(data))
+            elif op in self.systems:
+                values.append(self.systems[op](int(data), *[values[arg] for arg in args]))
             else:
-                values.append(self.operations[op](*(values[arg] for arg in args)))
+                values.append(self.operations[op](*[values[arg] for arg in args]))
         return [values[output] for output in program.outputs]
 
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from lagrange.machine.arithmetic import OPERATIONS
+from lagrange.machine.arithmetic import FLOATS
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.numpy_driver import NumpyDriver
 from lagrange.machine.numpy_taylor import NumpySeries
@@ -38,10 +38,10 @@ class NumpyKernel:
         self, t: float | FloatArray, y: Sequence[Any] | FloatArray, columns: tuple[int, ...], parameters: FloatArray
     ) -> FloatArray:
         with np.errstate(all="ignore"):
-            values = interpret(self.program, t, y, parameters)
-        out = np.empty((len(self.program.outputs), *columns))
-        for row, ref in enumerate(self.program.outputs):
-            out[row] = values[ref]
+            values = WITH_SYSTEMS.evaluate(self.program, np.asarray(t, dtype=float), y, parameters)
+        out = np.empty((len(values), *columns))
+        for row, value in enumerate(values):
+            out[row] = value
         return out.reshape((*self.program.shape, *columns))
 
 
@@ -64,33 +64,7 @@ class NumpyMachine:
         return NumpyDriver(step, kernel, parameters)
 
 
-def interpret(
-    program: Program, t: float | FloatArray, y: Sequence[Any] | FloatArray, parameters: FloatArray
-) -> list[Any]:
-    """Return the value of every instruction."""
-    values: list[Any] = []
-    for op, args, data in program.instructions:
-        operands = [values[arg] for arg in args]
-        if op == "state":
-            values.append(y[int(data)])
-        elif op == "parameter":
-            values.append(parameters[int(data)])
-        elif op == "time":
-            values.append(np.asarray(t, dtype=float))
-        elif op == "constant":
-            values.append(np.float64(data))
-        elif op == "factor":
-            values.append(_matrix(int(data), operands))
-        elif op == "solve":
-            values.append(_solve(operands[0], operands[1:]))
-        elif op == "component":
-            values.append(operands[0][int(data)])
-        else:
-            values.append(OPERATIONS[op](*operands))
-    return values
-
-
-def _matrix(n: int, lower: list[Any]) -> FloatArray:
+def _matrix(n: int, *lower: Any) -> FloatArray:
     """Return the full matrix (n, n) or (n, n, batch) from its lower triangle by rows."""
     rows = np.array(np.broadcast_arrays(*lower), dtype=float)
     i, j = np.tril_indices(n)
@@ -100,9 +74,8 @@ def _matrix(n: int, lower: list[Any]) -> FloatArray:
     return full
 
 
-def _solve(matrix: FloatArray, right: list[Any]) -> FloatArray:
+def _solve(n: int, matrix: FloatArray, *right: Any) -> FloatArray:
     """Return the solution (n,) or (n, batch) by Gaussian elimination with scaled partial pivoting."""
-    n = len(right)
     columns = np.broadcast_shapes(matrix.shape[2:], *(np.shape(entry) for entry in right))
     whole = matrix[..., None] if columns and matrix.ndim == 2 else matrix
     a = np.broadcast_to(whole, (n, n, *columns)).reshape(n, n, -1).copy()
@@ -139,3 +112,7 @@ def _check_pivot(pivot: FloatArray, largest: FloatArray, columns: tuple[int, ...
     singular = (np.abs(pivot) <= PIVOT * largest) | (pivot == 0.0)
     if singular.any():
         raise SingularMassMatrix(int(np.argmax(singular)) if columns else None)
+
+
+WITH_SYSTEMS = replace(FLOATS, systems={"factor": _matrix, "solve": _solve, "component": lambda i, x: x[i]})
+"""Doubles, and the linear systems of the mass matrix in them."""
