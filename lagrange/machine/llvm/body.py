@@ -7,16 +7,12 @@ from collections.abc import Iterable
 from lagrange.machine.llvm import unrolled
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.linear_solver import factor_size
-from lagrange.machine.llvm.spelling import BOOLEAN, LIBRARY, element, number, spell, truth
+from lagrange.machine.llvm.spelling import BOOLEAN, LIBRARY, c_name, element, number, spell, truth
 from lagrange.machine.llvm.trigonometry import call_sine_and_cosine, sine_and_cosine
 from lagrange.program.program import Instruction, Program
 
 UNROLLED = 6
 """Largest matrix whose factorization is written out. Beyond it a loop is as fast and compiles at once."""
-
-C_NAMES = {"power": "pow"}
-"""Names of the C library that differ from ours."""
-
 
 ANGLES = ("sin", "cos")
 
@@ -139,7 +135,7 @@ class Body:
         if self.lanes > 1:
             return self.vector_call(op, operands)
         typed = ", ".join(f"double {operand}" for operand in operands)
-        return self.e.value(f"call double @{C_NAMES.get(op, op)}({typed})")
+        return self.e.value(f"call double @{c_name(op)}({typed})")
 
     def angle(self, op: str, args: tuple[int, ...], x: str) -> str:
         """Return the sine or cosine of an angle, and keep the other if the program has it."""
@@ -160,7 +156,7 @@ class Body:
         for lane in range(self.lanes):
             picked = [self.e.value(f"extractelement {self.kind} {operand}, i64 {lane}") for operand in operands]
             typed = ", ".join(f"double {one}" for one in picked)
-            called = self.e.value(f"call double @{C_NAMES.get(op, op)}({typed})")
+            called = self.e.value(f"call double @{c_name(op)}({typed})")
             result = self.e.value(f"insertelement {self.kind} {result}, double {called}, i64 {lane}")
         return result
 

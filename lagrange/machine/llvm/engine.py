@@ -12,12 +12,10 @@ import llvmlite.binding as llvm
 
 from lagrange.machine.llvm.inverse import inverse_module
 from lagrange.machine.llvm.linear_solver import library
-from lagrange.machine.llvm.spelling import LIBRARY
+from lagrange.machine.llvm.spelling import LIBRARY, c_name
+from lagrange.program.program import ARITY
 
 _LOADING = threading.Lock()
-_VECTOR_ROUTINES = {"power": "pow"}
-_TWO_OPERANDS = frozenset(("power", "atan2"))
-
 
 HUGE = 1_000_000
 """Characters of IR beyond which code is made quickly, not well: some 12,000 operations. The Jacobian of a chain of 30
@@ -126,9 +124,7 @@ def vector_routines() -> dict[str, str]:
         return {}
     llvm.load_library_permanently("libmvec.so.1")
     prefix = {8: "_ZGVeN8", 4: "_ZGVdN4", 2: "_ZGVbN2"}[lanes()]
-    names = {
-        op: f"{prefix}{'vv' if op in _TWO_OPERANDS else 'v'}_{_VECTOR_ROUTINES.get(op, op)}" for op in sorted(LIBRARY)
-    }
+    names = {op: f"{prefix}{'v' * (ARITY[op] or 0)}_{c_name(op)}" for op in sorted(LIBRARY)}
     return {op: name for op, name in names.items() if hasattr(routines, name)}
 
 

@@ -12,10 +12,10 @@ out[size][count]; it returns the first column of a block with a singular matrix,
 
 from __future__ import annotations
 
-from lagrange.machine.llvm.body import C_NAMES, UNROLLED, Body, shares_angle_function
+from lagrange.machine.llvm.body import UNROLLED, Body, shares_angle_function
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.linear_solver import factor_size
-from lagrange.machine.llvm.spelling import BOOLEAN, LIBRARY, element, number, spell
+from lagrange.machine.llvm.spelling import BOOLEAN, declaration, intrinsics, library_functions, number, spell
 from lagrange.machine.llvm.trigonometry import angle_function
 from lagrange.program.program import Program
 
@@ -39,17 +39,8 @@ def column_module(program: Program, lanes: int, vector_names: dict[str, str]) ->
 
 
 def _module(program: Program, functions: list[str], lanes: int, vector_names: dict[str, str]) -> str:
-    kind = element(lanes)
-    code = f"v{lanes}f64" if lanes > 1 else "f64"
-    names = ("fma", "minimum", "maximum")
-    lines = [f"declare {kind} @llvm.{name}.{code}({', '.join([kind] * (3 if name == 'fma' else 2))})" for name in names]
-    lines += [f"declare {kind} @llvm.{name}.{code}({kind})" for name in ("sqrt", "fabs")]
-    lines.append("declare void @sincos(double, ptr, ptr)")
-    for op in sorted(LIBRARY):
-        operands = 2 if op in ("power", "atan2") else 1
-        lines.append(f"declare double @{C_NAMES.get(op, op)}({', '.join(['double'] * operands)})")
-        if op in vector_names:
-            lines.append(f"declare {kind} @{vector_names[op]}({', '.join([kind] * operands)}) #0")
+    lines = [*intrinsics(lanes), *library_functions()]
+    lines += [f"{declaration(name, op, lanes)} #0" for op, name in vector_names.items()]
     lines += [
         "declare i32 @factor_dense(i64, ptr, ptr)",
         "declare void @solve_factored(i64, ptr, ptr, ptr)",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from lagrange.machine.llvm.emitter import Emitter, literal, suffix
+from lagrange.program.program import ARITY
 
 LIBRARY = frozenset(
     ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "sinh", "cosh", "tanh", "power")
@@ -16,7 +17,7 @@ BOOLEAN = frozenset(("less", "less_equal", "equal", "and", "or", "not"))
 
 _ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 _COMPARE = {"less": "olt", "less_equal": "ole", "equal": "oeq"}
-_INTRINSIC = {"sqrt": "sqrt", "abs": "fabs", "min": "minimum", "max": "maximum", "fma": "fma"}
+_INTRINSIC = {"fma": "fma", "min": "minimum", "max": "maximum", "sqrt": "sqrt", "abs": "fabs"}
 _LOGIC = {"and": "and", "or": "or"}
 
 
@@ -35,6 +36,28 @@ def element(lanes: int) -> str:
 def truth(lanes: int) -> str:
     """Return the type of a condition."""
     return "i1" if lanes == 1 else f"<{lanes} x i1>"
+
+
+def c_name(op: str) -> str:
+    """Return what the C library calls an operation."""
+    return "pow" if op == "power" else op
+
+
+def intrinsics(lanes: int) -> list[str]:
+    """Return the declarations of LLVM's own functions that operations on that many lanes become."""
+    kind = element(lanes)
+    return [declaration(f"llvm.{name}.{suffix(kind)}", op, lanes) for op, name in _INTRINSIC.items()]
+
+
+def library_functions() -> list[str]:
+    """Return the declarations of the C library's functions."""
+    return ["declare void @sincos(double, ptr, ptr)", *(declaration(c_name(op), op, 1) for op in sorted(LIBRARY))]
+
+
+def declaration(name: str, op: str, lanes: int) -> str:
+    """Return the declaration of the function that computes an operation on that many lanes."""
+    kind = element(lanes)
+    return f"declare {kind} @{name}({', '.join([kind] * (ARITY[op] or 0))})"
 
 
 def spell(emitter: Emitter, op: str, args: list[str], lanes: int) -> str:

@@ -19,7 +19,7 @@ from lagrange.machine.llvm.engine import Module, inversion, lanes, linear_solver
 from lagrange.machine.llvm.kernel import ATTRIBUTES, METADATA, QUICKLY, prepare_function
 from lagrange.machine.llvm.memory import address
 from lagrange.machine.llvm.packing import Packing, pack
-from lagrange.machine.llvm.spelling import LIBRARY
+from lagrange.machine.llvm.spelling import intrinsics, library_functions
 from lagrange.machine.llvm.taylor_cost import cheapest_order, is_large
 from lagrange.machine.llvm.taylor_jet import Table
 from lagrange.machine.llvm.taylor_layout import Slots, TaylorLayout, looped_layout, unrolled_layout
@@ -147,20 +147,15 @@ SERIES = """define i32 @series(double %t, double %scale, ptr %y, ptr %p, ptr %c,
 
 def declarations(lanes: int) -> str:
     """Return what a module of a series declares."""
-    lines = []
-    for kind, code in (("double", "f64"), *((f"<{n} x double>", f"v{n}f64") for n in (2, 4, 8))):
-        for name, operands in (("fma", 3), ("minimum", 2), ("maximum", 2), ("sqrt", 1), ("fabs", 1)):
-            lines.append(f"declare {kind} @llvm.{name}.{code}({', '.join([kind] * operands)})")
+    integers = f"<{lanes} x i64>"
+    lines = [line for width in (1, 2, 4, 8) for line in intrinsics(width)]
     lines += [f"declare i64 @llvm.{name}.i64(i64, i64)" for name in ("umax", "smax")]
-    lines.append(f"declare <{lanes} x i64> @llvm.umax.v{lanes}i64(<{lanes} x i64>, <{lanes} x i64>)")
-    lines.append(f"declare i64 @llvm.vector.reduce.umax.v{lanes}i64(<{lanes} x i64>)")
+    lines.append(f"declare {integers} @llvm.umax.v{lanes}i64({integers}, {integers})")
+    lines.append(f"declare i64 @llvm.vector.reduce.umax.v{lanes}i64({integers})")
     lines.append("declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)")
-    lines.append("declare void @sincos(double, ptr, ptr)")
     lines.append("declare i32 @invert_dense(i64, ptr, ptr, ptr)")
     lines.append("declare i32 @invert(i64, i64, ptr, ptr, ptr)")
-    for op in sorted(LIBRARY):
-        operands = 2 if op in ("power", "atan2") else 1
-        lines.append(f"declare double @{'pow' if op == 'power' else op}({', '.join(['double'] * operands)})")
+    lines += library_functions()
     return "\n".join([*lines, ""])
 
 
