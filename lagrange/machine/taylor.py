@@ -24,14 +24,37 @@ GUARD = 0.25
 and the last that is not may be small by chance. Row k of a series of radius r shows r tolerance**(1/k); what it shows
 of r may be exceeded by a quarter of a binary digit, for the rows of an entire function fall faster and faster."""
 
+ZERO, VANISHED = -900.0, -800.0
+"""Powers of two, as parts of the tolerance: the first stands for zero where a logarithm is taken, and a coefficient
+below the second counts as zero. A series in a fitting scale has none there but zeros: its last coefficients lie within
+2**(FARTHEST order) of the tolerance, 2**640 at order 64."""
+
+OVERFLOWED = -45.0
+"""A step below this power of two, in units of the scale, means no more than that a coefficient has overflowed or is
+about to: infinity, as 2**1024 tolerances, asks for a step of 2**-51 at order 20."""
+
 LONGER, SHORTER = 20.0, -40.0
-"""Powers of two by which the scale changes where the last coefficients are zero, and where one has overflowed."""
+"""Powers of two by which the scale changes where the last coefficients are zero, and where one has overflowed. At
+orders up to 32 the last coefficient changes by 2**640 or 2**-1280: less than lies between one that counts as zero and
+one that overflows, so that no try leaps over the scales that fit."""
+
+BEYOND = 900.0
+"""Power of two, in units of the scale, of the longest step: a series that terminates may ask for one beyond all
+doubles."""
+
+NEAR_END = 1.01
+"""A step within one percent of the end goes to the end, so that no sliver is left over."""
+
+SPACING, EARLIEST = 16 * 2.0**-52, 1e-290
+"""A step shorter than the first part of the time is lost in the round-off of the time; a time nearer to zero counts as
+the second, for at zero nothing is lost."""
 
 SHORTEST = 1e-280
-"""The shortest scale of time that is tried."""
+"""The shortest scale of time that is tried: a step of 2**-45 of it is still a normal double."""
 
 TRIES = 120
-"""How often a step is computed anew with another scale of time before the coefficients count as infinite."""
+"""How often a step is computed anew with another scale of time before the coefficients count as infinite. From a scale
+of 1, 24 changes by `SHORTER` lead past `SHORTEST` to 1e-289, and 96 by `LONGER` from there to 1e289."""
 
 LOWEST, HIGHEST = 4, 32
 """The orders to choose from."""

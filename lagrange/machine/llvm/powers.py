@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from lagrange.machine.llvm.emitter import Emitter, literal
+from lagrange.machine.taylor import ZERO
 
 LOG2 = (-1.6531240060861732, 1.9941811995403236, -0.33474901889029146)
 EXP2 = (1.0, 0.703601177393781, 0.24203533019053836)
 """Polynomials for the binary logarithm on [1, 2], good to 0.007, and the power of two on [-1/2, 1/2], good to 0.002: a
 step size needs no more than two digits, and the C library's functions would take a tenth of a small step."""
 
-LEAST = 123 << 52
-"""The bits of 2**-900: a ratio below this is that, for its logarithm is taken."""
+LEAST = 1023 + int(ZERO) << 52
+"""The bits of 2**`ZERO`: a ratio below this is that, for its logarithm is taken."""
 
 
 def logarithm(e: Emitter, x: str) -> str:
