@@ -130,7 +130,7 @@ class SeriesProgram:
     def velocity(self) -> tuple[int, ...]:
         """The values to find once v[k] is known, in order: all that f or a later order needs, and what is watched."""
         wanted = [value for value in (*self.forces, *self.watched) if value is not None]
-        needed = self._needed([*wanted, *sorted(self.kept | self.summed | self.lagged)])
+        needed = self._needed([*wanted, *sorted(self.kept | self.ranked | self.lagged)])
         return tuple(i for i in needed if i in self.moving and self.rules[i].op != "velocity")
 
     @cached_property
@@ -139,7 +139,7 @@ class SeriesProgram:
         return kept_values(self.rules)
 
     @cached_property
-    def summed(self) -> frozenset[int]:
+    def ranked(self) -> frozenset[int]:
         """The values whose lower orders are read times their order, j x[j]."""
         found: set[int] = set()
         for i, (op, args, _) in enumerate(self.rules):
@@ -164,7 +164,7 @@ class SeriesProgram:
     @cached_property
     def _all_needed(self) -> list[int]:
         outputs = [i for i in (*self.momenta, *self.forces, *self.watched) if i is not None]
-        return self._needed([*outputs, *sorted(self.kept | self.summed | self.lagged)])
+        return self._needed([*outputs, *sorted(self.kept | self.ranked | self.lagged)])
 
     def _needed(self, outputs: list[int]) -> list[int]:
         """Return what the outputs are computed from at the same order, arguments first."""

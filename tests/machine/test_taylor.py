@@ -194,7 +194,7 @@ def assert_packed(program: SeriesProgram, lanes: int) -> None:
             known |= set(chunk.values)
     for chunks, first in ((packed.coordinates, 0), (packed.velocities, n)):
         assert [value for chunk in chunks for value in chunk.values[: chunk.count]] == list(range(first, first + n))
-    assert set(packed.place) >= program.kept | program.lagged | program.summed
+    assert set(packed.place) >= program.kept | program.lagged | program.ranked
 
 
 @pytest.mark.parametrize("lanes", LANES)
