@@ -201,7 +201,7 @@ class Builder:
             square = self.multiply(half, half)
             return self.multiply(square, a) if exponent % 2 else square
         if exponent == -1:
-            return self.add(Rule("inverse", (a,), (self.constant(1),)), node)
+            return self.add(Rule("inverse", (a,)), node)
         if exponent == Fraction(1, 2):
             return self.add(Rule("sqrt", (a,)), node)
         return self.add(Rule("power", (a,), (self.constant(exponent),)), node)

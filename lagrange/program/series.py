@@ -38,7 +38,7 @@ RULES: dict[str, tuple[int | None, int | None, str]] = {
     "mul": (2, 0, "sum of a[j] b[k-j]"),
     "square": (1, 0, "sum of a[j] a[k-j]"),
     "div": (2, 0, "(a[k] - sum over j > 0 of b[j] u[k-j]) / b[0]"),
-    "inverse": (1, 1, "-sum over j > 0 of b[j] u[k-j] / b[0]"),
+    "inverse": (1, 0, "-sum over j > 0 of b[j] u[k-j] / b[0]"),
     "sqrt": (1, 0, "(a[k] - sum over 0 < j < k of u[j] u[k-j]) / 2 u[0]"),
     "power": (1, 1, "sum over j > 0 of (e j - (k-j)) a[j] u[k-j] / k a[0]"),
     "integral": (1, 1, "c w[k-1] / k"),
