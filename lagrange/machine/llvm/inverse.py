@@ -3,15 +3,15 @@
     i32 invert(i64 n, i64 stride, ptr a, ptr out, ptr work)
 
 `a` has the lower triangle by columns, entry (i, j) at j*n + i; the inverse goes to `out` by columns `stride` doubles
-apart, a multiple of eight, with zeros or anything behind the n-th row; `work` takes 2 stride (stride + 1) +
-factor_size(n) doubles. A = L D L^T, then L D (L^T X) = I for all columns at once. Where a pivot cannot be trusted the
-matrix is inverted with pivoting. The result is 1 if it is singular, else 0.
+apart, a multiple of eight, with zeros or anything behind the n-th row; `work` takes `work_size(n)` doubles.
+A = L D L^T, then L D (L^T X) = I for all columns at once. Where a pivot cannot be trusted the matrix is inverted with
+pivoting. The result is 1 if it is singular, else 0.
 """
 
 from __future__ import annotations
 
 from lagrange.machine.llvm.emitter import Emitter, literal
-from lagrange.machine.llvm.linear_solver import PIVOT
+from lagrange.machine.llvm.linear_solver import PIVOT, factor_size
 from lagrange.machine.llvm.spelling import number
 
 LANES = 8
@@ -127,9 +127,8 @@ def _invert() -> str:
 
 
 def work_size(n: int) -> int:
-    """Return the length of the work memory."""
-    stride = padded(n)
-    return 2 * stride * (stride + 1) + 1 + 2 * n + n * n + n
+    """Return the length of the work memory: for L and 1/d, or for the inverse with pivoting, its factors and a row."""
+    return max(padded(n) ** 2 + n, n * n + factor_size(n) + n)
 
 
 def padded(n: int) -> int:
