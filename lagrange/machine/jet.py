@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from lagrange.machine.arithmetic import FLOATS, Arithmetic
 from lagrange.machine.backend import SingularMassMatrix
+from lagrange.machine.taylor import inverse
 from lagrange.program.series import SeriesProgram
 
 Numbers = NDArray[Any]
@@ -68,12 +69,14 @@ class Jet:
         return [None] * self.program.dimension if self.program.constant_mass else self.program.momenta
 
     def _full(self, triangles: Sequence[Any]) -> Numbers:
-        """Return the mass matrix (n, n) from the lower triangles of its blocks."""
+        """Return the mass matrix (n, n) from the lower triangles of its blocks. Raises SingularMassMatrix."""
         n = self.program.dimension
         mass = np.full((n, n), self.arithmetic.number(0.0), dtype=self.arithmetic.dtype)
         places = [(i, j) for block in self.program.blocks for i in block for j in block if j <= i]
         for (i, j), entry in zip(places, triangles, strict=True):
             mass[i, j] = mass[j, i] = entry
+        if mass.dtype == float and np.isfinite(mass).all():
+            inverse(mass)  # refuses what is singular to the round-off of doubles
         return mass
 
     def _fill(self, x: Numbers, k: int, members: Sequence[int], scale: Any) -> None:
@@ -85,7 +88,10 @@ class Jet:
                 x[k, i] = COEFFICIENT[rule.op](_Place(x, k, i, rule.args, constants, scale))
 
     def _solve(self, mass: Numbers, right: Sequence[Any]) -> Numbers:
-        """Return the solution of mass x = right by elimination with pivoting, in any arithmetic."""
+        """Return the solution of mass x = right by elimination with pivoting, in any arithmetic.
+
+        With many digits only a pivot of zero is singular; for doubles there is a stricter test before.
+        """
         a = np.concatenate([mass, np.array(right, dtype=mass.dtype)[:, None]], axis=1)
         n = len(right)
         for j in range(n):

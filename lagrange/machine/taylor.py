@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lagrange.machine.arithmetic import FLOATS
-from lagrange.machine.backend import FloatArray, SingularMassMatrix
+from lagrange.machine.backend import PIVOT, FloatArray, SingularMassMatrix
 from lagrange.program.series import SeriesProgram
 
 FARTHEST = 10.0
@@ -96,22 +96,26 @@ def constants(program: SeriesProgram, parameters: FloatArray) -> tuple[FloatArra
     whole = np.zeros((program.dimension, program.dimension))
     for block in program.blocks:
         count = len(block) * (len(block) + 1) // 2
-        whole[np.ix_(block, block)] = inverse(len(block), rest[:count])
+        whole[np.ix_(block, block)] = inverse(symmetric(len(block), rest[:count]))
         rest = rest[count:]
     return table, whole
 
 
-def inverse(n: int, triangle: list[float]) -> FloatArray:
-    """Return the inverse (n, n) of a symmetric matrix from its lower triangle by rows. Raises SingularMassMatrix."""
+def symmetric(n: int, triangle: list[float]) -> FloatArray:
+    """Return a symmetric matrix (n, n) from its lower triangle by rows."""
     full = np.zeros((n, n))
     full[np.tril_indices(n)] = triangle
-    full = full + np.tril(full, -1).T
-    diagonal = np.abs(np.diag(full))
+    return full + np.tril(full, -1).T
+
+
+def inverse(matrix: FloatArray) -> FloatArray:
+    """Return the inverse of a symmetric matrix (n, n). Raises SingularMassMatrix by the criterion of `PIVOT`."""
+    diagonal = np.abs(np.diag(matrix))
     units = np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), 1.0)
     try:
-        found = np.linalg.inv(full * units[:, None] * units)
+        found = np.linalg.inv(matrix * units[:, None] * units)
     except np.linalg.LinAlgError as error:
         raise SingularMassMatrix from error
-    if not np.isfinite(found).all() or np.abs(found).max() * np.finfo(float).eps > 1 / 64:
+    if not np.isfinite(found).all() or np.abs(found).max() > 1 / PIVOT:
         raise SingularMassMatrix
     return np.asarray(found * units[:, None] * units)

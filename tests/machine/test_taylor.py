@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from functools import cache
+from contextlib import nullcontext
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -10,18 +11,20 @@ import pytest
 import sympy as sp
 from hypothesis import HealthCheck, given, settings
 
+from lagrange.compiler import machine
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.llvm.memory import address
 from lagrange.machine.llvm.packing import Packing, pack
 from lagrange.machine.llvm.taylor import CompiledJet, LlvmSeries
 from lagrange.machine.numpy_taylor import NumpySeries
+from lagrange.program.catalogue import program_of
 from lagrange.program.series import RULES, SeriesProgram
 from lagrange.program.taylor import series_program
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
 from tests.laws.test_random_systems import functions_of, kinetic_energies, potentials
-from tests.models import stated, x, y
+from tests.models import TARGETS, k, stated, x, y
 from tests.series_systems import LARGER
 
 LANES = (1, 2, 4, 8)
@@ -153,6 +156,23 @@ def test_a_singular_mass_matrix_is_told(order: int) -> None:
     with pytest.raises(SingularMassMatrix):
         kernel.rows(5, 0.0, pole, 1.0, given)
     assert np.isfinite(kernel.rows(5, 0.0, np.array(statement.initial), 1.0, given)).all()
+
+
+@pytest.mark.parametrize("constant", [True, False])
+def test_all_machines_call_the_same_matrices_singular(constant: bool) -> None:
+    """A pivot of 1e-14 is below 2**-46 of its row, one of 2e-14 is not; neither is zero."""
+    small = k if constant else y**2
+    statement = stated(kinetic=(x.dot + y.dot) ** 2 / 2 + small * y.dot**2 / 2, potential=x**2)
+    equations = euler_lagrange(statement)
+    program = series_program(equations)[0]
+    series: list[Any] = [NumpySeries(program), *(CompiledJet(pack(program, 8), order) for order in (4, 0))]
+    kernels = [machine(target).load(program_of("rhs", equations)) for target in TARGETS]
+    for pivot, singular in ((1e-14, True), (2e-14, False)):
+        given, state = np.array([pivot] * constant), np.array([0.1, np.sqrt(pivot), 0.0, 0.0])
+        runs = [partial(one.rows, 4, 0.0, state, 1.0, given) for one in series]
+        for run in (*runs, *(partial(kernel, 0.0, state, given) for kernel in kernels)):
+            with pytest.raises(SingularMassMatrix) if singular else nullcontext():
+                assert np.isfinite(run()).all()
 
 
 def test_a_constant_mass_matrix_that_is_singular_is_told_before_any_step() -> None:

@@ -10,8 +10,9 @@ pivoting. The result is 1 if it is singular, else 0.
 
 from __future__ import annotations
 
+from lagrange.machine.backend import PIVOT
 from lagrange.machine.llvm.emitter import Emitter, literal
-from lagrange.machine.llvm.linear_solver import PIVOT, factor_size
+from lagrange.machine.llvm.linear_solver import factor_size
 from lagrange.machine.llvm.spelling import number
 
 LANES = 8

@@ -2,8 +2,8 @@
 
 A matrix is kept as its lower triangle by columns: entry (i, j), i >= j, at j*n + i. It is factored as L D L^T
 without pivoting, which is stable for a positive definite mass matrix. Where a pivot vanishes against its diagonal
-entry the matrix is factored again as P A = L U with scaled partial pivoting, which serves every regular matrix, and
-only a pivot that vanishes there too is called singular.
+entry, at the same `PIVOT`, the matrix is factored again as P A = L U with scaled partial pivoting, which serves every
+regular matrix, and only a pivot that vanishes there too is called singular.
 Source: G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed., 2013, sections 3.4 and 4.1.
 
 Factors are kept in an array of `factor_size(n)` doubles: [kind, 1/d (n), permutation (n), columns (n*n)], kind 0
@@ -12,10 +12,8 @@ for L D L^T and 1 for L U.
 
 from __future__ import annotations
 
+from lagrange.machine.backend import PIVOT
 from lagrange.machine.llvm.emitter import Emitter, literal
-
-PIVOT = 2.0**-46
-"""A pivot below this fraction of its diagonal entry (64 rounding errors) is not trusted."""
 
 
 def factor_size(n: int) -> int:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from lagrange.machine.backend import PIVOT
 from lagrange.machine.llvm.emitter import Emitter
-from lagrange.machine.llvm.linear_solver import PIVOT
 from lagrange.machine.llvm.spelling import element, number, truth
 
 Entries = dict[tuple[int, int], str]
