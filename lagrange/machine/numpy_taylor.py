@@ -10,14 +10,21 @@ from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.driver import DriverState, Outcome
 from lagrange.machine.jet import Jet
 from lagrange.machine.taylor import (
+    BEYOND,
+    EARLIEST,
     FARTHEST,
     GUARD,
     LONGER,
+    NEAR_END,
     NEAREST,
+    OVERFLOWED,
     ROWS_SEEN,
     SHORTER,
     SHORTEST,
+    SPACING,
     TRIES,
+    VANISHED,
+    ZERO,
     Cost,
     best_order,
 )
@@ -108,21 +115,21 @@ class NumpyTaylorDriver:
         exponent = self._exponent(state, series)
         first = not state.count(S.STEPS) and not state.count(S.TRIES)
         left = float(reals[S.END] - state.t - reals[S.LOW])
-        reach = math.log2(max(min(abs(left), reals[S.LONGEST]) / abs(scale), 2.0**-900))
-        ends = exponent > 800.0 / self._order
+        reach = math.log2(max(min(abs(left), reals[S.LONGEST]) / abs(scale), 2.0**ZERO))
+        ends = exponent > -VANISHED / self._order
         tried = state.count(S.TRIES) >= TRIES and not math.isnan(exponent)
         if not (abs(exponent) < (NEAREST if first else FARTHEST) or (ends and reach < 1.0) or tried):
             if state.count(S.TRIES) >= TRIES or abs(scale) < SHORTEST:
                 return Outcome.NON_FINITE
             state.counts[S.TRIES] += 1
-            change = SHORTER if not exponent >= -45.0 else min(reach, LONGER) if ends else exponent
+            change = SHORTER if not exponent >= OVERFLOWED else min(reach, LONGER) if ends else exponent
             reals[S.SCALE] = scale * 2.0 ** round(change)
             return Outcome.PAUSED
-        whole = min(round(exponent), 900)
+        whole = min(round(exponent), BEYOND)
         natural = 2.0 ** (exponent - round(exponent)) * 2.0**whole * abs(scale)
         size = min(natural, reals[S.LONGEST], reals[S.ONCE])
-        final = size * 1.01 >= abs(left) and not reals[S.ONCE] < abs(left)
-        if min(natural, reals[S.LONGEST]) < 16 * 2.0**-52 * max(abs(state.t), 1e-290) and not final:
+        final = size * NEAR_END >= abs(left) and not reals[S.ONCE] < abs(left)
+        if min(natural, reals[S.LONGEST]) < SPACING * max(abs(state.t), EARLIEST) and not final:
             return Outcome.STEP_TOO_SMALL
         h = left if final else math.copysign(size, scale)
         reals[S.H] = h
@@ -146,13 +153,13 @@ class NumpyTaylorDriver:
             ratio = float(np.max(np.abs(series[k, :entries]) / tolerance))
             if not ratio < math.inf:
                 return math.nan if math.isnan(ratio) else -math.inf
-            return -math.log2(max(ratio, 2.0**-900)) / k
+            return -math.log2(max(ratio, 2.0**ZERO)) / k
 
         digits = -math.log2(state.reals[S.RTOL])
         earlier = [max(p - less, 1) for less in range(2, ROWS_SEEN)]
         guards = [bound(k) + digits * (1 / k - 1 / p) + GUARD for k in earlier]
         found = float(np.min([bound(p - 1), bound(p), *guards]))
-        if found > 800.0 / p:
+        if found > -VANISHED / p:
             # The upper half of all rows must keep in bounds where these are zero.
             found = float(np.min([found, *(bound(k) for k in range(p // 2 + 1, p - 1))]))
         return found

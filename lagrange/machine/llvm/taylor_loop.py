@@ -10,12 +10,27 @@ from __future__ import annotations
 
 from lagrange.machine.driver import DriverState, Outcome
 from lagrange.machine.llvm.emitter import Emitter, literal
-from lagrange.machine.llvm.loops import SPACING, leave_if
+from lagrange.machine.llvm.loops import leave_if
 from lagrange.machine.llvm.powers import EXP2, logarithm, polynomial, power_of_two, rounded
 from lagrange.machine.llvm.spelling import element, number
 from lagrange.machine.llvm.step import bump
 from lagrange.machine.llvm.taylor_layout import TaylorLayout
-from lagrange.machine.taylor import FARTHEST, GUARD, LONGER, NEAREST, ROWS_SEEN, SHORTER, SHORTEST, TRIES
+from lagrange.machine.taylor import (
+    BEYOND,
+    EARLIEST,
+    FARTHEST,
+    GUARD,
+    LONGER,
+    NEAR_END,
+    NEAREST,
+    OVERFLOWED,
+    ROWS_SEEN,
+    SHORTER,
+    SHORTEST,
+    SPACING,
+    TRIES,
+    VANISHED,
+)
 
 TILE = 16
 """How many vectors of the state are summed in one loop."""
@@ -142,7 +157,7 @@ class _Loop:
     def weights(self) -> list[str]:
         """Return one over the tolerance of each entry of the state."""
         e, kind, lanes = self.e, self.kind, self.layout.lanes
-        rtol, atol = (self.splat(e.get("%reals", which)) for which in (DriverState.RTOL, DriverState.ATOL))
+        rtol, atol = (e.splat(e.get("%reals", which), self.kind) for which in (DriverState.RTOL, DriverState.ATOL))
         found = []
         for place in range(0, self.layout.padded, lanes):
             y = e.fabs(e.load(e.address("%work", place), kind), kind)
@@ -189,12 +204,6 @@ class _Loop:
         """Return some coefficients of the state; behind its end there are zeros."""
         return self.e.load(self.e.address(row, place), self.kind)
 
-    def splat(self, value: str) -> str:
-        """Return a number in every lane."""
-        e, kind = self.e, self.kind
-        one = e.value(f"insertelement {kind} poison, double {value}, i64 0")
-        return e.value(f"shufflevector {kind} {one}, {kind} poison, <{self.layout.lanes} x i32> zeroinitializer")
-
     def reach(self, t: str, low: str, end: str, scale: str) -> str:
         """Return the binary logarithm of what is left of the run, or of the longest step, in units of the scale."""
         e, r = self.e, DriverState
@@ -204,7 +213,7 @@ class _Loop:
 
     def ends(self, exponent: str) -> str:
         """Whether a series has no last coefficients: it terminates, or they are too small for doubles."""
-        return self.e.real("fcmp ogt", exponent, self.e.real("fmul", self.reciprocals[1], literal(-800.0)))
+        return self.e.real("fcmp ogt", exponent, self.e.real("fmul", self.reciprocals[1], literal(VANISHED)))
 
     def fits(self, exponent: str, reach: str) -> str:
         """Whether the step is near the scale of time, so that no coefficient has left the range of doubles.
@@ -233,7 +242,7 @@ class _Loop:
         short = e.real("fcmp olt", e.fabs(scale), literal(SHORTEST))
         leave_if(e, e.value(f"or i1 {often}, {short}"), Outcome.NON_FINITE)
         bump(e, r.TRIES, 1)
-        infinite = e.real("fcmp olt", exponent, literal(-45.0))
+        infinite = e.real("fcmp olt", exponent, literal(OVERFLOWED))
         overflow = e.value(f"or i1 {e.real('fcmp uno', exponent, exponent)}, {infinite}")
         longer = e.choose(self.ends(exponent), e.smaller(reach, literal(LONGER)), exponent)
         whole = rounded(e, e.choose(overflow, literal(SHORTER), longer))
@@ -251,13 +260,13 @@ class _Loop:
         whole_way = e.real("fmul", e.fabs(left), inverse)
         limit = e.smaller(e.get("%reals", r.LONGEST), e.get("%reals", r.ONCE))
         bound = e.smaller(e.real("fmul", limit, inverse), whole_way)
-        spacing = e.real("fmul", e.larger(e.fabs(t), literal(1e-290)), literal(SPACING))
+        spacing = e.real("fmul", e.larger(e.fabs(t), literal(EARLIEST)), literal(SPACING))
         whole = rounded(e, exponent)
         fraction = polynomial(e, e.real("fsub", exponent, whole), EXP2)
         # A series that terminates may ask for a step beyond all doubles.
-        whole = e.smaller(whole, literal(900.0))
+        whole = e.smaller(whole, literal(BEYOND))
         natural = e.real("fmul", fraction, power_of_two(e, whole))
-        bounded = e.real("fcmp oge", e.real("fmul", natural, literal(1.01)), bound)
+        bounded = e.real("fcmp oge", e.real("fmul", natural, literal(NEAR_END)), bound)
         s = e.choose(bounded, bound, natural)
         final = e.value(f"and i1 {bounded}, {e.real('fcmp oeq', bound, whole_way)}")
         short = e.real("fcmp olt", natural, e.real("fmul", spacing, inverse))
@@ -295,7 +304,7 @@ class _Loop:
         """Add the series to the state, compensated; return whether it stayed finite, else the state stays."""
         e, kind, layout = self.e, self.kind, self.layout
         square = e.real("fmul", s, s)
-        powers = self.splat(s), self.splat(square), self.splat(e.real("fmul", square, square))
+        powers = [e.splat(power, kind) for power in (s, square, e.real("fmul", square, square))]
         fresh: list[tuple[int, str, str]] = []
         increments = self.increments(*powers) if layout.order else self.looped_increments(powers[0])
         for place, increment in increments:
