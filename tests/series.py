@@ -19,6 +19,7 @@ from lagrange.program.switching import switch
 from lagrange.program.taylor import assemblies, series_program
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
+from tests.operations import operations
 
 DIGITS = 200
 """Enough for a coefficient of order 12 to be seen in a motion over 1e-12, see `right_orders`."""
@@ -27,32 +28,7 @@ CONTEXT: Any = mpmath.MPContext()
 CONTEXT.dps = DIGITS
 NUMBER = CONTEXT.mpf
 
-MANY_DIGITS = Arithmetic(
-    {
-        "neg": lambda a: -a,
-        "add": lambda a, b: a + b,
-        "sub": lambda a, b: a - b,
-        "mul": lambda a, b: a * b,
-        "div": lambda a, b: a / b,
-        "fma": lambda a, b, c: a * b + c,
-        "sqrt": CONTEXT.sqrt,
-        "power": CONTEXT.power,
-        **{name: getattr(CONTEXT, name) for name in ("sin", "cos", "tan", "asin", "acos", "atan", "atan2")},
-        **{name: getattr(CONTEXT, name) for name in ("exp", "log", "sinh", "cosh", "tanh", "sign")},
-        "abs": abs,
-        "min": min,
-        "max": max,
-        "less": lambda a, b: NUMBER(a < b),
-        "less_equal": lambda a, b: NUMBER(a <= b),
-        "equal": lambda a, b: NUMBER(a == b),
-        "and": lambda a, b: NUMBER(bool(a and b)),
-        "or": lambda a, b: NUMBER(bool(a or b)),
-        "not": lambda a: NUMBER(not a),
-        "select": lambda c, a, b: a if c else b,
-    },
-    NUMBER,
-    object,
-)
+MANY_DIGITS = Arithmetic(operations(CONTEXT), NUMBER, object)
 """The operations of a program on numbers of `DIGITS` digits."""
 
 

@@ -11,6 +11,7 @@ import pytest
 from lagrange.machine.llvm.engine import inversion
 from lagrange.machine.llvm.inverse import padded, work_size
 from lagrange.machine.llvm.memory import address
+from tests.machine.matrices import REGULAR, SINGULAR, Matrix, indefinite, positive, scaled
 
 SIZES = range(1, 41)
 EPS = 2.0**-52
@@ -34,35 +35,8 @@ def invert(a: Any) -> tuple[int, Any]:
     return status, out[: stride * stride].reshape(stride, stride)[:n, :n].T
 
 
-def positive(rng: np.random.Generator, n: int) -> Any:
-    a = rng.normal(size=(n, n + 2))
-    return a @ a.T + 0.1 * np.eye(n)
-
-
-def indefinite(rng: np.random.Generator, n: int) -> Any:
-    a = rng.normal(size=(n, n))
-    return a + a.T + np.diag(np.where(np.arange(n) % 2, 2.0, -2.0))
-
-
-def hollow(rng: np.random.Generator, n: int) -> Any:
-    """Zeros on the whole diagonal: no pivot without an exchange."""
-    a = indefinite(rng, n)
-    if n > 1:
-        np.fill_diagonal(a, 0.0)
-    return a if n > 2 else a + 1.5 * (np.ones((n, n)) - np.eye(n))
-
-
-def negative(rng: np.random.Generator, n: int) -> Any:
-    return -positive(rng, n)
-
-
-def crossed(rng: np.random.Generator, n: int) -> Any:
-    """Ones on the other diagonal."""
-    return np.fliplr(np.eye(n))
-
-
-@pytest.mark.parametrize("kind", [positive, indefinite, hollow, negative, crossed], ids=lambda kind: kind.__name__)
-def test_every_size(kind: Any) -> None:
+@pytest.mark.parametrize("kind", [kind for kind in REGULAR if kind is not scaled], ids=lambda kind: kind.__name__)
+def test_every_size(kind: Matrix) -> None:
     """A stable inverse is off by a condition number of round-offs, times a modest function of n."""
     rng = np.random.default_rng(1)
     for n in SIZES:
@@ -108,31 +82,8 @@ def test_the_inverse_is_symmetric_to_round_off() -> None:
         assert np.abs(found - found.T).max() < 1e-12 * np.abs(found).max()
 
 
-def dependent(rng: np.random.Generator, n: int) -> Any:
-    a = positive(rng, n)
-    a[-1] = a[0]
-    a[:, -1] = a[:, 0]
-    a[-1, -1] = a[0, 0]
-    return a if n > 1 else np.zeros((1, 1))
-
-
-def empty_row(rng: np.random.Generator, n: int) -> Any:
-    a = positive(rng, n)
-    a[n // 2] = a[:, n // 2] = 0.0
-    return a
-
-
-def zero(rng: np.random.Generator, n: int) -> Any:
-    return np.zeros((n, n))
-
-
-def flat(rng: np.random.Generator, n: int) -> Any:
-    """Rank one."""
-    return np.ones((n, n)) if n > 1 else np.zeros((1, 1))
-
-
-@pytest.mark.parametrize("kind", [dependent, empty_row, zero, flat], ids=lambda kind: kind.__name__)
-def test_a_singular_matrix_is_told(kind: Any) -> None:
+@pytest.mark.parametrize("kind", SINGULAR, ids=lambda kind: kind.__name__)
+def test_a_singular_matrix_is_told(kind: Matrix) -> None:
     rng = np.random.default_rng(5)
     for n in SIZES:
         assert invert(kind(rng, n))[0] == 1, n

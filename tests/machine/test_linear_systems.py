@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -13,12 +12,12 @@ from lagrange.compiler import machine
 from lagrange.graph.node import Binding, Graph
 from lagrange.machine.backend import Kernel, SingularMassMatrix
 from lagrange.program.lower import lower
+from tests.machine.matrices import REGULAR, SINGULAR, Matrix, hollow, indefinite, positive
 from tests.models import TARGETS
 
 SIZES = (2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 30)
 FEW = (2, 3, 6, 7, 12)
 WIDTHS = (1, 2, 7, 8, 9, 64)
-Matrix = Callable[[np.random.Generator, int], Any]
 
 
 @cache
@@ -54,48 +53,13 @@ def solve(target: str, a: Any, b: Any, where: str = "state", extra: int = 1) -> 
     return kernel(0.0, np.concatenate([a[i, j], b]), np.empty(0))
 
 
-def positive(rng: np.random.Generator, n: int) -> Any:
-    a = rng.normal(size=(n, n))
-    return a @ a.T + 0.1 * np.eye(n)
-
-
-def indefinite(rng: np.random.Generator, n: int) -> Any:
-    a = rng.normal(size=(n, n))
-    return a + a.T
-
-
-def hollow(rng: np.random.Generator, n: int) -> Any:
-    """Zeros on the whole diagonal: no pivot without an exchange."""
-    a = indefinite(rng, n)
-    np.fill_diagonal(a, 0.0)
-    return a if n > 2 or abs(a[0, 1]) > 0.1 else a + 1.0 - np.eye(2)
-
-
-def permuted(rng: np.random.Generator, n: int) -> Any:
-    """Ones on the other diagonal."""
-    return np.fliplr(np.eye(n))
-
-
-def scaled(rng: np.random.Generator, n: int) -> Any:
-    """Units that differ by sixteen orders of magnitude."""
-    scale = 10.0 ** np.linspace(-8, 8, n)
-    return positive(rng, n) * np.outer(scale, scale)
-
-
-def negative(rng: np.random.Generator, n: int) -> Any:
-    return -positive(rng, n)
-
-
-KINDS: tuple[Matrix, ...] = (positive, indefinite, hollow, permuted, scaled, negative)
-
-
 def backward_error(a: Any, x: Any, b: Any) -> float:
     """Return |a x - b| row by row against |a| |x| + |b|: of order round-off for a stable solution."""
     return float(np.max(np.abs(a @ x - b) / (np.abs(a) @ np.abs(x) + np.abs(b))))
 
 
 @pytest.mark.parametrize("where", ["state", "parameters"])
-@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize("kind", REGULAR, ids=lambda kind: kind.__name__)
 @pytest.mark.parametrize("target", TARGETS)
 def test_one_system(target: str, kind: Matrix, where: str) -> None:
     rng = np.random.default_rng(1)
@@ -117,36 +81,10 @@ def test_columns_of_mixed_kinds(target: str, where: str) -> None:
                 x = solve(target, a, b, where)
                 assert backward_error(a, x, b) < 1e-11 * n, (n, width)
             else:
-                matrices = [KINDS[k % len(KINDS)](rng, n) for k in range(width)]
+                matrices = [REGULAR[k % len(REGULAR)](rng, n) for k in range(width)]
                 x = solve(target, np.array(matrices).transpose(1, 2, 0), b)
                 errors = [backward_error(a, x[:, k], b[:, k]) for k, a in enumerate(matrices)]
                 assert max(errors) < 1e-11 * n, (n, width)
-
-
-def dependent(rng: np.random.Generator, n: int) -> Any:
-    """A matrix whose last row is the first."""
-    a = positive(rng, n)
-    a[-1] = a[0]
-    a[:, -1] = a[:, 0]
-    a[-1, -1] = a[0, 0]
-    return a
-
-
-def empty_row(rng: np.random.Generator, n: int) -> Any:
-    a = positive(rng, n)
-    a[n // 2] = a[:, n // 2] = 0.0
-    return a
-
-
-def zero(rng: np.random.Generator, n: int) -> Any:
-    return np.zeros((n, n))
-
-
-def rank_one(rng: np.random.Generator, n: int) -> Any:
-    return np.ones((n, n)) * 3.0
-
-
-SINGULAR: tuple[Matrix, ...] = (dependent, empty_row, zero, rank_one)
 
 
 @pytest.mark.parametrize("where", ["state", "parameters"])

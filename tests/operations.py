@@ -1,0 +1,32 @@
+"""The operations of a program in mpmath, to as many digits as a context has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+NAMED = ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "sinh", "cosh", "tanh", "sign")
+
+
+def operations(context: Any) -> dict[str, Callable[..., Any]]:
+    """Return every operation on the numbers of mpmath or of a context of it, and on conditions that are booleans."""
+    return {
+        "neg": lambda a: -a,
+        "add": lambda a, b: a + b,
+        "sub": lambda a, b: a - b,
+        "mul": lambda a, b: a * b,
+        "div": lambda a, b: a / b,
+        "fma": lambda a, b, c: a * b + c,
+        "power": context.power,
+        "abs": abs,
+        "min": min,
+        "max": max,
+        "less": lambda a, b: a < b,
+        "less_equal": lambda a, b: a <= b,
+        "equal": lambda a, b: a == b,
+        "and": lambda a, b: a and b,
+        "or": lambda a, b: a or b,
+        "not": lambda a: not a,
+        "select": lambda c, a, b: a if c else b,
+        **{name: getattr(context, name) for name in NAMED},
+    }
