@@ -20,7 +20,9 @@ Terms = tuple[tuple[Exact, Node], ...]
 """Sum of coefficient * node, kept apart: the graph would take out common factors again."""
 
 MOST_TERMS = 4096
-"""A form with more terms in one equation than this is given up: expanding is worth its while for a few only."""
+"""A form with more terms in one equation than this is given up: expanding is worth its while for a few only. The
+scenes, and chains of 30 links, have at most 7. A mass that is a product of 12 sums has 4096, takes 0.03 s for each
+momentum, and gains nothing."""
 
 
 @dataclass(frozen=True)
