@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import re
 from collections.abc import Sequence
@@ -60,6 +61,15 @@ def add_start(command: Any) -> None:
         help="initial value, such as theta=30deg or theta_dot=1",
     )
     command.add_argument("--t-end", metavar="T", help="time at which the run ends")
+
+
+def start(request: argparse.Namespace) -> dict[str, Any]:
+    """Return what the options of `add_start` say, by the names that a run takes."""
+    return {
+        "initial": assignments("--initial", request.initial),
+        "parameters": assignments("--set", request.set),
+        "t_end": given_number("--t-end", request.t_end),
+    }
 
 
 def load_scene(scene: str) -> System:

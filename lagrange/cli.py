@@ -27,11 +27,11 @@ from lagrange.arguments import (
     add_command,
     add_json,
     add_start,
-    assignments,
     count,
     folder,
     given_number,
     load_scene,
+    start,
 )
 from lagrange.errors import LagrangeError, StatementError, listing
 from lagrange.race_command import add_race
@@ -152,21 +152,19 @@ def _add_run(commands: Any) -> None:
 
 def run(request: argparse.Namespace) -> Answer:
     """Run a scene, write what came of it, and return its status card."""
-    initial, parameters = assignments("--initial", request.initial), assignments("--set", request.set)
-    t_end = given_number("--t-end", request.t_end)
+    begun = start(request)
     rtol, atol, step = (given_number(f"--{key}", getattr(request, key)) for key in ("rtol", "atol", "step"))
     points = count("--points", request.points)
     system = load_scene(request.scene)
     target = folder(request.out) if request.out is not None else None
+    t_end = system.statement.run.t_end if begun["t_end"] is None else begun["t_end"]
     solution = system.run(
-        t_end,
-        initial,
+        **begun,
         method=request.method,
         rtol=rtol,
         atol=atol,
         step=step,
-        parameters=parameters,
-        t_eval=None if points is None else _times(system.statement.run.t_end if t_end is None else t_end, points),
+        t_eval=None if points is None else _times(t_end, points),
         progress=not request.json,
         check=not request.no_check,
     )

@@ -14,11 +14,11 @@ from lagrange.arguments import (
     add_command,
     add_json,
     add_start,
-    assignments,
     folder,
     given_number,
     load_scene,
     number_list,
+    start,
 )
 from lagrange.errors import listing
 
@@ -50,12 +50,11 @@ def race(request: argparse.Namespace) -> Answer:
         **{key: given_number(f"--{key}", getattr(request, key)) for key in ("outputs", "digits", "repeats")},
         "max_wall": given_number("--max-wall", request.max_wall),
     }
-    initial, parameters = assignments("--initial", request.initial), assignments("--set", request.set)
-    t_end = given_number("--t-end", request.t_end)
+    begun = start(request)
     system = load_scene(request.scene)
     target = folder(request.out) if request.out is not None else None
     wanted = {key: value for key, value in given.items() if value is not None}
-    found = lg.race(system, t_end, initial, parameters=parameters, relative=request.relative, **wanted)
+    found = lg.race(system, **begun, relative=request.relative, **wanted)
     files = _write(found, target) if target is not None else []
     written = f"\nwritten to {target}: {listing(path.name for path in files)}" if target is not None else ""
     code = DONE if any(entry.complete for entry in found) else FAILED

@@ -15,30 +15,12 @@ import pytest
 import lagrange as lg
 from lagrange.cli import main
 from lagrange.trajectory.trajectory import Status
-
-SCENE = """\
-name = "drop"
-about = "A stone that falls."
-source = "Galilei"
-coordinates = ["y"]
-kinetic = "m*y_dot**2/2"
-potential = "m*g*y"
-positions = { stone = ["0", "y"] }
-[parameters]
-m = 2.0
-g = 10.0
-[initial]
-y = 5.0
-[run]
-t_end = 2.0
-"""
+from tests.drop import DROP, written
 
 
 @pytest.fixture
 def scene(tmp_path: Path) -> str:
-    path = tmp_path / "drop.toml"
-    path.write_text(SCENE, "utf-8")
-    return str(path)
+    return written(tmp_path, DROP)
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 2) -> str:
@@ -112,7 +94,7 @@ def test_json_is_one_document_with_the_card_and_the_files(
     assert data["complete"] is True
 
 
-BLOW_UP = SCENE.replace('"m*g*y"', '"-m*y**4/4"').replace("y = 5.0", "y = 1.0").replace("g = 10.0\n", "")
+BLOW_UP = DROP.replace('"m*g*y"', '"-m*y**4/4"').replace("y = 5.0", "y = 1.0").replace("g = 10.0\n", "")
 
 
 def test_a_run_that_ends_early_fails_and_keeps_what_there_is(

@@ -9,29 +9,15 @@ import numpy as np
 import pytest
 
 from lagrange.cli import main
+from tests.drop import DROP, written
 
-SCENE = """\
-name = "drop"
-coordinates = ["y"]
-kinetic = "m*y_dot**2/2"
-potential = "m*g*y + sin(y)"
-[parameters]
-m = 2.0
-g = 10.0
-[initial]
-y = 5.0
-[run]
-t_end = 2.0
-"""
-
+SCENE = DROP.replace('"m*g*y"', '"m*g*y + sin(y)"')
 QUICK = ["--tolerances", "1e-4,1e-8", "--steps", "0.1,0.05,0.025", "--repeats", "1", "--digits", "18"]
 
 
 @pytest.fixture
 def scene(tmp_path: Path) -> str:
-    path = tmp_path / "drop.toml"
-    path.write_text(SCENE, "utf-8")
-    return str(path)
+    return written(tmp_path, SCENE)
 
 
 def test_the_table_is_printed_and_files_are_written(
