@@ -4,9 +4,33 @@ The classes of SciPy's solvers carry its name: `lg.methods.ScipyRadau(max_step=0
 """
 
 from lagrange.trajectory.methods import scipy_solvers
-from lagrange.trajectory.methods.explicit import DOP853, RK4, Dopri5, Euler, Midpoint, RungeKutta, explicit_method
+from lagrange.trajectory.methods.explicit import (
+    BS3,
+    DOP853,
+    RK4,
+    Dopri5,
+    Euler,
+    Heun,
+    Midpoint,
+    RungeKutta,
+    Tsit5,
+    Verner9,
+    explicit_method,
+)
 from lagrange.trajectory.methods.registry import names, table
-from lagrange.trajectory.methods.splitting import Splitting, SymplecticEuler, Verlet
+from lagrange.trajectory.methods.splitting import (
+    Composition8,
+    ForestRuth4,
+    Leapfrog,
+    Ruth3,
+    Splitting,
+    SymplecticEuler,
+    SymplecticEulerB,
+    VelocityVerlet,
+    Verlet,
+    Yoshida6,
+    composition,
+)
 from lagrange.trajectory.methods.taylor import Taylor
 
 ScipyRK45 = scipy_solvers.RK45
@@ -17,12 +41,18 @@ ScipyBDF = scipy_solvers.BDF
 ScipyLSODA = scipy_solvers.LSODA
 
 __all__ = [
+    "BS3",
     "DOP853",
     "RK4",
+    "Composition8",
     "Dopri5",
     "Euler",
+    "ForestRuth4",
+    "Heun",
+    "Leapfrog",
     "Midpoint",
     "RungeKutta",
+    "Ruth3",
     "ScipyBDF",
     "ScipyDOP853",
     "ScipyLSODA",
@@ -31,8 +61,14 @@ __all__ = [
     "ScipyRadau",
     "Splitting",
     "SymplecticEuler",
+    "SymplecticEulerB",
     "Taylor",
+    "Tsit5",
+    "VelocityVerlet",
     "Verlet",
+    "Verner9",
+    "Yoshida6",
+    "composition",
     "explicit_method",
     "names",
     "table",

@@ -18,7 +18,8 @@ from lagrange.trajectory.trajectory import FloatArray, Trajectory
 class Claims:
     """What a method promises; tests hold every registered method to it.
 
-    `symmetric` means that a step of -h undoes a step of h; `events` that it locates events.
+    `symmetric` means that a step of -h undoes a step of h; `events` that it locates events; `energy` that it
+    conserves the energy of a conservative system to round-off. `dense` is the order of the dense output.
     """
 
     order: int
@@ -28,6 +29,8 @@ class Claims:
     a_stable: bool = False
     explicit: bool = True
     events: bool = False
+    energy: bool = False
+    dense: int = 0
 
 
 @dataclass(frozen=True, eq=False)

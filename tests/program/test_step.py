@@ -19,11 +19,11 @@ from lagrange.trajectory.methods.classical import EULER, MIDPOINT, RK4
 from lagrange.trajectory.methods.dop853 import DOP853
 from lagrange.trajectory.methods.dopri5 import DOPRI5
 from lagrange.trajectory.methods.explicit import runge_kutta_step
-from lagrange.trajectory.methods.splitting import SymplecticEuler, Verlet, splitting_step
+from lagrange.trajectory.methods.splitting import SymplecticEuler, VelocityVerlet, splitting_step
 
 STEPS = {
     **{tableau.name: runge_kutta_step(tableau) for tableau in (EULER, MIDPOINT, RK4, DOPRI5, DOP853)},
-    **{method.name: splitting_step(method.name, method.stages) for method in (SymplecticEuler(), Verlet())},
+    **{method.name: splitting_step(method.name, method.stages) for method in (SymplecticEuler(), VelocityVerlet())},
 }
 
 
@@ -63,13 +63,13 @@ def test_which_steps_know_their_first_slope() -> None:
     first = {name for name, step in STEPS.items() if step.starts_with_slope}
     last = {name for name, step in STEPS.items() if step.ends_with_slope}
     assert first == set(STEPS)
-    assert last == {"dopri5", "dop853", "verlet"}
+    assert last == {"dopri5", "dop853", "velocity-verlet"}
 
 
 def test_the_number_of_calls_is_that_of_the_method() -> None:
     calls = {name: len(step.calls) for name, step in STEPS.items()}
     assert calls == {
-        "euler": 1, "midpoint": 2, "rk4": 4, "dopri5": 7, "dop853": 13, "symplectic-euler": 1, "verlet": 2,
+        "euler": 1, "midpoint": 2, "rk4": 4, "dopri5": 7, "dop853": 13, "symplectic-euler": 1, "velocity-verlet": 2,
     }  # fmt: skip
 
 
@@ -77,7 +77,7 @@ def test_a_step_prints() -> None:
     text = str(STEPS["midpoint"])
     assert text.startswith("midpoint: y, t, h\n")
     assert text.count("= f(") == 2 and "new = " in text
-    assert str(STEPS["verlet"]).startswith("verlet: q, v, t, h")
+    assert str(STEPS["velocity-verlet"]).startswith("velocity-verlet: q, v, t, h")
     assert "error = " in str(STEPS["dopri5"])
 
 

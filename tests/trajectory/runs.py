@@ -10,6 +10,7 @@ from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.explicit import DOP853, RungeKutta
 from lagrange.trajectory.methods.registry import BUILT_IN, find
+from lagrange.trajectory.methods.splitting import Splitting
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.plan import Plan, Planned
 from lagrange.trajectory.trajectory import Trajectory
@@ -19,7 +20,7 @@ FIXED = tuple(name for name in NAMES if not find(name).claims.adaptive)
 ADAPTIVE = tuple(name for name in NAMES if find(name).claims.adaptive)
 STEPPED = tuple(name for name in NAMES if not isinstance(find(name), Taylor))
 """The methods that are step programs: a series has no tableau, no fixed order, and no equal steps."""
-SPLITTINGS = tuple(name for name in NAMES if find(name).claims.symplectic)
+SPLITTINGS = tuple(name for name in NAMES if isinstance(find(name), Splitting))
 
 
 def run(model: Model, end: float, method: Any, start: float = 0.0, initial: Any = None, **options: Any) -> Trajectory:

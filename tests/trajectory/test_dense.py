@@ -9,13 +9,18 @@ import pytest
 import sympy as sp
 
 from lagrange.statement.coordinate import t
+from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.trajectory import Status
 from tests.models import TARGETS, build, k, m, model, x, z
 from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, STEPPED, exact, run, stepped
 
-COUNTS = {"euler": (400, 800), "symplectic-euler": (400, 800), "midpoint": (80, 160), "verlet": (80, 160)}
-ORDERS = {"euler": 1, "symplectic-euler": 1, "midpoint": 2, "verlet": 2, "rk4": 4, "dopri5": 5, "dop853": 8}
-"""Of the whole path: that of the method, or one more than that of the path within a step, whichever is less."""
+COUNTS = {1: (400, 800), 2: (80, 160), 8: (12, 24), 9: (4, 8)}
+"""How many steps, by the order of the method; 24 and 48 for the others."""
+
+
+def path_round_off(name: str) -> float:
+    """The dense weights of verner9 reach 13,293 and cancel; those of the others reach 545."""
+    return 2e-12 if name == "verner9" else 1e-13
 
 
 @pytest.mark.parametrize("name", STEPPED)
@@ -23,11 +28,13 @@ def test_the_path_is_of_the_order_of_its_method(name: str) -> None:
     compiled = model("Henon-Heiles")
     times = np.linspace(0.0, 3.0, 203)
     truth = exact(compiled, 3.0, t_eval=times).y
-    counts = COUNTS.get(name, (12, 24) if name == "dop853" else (24, 48))
+    claims = find(name).claims
+    counts = COUNTS.get(claims.order, (24, 48))
     errors = [np.abs(run(compiled, 3.0, stepped(name, 3.0 / n)).dense(times) - truth).max() for n in counts]
-    assert np.log2(errors[0] / errors[1]) > ORDERS[name] - 0.35, errors
+    # The whole path is of the order of the method, or one more than that of a path within a step if that is less.
+    assert np.log2(errors[0] / errors[1]) > min(claims.order, claims.dense + 1) - 0.35, errors
     ends = [np.abs(run(compiled, 3.0, stepped(name, 3.0 / n)).y[:, -1] - truth[:, -1]).max() for n in counts]
-    assert errors[1] < 30 * ends[1]
+    assert errors[1] < 30 * ends[1] or claims.dense + 1 < claims.order
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -35,10 +42,10 @@ def test_the_path_is_of_the_order_of_its_method(name: str) -> None:
 @pytest.mark.parametrize("end", [2.0, -2.0])
 def test_the_path_goes_through_every_step_and_is_continuous(name: str, target: str, end: float) -> None:
     found = run(model("Henon-Heiles", target), end, name, **({"step": 0.1} if name in FIXED else {}))
-    assert found.dense(found.t) == pytest.approx(found.y, abs=1e-13)
+    assert found.dense(found.t) == pytest.approx(found.y, abs=path_round_off(name))
     inner = found.t[1:-1]
     near = [found.dense(np.nextafter(inner, side)) for side in (-9.0, 9.0)]
-    assert np.abs(near[0] - near[1]).max() < 1e-12
+    assert np.abs(near[0] - near[1]).max() < 10 * path_round_off(name)
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -79,7 +86,7 @@ def test_output_times_are_the_path_at_them(name: str, target: str, end: float) -
     assert (found.t == times).all() and found.steps == plain.steps
     assert found.y == pytest.approx(plain.dense(times), abs=1e-14)
     assert found.y[:, 0] == pytest.approx(plain.y[:, 0], abs=0)
-    assert found.y[:, -1] == pytest.approx(plain.y[:, -1], abs=1e-13)
+    assert found.y[:, -1] == pytest.approx(plain.y[:, -1], abs=path_round_off(name))
     assert found.span == (0.0, end)
     none = run(compiled, end, name, t_eval=[], **options)
     assert none.t.shape == (0,) and none.y.shape == (4, 0) and none.status is Status.SUCCESS

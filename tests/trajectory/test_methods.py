@@ -6,21 +6,23 @@ import itertools
 from collections.abc import Callable
 from typing import Any
 
-import mpmath
 import numpy as np
 import pytest
 import scipy.integrate
 
-from lagrange.errors import StatementError
 from lagrange.machine.model import Model
-from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import find
-from lagrange.trajectory.methods.splitting import Splitting
+from lagrange.trajectory.methods.runge_kutta import ButcherTableau
+from lagrange.trajectory.methods.splitting import KAHAN_LI, YOSHIDA6
+from lagrange.trajectory.methods.tsit5 import TSIT5
+from lagrange.trajectory.methods.verner9 import verner9
 from tests.models import TARGETS, build, k, m, model, x, y
 from tests.trajectory.runs import ADAPTIVE, SPLITTINGS, STEPPED, exact, run, stepped
 
 Rhs = Callable[[float, Any], Any]
 Step = Callable[[Rhs, float, Any, float], Any]
+
+EXPLICIT = tuple(name for name in STEPPED if find(name).claims.explicit)
 
 
 # --- formulas, written out again ------------------------------------------------------------------------------
@@ -42,6 +44,30 @@ def rk4(f: Rhs, t: float, y: Any, h: float) -> Any:
     return y + h / 6 * (a + 2 * b + 2 * c + d)
 
 
+def heun(f: Rhs, t: float, y: Any, h: float) -> Any:
+    first = f(t, y)
+    return y + h / 2 * (first + f(t + h, y + h * first))
+
+
+def bs3(f: Rhs, t: float, y: Any, h: float) -> Any:
+    a = f(t, y)
+    b = f(t + h / 2, y + h / 2 * a)
+    c = f(t + 3 * h / 4, y + 3 * h / 4 * b)
+    return y + h / 9 * (2 * a + 3 * b + 4 * c)
+
+
+def by_tableau(tableau: ButcherTableau) -> Step:
+    """Return the step of a tableau with many digits, which its order conditions hold to them."""
+
+    def step(f: Rhs, t: float, y: Any, h: float) -> Any:
+        slopes: list[Any] = []
+        for row, c in zip(tableau.A, tableau.c, strict=True):
+            slopes.append(f(t + float(c) * h, y + h * sum(float(a) * s for a, s in zip(row, slopes, strict=True))))
+        return y + h * sum(float(b) * s for b, s in zip(tableau.b, slopes, strict=True))
+
+    return step
+
+
 def by_scipy(solver: Any) -> Step:
     def step(f: Rhs, t: float, y: Any, h: float) -> Any:
         slopes: list[Any] = []
@@ -60,11 +86,52 @@ def symplectic_euler(f: Rhs, t: float, y: Any, h: float) -> Any:
     return np.concatenate([y[:n] + h * v, v])
 
 
-def verlet(f: Rhs, t: float, y: Any, h: float) -> Any:
+def symplectic_euler_b(f: Rhs, t: float, y: Any, h: float) -> Any:
+    n = len(y) // 2
+    q = y[:n] + h * y[n:]
+    return np.concatenate([q, y[n:] + h * f(t + h, np.concatenate([q, y[n:]]))[n:]])
+
+
+def velocity_verlet(f: Rhs, t: float, y: Any, h: float) -> Any:
     n = len(y) // 2
     q = y[:n] + h * y[n:] + h * h / 2 * f(t, y)[n:]
     force = f(t, y)[n:] + f(t + h, np.concatenate([q, y[n:]]))[n:]
     return np.concatenate([q, y[n:] + h / 2 * force])
+
+
+def verlet(f: Rhs, t: float, y: Any, h: float) -> Any:
+    n = len(y) // 2
+    middle = y[:n] + h / 2 * y[n:]
+    v = y[n:] + h * f(t + h / 2, np.concatenate([middle, y[n:]]))[n:]
+    return np.concatenate([middle + h / 2 * v, v])
+
+
+def leapfrog(f: Rhs, t: float, y: Any, h: float) -> Any:
+    """The velocity at t + h/2, from which the coordinates leap, and its half of the next kick."""
+    n = len(y) // 2
+    between = y[n:] + h / 2 * f(t, y)[n:]
+    q = y[:n] + h * between
+    return np.concatenate([q, between + h / 2 * f(t + h, np.concatenate([q, between]))[n:]])
+
+
+def ruth3(f: Rhs, t: float, y: Any, h: float) -> Any:
+    n = len(y) // 2
+    q, v, now = y[:n], y[n:], t
+    for kick, drift in ((7 / 24, 2 / 3), (3 / 4, -2 / 3), (-1 / 24, 1)):
+        v = v + kick * h * f(now, np.concatenate([q, v]))[n:]
+        q, now = q + drift * h * v, now + drift * h
+    return np.concatenate([q, v])
+
+
+def composed(step: Step, outer: tuple[float, ...]) -> Step:
+    """Return steps of symmetric sizes, one after the other."""
+
+    def composition(f: Rhs, t: float, y: Any, h: float) -> Any:
+        for part in (*outer, 1 - 2 * sum(outer), *reversed(outer)):
+            y, t = step(f, t, y, part * h), t + part * h
+        return y
+
+    return composition
 
 
 FORMULAS: dict[str, Step] = {
@@ -73,8 +140,19 @@ FORMULAS: dict[str, Step] = {
     "rk4": rk4,
     "dopri5": by_scipy(scipy.integrate.RK45),
     "dop853": by_scipy(scipy.integrate.DOP853),
+    "heun": heun,
+    "bs3": bs3,
+    "tsit5": by_tableau(TSIT5),
+    "verner9": by_tableau(verner9()),
     "symplectic-euler": symplectic_euler,
+    "symplectic-euler-b": symplectic_euler_b,
     "verlet": verlet,
+    "velocity-verlet": velocity_verlet,
+    "leapfrog": leapfrog,
+    "ruth3": ruth3,
+    "forest-ruth4": composed(verlet, (1 / (2 - 2 ** (1 / 3)),)),
+    "yoshida6": composed(verlet, YOSHIDA6),
+    "composition8": composed(verlet, KAHAN_LI),
 }
 
 
@@ -93,15 +171,12 @@ def driven() -> Any:
     }
 
 
-PROBLEM = Problem(model("oscillator"), {}, 0.0, 1.0, np.zeros(2))
-
-
-def test_every_step_program_has_its_formula_here() -> None:
-    assert set(FORMULAS) == set(STEPPED)
+def test_every_explicit_step_has_its_formula_here() -> None:
+    assert set(FORMULAS) == set(EXPLICIT)
 
 
 @pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", STEPPED)
+@pytest.mark.parametrize("name", EXPLICIT)
 def test_steps_follow_the_formula(name: str, target: str) -> None:
     compiled = build(target, **driven())
     h, count = 0.05, 12
@@ -122,59 +197,34 @@ def general() -> Model:
     return model("cart and pole")
 
 
-CONSERVATIVE = {"Henon-Heiles": 3.0, "coupled masses": 1.0}
-GENERAL = {"cart and pole": 1.2, "elastic pendulum": 1.5}
-COUNTS = {1: (800, 1131, 1600), 2: (200, 283, 400), 4: (40, 57, 80)}
+SEPARABLE = {"Henon-Heiles": 3.0, "pendulum": 1.0}
+GENERAL = {"cart and pole": 1.2, "double pendulum": 0.5}
+COUNTS = tuple(round(4 * 2 ** (i / 2)) for i in range(18))
+"""Numbers of steps, from 4 to 1448, by factors of the square root of 2."""
+FLOOR = 3e-11
+"""Errors below this are left out: round-off, some 1e-14, would move a measured order by a tenth where they double."""
 
 
-@pytest.mark.parametrize("name", [name for name in STEPPED if find(name).claims.order in COUNTS])
+@pytest.mark.parametrize("name", [name for name in STEPPED if find(name).claims.order <= 4])
 def test_the_observed_order_is_the_claimed_one(name: str) -> None:
-    """On two non-linear systems, with errors far above round-off."""
+    """On two non-linear systems, by the four runs with the smallest errors above round-off.
+
+    Methods of higher order come down to round-off before their errors fall by that order alone; those are measured
+    in more digits, in `test_steps_precisely.py`.
+    """
     claims = find(name).claims
-    for system, end in (CONSERVATIVE if claims.symplectic else GENERAL).items():
+    for system, end in (SEPARABLE if name in SPLITTINGS else GENERAL).items():
         compiled = model(system)
         truth = exact(compiled, end).y[:, -1]
-        counts = COUNTS[claims.order]
-        errors = [np.abs(run(compiled, end, stepped(name, end / n)).y[:, -1] - truth).max() for n in counts]
-        assert min(errors) > 1e-10 and max(errors) < 0.2
+        kept: list[tuple[int, float]] = []
+        for n in COUNTS:
+            error = np.abs(run(compiled, end, stepped(name, end / n)).y[:, -1] - truth).max()
+            if error < FLOOR:
+                break
+            kept.append((n, error))
+        counts, errors = zip(*kept[-4:], strict=True)
         order = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
-        assert order == pytest.approx(claims.order, abs=0.15), (system, errors)
-
-
-def driven_pendulum(t: Any, y: Any) -> Any:
-    return np.array([y[1], -mpmath.sin(y[0]) * (1 + t)])
-
-
-def henon_heiles(t: Any, y: Any) -> Any:
-    return np.array([y[2], y[3], -y[0] - 2 * y[0] * y[1], -y[1] - y[0] ** 2 + y[1] ** 2])
-
-
-def accelerations_of(law: Rhs) -> Rhs:
-    return lambda t, q: law(t, np.concatenate([q, q * 0]))[len(q) :]
-
-
-@pytest.mark.parametrize("law", [driven_pendulum, henon_heiles])
-@pytest.mark.parametrize("name", STEPPED)
-def test_the_order_without_round_off(name: str, law: Rhs) -> None:
-    """The step as it was written, at 40 digits: halving h divides the change of the result by 2^order."""
-    step = stepped(name, 1.0).plan(PROBLEM).step
-    order = find(name).claims.order
-    with mpmath.workdps(40):
-        start = [mpmath.mpf(value) for value in ("0.4", "0.3", "0.2", "-0.5")[: 2 if law is driven_pendulum else 4]]
-        ends = []
-        for count in {1: (512, 1024, 2048), 2: (64, 128, 256), 5: (96, 192, 384), 8: (12, 24, 48)}.get(
-            order, (32, 64, 128)
-        ):
-            h, y = mpmath.mpf(3) / count, np.array(start)
-            n = len(y) // 2
-            for i in range(count):
-                if step.partitioned:
-                    y = np.concatenate(step.function(accelerations_of(law), i * h, y[:n], y[n:], h))
-                else:
-                    y = step.function(law, i * h, y, h)
-            ends.append(y)
-        changes = [float(max(abs(b - a))) for a, b in itertools.pairwise(ends)]
-    assert np.log2(changes[0] / changes[1]) == pytest.approx(order, abs=0.15)
+        assert order == pytest.approx(claims.order, abs=0.15), (system, kept)
 
 
 def momenta(compiled: Model, state: Any) -> Any:
@@ -209,7 +259,9 @@ def defect(compiled: Model, name: str, h: float, z: Any) -> float:
 
 
 @pytest.mark.parametrize("system", ["Henon-Heiles", "coupled masses", "saddle"])
-@pytest.mark.parametrize("name", [name for name in STEPPED if find(name).claims.order <= 4])
+@pytest.mark.parametrize(
+    "name", [name for name in STEPPED if find(name).claims.symplectic or find(name).claims.order <= 4]
+)
 def test_what_claims_to_be_symplectic_is_and_the_rest_is_not(name: str, system: str) -> None:
     compiled = model(system)
     z = momenta(compiled, np.array(compiled.statement.initial) + 0.1)
@@ -234,11 +286,11 @@ def test_what_claims_to_be_symmetric_runs_back_and_the_rest_does_not(name: str) 
 @pytest.mark.parametrize("name", SPLITTINGS)
 def test_energy_stays_bounded_without_drift(name: str) -> None:
     compiled = model("Henon-Heiles")
-    found = run(compiled, 3000.0, name, step=0.05)
+    found = run(compiled, 3000.0, name, step=0.05 if find(name).claims.order < 6 else 0.4)
     energy = compiled.energy(found.y[:2], found.y[2:])
     error = energy / energy[0] - 1
     halves = np.array_split(np.abs(error), 2)
-    assert halves[0].max() < (0.2 if name == "symplectic-euler" else 2e-3)
+    assert halves[0].max() < (0.2 if find(name).claims.order == 1 else 3e-3)
     assert halves[1].max() < 1.1 * halves[0].max()
     means = [part.mean() for part in np.array_split(error, 10)]
     assert np.ptp(means) < 0.2 * np.abs(error).max()
@@ -270,54 +322,16 @@ def test_errors_follow_the_tolerance(name: str) -> None:
     assert all(b < a / least for a, b in itertools.pairwise(errors)), errors
 
 
-@pytest.mark.parametrize("name", [name for name in ADAPTIVE if name in STEPPED])
+SCIPY: dict[str, Any] = {"bs3": "RK23", "dopri5": "RK45", "dop853": "DOP853"}
+
+
+@pytest.mark.parametrize("name", SCIPY)
 def test_steps_are_in_line_with_scipys(name: str) -> None:
     """The same tableau and the same error norm should need about the same steps."""
     compiled = model("double pendulum")
-    solver: Any = {"dopri5": "RK45", "dop853": "DOP853"}[name]
+    solver = SCIPY[name]
     slope: Any = compiled.rhs
     theirs = scipy.integrate.solve_ivp(slope, (0, 5), compiled.statement.initial, method=solver, rtol=1e-8, atol=1e-10)
     ours = run(compiled, 5.0, name, rtol=1e-8, atol=1e-10)
     assert ours.steps < 1.25 * (len(theirs.t) - 1)
     assert ours.evaluations < 1.25 * theirs.nfev
-
-
-# --- where a method has no business ---------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", SPLITTINGS)
-@pytest.mark.parametrize(
-    ("system", "reason"),
-    [
-        ("double pendulum", "its mass matrix changes along the motion"),
-        ("charge", "its accelerations depend on velocities"),
-        ("friction", "its accelerations depend on velocities"),
-    ],
-)
-def test_a_splitting_is_refused_where_it_is_not_legal(name: str, system: str, reason: str) -> None:
-    with pytest.raises(StatementError, match=rf"{name} moves coordinates and velocities in turn.*: {reason}\. Use rk4"):
-        run(model(system), 1.0, name, step=0.01)
-
-
-def test_a_splitting_runs_with_forces_of_place_and_time() -> None:
-    compiled = build(**driven())
-    assert run(compiled, 1.0, "verlet", step=0.01).status.complete
-
-
-def test_the_parts_of_a_splitting_add_up_to_a_step() -> None:
-    with pytest.raises(StatementError, match=r"the kicks of half add up to 0\.5: they must add up to one step"):
-        Splitting("half", 1, ((0.5, 1.0),), symmetric=False)
-    with pytest.raises(StatementError, match=r"the drifts of half add up to 2"):
-        Splitting("half", 1, ((1.0, 2.0),), symmetric=False)
-
-
-def test_a_splitting_of_ones_own() -> None:
-    """Yoshida's composition of three Verlet steps is of order 4."""
-    outer = 1 / (2 - 2 ** (1 / 3))
-    inner = 1 - 2 * outer
-    kicks = (outer / 2, (outer + inner) / 2, (outer + inner) / 2, outer / 2)
-    method = Splitting("yoshida", 4, tuple(zip(kicks, (outer, inner, outer, 0.0), strict=True)), symmetric=True)
-    compiled = model("Henon-Heiles")
-    truth = exact(compiled, 3.0).y[:, -1]
-    errors = [np.abs(run(compiled, 3.0, method, step=3.0 / n).y[:, -1] - truth).max() for n in (40, 57, 80)]
-    assert -np.polyfit(np.log([40, 57, 80]), np.log(errors), 1)[0] == pytest.approx(4, abs=0.15)

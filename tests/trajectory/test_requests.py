@@ -36,7 +36,7 @@ def coupled() -> lg.System:
 @pytest.mark.parametrize(
     ("request_", "words"),
     [
-        ({"method": "leapfrog"}, "there is no method 'leapfrog'; the methods are euler, "),
+        ({"method": "hopfrog"}, "there is no method 'hopfrog'; the methods are euler, "),
         ({"method": "dop583"}, "Did you mean 'dop853'?"),
         ({"method": 4}, "method is 4: give a name, such as 'taylor', or an instance"),
         ({"method": lg.methods.RungeKutta}, "give a name, such as 'taylor', or an instance"),

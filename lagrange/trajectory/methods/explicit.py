@@ -12,9 +12,10 @@ from lagrange.program.step import Control, StepProgram, trace
 from lagrange.trajectory.dense import RungeKuttaPath
 from lagrange.trajectory.driver import drive
 from lagrange.trajectory.integrator import Claims, Problem
-from lagrange.trajectory.methods import classical, dop853, dopri5
+from lagrange.trajectory.methods import classical, dop853, dopri5, tsit5
 from lagrange.trajectory.methods.runge_kutta import ButcherTableau
 from lagrange.trajectory.methods.settings import adaptive_settings, fixed_settings
+from lagrange.trajectory.methods.verner9 import verner9
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
@@ -42,8 +43,9 @@ class RungeKutta:
 
     @property
     def claims(self) -> Claims:
-        """Order, and step control."""
-        return Claims(order=self.tableau.order, adaptive=self.tableau.error is not None)
+        """Order, step control, and the order of the path."""
+        dense = self.tableau.dense.order if self.tableau.dense else 0
+        return Claims(order=self.tableau.order, adaptive=self.tableau.error is not None, dense=dense)
 
     def plan(self, problem: Problem) -> StepPlan:
         """Return the plan; see `Planned`."""
@@ -93,6 +95,11 @@ def Euler(step: float | None = None) -> RungeKutta:
     return RungeKutta(classical.EULER, step=step)
 
 
+def Heun(step: float | None = None) -> RungeKutta:
+    """Return Heun's method, the explicit trapezoidal rule, order 2."""
+    return RungeKutta(classical.HEUN, step=step)
+
+
 def Midpoint(step: float | None = None) -> RungeKutta:
     """Return the explicit midpoint rule, order 2."""
     return RungeKutta(classical.MIDPOINT, step=step)
@@ -103,9 +110,24 @@ def RK4(step: float | None = None) -> RungeKutta:
     return RungeKutta(classical.RK4, step=step)
 
 
+def BS3(rtol: float | None = None, atol: float | None = None) -> RungeKutta:
+    """Return the adaptive method of Bogacki and Shampine, order 3(2)."""
+    return RungeKutta(classical.BS3, rtol=rtol, atol=atol)
+
+
 def Dopri5(rtol: float | None = None, atol: float | None = None) -> RungeKutta:
     """Return the adaptive method of Dormand and Prince, order 5(4)."""
     return RungeKutta(dopri5.DOPRI5, rtol=rtol, atol=atol)
+
+
+def Tsit5(rtol: float | None = None, atol: float | None = None) -> RungeKutta:
+    """Return Tsitouras's adaptive method, order 5(4)."""
+    return RungeKutta(tsit5.TSIT5, rtol=rtol, atol=atol)
+
+
+def Verner9(rtol: float | None = None, atol: float | None = None) -> RungeKutta:
+    """Return Verner's most efficient adaptive method of order 9(8)."""
+    return RungeKutta(verner9(), rtol=rtol, atol=atol)
 
 
 def DOP853(rtol: float | None = None, atol: float | None = None) -> RungeKutta:

@@ -10,8 +10,18 @@ from typing import Any
 
 from lagrange.errors import StatementError, listing, suggestion
 from lagrange.trajectory.integrator import Claims, Integrator
-from lagrange.trajectory.methods.explicit import DOP853, RK4, Dopri5, Euler, Midpoint
-from lagrange.trajectory.methods.splitting import SymplecticEuler, Verlet
+from lagrange.trajectory.methods.explicit import BS3, DOP853, RK4, Dopri5, Euler, Heun, Midpoint, Tsit5, Verner9
+from lagrange.trajectory.methods.splitting import (
+    Composition8,
+    ForestRuth4,
+    Leapfrog,
+    Ruth3,
+    SymplecticEuler,
+    SymplecticEulerB,
+    VelocityVerlet,
+    Verlet,
+    Yoshida6,
+)
 from lagrange.trajectory.methods.taylor import Taylor
 
 GROUP = "lagrange.integrators"
@@ -23,12 +33,23 @@ DEFAULT = "taylor"
 
 BUILT_IN: dict[str, Callable[[], Integrator]] = {
     "euler": Euler,
-    "symplectic-euler": SymplecticEuler,
+    "heun": Heun,
     "midpoint": Midpoint,
-    "verlet": Verlet,
     "rk4": RK4,
+    "bs3": BS3,
     "dopri5": Dopri5,
+    "tsit5": Tsit5,
+    "verner9": Verner9,
     "dop853": DOP853,
+    "symplectic-euler": SymplecticEuler,
+    "symplectic-euler-b": SymplecticEulerB,
+    "verlet": Verlet,
+    "velocity-verlet": VelocityVerlet,
+    "leapfrog": Leapfrog,
+    "ruth3": Ruth3,
+    "forest-ruth4": ForestRuth4,
+    "yoshida6": Yoshida6,
+    "composition8": Composition8,
     "taylor": Taylor,
 }
 

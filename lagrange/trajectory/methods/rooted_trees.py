@@ -15,12 +15,12 @@ Number = Fraction | float
 Row = tuple[Number, ...]
 
 
+@cache
 def trees(order: int) -> tuple[Tree, ...]:
-    """Return the rooted trees with that many nodes: 1, 1, 2, 4, 9, 20, 48, 115 for 1 to 8."""
-    found: tuple[Tree, ...] = ((),)
-    for _ in range(order - 1):
-        found = tuple(dict.fromkeys(grown for tree in found for grown in _grafted(tree)))
-    return found
+    """Return the rooted trees with that many nodes: 1, 1, 2, 4, 9, 20, 48, 115, 286 for 1 to 9."""
+    if order == 1:
+        return ((),)
+    return tuple(dict.fromkeys(grown for tree in trees(order - 1) for grown in _grafted(tree)))
 
 
 def _grafted(tree: Tree) -> Iterator[Tree]:
@@ -46,9 +46,13 @@ def density(tree: Tree) -> int:
 def stage_weights(matrix: tuple[Row, ...], order: int) -> Mapping[Tree, Row]:
     """Return Phi_j(tree), (stages,), for every tree up to that order: sum_j b_j Phi_j = 1/gamma is its condition.
 
-    `matrix` is the lower triangle of a tableau, row i with at least i entries.
+    `matrix` is the lower triangle of a tableau, row i with at least i entries. Where an entry is a float, all are taken
+    as floats: the weights of order 9 are then had in milliseconds.
     """
-    known: dict[Tree, Row] = {(): (Fraction(1),) * len(matrix)}
+    one: Number = Fraction(1)
+    if any(isinstance(entry, float) for row in matrix for entry in row):
+        matrix, one = tuple(tuple(map(float, row)) for row in matrix), 1.0
+    known: dict[Tree, Row] = {(): (one,) * len(matrix)}
     fed: dict[Tree, Row] = {}
     for level in range(1, order):
         for tree in trees(level):

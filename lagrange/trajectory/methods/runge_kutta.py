@@ -200,7 +200,8 @@ class ButcherTableau:
             return
         ends = self.b + (Fraction(0),) * len(self.dense.stages)
         for j, (weights, end) in enumerate(zip(self.dense.weights, ends, strict=True)):
-            self._check(f"the dense weight b_{j + 1}(1) = b_{j + 1}", sum(weights, Fraction(0)), end)
+            size_of = max(1.0, *(abs(float(weight)) for weight in weights))
+            self._check(f"the dense weight b_{j + 1}(1) = b_{j + 1}", sum(weights, Fraction(0)), end, size_of)
         columns = tuple(zip_longest(*self.dense.weights, fillvalue=Fraction(0)))
         for tree in self._elementary:
             for power, column in enumerate(columns, start=1):

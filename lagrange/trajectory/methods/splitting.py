@@ -1,15 +1,17 @@
 """Symplectic splittings: coordinates and velocities moved in turn, where the equations of motion allow it.
 
 With a constant mass matrix and accelerations a(q, t) alone, drift (q with v) and kick (v with a) are each solved
-exactly, and their composition is symplectic in (q, p = M v).
-Source: E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd ed., 2006, I.1, II.5 and VI.3.
+exactly, and their composition is symplectic in (q, p = M v). A force may depend on time: time moves with the
+coordinates, as one more of them.
+Source: E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd ed., 2006, I.1, II.5, III.3 and VI.3.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import groupby, pairwise
 from typing import Any
 
 from lagrange.errors import StatementError
@@ -18,42 +20,81 @@ from lagrange.trajectory.dense import HermitePath
 from lagrange.trajectory.driver import drive
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.settings import fixed_settings
+from lagrange.trajectory.methods.words import check_words
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
+
+Stages = tuple[tuple[float, float], ...]
+
+CUBE = 1 / (2 - 2 ** (1 / 3))
+"""The outer part of the triple jump, in which the errors of h^3 cancel."""
+
+YOSHIDA6 = (0.78451361047755726381949763, 0.23557321335935813368479318, -1.17767998417887100694641568)
+"""The outer three of seven sizes, which are symmetric; the middle one makes the sum 1."""
+
+KAHAN_LI = (
+    0.13020248308889008087881763,
+    0.56116298177510838456196441,
+    -0.38947496264484728640807860,
+    0.15884190655515560089621075,
+    -0.39590389413323757733623154,
+    0.18453964097831570709183254,
+    0.25837438768632204729397911,
+    0.29501172360931029887096624,
+)
+"""The outer eight of seventeen sizes."""
 
 
 @dataclass(frozen=True)
 class Splitting:
-    """A composition of kicks and drifts: `stages` are pairs (kick, drift) of fractions of the step, kick first."""
+    """A composition of kicks and drifts: `stages` are pairs (kick, drift) of fractions of the step, kick first.
+
+    Checked when built: the sums, and every order condition up to `order`. Raises StatementError with the condition
+    that fails and by how much.
+    """
 
     name: str
     order: int
-    stages: tuple[tuple[float, float], ...]
-    symmetric: bool
+    stages: Stages
     step: float | None = None
+    source: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
         for what, total in (("kicks", sum(k for k, _ in self.stages)), ("drifts", sum(d for _, d in self.stages))):
-            if abs(total - 1) > 1e-14:
+            if not abs(total - 1) <= 1e-14:
                 raise StatementError(f"the {what} of {self.name} add up to {total:.17g}: they must add up to one step.")
+        check_words(self.name, self.order, self.flows)
+
+    @property
+    def flows(self) -> tuple[tuple[str, float], ...]:
+        """What a step does, in order: ("kick" or "drift", fraction of the step)."""
+        pairs = [flow for kick, drift in self.stages for flow in (("kick", kick), ("drift", drift)) if flow[1]]
+        grouped = groupby(pairs, key=lambda flow: flow[0])
+        return tuple((what, sum(part for _, part in parts)) for what, parts in grouped)
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the step reads the same from both ends, so that a step of -h undoes a step of h."""
+        return self.flows == self.flows[::-1]
 
     @property
     def claims(self) -> Claims:
-        """Order, symplecticity, and symmetry in time."""
-        return Claims(order=self.order, symplectic=True, symmetric=self.symmetric)
+        """Order, symplecticity, and symmetry in time; the path between steps is the cubic one."""
+        return Claims(order=self.order, symplectic=True, symmetric=self.symmetric, dense=3)
 
     def plan(self, problem: Problem) -> StepPlan:
         """Return the plan. Raises StatementError where the splitting is not legal."""
         check_splits(self.name, problem)
         tolerances = fixed_settings(self.name, problem, self.step, None, None)
-        return StepPlan(splitting_step(self.name, self.stages), tolerances, _path)
+        return StepPlan(splitting_step(self.name, self.stages), tolerances, cubic_path)
 
     def integrate(self, problem: Problem) -> Trajectory:
         """Run the problem; see `Integrator`."""
         return drive(problem, self.plan(problem), self.name)
 
 
-def _path(problem: Problem, times: FloatArray, states: FloatArray) -> HermitePath:
+def cubic_path(problem: Problem, times: FloatArray, states: FloatArray) -> HermitePath:
+    """Return the cubic path through accepted steps."""
     return HermitePath(problem.model.kernel("rhs"), problem.parameter_array, times, states)
 
 
@@ -63,7 +104,7 @@ def check_splits(name: str, problem: Problem) -> None:
     if not structure.constant_mass:
         reason = "its mass matrix changes along the motion"
     elif not structure.position_only:
-        reason = "its accelerations depend on velocities"
+        reason = "its accelerations depend on velocities, as with friction or a magnetic field"
     else:
         return
     raise StatementError(
@@ -73,29 +114,116 @@ def check_splits(name: str, problem: Problem) -> None:
 
 
 @lru_cache(maxsize=64)
-def splitting_step(name: str, stages: tuple[tuple[float, float], ...]) -> StepProgram:
+def splitting_step(name: str, stages: Stages) -> StepProgram:
     """Return the step program of a splitting. Time moves with the coordinates."""
+    last = max(i for i, (_, drift) in enumerate(stages) if drift)
 
     def step(a: Callable[..., Any], t: Any, q: Any, v: Any, h: Any) -> tuple[Any, Any]:
         now = t
         passed = 0.0
-        for kick, drift in stages:
+        for i, (kick, drift) in enumerate(stages):
             if kick:
                 v = v + a(now, q) * (h * kick)
             if drift:
                 q = q + v * (h * drift)
                 passed += drift
-                now = t + h if passed == 1.0 else t + h * passed
+                now = t + h if i == last else t + h * passed
         return q, v
 
     return trace(name, step, partitioned=True)
 
 
+def composition(
+    coefficients: Sequence[float],
+    *,
+    name: str,
+    order: int,
+    first: str = "drift",
+    step: float | None = None,
+    source: str = "",
+) -> Splitting:
+    """Return the composition of Stormer-Verlet steps of the sizes `coefficients` times h, one after the other.
+
+    Each begins and ends with half a drift, or half a kick with `first="kick"`; halves that meet are done as one.
+    Coefficients that read the same from both ends make a symmetric method, of even order. Raises StatementError if
+    they do not add up to 1 or the order is not the claimed one.
+    """
+    if first not in ("drift", "kick"):
+        raise StatementError(f"first = {first!r}: a composition starts with a 'drift' or a 'kick'.")
+    parts = [float(c) for c in coefficients]
+    if not parts:
+        raise StatementError(f"the composition {name} has no coefficients: give at least one.")
+    ends = [0.0, *parts, 0.0]
+    halves = [(a + b) / 2 for a, b in pairwise(ends)]
+    pairs = zip([0.0, *parts], halves, strict=True) if first == "drift" else zip(halves, [*parts, 0.0], strict=True)
+    return Splitting(name, order, tuple(pairs), step, source)
+
+
 def SymplecticEuler(step: float | None = None) -> Splitting:
     """Return the symplectic Euler method, order 1: velocities first, then coordinates with the new velocities."""
-    return Splitting("symplectic-euler", 1, ((1.0, 1.0),), symmetric=False, step=step)
+    return Splitting("symplectic-euler", 1, ((1.0, 1.0),), step, "de Vogelaere, 1956; Hairer, Lubich, Wanner, I.1.2")
+
+
+def SymplecticEulerB(step: float | None = None) -> Splitting:
+    """Return the other symplectic Euler method, order 1: coordinates first, then velocities at the new place."""
+    stages = ((0.0, 1.0), (1.0, 0.0))
+    return Splitting("symplectic-euler-b", 1, stages, step, "de Vogelaere, 1956; Hairer, Lubich, Wanner, I.1.2")
 
 
 def Verlet(step: float | None = None) -> Splitting:
-    """Return the Stormer-Verlet method in velocity form, order 2: half a kick, a drift, half a kick."""
-    return Splitting("verlet", 2, ((0.5, 1.0), (0.5, 0.0)), symmetric=True, step=step)
+    """Return the Stormer-Verlet method in position form, order 2: half a drift, a kick, half a drift.
+
+    The force is taken in the middle of the step. Its steps, and those of the velocity form, are the symplectic Euler
+    steps of either kind with half the step size, one after the other.
+    """
+    return composition((1.0,), name="verlet", order=2, step=step, source="Hairer, Lubich, Wanner, I.1.4")
+
+
+def VelocityVerlet(step: float | None = None) -> Splitting:
+    """Return the Stormer-Verlet method in velocity form, order 2: q + h v + h^2 a/2, then v with the mean of both a.
+
+    That is half a kick, a drift, half a kick. The last force of a step is the first of the next.
+    """
+    source = "Swope, Andersen, Berens, Wilson, J. Chem. Phys. 76, 1982; Hairer, Lubich, Wanner, I.1.4"
+    return composition((1.0,), name="velocity-verlet", order=2, first="kick", step=step, source=source)
+
+
+def Leapfrog(step: float | None = None) -> Splitting:
+    """Return the leapfrog method, order 2: velocities half a step apart from the coordinates, both kept at full steps.
+
+    Staggered velocities leap over the coordinates: v at t + h/2 is v at t - h/2 and one kick, and the coordinates
+    drift with it. A step starts and ends with half of a kick to have both at the same time, which makes it the same
+    map as the velocity form; `verlet` is the same leaps seen from the velocities' times: with half a drift before and
+    after, it is conjugate to them. All three have the same long-term behaviour.
+    """
+    source = "Hockney, Eastwood, Computer Simulation Using Particles, 1981; Hairer, Lubich, Wanner, I.1.4"
+    return composition((1.0,), name="leapfrog", order=2, first="kick", step=step, source=source)
+
+
+def Ruth3(step: float | None = None) -> Splitting:
+    """Return Ruth's method of order 3: three kicks and three drifts, not symmetric."""
+    stages = ((7 / 24, 2 / 3), (3 / 4, -2 / 3), (-1 / 24, 1.0))
+    return Splitting("ruth3", 3, stages, step, "Ruth, IEEE Trans. Nucl. Sci. 30, 1983")
+
+
+def ForestRuth4(step: float | None = None) -> Splitting:
+    """Return Forest and Ruth's method of order 4: the triple jump of Stormer-Verlet steps."""
+    source = "Forest, Ruth, Physica D 43, 1990; Hairer, Lubich, Wanner, II.4, example 4.2"
+    return composition((CUBE, 1 - 2 * CUBE, CUBE), name="forest-ruth4", order=4, step=step, source=source)
+
+
+def Yoshida6(step: float | None = None) -> Splitting:
+    """Return Yoshida's method of order 6, his solution A: seven Stormer-Verlet steps."""
+    source = "Yoshida, Phys. Lett. A 150, 1990; digits: Hairer, Lubich, Wanner, V.3.2"
+    return composition(_mirrored(YOSHIDA6), name="yoshida6", order=6, step=step, source=source)
+
+
+def Composition8(step: float | None = None) -> Splitting:
+    """Return Kahan and Li's method of order 8: seventeen Stormer-Verlet steps."""
+    source = "Kahan, Li, Math. Comp. 66, 1997; digits: Hairer, Lubich, Wanner, V.3.2"
+    return composition(_mirrored(KAHAN_LI), name="composition8", order=8, step=step, source=source)
+
+
+def _mirrored(outer: tuple[float, ...]) -> tuple[float, ...]:
+    """Return symmetric sizes whose sum is 1."""
+    return (*outer, 1 - 2 * sum(outer), *outer[::-1])
