@@ -17,6 +17,15 @@ from lagrange.trajectory.methods.explicit import (
     Verner9,
     explicit_method,
 )
+from lagrange.trajectory.methods.implicit import (
+    BDF2,
+    BackwardEuler,
+    Gauss2,
+    Gauss3,
+    ImplicitMethod,
+    ImplicitMidpoint,
+    Trapezoidal,
+)
 from lagrange.trajectory.methods.registry import names, table
 from lagrange.trajectory.methods.splitting import (
     Composition8,
@@ -41,14 +50,20 @@ ScipyBDF = scipy_solvers.BDF
 ScipyLSODA = scipy_solvers.LSODA
 
 __all__ = [
+    "BDF2",
     "BS3",
     "DOP853",
     "RK4",
+    "BackwardEuler",
     "Composition8",
     "Dopri5",
     "Euler",
     "ForestRuth4",
+    "Gauss2",
+    "Gauss3",
     "Heun",
+    "ImplicitMethod",
+    "ImplicitMidpoint",
     "Leapfrog",
     "Midpoint",
     "RungeKutta",
@@ -63,6 +78,7 @@ __all__ = [
     "SymplecticEuler",
     "SymplecticEulerB",
     "Taylor",
+    "Trapezoidal",
     "Tsit5",
     "VelocityVerlet",
     "Verlet",

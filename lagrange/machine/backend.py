@@ -108,5 +108,8 @@ class Machine(Protocol):
     def series(self, program: SeriesProgram) -> Series:
         """Make a series program ready to run."""
 
-    def driver(self, step: StepProgram, kernel: Any, parameters: FloatArray) -> Driver:
-        """Make a driver that advances y' = kernel(t, y, parameters) by a step program; the kernel is this machine's."""
+    def driver(self, step: StepProgram, kernel: Any, parameters: FloatArray, jacobian: Any = None) -> Driver:
+        """Make a driver that advances a run by a step program whose law the kernel evaluates; it is this machine's.
+
+        `jacobian` is the kernel of the law's derivative, for a step that solves.
+        """

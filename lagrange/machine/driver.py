@@ -19,6 +19,7 @@ class Outcome(enum.IntEnum):
     SINGULAR = 3
     STEP_TOO_SMALL = 4
     WATCHED = 5
+    DIVERGED = 6
 
 
 OUTCOMES = tuple(Outcome)
@@ -28,16 +29,18 @@ OUTCOMES = tuple(Outcome)
 class DriverState:
     """Where a run stands. Arrays are shared with machine code, entries in the order of the constants below.
 
-    `floats` and `integers` are the same entries, to be set one by one: that takes a fifth of the time.
+    `floats` and `integers` are the same entries, to be set one by one: that takes a fifth of the time. KEPT is 0 where
+    nothing that a driver has kept from former steps, such as a matrix or unknowns to extrapolate, belongs to this run;
+    RESIDUAL is the size of the last correction of an implicit step against that of its unknowns.
     """
 
-    T, END, H, RTOL, ATOL, PREVIOUS, START, STEP, CAUSE, LONGEST, LOW, SCALE, ONCE = range(13)
-    STEPS, REJECTED, EVALUATIONS, SLOPE_KNOWN, ROWS, RECORD, AFTER_REJECT, TRIES, LOOK = range(9)
+    T, END, H, RTOL, ATOL, PREVIOUS, START, STEP, CAUSE, LONGEST, LOW, SCALE, ONCE, RESIDUAL = range(14)
+    STEPS, REJECTED, EVALUATIONS, SLOPE_KNOWN, ROWS, RECORD, AFTER_REJECT, TRIES, LOOK, KEPT = range(10)
 
     def __init__(self, t: float, end: float, y: NDArray[np.float64], rtol: float, atol: float, step: float) -> None:
         """Begin at (t, y) towards `end`; `step` is the signed step of a fixed-step method, or a first step, or 0."""
-        self.reals = np.zeros(13)
-        self.counts = np.zeros(9, dtype=np.int64)
+        self.reals = np.zeros(14)
+        self.counts = np.zeros(10, dtype=np.int64)
         self.y = np.array(y, dtype=float)
         self.reals[[self.T, self.START]] = t
         self.reals[self.END] = end

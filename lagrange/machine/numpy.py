@@ -56,9 +56,11 @@ class NumpyMachine:
         """Return a series program that is interpreted."""
         return NumpySeries(program)
 
-    def driver(self, step: StepProgram, kernel: NumpyKernel, parameters: FloatArray) -> NumpyDriver:
+    def driver(
+        self, step: StepProgram, kernel: NumpyKernel, parameters: FloatArray, jacobian: NumpyKernel | None = None
+    ) -> NumpyDriver:
         """Return a driver that takes each step in Python."""
-        return NumpyDriver(step, kernel, parameters)
+        return NumpyDriver(step, kernel, parameters, jacobian)
 
 
 def _matrix(n: int, *lower: Any) -> FloatArray:

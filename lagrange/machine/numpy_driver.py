@@ -11,6 +11,7 @@ import numpy as np
 
 from lagrange.machine.backend import FloatArray, Kernel, SingularMassMatrix
 from lagrange.machine.driver import DriverState, Outcome
+from lagrange.machine.numpy_newton import Failure, Record
 from lagrange.program.step import Control, StepProgram
 
 S = DriverState
@@ -19,9 +20,12 @@ S = DriverState
 class NumpyDriver:
     """Advances a run by calling the step function on arrays."""
 
-    def __init__(self, step: StepProgram, kernel: Kernel, parameters: FloatArray) -> None:
+    def __init__(
+        self, step: StepProgram, kernel: Kernel, parameters: FloatArray, jacobian: Kernel | None = None
+    ) -> None:
         self._step = step
         self._kernel = kernel
+        self._jacobian = jacobian
         self._parameters = parameters
         self._slope: FloatArray | None = None
 
@@ -32,6 +36,9 @@ class NumpyDriver:
         """Advance a run; see `Driver`."""
         if not state.count(S.SLOPE_KNOWN):
             self._slope = None
+        if self._step.solves and not state.count(S.KEPT):
+            state.counts[S.KEPT] = 1
+            self._begin()
         take = self._fixed if self._step.control is None else self._adaptive
         with np.errstate(all="ignore"):
             for _ in range(budget):
@@ -52,6 +59,8 @@ class NumpyDriver:
             y, _ = self._attempt(state, h)
         except SingularMassMatrix:
             return Outcome.SINGULAR
+        except Failure as failure:
+            return failure.outcome
         if not np.isfinite(y).all():
             return Outcome.NON_FINITE
         self._accept(state, after, y, times, rows)
@@ -73,6 +82,9 @@ class NumpyDriver:
             y, errors = self._attempt(state, length)
         except SingularMassMatrix:
             return self._reject(state, Outcome.SINGULAR, 0.25 * length)
+        except Failure as failure:
+            part = 0.5 if failure.outcome is Outcome.DIVERGED else 0.25
+            return self._reject(state, failure.outcome, part * length)
         if not all(np.isfinite(vector).all() for vector in (y, *errors)):
             return self._reject(state, Outcome.NON_FINITE, 0.25 * length)
         norm = self._norm(state, control, y, errors)
@@ -82,13 +94,16 @@ class NumpyDriver:
         factor *= reals[S.PREVIOUS] ** control.memory
         reals[S.PREVIOUS] = max(norm, 1e-4)
         most = 1.0 if state.count(S.AFTER_REJECT) else control.most
-        reals[S.H] = length * max(min(factor, most), control.least)
+        factor = max(min(factor, most), control.least)
+        reals[S.H] = length * (1.0 if 1.0 <= factor < control.hold else factor)
         state.counts[S.AFTER_REJECT] = 0
         self._accept(state, after, y, times, rows)
         return Outcome.PAUSED
 
     def _attempt(self, state: DriverState, h: float) -> tuple[FloatArray, list[FloatArray]]:
         """Return the state after a step and the error vectors, and keep the first slope for another try."""
+        if self._step.solves:
+            return self._solved(state, h)
         calls: list[FloatArray] = []
         step, n = self._step, len(state.y) // 2
 
@@ -115,11 +130,35 @@ class NumpyDriver:
         self._last = calls[-1]
         return result
 
+    def _begin(self) -> None:
+        """Forget what was kept from the steps of another run."""
+
+        def evaluate(kernel: Any) -> Any:
+            return lambda t, y: kernel(t, y, self._parameters)
+
+        law, jacobian = evaluate(self._kernel), evaluate(self._jacobian)
+        self._record = Record(self._step, law, jacobian)
+        starter = self._step.starter
+        self._starter = self._record if starter is None else Record(starter, law, jacobian)
+        self._before: list[FloatArray] = []
+
+    def _solved(self, state: DriverState, h: float) -> tuple[FloatArray, list[FloatArray]]:
+        """Take an implicit step from its record, with the starter where the state one step back is not known."""
+        states = np.split(state.y.copy(), self._step.states)
+        usual = self._step.starter is None or (bool(self._before) and h == state.reals[S.STEP])
+        record = self._record if usual else self._starter
+        new, errors = record.take(state, [*states, *self._before] if usual else states, h)
+        self._tried = states if h == state.reals[S.STEP] else []
+        return np.concatenate(new), errors
+
     def _accept(self, state: DriverState, t: float, y: FloatArray, times: FloatArray, rows: FloatArray) -> None:
         state.reals[S.T] = t
         state.y[:] = y
         state.counts[S.STEPS] += 1
         self._slope = self._last if self._step.ends_with_slope else None
+        if self._step.solves:
+            self._record.keep()
+            self._before = [] if self._step.starter is None else self._tried
         state.counts[S.SLOPE_KNOWN] = self._slope is not None
         if state.count(S.RECORD):
             row = state.count(S.ROWS)

@@ -41,6 +41,18 @@ def jacobian(equations: Equations) -> tuple[Sequence[Node], tuple[int, ...]]:
     return [*upper, *(columns[j][i] for i in range(n) for j in range(2 * n))], (2 * n, 2 * n)
 
 
+def momentum(equations: Equations) -> tuple[Sequence[Node], tuple[int, ...]]:
+    """Return [p, f], p = dL/dv and f = dL/dq + Q - dD/dv, so that dp/dt = f."""
+    return (*equations.momenta, *equations.forces), (2 * len(equations.q),)
+
+
+def momentum_jacobian(equations: Equations) -> tuple[Sequence[Node], tuple[int, ...]]:
+    """Return d[p, f] / d[q, v], (2n, 2n); its upper right block is the mass matrix."""
+    rows, shape = momentum(equations)
+    columns = [tangents(rows, {symbol: equations.graph.one}) for symbol in (*equations.q, *equations.v)]
+    return [column(row) for row in rows for column in columns], shape * 2
+
+
 def _solve(equations: Equations, right: Sequence[Node]) -> list[Node]:
     """Return x of M x = right, block by block; the factors of M are shared by all right-hand sides."""
     found: dict[int, Node] = {}
@@ -60,6 +72,8 @@ QUANTITIES: dict[str, Quantity] = {
     "lagrangian": lambda e: ((e.lagrangian,), ()),
     "forces": lambda e: (e.forces, (len(e.q),)),
     "bias": lambda e: (e.bias, (len(e.q),)),
+    "momentum": momentum,
+    "momentum_jacobian": momentum_jacobian,
 }
 """Every quantity by name; `forces` is f = dL/dq + Q - dD/dv, `bias` is h of M a = h."""
 

@@ -2,31 +2,28 @@
 
 A step function `step(f, t, y, h)` uses only f, sums, differences and multiples by numbers made of t and h. Given
 arrays it computes; given the `Vector`s of this module it leaves a record that a machine compiles, with every
-argument and result a linear combination of the state and the slopes found so far.
+argument and result a linear combination of the state and the slopes found so far. What it calls is one of `LAWS`.
 
-A partitioned step function `step(a, t, q, v, h)` is the same for methods that move coordinates and velocities in
-turn; a(t, q) are the accelerations, which must not depend on velocities.
+An implicit step has one more argument, `solve`, which introduces unknown vectors. Backward Euler is
+
+    k = solve(lambda k: f(t + h, y + k * h) - k, lambda: f(t, y))
+    return y + k * h
+
+and a machine finds k by Newton's method, whose matrix follows from the record: a residual is a combination of
+unknowns and of calls at combinations of unknowns.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from lagrange.errors import StatementError
-from lagrange.graph.node import Binding, Exact, Graph, Node
-
-Combination = tuple[tuple[int, Node], ...]
-"""Sum of coefficient * vector, by number: the states come first, then the result of each call, in order."""
-
-
-@dataclass(frozen=True, eq=False)
-class Call:
-    """One evaluation of the right-hand side (or of the accelerations) at a time and a state (or coordinates)."""
-
-    time: Node
-    argument: Combination
+from lagrange.graph.node import Binding, Graph, Node
+from lagrange.program.actions import LAWS, Action, Call, Combination, Damp, Solve
+from lagrange.program.recorder import Recorder, Solver, Vector
 
 
 @dataclass(frozen=True)
@@ -34,7 +31,8 @@ class Control:
     """How the step follows the error: h grows by safety * norm**(-1/exponent) * previous norm**memory, within bounds.
 
     `exponent` is the power of h with which the error norm shrinks. With `damped`, the step has two error vectors,
-    and the norm is that of DOP853: e5 / sqrt((e5 + 0.01 e3) dim), of sums of squares.
+    and the norm is that of DOP853: e5 / sqrt((e5 + 0.01 e3) dim), of sums of squares. A step that could grow by less
+    than `hold` stays as it is, so that a matrix made for it serves again.
     """
 
     exponent: int
@@ -43,140 +41,160 @@ class Control:
     safety: float = 0.9
     least: float = 0.2
     most: float = 10.0
+    hold: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class StepProgram:
-    """A step as a program in t and h: `calls` in order, then the new state(s) and the error vectors.
+    """A step as a program in t and h: `actions` in order, then the new state(s) and the error vectors.
 
-    `partitioned` steps have two state vectors, q and v, each (n,); others have one, y = [q, v].
+    With a `starter`, a step starts from the state one step back as well, whose numbers follow those of the state; the
+    starter, a program without that, takes the first step and any of another length. `ratio` is h over the length of
+    the last step.
     """
 
     name: str
     graph: Graph
     time: Node
     h: Node
-    partitioned: bool
-    calls: tuple[Call, ...]
+    ratio: Node
+    law: str
+    actions: tuple[Action, ...]
     results: tuple[Combination, ...]
     errors: tuple[Combination, ...]
     control: Control | None
     function: Callable[..., Any]
+    vectors: int
+    starter: StepProgram | None = None
+
+    @property
+    def partitioned(self) -> bool:
+        """Whether coordinates and velocities are vectors of their own."""
+        return LAWS[self.law].states == 2
 
     @property
     def states(self) -> int:
         """How many state vectors there are."""
-        return 2 if self.partitioned else 1
+        return LAWS[self.law].states
+
+    @cached_property
+    def calls(self) -> tuple[Call, ...]:
+        """The calls outside the solves, in order."""
+        return tuple(action for action in self.actions if isinstance(action, Call))
+
+    @cached_property
+    def solves(self) -> tuple[Solve, ...]:
+        """The solves, in order."""
+        return tuple(action for action in self.actions if isinstance(action, Solve))
+
+    @cached_property
+    def damps(self) -> tuple[Damp, ...]:
+        """The damped vectors, in order."""
+        return tuple(action for action in self.actions if isinstance(action, Damp))
 
     @property
     def starts_with_slope(self) -> bool:
         """Whether the first call is at the state that the step starts from."""
-        return self.calls[0].time is self.time and self.calls[0].argument == ((0, self.graph.one),)
+        first = self.actions[0]
+        known = isinstance(first, Call) and LAWS[self.law].results == 1
+        return known and self.calls[0].time is self.time and self.calls[0].argument == ((0, self.graph.one),)
 
     @property
     def ends_with_slope(self) -> bool:
         """Whether the last call is at the state that the step ends with, so that the next step has it already."""
+        if not self.starts_with_slope or self.solves:
+            return False
         last = self.calls[-1]
-        return self.starts_with_slope and last.time is self.time + self.h and last.argument == self.results[0]
+        return last.time is self.time + self.h and last.argument == self.results[0]
 
     def __str__(self) -> str:
-        first = self.states
-        lines = [f"{self.name}: " + ("q, v" if self.partitioned else "y") + ", t, h"]
-        for i, call in enumerate(self.calls):
-            lines.append(f"  k{i} = f({call.time!r}, {_shown(call.argument, first)})")
-        lines += [f"  new = {_shown(result, first)}" for result in self.results]
-        lines += [f"  error = {_shown(error, first)}" for error in self.errors]
+        names = ["q", "v"] if self.partitioned else ["y"]
+        names += [] if self.starter is None else [f"{name} before" for name in names]
+        lines = [f"{self.name}: {', '.join(names)}, t, h"]
+        names += [f"k{i - len(names)}" for i in range(len(names), self.vectors)]
+        for action in self.actions:
+            lines += (f"  {line}" for line in _lines(action, names, LAWS[self.law].results))
+        lines += [f"  new = {_shown(result, names)}" for result in self.results]
+        lines += [f"  error = {_shown(error, names)}" for error in self.errors]
         return "\n".join(lines)
 
 
-class Vector:
-    """A linear combination of a step's vectors, to trace with in place of an array."""
-
-    __slots__ = ("terms",)
-    __array_ufunc__ = None
-
-    def __init__(self, terms: Mapping[int, Node]) -> None:
-        self.terms = dict(terms)
-
-    def __add__(self, other: Vector | float) -> Vector:
-        if not isinstance(other, Vector):
-            if other == 0:
-                return self
-            raise StatementError("a step function adds a number to a vector: a step is a combination of vectors.")
-        total = dict(self.terms)
-        for i, coefficient in other.terms.items():
-            total[i] = total[i] + coefficient if i in total else coefficient
-        return Vector({i: c for i, c in total.items() if c is not c.graph.zero})
-
-    __radd__ = __add__
-
-    def __mul__(self, factor: Node | Exact | float) -> Vector:
-        if isinstance(factor, Vector):
-            raise StatementError("a step function multiplies two vectors: a step is a combination of vectors.")
-        scaled = {i: coefficient * factor for i, coefficient in self.terms.items()}
-        return Vector({i: c for i, c in scaled.items() if c is not c.graph.zero})
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, divisor: Node | Exact | float) -> Vector:
-        return Vector({i: coefficient / divisor for i, coefficient in self.terms.items()})
-
-    def __neg__(self) -> Vector:
-        return self * -1
-
-    def __sub__(self, other: Vector | float) -> Vector:
-        return self + -other
-
-    def __rsub__(self, other: Vector | float) -> Vector:
-        return -self + other
-
-    def combination(self) -> Combination:
-        """Return the terms in the order of the vectors."""
-        return tuple(sorted(self.terms.items()))
+def _lines(action: Action, names: Sequence[str], results: int) -> Iterator[str]:
+    """Yield an action as text."""
+    if isinstance(action, Call):
+        made = ", ".join(names[action.first : action.first + results])
+        yield f"{made} = f({action.time!r}, {', '.join(_shown(one, names) for one in action.arguments)})"
+    elif isinstance(action, Damp):
+        yield f"{names[action.result]} = (I - {action.factor!r} J)^-1 ({_shown(action.vector, names)})"
+    else:
+        yield f"solve for {', '.join(names[action.first : action.first + action.count])}:"
+        for call in action.calls:
+            yield from (f"  {line}" for line in _lines(call, names, results))
+        yield from (f"  0 = {_shown(residual, names)}" for residual in action.residuals)
 
 
 def trace(
-    name: str, function: Callable[..., Any], *, partitioned: bool = False, control: Control | None = None
+    name: str,
+    function: Callable[..., Any],
+    *,
+    law: str = "rhs",
+    partitioned: bool = False,
+    implicit: bool = False,
+    control: Control | None = None,
+    starter: StepProgram | None = None,
 ) -> StepProgram:
     """Run a step function on vectors and return what it did.
 
-    The function returns the new state, or (new state, error, ...) where a `control` is given; a partitioned one
-    returns (q, v). Raises StatementError if it does anything but combine vectors.
+    The function returns the new state, or (new state, error, ...) where a `control` is given; one of a law with two
+    state vectors, such as `partitioned` steps of accelerations, returns (q, v). An `implicit` one gets `solve` as its
+    last argument, and one with a `starter` the state one step back behind the state. Raises StatementError if it does
+    anything but combine vectors.
     """
     graph = Graph()
+    law = "accelerations" if partitioned else law
+    states = LAWS[law].states
     time, h = graph.symbol("t", Binding.TIME), graph.symbol("h", Binding.TIME)
-    states = [Vector({i: graph.one}) for i in range(2 if partitioned else 1)]
-    calls: list[Call] = []
-
-    def f(at: Any, y: Any) -> Vector:
-        if not isinstance(y, Vector):
-            raise StatementError(f"step function {name} calls f with {type(y).__name__}, not with a state.")
-        calls.append(Call(graph.node(at), y.combination()))
-        return Vector({len(states) + len(calls) - 1: graph.one})
-
+    given = [Vector({i: graph.one}) for i in range(states if starter is None else 2 * states)]
+    recorder = Recorder(name, law, graph, len(given))
     try:
-        returned = function(f, time, *states, h)
+        returned = function(recorder.call, time, *given, h, *([Solver(recorder)] if implicit else []))
     except TypeError as error:
         raise StatementError(
             f"step function {name} cannot be compiled: {error}. A step adds vectors and multiplies them by numbers "
-            "made "
-            "of t and h."
+            "made of t and h."
         ) from error
     found = list(returned) if isinstance(returned, (tuple, list)) else [returned]
-    _check_results(name, found, len(states), control)
+    _check_results(name, found, states, control)
     combinations = [vector.combination() for vector in found]
-    return StepProgram(
+    step = StepProgram(
         name=name,
         graph=graph,
         time=time,
         h=h,
-        partitioned=partitioned,
-        calls=tuple(calls),
-        results=tuple(combinations[: len(states)]),
-        errors=tuple(combinations[len(states) :]),
+        ratio=recorder.ratio,
+        law=law,
+        actions=tuple(recorder.actions),
+        results=tuple(combinations[:states]),
+        errors=tuple(combinations[states:]),
         control=control,
         function=function,
+        vectors=recorder.vectors,
+        starter=starter,
     )
+    _check_scopes(step, recorder.inner)
+    return step
+
+
+def _check_scopes(step: StepProgram, inner: Mapping[int, None]) -> None:
+    """Refuse what a call inside a residual gave where it is used outside."""
+    outside = [*step.results, *step.errors]
+    outside += [argument for call in step.calls for argument in call.arguments]
+    outside += [damp.vector for damp in step.damps]
+    if any(i in inner for combination in outside for i, _ in combination):
+        raise StatementError(
+            f"step function {step.name} uses a call of a residual outside of it: call f again, or make its result an "
+            "unknown."
+        )
 
 
 def _check_results(name: str, found: Sequence[Any], states: int, control: Control | None) -> None:
@@ -188,6 +206,5 @@ def _check_results(name: str, found: Sequence[Any], states: int, control: Contro
         )
 
 
-def _shown(combination: Combination, states: int) -> str:
-    names = ("q", "v") if states == 2 else ("y",)
-    return " + ".join(f"{c!r} {names[i] if i < states else f'k{i - states}'}" for i, c in combination) or "0"
+def _shown(combination: Combination, names: Sequence[str]) -> str:
+    return " + ".join(f"{c!r} {names[i]}" for i, c in combination) or "0"

@@ -10,7 +10,7 @@ import numpy as np
 from lagrange.machine.backend import Driver, SingularMassMatrix
 from lagrange.machine.driver import DriverState, Outcome
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.messages import message
+from lagrange.trajectory.messages import message, unsolved
 from lagrange.trajectory.plan import Plan
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 from lagrange.trajectory.verdict import Verdict
@@ -26,6 +26,7 @@ _STATUS = {
     Outcome.NON_FINITE: Status.NON_FINITE,
     Outcome.SINGULAR: Status.SINGULAR,
     Outcome.STEP_TOO_SMALL: Status.STEP_TOO_SMALL,
+    Outcome.DIVERGED: Status.DIVERGED,
 }
 
 
@@ -177,6 +178,8 @@ def _closing(problem: Problem, plan: Plan, name: str, state: DriverState, status
     if status is Status.SINGULAR:
         detail = problem.model.singular_message(state.t, state.y)
         return message(status, problem, state.t, state.y, name, detail=detail)
+    if status is Status.DIVERGED:
+        return message(status, problem, state.t, state.y, name, detail=unsolved(state.reals[DriverState.RESIDUAL]))
     if status is not Status.NON_FINITE or cause:
         return message(status, problem, state.t, state.y, name, cause=cause)
     return message(status, problem, state.t, plan.failed(problem, state), name)

@@ -18,8 +18,9 @@ from lagrange.trajectory.trajectory import FloatArray, Trajectory
 class Claims:
     """What a method promises; tests hold every registered method to it.
 
-    `symmetric` means that a step of -h undoes a step of h; `events` that it locates events; `energy` that it
-    conserves the energy of a conservative system to round-off. `dense` is the order of the dense output.
+    `symplectic` holds for systems with a constant mass matrix, and for a method of the law of momenta for all;
+    `symmetric` means that a step of -h undoes a step of h; `energy` that the energy of a conservative system is
+    conserved to round-off; `events` that it locates events; `dense` is the order of the path between the steps.
     """
 
     order: int

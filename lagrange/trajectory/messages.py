@@ -33,7 +33,8 @@ _REMEDIES: dict[Status, str] = {
     Status.SINGULAR: "",
     Status.STEP_TOO_SMALL: "The solution probably has a singularity there: end the run before it, or check the signs "
     "of the forces. If it has none, loosen rtol and atol.",
-    Status.DIVERGED: "Take a shorter step, or a method with step control such as dop853.",
+    Status.DIVERGED: "Take a shorter step, or a method with step control such as radau5; where forces jump, as with "
+    "sign(v), a step may have no solution: smooth the jump, such as by tanh(v/0.001).",
     Status.INTERRUPTED: "",
 }
 
@@ -75,6 +76,14 @@ def message(
         fields["singular"], detail = detail or _SINGULAR, ""
     parts = (method, _SENTENCES[status].format(**fields), detail, _REMEDIES[status])
     return " ".join(part for part in parts if part)
+
+
+def unsolved(residual: float) -> str:
+    """Return how far the equations of an implicit step were from being solved, as a sentence."""
+    return (
+        f"The last correction of its unknowns was still {residual:.2g} of their size, and Newton's method needs it to "
+        "vanish."
+    )
 
 
 def row_names(problem: Problem) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ import numpy as np
 from lagrange.machine.backend import Driver, SingularMassMatrix
 from lagrange.machine.driver import DriverState
 from lagrange.machine.model import Model
+from lagrange.program.actions import LAWS
 from lagrange.program.step import StepProgram
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.trajectory import FloatArray
@@ -89,8 +90,10 @@ class StepPlan:
         return False
 
     def driver(self, model: Model, parameters: FloatArray) -> Driver:
-        """Return the driver of the step around the right-hand side."""
-        return model.machine.driver(self.step, model.kernel("rhs"), parameters)
+        """Return the driver of the step around its law."""
+        law = LAWS[self.step.law]
+        derivative = model.kernel(law.derivative) if self.step.solves else None
+        return model.machine.driver(self.step, model.kernel(law.quantity), parameters, derivative)
 
     def watch(self, problem: Problem, driver: Driver) -> None:
         """Return None: a step program has no series in which to find roots."""
@@ -100,7 +103,7 @@ class StepPlan:
         return self.path_of(problem, times, states)
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
-        """Take the failed step again; see `Plan`."""
+        """Take the failed step again, by Euler's method if it is implicit; see `Plan`."""
         step, parameters = self.step, problem.parameter_array
         kernel, n = problem.model.kernel("rhs"), len(state.y) // 2
         h = float(state.reals[DriverState.STEP] or 4.0 * state.reals[DriverState.H])
@@ -111,6 +114,8 @@ class StepPlan:
 
         with np.errstate(all="ignore"):
             try:
+                if step.solves:
+                    return np.asarray(state.y + h * kernel(state.t + h, state.y, parameters))
                 if step.partitioned:
                     return np.concatenate(step.function(f, state.t, state.y[:n], state.y[n:], h))
                 moved = step.function(f, state.t, state.y, h)

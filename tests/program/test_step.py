@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from lagrange.errors import StatementError
 from lagrange.graph.node import Node
 from lagrange.graph.to_sympy import to_sympy
-from lagrange.program.step import Control, StepProgram, Vector, trace
+from lagrange.program.recorder import Vector
+from lagrange.program.step import Control, StepProgram, trace
 from lagrange.trajectory.methods.classical import EULER, MIDPOINT, RK4
 from lagrange.trajectory.methods.dop853 import DOP853
 from lagrange.trajectory.methods.dopri5 import DOPRI5

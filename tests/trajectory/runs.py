@@ -9,6 +9,7 @@ from lagrange.machine.model import Model
 from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.explicit import DOP853, RungeKutta
+from lagrange.trajectory.methods.implicit import ImplicitMethod
 from lagrange.trajectory.methods.registry import BUILT_IN, find
 from lagrange.trajectory.methods.splitting import Splitting
 from lagrange.trajectory.methods.taylor import Taylor
@@ -18,8 +19,10 @@ from lagrange.trajectory.trajectory import Trajectory
 NAMES = tuple(BUILT_IN)
 FIXED = tuple(name for name in NAMES if not find(name).claims.adaptive)
 ADAPTIVE = tuple(name for name in NAMES if find(name).claims.adaptive)
-STEPPED = tuple(name for name in NAMES if not isinstance(find(name), Taylor))
-"""The methods that are step programs: a series has no tableau, no fixed order, and no equal steps."""
+IMPLICIT = tuple(name for name in NAMES if isinstance(find(name), ImplicitMethod))
+"""The methods that solve for their slopes."""
+STEPPED = tuple(name for name in NAMES if not isinstance(find(name), Taylor | ImplicitMethod))
+"""The methods that are explicit step programs: a series has no tableau, no fixed order, and no equal steps."""
 SPLITTINGS = tuple(name for name in NAMES if isinstance(find(name), Splitting))
 
 

@@ -1,9 +1,11 @@
 """Drivers in machine code: the step program unrolled around calls of the right-hand side, and the loop over steps.
 
-    i32 drive(ptr rhs, ptr parameters, ptr reals, ptr counts, ptr work, i64 budget, ptr times, ptr rows)
+    i32 drive(ptr rhs, ptr parameters, ptr jacobian, ptr its parameters,
+              ptr reals, ptr counts, ptr work, i64 budget, ptr times, ptr rows)
 
 `reals` and `counts` are those of `DriverState`; `work` holds the vectors of a step, each padded to whole blocks of
-four doubles: states, slopes, new states, errors, then the buffers for a call. The result is an `Outcome`.
+four doubles: states, slopes and unknowns, new states, errors, then the buffers for a call, and what `Newton` keeps.
+The result is an `Outcome`.
 """
 
 from __future__ import annotations
@@ -20,7 +22,9 @@ from lagrange.machine.llvm.error_norm import first_step_function, norm_function
 from lagrange.machine.llvm.loaded import LlvmKernel
 from lagrange.machine.llvm.loops import adaptive_loop, fixed_loop
 from lagrange.machine.llvm.memory import address
-from lagrange.machine.llvm.step import record_function, step_function
+from lagrange.machine.llvm.newton import newton_functions
+from lagrange.machine.llvm.newton_matrix import inversion_function, renew_functions
+from lagrange.machine.llvm.step import either_function, record_function, step_function
 from lagrange.machine.llvm.vectors import BLOCK, KIND, Layout
 from lagrange.program.step import StepProgram
 
@@ -40,14 +44,19 @@ declare double @pow(double, double)
 class LlvmDriver:
     """A compiled driver bound to one right-hand side and one set of prepared parameters."""
 
-    def __init__(self, step: StepProgram, kernel: LlvmKernel, parameters: FloatArray) -> None:
+    def __init__(
+        self, step: StepProgram, kernel: LlvmKernel, parameters: FloatArray, jacobian: LlvmKernel | None = None
+    ) -> None:
         self._kernel = kernel
         self._layout = Layout(step, kernel.program.states)
         self._module = _compiled(step, kernel.program.states)
         self._drive = _DRIVE(self._module.address("drive"))
         self._prepared = kernel.prepare(parameters)
         self._work = np.zeros(self._layout.size)
-        self._fixed = (kernel.address, address(self._prepared))
+        self._fixed: tuple[int | None, ...] = (kernel.address, address(self._prepared), None, None)
+        if jacobian is not None:
+            self._derivative = jacobian, jacobian.prepare(parameters)
+            self._fixed = (*self._fixed[:2], jacobian.address, address(self._derivative[1]))
         self._work_address = address(self._work)
         n = kernel.program.states // 2
         # Where the state stands in `work`: as one vector, or coordinates and velocities each padded to whole blocks.
@@ -66,7 +75,7 @@ class LlvmDriver:
         return Outcome(outcome)
 
 
-_DRIVE = ctypes.CFUNCTYPE(ctypes.c_int32, *([ctypes.c_void_p] * 5), ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p)
+_DRIVE = ctypes.CFUNCTYPE(ctypes.c_int32, *([ctypes.c_void_p] * 7), ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p)
 
 
 @lru_cache(maxsize=64)
@@ -78,8 +87,16 @@ def driver_ir(step: StepProgram, dimension: int) -> str:
     """Return the IR of the driver of a step for states of that dimension."""
     layout = Layout(step, dimension)
     loop = adaptive_loop if step.control else fixed_loop
-    parts = [_DECLARED, step_function(step, layout), record_function(layout)]
+    parts = [_DECLARED, *_step_functions(layout), record_function(layout)]
+    if step.solves:
+        parts.append(inversion_function())
+    if step.starter is not None:
+        parts += [*_step_functions(layout.starting, "starter_"), either_function(layout)]
     if step.control:
         parts.append(norm_function(step, layout))
         parts.append(first_step_function(step, layout))
     return "\n".join([*parts, loop(step, layout)])
+
+
+def _step_functions(layout: Layout, prefix: str = "") -> list[str]:
+    return [step_function(layout, prefix), *newton_functions(layout, prefix), *renew_functions(layout, prefix)]

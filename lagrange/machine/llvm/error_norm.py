@@ -14,7 +14,7 @@ def norm_function(step: StepProgram, layout: Layout) -> str:
     for memory in sums:
         e.store("zeroinitializer", memory, KIND)
     rtol, atol = splat(e, "%rtol"), splat(e, "%atol")
-    for offset in blocks(e, layout):
+    for offset in blocks(e, layout.width):
         old = e.load(in_work(e, 0, offset), KIND)
         new = e.load(in_work(e, layout.place(layout.new), offset), KIND)
         sizes = f"{KIND} {e.fabs(old, KIND)}, {KIND} {e.fabs(new, KIND)}"
@@ -45,10 +45,10 @@ def first_step_function(step: StepProgram, layout: Layout) -> str:
     Source: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed., 1993, II.4.
     """
     e = Emitter()
-    slope = layout.place(1)
+    slope = layout.place(layout.vectors - 1)
     result = e.address("%work", layout.result)
     e.value(f"call i32 %rhs(double %t, ptr %work, ptr %p, ptr {result})")
-    for offset in blocks(e, layout):
+    for offset in blocks(e, layout.width):
         e.store(e.load(in_work(e, layout.result, offset), KIND), in_work(e, slope, offset), KIND)
     d0, d1 = _mean(e, layout, 0), _mean(e, layout, slope)
     small = e.value(f"or i1 {e.real('fcmp olt', d0, literal(1e-5))}, {e.real('fcmp olt', d1, literal(1e-5))}")
@@ -75,7 +75,7 @@ def first_step_function(step: StepProgram, layout: Layout) -> str:
 def _second_slope(e: Emitter, layout: Layout, slope: int, h: str) -> None:
     """Evaluate the right-hand side after an Euler step of h."""
     factor = splat(e, h)
-    for offset in blocks(e, layout):
+    for offset in blocks(e, layout.width):
         moved = e.fma(factor, e.load(in_work(e, slope, offset), KIND), e.load(in_work(e, 0, offset), KIND), KIND)
         e.store(moved, in_work(e, layout.argument, offset), KIND)
     source, result = e.address("%work", layout.argument), e.address("%work", layout.result)
@@ -87,7 +87,7 @@ def _mean(e: Emitter, layout: Layout, place: int, less: int | None = None) -> st
     memory = e.reserve(KIND)
     e.store("zeroinitializer", memory, KIND)
     rtol, atol = splat(e, "%rtol"), splat(e, "%atol")
-    for offset in blocks(e, layout):
+    for offset in blocks(e, layout.width):
         size = e.fabs(e.load(in_work(e, 0, offset), KIND), KIND)
         value = e.load(in_work(e, place, offset), KIND)
         if less is not None:

@@ -8,9 +8,10 @@ from __future__ import annotations
 from typing import Any
 
 from lagrange.machine.driver import DriverState, Outcome
+from lagrange.machine.llvm.calls import LAW, RECORDS, bump, leave_if, leave_with
 from lagrange.machine.llvm.emitter import Emitter, literal
-from lagrange.machine.llvm.step import accept, attempt, bump
-from lagrange.machine.llvm.vectors import Layout, finite
+from lagrange.machine.llvm.step import accept, attempt
+from lagrange.machine.llvm.vectors import Layout, Newton, finite
 from lagrange.program.step import StepProgram
 
 SPACING = 16 * 2.0**-52
@@ -20,6 +21,7 @@ SPACING = 16 * 2.0**-52
 def fixed_loop(step: StepProgram, layout: Layout) -> str:
     """Emit equal steps from the start; times are multiples of the step, and the last step ends at the end."""
     e = Emitter()
+    _forget(e, layout)
     start, end, h = (e.get("%reals", which) for which in (DriverState.START, DriverState.END, DriverState.STEP))
     with e.loop(0, "%budget"):
         t = e.get("%reals", DriverState.T)
@@ -32,7 +34,7 @@ def fixed_loop(step: StepProgram, layout: Layout) -> str:
         ahead = e.choose(e.real("fcmp olt", h, literal(0.0)), e.value(f"fneg double {left}"), left)
         beyond = e.real("fcmp ole", ahead, literal(0.0))
         length = e.choose(beyond, e.real("fsub", end, t), h)
-        leave_if(e, attempt(e, step, t, length), Outcome.SINGULAR)
+        leave_with(e, attempt(e, step, t, length))
         good = finite(e, layout, [layout.new + i for i in range(step.states)])
         leave_if(e, e.value(f"xor i1 {good}, true"), Outcome.NON_FINITE)
         accept(e, e.choose(beyond, end, grid))
@@ -43,6 +45,7 @@ def fixed_loop(step: StepProgram, layout: Layout) -> str:
 def adaptive_loop(step: StepProgram, layout: Layout) -> str:
     """Emit steps whose size follows the error."""
     e = Emitter()
+    _forget(e, layout)
     end = e.get("%reals", DriverState.END)
     direction = _first_step(e, end)
     with e.loop(0, "%budget"):
@@ -65,19 +68,20 @@ def adaptive_loop(step: StepProgram, layout: Layout) -> str:
     return e.function(_SIGNATURE)
 
 
-_SIGNATURE = (
-    "define i32 @drive(ptr %rhs, ptr %p, ptr noalias %reals, ptr noalias %counts, ptr noalias %work, i64 %budget, "
-    "ptr noalias %times, ptr noalias %rows)"
-)
+_SIGNATURE = f"define i32 @drive({LAW}, {RECORDS}, i64 %budget, ptr noalias %times, ptr noalias %rows)"
 
 
-def leave_if(e: Emitter, condition: str, outcome: Outcome) -> None:
-    """Return an outcome if a condition holds."""
-    name = e.fresh("leave")
-    e.do(f"br i1 {condition}, label %{name}.out, label %{name}.on")
-    e.label(f"{name}.out")
-    e.do(f"ret i32 {int(outcome)}")
-    e.label(f"{name}.on")
+def _forget(e: Emitter, layout: Layout) -> None:
+    """Clear what is kept in the work array if it belongs to another run."""
+    places = [(layout.flags, 2), *((newton.flags, Newton.FLAGS) for newton in layout.solves)]
+    if layout.step.starter is not None:
+        places += [(layout.end + newton.flags, Newton.FLAGS) for newton in layout.starting.solves]
+    if layout.solves:
+        with e.when(e.value(f"icmp eq i64 {e.get('%counts', DriverState.KEPT, 'i64')}, 0")):
+            e.put("1", "%counts", DriverState.KEPT, "i64")
+            for place, count in places:
+                for i in range(count):
+                    e.put(literal(0.0), "%work", place + i)
 
 
 def _come_back(e: Emitter, end: str) -> None:
@@ -101,15 +105,18 @@ def _first_step(e: Emitter, end: str) -> str:
 
 
 def _trial(e: Emitter, step: StepProgram, layout: Layout, length: str, after: str, rejected: str) -> None:
-    """Take a trial step; reject it where something in it is not a number, else judge it by its error."""
-    singular = attempt(e, step, e.get("%reals", DriverState.T), length)
+    """Take a trial step; reject it where it fails or something in it is not a number, else judge it by its error."""
+    status = attempt(e, step, e.get("%reals", DriverState.T), length)
+    done = e.value(f"icmp eq i32 {status}, {int(Outcome.DONE)}")
     good = finite(e, layout, [layout.new, *(layout.errors + i for i in range(len(step.errors)))])
-    usable = e.value(f"and i1 {good}, {e.value(f'xor i1 {singular}, true')}")
     name = e.fresh("trial")
-    e.do(f"br i1 {usable}, label %{name}.measure, label %{name}.broken")
+    e.do(f"br i1 {e.value(f'and i1 {good}, {done}')}, label %{name}.measure, label %{name}.broken")
     e.label(f"{name}.broken")
-    cause = e.choose(singular, literal(float(Outcome.SINGULAR)), literal(float(Outcome.NON_FINITE)))
-    _reject(e, cause, e.real("fmul", length, literal(0.25)))
+    failure = e.value(f"sitofp i32 {status} to double")
+    cause = e.choose(done, literal(float(Outcome.NON_FINITE)), failure)
+    # A step that did not converge may at half its length; one that met no number has to shrink further.
+    part = e.choose(e.real("fcmp oeq", cause, literal(float(Outcome.DIVERGED))), literal(0.5), literal(0.25))
+    _reject(e, cause, e.real("fmul", length, part))
     e.jump(f"{name}.end")
     e.label(f"{name}.measure")
     _judge(e, step, name, length, after, rejected)
@@ -135,6 +142,10 @@ def _judge(e: Emitter, step: StepProgram, name: str, length: str, after: str, re
     e.put(e.larger(norm, literal(1e-4)), "%reals", DriverState.PREVIOUS)
     most = e.choose(rejected, literal(1.0), literal(control.most))
     factor = e.larger(e.smaller(factor, most), literal(control.least))
+    if control.hold > 1:
+        little = e.real("fcmp olt", factor, literal(control.hold))
+        steady = e.value(f"and i1 {e.real('fcmp oge', factor, literal(1.0))}, {little}")
+        factor = e.choose(steady, literal(1.0), factor)
     e.put(e.real("fmul", length, factor), "%reals", DriverState.H)
     e.put("0", "%counts", DriverState.AFTER_REJECT, "i64")
     accept(e, after)

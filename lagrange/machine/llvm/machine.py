@@ -31,6 +31,8 @@ class LlvmMachine:
         """Return a series program that is compiled when an order is first asked for."""
         return LlvmSeries(program)
 
-    def driver(self, step: StepProgram, kernel: LlvmKernel, parameters: FloatArray) -> LlvmDriver:
+    def driver(
+        self, step: StepProgram, kernel: LlvmKernel, parameters: FloatArray, jacobian: LlvmKernel | None = None
+    ) -> LlvmDriver:
         """Compile the loop over steps; it is kept for other models of the same dimension."""
-        return LlvmDriver(step, kernel, parameters)
+        return LlvmDriver(step, kernel, parameters, jacobian)

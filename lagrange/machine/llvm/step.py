@@ -2,76 +2,74 @@
 
 from __future__ import annotations
 
-from lagrange.machine.driver import DriverState
-from lagrange.machine.llvm.emitter import Emitter
+from lagrange.machine.driver import DriverState, Outcome
+from lagrange.machine.llvm.calls import LAW, RECORDS, bump, copy, count_calls, evaluate, leave_with
+from lagrange.machine.llvm.emitter import Emitter, literal
+from lagrange.machine.llvm.newton import keep, multiply
 from lagrange.machine.llvm.vectors import KIND, Layout, Scalars, blocks, combine, in_work
-from lagrange.program.step import Combination, StepProgram
+from lagrange.program.actions import Call, Damp
+from lagrange.program.step import StepProgram
+
+_GIVEN = "ptr %reals, ptr %counts, ptr %work"
 
 
-def step_function(step: StepProgram, layout: Layout) -> str:
-    """Emit step(rhs, parameters, t, h, work, slope_known) -> 1 if the mass matrix was singular."""
-    e = Emitter()
-    nodes = [c for call in step.calls for _, c in call.argument] + [call.time for call in step.calls]
-    nodes += [c for combination in (*step.results, *step.errors) for _, c in combination]
-    scalars = Scalars(e, step, nodes)
-    for combination in (*(call.argument for call in step.calls), *step.results, *step.errors):
-        for _, coefficient in combination:
-            if coefficient is not step.graph.one:
-                scalars.splat(e, coefficient)
+def step_function(layout: Layout, prefix: str = "") -> str:
+    """Emit step(law, t, h, reals, counts, work, slope_known) -> an outcome, DONE where nothing went wrong."""
+    step, e = layout.step, Emitter()
+    calls = [argument for call in step.calls for argument in call.arguments]
+    others = [*(damp.vector for damp in step.damps), *step.results, *step.errors]
+    scalars = Scalars(e, step, [*calls, *others], [call.time for call in step.calls])
     status = e.reserve("i32")
     e.store("0", status, "i32")
-    for i, call in enumerate(step.calls):
-        if i == 0 and step.starts_with_slope:
+    reused = "%slope_known" if step.starts_with_slope else "0"
+    count_calls(e, e.value(f"sub nsw i64 {len(step.calls)}, {reused}"))
+    solves = iter(layout.solves)
+    for i, action in enumerate(step.actions):
+        if isinstance(action, Call) and i == 0 and step.starts_with_slope:
             with e.when(e.value("icmp eq i64 %slope_known, 0")):
-                _call(e, layout, scalars, call.argument, scalars.names[call.time], step.states, status)
+                evaluate(e, layout, scalars, action, status)
+        elif isinstance(action, Call):
+            evaluate(e, layout, scalars, action, status)
+        elif isinstance(action, Damp):
+            newton = layout.solves[action.of]
+            combine(e, layout, scalars, action.vector, newton.residual)
+            multiply(e, newton, newton.damper(action), 1, layout.place(action.result))
         else:
-            _call(e, layout, scalars, call.argument, scalars.names[call.time], step.states + i, status)
+            failed = e.value(f"call i32 @{prefix}newton{next(solves).index}({LAW}, double %t, double %h, {_GIVEN})")
+            leave_with(e, failed)
     for i, result in enumerate(step.results):
         combine(e, layout, scalars, result, layout.place(layout.new + i))
     for i, error in enumerate(step.errors):
         combine(e, layout, scalars, error, layout.place(layout.errors + i))
-    e.do(f"ret i32 {e.load(status, 'i32')}")
-    signature = "define internal i32 @step(ptr %rhs, ptr %p, double %t, double %h, ptr noalias %work, i64 %slope_known)"
-    return e.function(signature)
-
-
-def _call(
-    e: Emitter, layout: Layout, scalars: Scalars, argument: Combination, time: str, target: int, status: str
-) -> None:
-    """Evaluate the right-hand side at a combination and keep the slope (or the accelerations) as a vector."""
-    combine(e, layout, scalars, argument, layout.argument)
-    where, out = e.address("%work", layout.argument), e.address("%work", layout.result)
-    failed = e.value(f"call i32 %rhs(double {time}, ptr {where}, ptr %p, ptr {out})")
-    e.store(e.value(f"or i32 {e.load(status, 'i32')}, {failed}"), status, "i32")
-    source = layout.result + (layout.length if layout.step.partitioned else 0)
-    for offset in blocks(e, layout):
-        value = e.load(in_work(e, source, offset), KIND)
-        e.store(value, in_work(e, layout.place(target), offset), KIND)
+    singular = e.value(f"icmp ne i32 {e.load(status, 'i32')}, 0")
+    e.do(f"ret i32 {e.value(f'select i1 {singular}, i32 {int(Outcome.SINGULAR)}, i32 {int(Outcome.DONE)}')}")
+    return e.function(f"define internal i32 @{prefix}step({LAW}, double %t, double %h, {RECORDS}, i64 %slope_known)")
 
 
 def record_function(layout: Layout) -> str:
     """Emit accept(counts, work, t, times, rows): the new state becomes the state, and a row if rows are kept."""
     e = Emitter()
     step = layout.step
+    if step.starter is not None:
+        for i in range(step.states):
+            copy(e, layout, layout.place(i), layout.place(step.states + i))
+        e.put(e.get("%work", layout.flags + 1), "%work", layout.flags)
     for i in range(step.states):
-        for offset in blocks(e, layout):
-            value = e.load(in_work(e, layout.place(layout.new + i), offset), KIND)
-            e.store(value, in_work(e, layout.place(i), offset), KIND)
+        copy(e, layout, layout.place(layout.new + i), layout.place(i))
     if step.ends_with_slope:
-        last = step.states + len(step.calls) - 1
-        for offset in blocks(e, layout):
-            value = e.load(in_work(e, layout.place(last), offset), KIND)
-            e.store(value, in_work(e, layout.place(step.states), offset), KIND)
+        copy(e, layout, layout.place(step.calls[-1].first), layout.place(step.calls[0].first))
     e.put("1" if step.ends_with_slope else "0", "%counts", DriverState.SLOPE_KNOWN, "i64")
+    for newton in layout.solves:
+        keep(e, newton)
     bump(e, DriverState.STEPS, 1)
-    keep = e.value(f"icmp ne i64 {e.get('%counts', DriverState.RECORD, 'i64')}, 0")
-    with e.when(keep):
+    kept = e.value(f"icmp ne i64 {e.get('%counts', DriverState.RECORD, 'i64')}, 0")
+    with e.when(kept):
         row = e.get("%counts", DriverState.ROWS, "i64")
         e.put("%t", "%times", row)
         start = e.address("%rows", e.value(f"mul nsw i64 {row}, {layout.dimension}"))
         for i in range(step.states):
             base = e.address(start, i * layout.length)
-            for offset in blocks(e, layout):
+            for offset in blocks(e, layout.width):
                 value = e.load(in_work(e, layout.place(i), offset), KIND)
                 e.store(value, e.address(base, offset), KIND)
         bump(e, DriverState.ROWS, 1)
@@ -82,22 +80,35 @@ def record_function(layout: Layout) -> str:
     )
 
 
-def bump(e: Emitter, which: int, by: int | str) -> None:
-    """Add to one of the counts."""
-    value = e.get("%counts", which, "i64")
-    e.put(e.value(f"add nsw i64 {value}, {by}"), "%counts", which, "i64")
-
-
 def attempt(e: Emitter, step: StepProgram, t: str, h: str) -> str:
-    """Take a trial step and return whether the mass matrix was singular on the way."""
+    """Take a trial step and return its outcome."""
     known = e.get("%counts", DriverState.SLOPE_KNOWN, "i64")
-    arguments = f"ptr %rhs, ptr %p, double {t}, double {h}, ptr %work, i64 {known}"
-    status = e.value(f"call i32 @step({arguments})")
-    reused = known if step.starts_with_slope else "0"
-    bump(e, DriverState.EVALUATIONS, e.value(f"sub nsw i64 {len(step.calls)}, {reused}"))
+    name = "step" if step.starter is None else "either"
+    status = e.value(f"call i32 @{name}({LAW}, double {t}, double {h}, {_GIVEN}, i64 {known})")
     if step.starts_with_slope:
         e.put("1", "%counts", DriverState.SLOPE_KNOWN, "i64")
-    return e.value(f"icmp ne i32 {status}, 0")
+    return status
+
+
+def either_function(layout: Layout) -> str:
+    """Emit either(law, t, h, reals, counts, work, slope_known): a step from two states, or one of the starter."""
+    e = Emitter()
+    starter = layout.starting
+    equal = e.real("fcmp oeq", "%h", e.get("%reals", DriverState.STEP))
+    e.put(e.value(f"uitofp i1 {equal} to double"), "%work", layout.flags + 1)
+    known = e.real("fcmp oeq", e.get("%work", layout.flags), literal(1.0))
+    e.do(f"br i1 {e.value(f'and i1 {equal}, {known}')}, label %both, label %one")
+    arguments = f"{LAW}, double %t, double %h, ptr %reals, ptr %counts"
+    e.label("both")
+    e.do(f"ret i32 {e.value(f'call i32 @step({arguments}, ptr %work, i64 0)')}")
+    e.label("one")
+    for i in range(layout.step.states):
+        copy(e, layout, layout.place(i), layout.end + starter.place(i))
+    status = e.value(f"call i32 @starter_step({arguments}, ptr {e.address('%work', layout.end)}, i64 0)")
+    for i in range(layout.step.states):
+        copy(e, layout, layout.end + starter.place(starter.new + i), layout.place(layout.new + i))
+    e.do(f"ret i32 {status}")
+    return e.function(f"define internal i32 @either({LAW}, double %t, double %h, {RECORDS}, i64 %slope_known)")
 
 
 def accept(e: Emitter, t: str) -> None:

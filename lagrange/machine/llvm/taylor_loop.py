@@ -9,11 +9,10 @@ result is an `Outcome`. It does what `lagrange.machine.numpy_taylor` does, which
 from __future__ import annotations
 
 from lagrange.machine.driver import DriverState, Outcome
+from lagrange.machine.llvm.calls import bump, leave_if
 from lagrange.machine.llvm.emitter import Emitter, literal
-from lagrange.machine.llvm.loops import leave_if
 from lagrange.machine.llvm.powers import EXP2, logarithm, polynomial, power_of_two, rounded
 from lagrange.machine.llvm.spelling import element, number
-from lagrange.machine.llvm.step import bump
 from lagrange.machine.llvm.taylor_layout import TaylorLayout
 from lagrange.machine.taylor import (
     BEYOND,

@@ -11,6 +11,7 @@ from typing import Any
 from lagrange.errors import StatementError, listing, suggestion
 from lagrange.trajectory.integrator import Claims, Integrator
 from lagrange.trajectory.methods.explicit import BS3, DOP853, RK4, Dopri5, Euler, Heun, Midpoint, Tsit5, Verner9
+from lagrange.trajectory.methods.implicit import BDF2, BackwardEuler, Gauss2, Gauss3, ImplicitMidpoint, Trapezoidal
 from lagrange.trajectory.methods.splitting import (
     Composition8,
     ForestRuth4,
@@ -50,6 +51,12 @@ BUILT_IN: dict[str, Callable[[], Integrator]] = {
     "forest-ruth4": ForestRuth4,
     "yoshida6": Yoshida6,
     "composition8": Composition8,
+    "backward-euler": BackwardEuler,
+    "trapezoidal": Trapezoidal,
+    "implicit-midpoint": ImplicitMidpoint,
+    "gauss2": Gauss2,
+    "gauss3": Gauss3,
+    "bdf2": BDF2,
     "taylor": Taylor,
 }
 

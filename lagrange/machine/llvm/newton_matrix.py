@@ -1,0 +1,310 @@
+"""The matrix of Newton's method in machine code: built from the law's derivative, inverted, and what round-off allows.
+
+With unknowns z_j and the calls c of a solve, the derivative of residual i in unknown j is beta_ij I + g_ij J, where J
+is the derivative of the law at one point and g_ij the sum over c of the factor of c in residual i times that of z_j in
+the argument of c. A law of momenta has J in four blocks, each with its own g.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from lagrange.graph.node import Node
+from lagrange.machine.driver import Outcome
+from lagrange.machine.llvm.calls import LAW, RECORDS, leave_if, place_arguments
+from lagrange.machine.llvm.emitter import Emitter, literal
+from lagrange.machine.llvm.vectors import BLOCK, KIND, Layout, Newton, Scalars, blocks, combine, in_work
+from lagrange.program.actions import LAWS, Call, Combination, Solve
+
+
+def renew_functions(layout: Layout, prefix: str = "") -> list[str]:
+    """Emit renew0, renew1, ... of a step: renew(law, t, h, reals, counts, work) -> an outcome."""
+    return [_renew(layout, newton, prefix) for newton in layout.solves]
+
+
+def _renew(layout: Layout, newton: Newton, prefix: str) -> str:
+    e, step, solve = Emitter(), layout.step, newton.solve
+    flags = e.address("%work", newton.flags)
+    point = None if newton.adaptive else solve.calls[len(solve.calls) // 2]
+    identity, factors = coefficients(layout, solve)
+    shares = _shares(layout, solve)
+    spoken = [*solve.residuals, *(point.arguments if point else ())]
+    nodes = [*identity, *factors, *shares, *(damp.factor for damp in newton.damped), *([point.time] if point else [])]
+    scalars = Scalars(e, step, spoken, nodes)
+    with e.when(e.real("fcmp oeq", e.get(flags, Newton.DERIVATIVE), literal(0.0))):
+        _differentiate(e, layout, newton, scalars, point)
+    tables = [_table(e, scalars, values) for values in (identity, factors)]
+    e.put(literal(0.0), flags, Newton.SUSPECT)
+    _build(e, layout, newton, tables[0], tables[1])
+    _invert(e, newton, newton.unknowns)
+    _spread(e, newton)
+    for i, damp in enumerate(newton.damped):
+        _damper(e, layout, newton, scalars.names[damp.factor], newton.dampers + i * newton.length * newton.width)
+    if point is not None:
+        _weigh(e, layout, newton, scalars, point, _table(e, scalars, shares, size=True))
+        e.put(literal(1.0), flags, Newton.RATE)
+        e.put(literal(1.0), flags, Newton.NOISE)
+        e.put(literal(0.0), flags, Newton.AGE)
+    e.put("%h", flags, Newton.MATRIX_STEP)
+    e.do("ret i32 0")
+    return e.function(f"define internal i32 @{prefix}renew{newton.index}({LAW}, double %t, double %h, {RECORDS})")
+
+
+def factor_of(combination: Combination, vector: int) -> Node | None:
+    """Return the factor of a vector in a combination, if it is there."""
+    return next((factor for i, factor in combination if i == vector), None)
+
+
+def coefficients(layout: Layout, solve: Solve) -> tuple[list[Node], list[Node]]:
+    """Return beta by rows (i, j), and g by rows (i, j, result, argument)."""
+    zero, law = layout.step.graph.zero, LAWS[layout.step.law]
+    unknowns = range(solve.first, solve.first + solve.count)
+    identity = [factor_of(residual, z) or zero for residual in solve.residuals for z in unknowns]
+    factors = []
+    for residual in solve.residuals:
+        for z in unknowns:
+            for result in range(law.results):
+                for argument in range(law.arguments):
+                    total = zero
+                    for call in solve.calls:
+                        outer = factor_of(residual, call.first + result)
+                        inner = factor_of(call.arguments[argument], z)
+                        total = total if outer is None or inner is None else total + outer * inner
+                    factors.append(total)
+    return identity, factors
+
+
+def _shares(layout: Layout, solve: Solve) -> list[Node]:
+    """Return the factor of each result of each call in each residual, by rows (i, result, call)."""
+    zero, results = layout.step.graph.zero, range(LAWS[layout.step.law].results)
+    return [
+        factor_of(residual, call.first + result) or zero
+        for residual in solve.residuals
+        for result in results
+        for call in solve.calls
+    ]
+
+
+def _table(e: Emitter, scalars: Scalars, values: Sequence[Node], *, size: bool = False) -> str:
+    """Store numbers, or their sizes, in memory of the function, and return its address."""
+    memory = e.reserve("double", len(values))
+    for i, value in enumerate(values):
+        name = scalars.names[value]
+        e.put(e.fabs(name) if size else name, memory, i)
+    return memory
+
+
+def _differentiate(e: Emitter, layout: Layout, newton: Newton, scalars: Scalars, point: Call | None) -> None:
+    """Evaluate the derivative of the law: at the middle call of the residuals, or else where the step starts."""
+    if point is None:
+        time = "%t"
+        for i in range(layout.step.states):
+            for offset in blocks(e, layout.width):
+                value = e.load(in_work(e, layout.place(i), offset), KIND)
+                e.store(value, in_work(e, layout.argument + i * layout.length, offset), KIND)
+        where = e.address("%work", layout.argument)
+    else:
+        time = scalars.names[point.time]
+        where = place_arguments(e, layout, scalars, point)
+    out = e.address("%work", newton.derivative)
+    status = e.value(f"call i32 %jacobian(double {time}, ptr {where}, ptr %jp, ptr {out})")
+    leave_if(e, e.value(f"icmp ne i32 {status}, 0"), Outcome.SINGULAR)
+    e.put(literal(1.0), "%work", newton.flags + Newton.DERIVATIVE)
+
+
+def _index(e: Emitter, *digits: tuple[str | int, int | None]) -> str:
+    """Return a number written with digits, each before its base: ((i, None), (j, 3), (k, 5)) is (3 i + j) 5 + k."""
+    value = str(digits[0][0])
+    for digit, base in digits[1:]:
+        value = e.value(f"mul nsw i64 {value}, {base}")
+        value = e.value(f"add nsw i64 {value}, {digit}")
+    return value
+
+
+def _build(e: Emitter, layout: Layout, newton: Newton, identity: str, factors: str) -> None:
+    """Store the Newton matrix by rows."""
+    count, length, law = newton.solve.count, newton.length, LAWS[layout.step.law]
+    matrix, derivative = e.address("%work", newton.matrix), e.address("%work", newton.derivative)
+    with e.loop(0, count) as i, e.loop(0, count) as j:
+        pair = _index(e, (i, None), (j, count))
+        blocks_of = [(r, s) for r in range(law.results) for s in range(law.arguments)]
+        own = [e.get(factors, _index(e, (pair, None), (k, len(blocks_of)))) for k in range(len(blocks_of))]
+        one = e.get(identity, pair)
+        with e.loop(0, length) as a:
+            row = e.value(f"mul nsw i64 {_index(e, (i, None), (a, length))}, {newton.stride}")
+            start = e.address(matrix, e.value(f"add nsw i64 {row}, {_index(e, (j, None), (0, length))}"))
+            with e.loop(0, length) as b:
+                value = literal(0.0)
+                for (r, s), factor in zip(blocks_of, own, strict=True):
+                    line = e.value(f"add nsw i64 {a}, {r * length}")
+                    at = _index(e, (line, None), (e.value(f"add nsw i64 {b}, {s * length}"), layout.dimension))
+                    value = e.fma(factor, e.get(derivative, at), value)
+                e.put(value, start, b)
+            e.put(e.real("fadd", e.get(start, a), one), start, a)
+
+
+def _damper(e: Emitter, layout: Layout, newton: Newton, factor: str, target: int) -> None:
+    """Store (I - factor J)^-1 by columns."""
+    length = newton.length
+    matrix, derivative = e.address("%work", newton.matrix), e.address("%work", newton.derivative)
+    minus = e.value(f"fneg double {factor}")
+    with e.loop(0, length) as a:
+        start = e.address(matrix, e.value(f"mul nsw i64 {a}, {newton.stride}"))
+        with e.loop(0, length) as b:
+            at = _index(e, (a, None), (b, layout.dimension))
+            e.put(e.real("fmul", minus, e.get(derivative, at)), start, b)
+        e.put(e.real("fadd", e.get(start, a), literal(1.0)), start, a)
+    _invert(e, newton, length)
+    with e.loop(0, length) as a, e.loop(0, length) as b:
+        value = e.get(matrix, _index(e, (a, None), (b, newton.stride)))
+        e.put(value, e.address("%work", target), _index(e, (b, None), (a, newton.width)))
+
+
+def _invert(e: Emitter, newton: Newton, order: int) -> None:
+    places = [e.address("%work", place) for place in (newton.matrix, newton.pivots)]
+    bad = e.value(f"call i32 @invert_pivoted(i64 {order}, i64 {newton.stride}, ptr {places[0]}, ptr {places[1]})")
+    old = e.get("%work", newton.flags + Newton.SUSPECT)
+    value = e.real("fadd", old, e.value(f"uitofp i32 {bad} to double"))
+    e.put(value, "%work", newton.flags + Newton.SUSPECT)
+
+
+def _spread(e: Emitter, newton: Newton) -> None:
+    """Store the inverse by padded columns, with the other sign: a residual then gives its correction."""
+    count, length = newton.solve.count, newton.length
+    matrix, inverse = e.address("%work", newton.matrix), e.address("%work", newton.inverse)
+    with e.loop(0, count) as i, e.loop(0, length) as a:
+        row = _index(e, (i, None), (a, length))
+        start = e.address(matrix, e.value(f"mul nsw i64 {row}, {newton.stride}"))
+        target = e.address(inverse, _index(e, (i, None), (a, newton.width)))
+        with e.loop(0, newton.unknowns) as column:
+            value = e.value(f"fneg double {e.get(start, column)}")
+            e.put(value, target, e.value(f"mul nsw i64 {column}, {newton.all}"))
+
+
+def _weigh(e: Emitter, layout: Layout, newton: Newton, scalars: Scalars, point: Call, shares: str) -> None:
+    """Weigh corrections against what rounding a residual and the arguments of its calls does to the unknowns.
+
+    The sizes of the terms of a residual, and J times those of the arguments, are an error of one unit of round-off;
+    the inverse takes it to the unknowns. Whatever the units of a system are, it is what no iteration can go below.
+    """
+    count, length, law = newton.solve.count, newton.length, LAWS[layout.step.law]
+    for number, residual in enumerate(newton.solve.residuals):
+        combine(e, layout, scalars, residual, newton.sizes + number * newton.width, sizes=True)
+    for number, argument in enumerate(point.arguments):
+        combine(e, layout, scalars, argument, newton.places + number * newton.width, sizes=True)
+    sizes, places = e.address("%work", newton.sizes), e.address("%work", newton.places)
+    derivative = e.address("%work", newton.derivative)
+    calls = len(newton.solve.calls)
+    with e.loop(0, count) as i, e.loop(0, law.results) as r:
+        with e.carry(0, calls, [("double", literal(0.0))]) as sum_:
+            at = _index(e, (i, None), (r, law.results), (sum_.index, calls))
+            sum_.following = [e.real("fadd", sum_.values[0], e.get(shares, at))]
+        share = sum_.values[0]
+        with e.loop(0, length) as a, e.loop(0, law.arguments) as s, e.loop(0, length) as b:
+            line, column = _index(e, (r, None), (a, length)), _index(e, (s, None), (b, length))
+            entry = e.fabs(e.get(derivative, _index(e, (line, None), (column, layout.dimension))))
+            moved = e.real("fmul", entry, e.get(places, _index(e, (s, None), (b, newton.width))))
+            where = _index(e, (i, None), (a, newton.width))
+            e.put(e.fma(share, moved, e.get(sizes, where)), sizes, where)
+    inverse, weights = e.address("%work", newton.inverse), e.address("%work", newton.weights)
+    with e.loop(0, count) as i, e.loop(0, length) as a:
+        row = _index(e, (i, None), (a, newton.width))
+        cell = e.reserve("double")
+        e.store(literal(0.0), cell)
+        with e.loop(0, count) as j, e.loop(0, length) as b:
+            column = _index(e, (j, None), (b, length))
+            entry = e.fabs(e.get(e.address(inverse, row), e.value(f"mul nsw i64 {column}, {newton.all}")))
+            e.store(e.fma(entry, e.get(sizes, _index(e, (j, None), (b, newton.width))), e.load(cell)), cell)
+        # A size of zero, as of a coordinate at rest, leaves any correction a finite weight.
+        unit = e.fma(e.load(cell), literal(2.0**-52), literal(1e-100))
+        e.put(e.real("fdiv", literal(1.0), unit), weights, row)
+
+
+def inversion_function() -> str:
+    """Emit invert_pivoted(n, stride, a, scratch): replace a matrix by its inverse; 1 if it is singular to round-off.
+
+    `a` has rows `stride` apart, and `scratch` takes 3 stride doubles. Gauss-Jordan elimination in place, the pivot of
+    each column being the largest against the row that it stands in, columns and rows measured in units of their own.
+    Source: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., 2002, section 14.4.
+    """
+    e = Emitter()
+    columns, chosen = e.address("%scratch", "%stride"), e.address("%scratch", e.value("shl nsw i64 %stride, 1"))
+    _units(e, columns)
+    singular = e.reserve("i32")
+    e.store("0", singular, "i32")
+    with e.loop(0, "%n") as k:
+        row = _pivot(e, k, chosen)
+        best = e.real("fmul", row[1], e.get(columns, k))
+        trusted = e.real("fcmp ogt", best, literal(2.0**-46))
+        bad = e.value(f"zext i1 {e.value(f'xor i1 {trusted}, true')} to i32")
+        e.store(e.value(f"or i32 {e.load(singular, 'i32')}, {bad}"), singular, "i32")
+        here = _row(e, k)
+        with e.when(e.value(f"icmp ne i64 {row[0]}, {k}")):
+            there = _row(e, row[0])
+            with e.loop(0, "%n", BLOCK) as j:
+                places = e.address(here, j), e.address(there, j)
+                values = [e.load(place, KIND) for place in places]
+                e.store(values[0], places[1], KIND)
+                e.store(values[1], places[0], KIND)
+            e.put(e.get("%scratch", k), "%scratch", row[0])
+        reciprocal = e.real("fdiv", literal(1.0), e.get(here, k))
+        e.put(literal(1.0), here, k)
+        with e.loop(0, "%n", BLOCK) as j:
+            place = e.address(here, j)
+            e.store(e.value(f"fmul {KIND} {e.load(place, KIND)}, {_splat(e, reciprocal)}"), place, KIND)
+        for first, last in ((0, k), (e.value(f"add nsw i64 {k}, 1"), "%n")):
+            with e.loop(first, last) as i:
+                target = _row(e, i)
+                factor = _splat(e, e.value(f"fneg double {e.get(target, k)}"))
+                e.put(literal(0.0), target, k)
+                with e.loop(0, "%n", BLOCK) as j:
+                    place = e.address(target, j)
+                    e.store(e.fma(factor, e.load(e.address(here, j), KIND), e.load(place, KIND), KIND), place, KIND)
+    with e.loop(0, "%n") as back:
+        k = e.value(f"sub nsw i64 {e.value('sub nsw i64 %n, 1')}, {back}")
+        other = e.get(chosen, k, "i64")
+        with e.loop(0, "%n") as i:
+            start = _row(e, i)
+            first, second = e.get(start, k), e.get(start, other)
+            e.put(second, start, k)
+            e.put(first, start, other)
+    e.do(f"ret i32 {e.load(singular, 'i32')}")
+    return e.function(
+        "define internal i32 @invert_pivoted(i64 %n, i64 %stride, ptr noalias %a, ptr noalias %scratch) noinline"
+    )
+
+
+def _row(e: Emitter, i: str) -> str:
+    return e.address("%a", e.value(f"mul nsw i64 {i}, %stride"))
+
+
+def _splat(e: Emitter, value: str) -> str:
+    one = e.value(f"insertelement {KIND} poison, double {value}, i64 0")
+    return e.value(f"shufflevector {KIND} {one}, {KIND} poison, <{BLOCK} x i32> zeroinitializer")
+
+
+def _units(e: Emitter, columns: str) -> None:
+    """Store the reciprocal size of each row and column: of rows, of columns in those units, and of rows again."""
+    with e.loop(0, "%n") as j:
+        e.put(literal(1.0), columns, j)
+    for rows in (True, False, True):
+        with e.loop(0, "%n") as one:
+            with e.carry(0, "%n", [("double", literal(0.0))]) as largest:
+                i, j = (one, largest.index) if rows else (largest.index, one)
+                size = e.real(
+                    "fmul", e.fabs(e.get(_row(e, i), j)), e.get(columns if rows else "%scratch", largest.index)
+                )
+                above = e.real("fcmp ogt", size, largest.values[0])
+                largest.following = [e.choose(above, size, largest.values[0])]
+            e.put(e.real("fdiv", literal(1.0), largest.values[0]), "%scratch" if rows else columns, one)
+
+
+def _pivot(e: Emitter, k: str, chosen: str) -> tuple[str, str]:
+    """Return the row of the largest entry of column k, from row k on, with its size, and note it."""
+    with e.carry(k, "%n", [("double", literal(-1.0)), ("i64", k)]) as best:
+        size = e.real("fmul", e.fabs(e.get(_row(e, best.index), k)), e.get("%scratch", best.index))
+        above = e.real("fcmp ogt", size, best.values[0])
+        row = e.value(f"select i1 {above}, i64 {best.index}, i64 {best.values[1]}")
+        best.following = [e.choose(above, size, best.values[0]), row]
+    e.put(best.values[1], chosen, k, "i64")
+    return best.values[1], best.values[0]

@@ -1,0 +1,34 @@
+"""How Newton's method decides, on every machine."""
+
+HISTORY = 6
+"""From so many steps the unknowns of equal steps are extrapolated."""
+
+MOST = 50
+"""Corrections of one step before it counts as not converging."""
+
+MOST_TIMES = 10
+"""The same where the step can be shortened instead."""
+
+FRACTION = 0.02
+"""Steps that follow the error leave this part of the tolerance to Newton's method."""
+
+SLOW = 0.25
+"""Corrections that shrink by less than this want a new matrix."""
+
+AGING = 1.2
+"""The rate at which corrections shrink is taken to rise by this factor at each step that does not measure it."""
+
+TURNS = 3
+"""A step of more than this many corrections has the next one begin with a new matrix."""
+
+OLD = 3
+"""A matrix is old enough to be made anew after so many corrections of one step, or after so many steps."""
+
+STALLED = 2.0**24
+"""Corrections that no longer shrink are round-off below this many times the round-off that was estimated."""
+
+NOISE = 0.9
+"""What round-off was observed is forgotten by this factor per step."""
+
+LARGEST = 1e150
+"""A weighted correction beyond this is no number to go on with."""

@@ -1,0 +1,321 @@
+"""Newton's method for the unknowns of a step, in plain numpy: the place to read what the compiled drivers do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import comb
+from typing import Any
+
+import numpy as np
+
+from lagrange.graph.node import Node
+from lagrange.machine.arithmetic import FLOATS
+from lagrange.machine.backend import FloatArray, SingularMassMatrix
+from lagrange.machine.driver import DriverState, Outcome
+from lagrange.machine.newton import (
+    AGING,
+    FRACTION,
+    HISTORY,
+    LARGEST,
+    MOST,
+    MOST_TIMES,
+    NOISE,
+    OLD,
+    SLOW,
+    STALLED,
+    TURNS,
+)
+from lagrange.program.actions import LAWS, Call, Combination, Damp, Solve
+from lagrange.program.lower import lower
+from lagrange.program.step import StepProgram
+
+S = DriverState
+EPSILON = 2.0**-52
+Evaluate = Callable[[float, FloatArray], FloatArray]
+
+
+class Failure(Exception):
+    """A step that cannot be taken, with the outcome."""
+
+    def __init__(self, outcome: Outcome) -> None:
+        super().__init__(outcome)
+        self.outcome = outcome
+
+
+class Record:
+    """A step program run from its record: vectors by number, and the numbers made of t, h and the ratio of steps."""
+
+    def __init__(self, step: StepProgram, law: Evaluate, jacobian: Evaluate) -> None:
+        self.step, self.law, self.jacobian = step, law, jacobian
+        self.newtons = [Newton(self, solve) for solve in step.solves]
+        self._wanted = list(dict.fromkeys(_nodes(step)))
+        self._numbers = lower("scalars", self._wanted, (len(self._wanted),), [step.h, step.ratio], step.time, [])
+        self.vectors: list[FloatArray] = []
+
+    def take(self, state: DriverState, states: list[FloatArray], h: float) -> tuple[list[FloatArray], list[FloatArray]]:
+        """Return the new states and the error vectors. Raises Failure and SingularMassMatrix."""
+        step = self.step
+        self.state, self.t, self.h = state, state.t, h
+        self.use(1.0)
+        self.vectors = [*states, *([states[0]] * (step.vectors - len(states)))]
+        newtons = iter(self.newtons)
+        for action in step.actions:
+            if isinstance(action, Call):
+                self.call(action)
+            elif isinstance(action, Damp):
+                self.vectors[action.result] = self.newtons[action.of].damp(
+                    self.number(action.factor), self.sum(action.vector)
+                )
+            else:
+                next(newtons).solve()
+        return [self.sum(result) for result in step.results], [self.sum(error) for error in step.errors]
+
+    def use(self, ratio: float) -> None:
+        """Compute the numbers for the present t and h and a ratio of steps."""
+        values = FLOATS.evaluate(self._numbers, self.t, [self.h, ratio], [])
+        self._values = dict(zip(self._wanted, values, strict=True))
+
+    def number(self, node: Node) -> float:
+        """Return a number of the step."""
+        return float(self._values[node])
+
+    def sum(self, combination: Combination, *, sizes: bool = False) -> FloatArray:
+        """Return a linear combination of vectors, or that of their sizes."""
+        part: Callable[[Any], Any] = abs if sizes else lambda value: value
+        total = np.zeros_like(self.vectors[0])
+        for vector, factor in combination:
+            total = total + part(self.number(factor)) * part(self.vectors[vector])
+        return total
+
+    def place(self, call: Call, *, sizes: bool = False) -> FloatArray:
+        """Return the arguments of a call, one behind the other."""
+        return np.concatenate([self.sum(argument, sizes=sizes) for argument in call.arguments])
+
+    def call(self, call: Call) -> None:
+        """Evaluate the law and keep its results as vectors."""
+        self.state.counts[S.EVALUATIONS] += 1
+        results = self.law(self.number(call.time), self.place(call))
+        count = LAWS[self.step.law].results
+        self.vectors[call.first : call.first + count] = np.split(results, count)
+
+    def keep(self) -> None:
+        """Keep the unknowns of an accepted step, to extrapolate from."""
+        for newton in self.newtons:
+            newton.keep()
+
+
+class Newton:
+    """One solve, with what it keeps from step to step."""
+
+    def __init__(self, record: Record, solve: Solve) -> None:
+        self.record, self.problem = record, solve
+        self.adaptive = record.step.control is not None
+        self.unknowns = slice(solve.first, solve.first + solve.count)
+        self.history: list[list[FloatArray]] = []
+        self.derivative: FloatArray | None = None
+        self.matrix_step = self.old_step = self.age = 0.0
+        self.rate = self.noise = 1.0
+        self.solved = self.suspect = False
+
+    def solve(self) -> None:
+        """Predict and iterate; where that fails, start again from the guess with a new matrix."""
+        if self.adaptive:
+            self.weights = self.tolerated()
+        if self.history:
+            try:
+                self.predict()
+                self.iterate()
+            except (Failure, SingularMassMatrix):
+                self.history = []
+        if not self.history:
+            self.derivative, self.matrix_step = None, 0.0
+            self.start()
+            self.iterate()
+        self.solved = True
+
+    def start(self) -> None:
+        """Set the unknowns to their guesses."""
+        for call in self.problem.preparation:
+            self.record.call(call)
+        self.record.vectors[self.unknowns] = [self.record.sum(guess) for guess in self.problem.guesses]
+
+    def predict(self) -> None:
+        """Extrapolate the unknowns: as the method states, or by a polynomial through those of the last equal steps."""
+        record, old = self.record, self.history
+        if self.adaptive:
+            record.use(record.h / self.old_step)
+            record.vectors[self.unknowns] = old[0]
+            if self.problem.predicted:
+                record.vectors[self.unknowns] = [record.sum(one) for one in self.problem.predicted]
+        else:
+            factors = [(-1.0) ** i * comb(len(old), i + 1) for i in range(len(old))]
+            record.vectors[self.unknowns] = [
+                sum((factor * z for factor, z in zip(factors, one, strict=True)), np.zeros_like(one[0]))
+                for one in zip(*old, strict=True)
+            ]
+
+    def iterate(self) -> None:
+        """Correct the unknowns until what is left is too small to matter. Raises Failure."""
+        record, problem = self.record, self.problem
+        previous, since = 0.0, OLD
+        for turn in range(MOST_TIMES if self.adaptive else MOST):
+            for call in problem.calls:
+                record.call(call)
+            residual = np.concatenate([record.sum(one) for one in problem.residuals])
+            if self.matrix_step != record.h:
+                self.renew()
+                since = 0
+            correction = self.inverse @ residual
+            for i, part in enumerate(np.split(correction, problem.count), problem.first):
+                record.vectors[i] = record.vectors[i] + part
+            norm = float(np.sqrt(np.mean((correction * self.weights) ** 2)))
+            unit = record.state.reals[S.RTOL] if self.adaptive else EPSILON
+            record.state.reals[S.RESIDUAL] = norm * unit
+            if not norm < LARGEST:
+                # At the guess the law itself is no number; later Newton's method has gone astray.
+                broken = Outcome.DIVERGED if turn else Outcome.NON_FINITE
+                raise Failure(Outcome.SINGULAR if self.suspect else broken)
+            if self.enough(turn, norm, previous, since):
+                return
+            previous, since = norm, since + 1
+        raise Failure(Outcome.DIVERGED)
+
+    def enough(self, turn: int, norm: float, previous: float, since: int) -> bool:
+        """Return whether the unknowns are good enough; have the matrix made anew where corrections shrink slowly."""
+        rate = norm / previous if turn else self.rate
+        bound = FRACTION if self.adaptive else self.noise
+        if norm * rate <= (1 - rate) * bound or (norm <= bound and not self.adaptive):
+            self.rate = max(rate, 1e-4) if turn else min(self.rate * AGING, 0.9)
+            self.age += 1
+            tired = turn > 0 and rate > 1e-3 if self.adaptive else turn >= TURNS and self.age >= OLD
+            self.noise = max(self.noise * NOISE, 1.0)
+            if tired:
+                self.derivative, self.matrix_step = None, 0.0
+            return True
+        if turn and not rate <= SLOW:
+            if self.adaptive and not rate <= 0.9:
+                raise Failure(Outcome.DIVERGED)
+            if not self.adaptive and 1 <= since < OLD and rate >= 0.5 and norm < STALLED:
+                # A new matrix no longer shrinks the corrections: they are round-off.
+                self.noise = 2 * norm
+                return True
+            if not self.adaptive and since >= OLD:
+                self.derivative, self.matrix_step = None, 0.0
+        return False
+
+    def renew(self) -> None:
+        """Make the Newton matrix for the present step, with the derivative of the law that is known or a new one."""
+        record, problem = self.record, self.problem
+        law = LAWS[record.step.law]
+        n = len(record.vectors[0])
+        point = None if self.adaptive else problem.calls[len(problem.calls) // 2]
+        if self.derivative is None:
+            where = np.concatenate(record.vectors[: law.states]) if point is None else record.place(point)
+            self.derivative = record.jacobian(record.t if point is None else record.number(point.time), where)
+        block = self.derivative.reshape(law.results, n, law.arguments, n)
+        matrix = np.zeros((problem.count, n, problem.count, n))
+        for i, residual in enumerate(problem.residuals):
+            for j in range(problem.count):
+                matrix[i, :, j] = self.factor(residual, problem.first + j) * np.eye(n)
+                for call in problem.calls:
+                    for r in range(law.results):
+                        outer = self.factor(residual, call.first + r)
+                        for s, argument in enumerate(call.arguments):
+                            matrix[i, :, j] += outer * self.factor(argument, problem.first + j) * block[r, :, s]
+        self.inverse, bad = inverse(matrix.reshape(problem.count * n, -1))
+        self.inverse = -self.inverse
+        self.suspect = bad and record.step.law == "momentum"
+        if point is not None:
+            self.weights = self.rounding(point, block)
+            self.rate = self.noise = 1.0
+            self.age = 0.0
+        self.matrix_step = record.h
+
+    def rounding(self, point: Call, block: FloatArray) -> FloatArray:
+        """Return weights of corrections against what rounding a residual and its calls does to the unknowns.
+
+        The sizes of the terms of a residual, and J times those of the arguments, are an error of one unit of
+        round-off; the inverse takes it to the unknowns. Whatever the units are, no iteration goes below that.
+        """
+        record, problem = self.record, self.problem
+        arguments = [record.sum(argument, sizes=True) for argument in point.arguments]
+        sizes = []
+        for residual in problem.residuals:
+            size = record.sum(residual, sizes=True)
+            for r in range(block.shape[0]):
+                share = sum(abs(self.factor(residual, call.first + r)) for call in problem.calls)
+                for s, argument in enumerate(arguments):
+                    size = size + share * (abs(block[r, :, s]) @ argument)
+            sizes.append(size)
+        # A size of zero, as of a coordinate at rest, leaves any correction a finite weight.
+        weights: FloatArray = 1 / (EPSILON * (abs(self.inverse) @ np.concatenate(sizes)) + 1e-100)
+        return weights
+
+    def tolerated(self) -> FloatArray:
+        """Return weights of corrections by what they move in the arguments of the calls, against the tolerances."""
+        record, problem, reals = self.record, self.problem, self.record.state.reals
+        weights = []
+        for z in range(problem.first, problem.first + problem.count):
+            found = [
+                (place, abs(record.number(factor)))
+                for call in problem.calls
+                for place, argument in enumerate(call.arguments)
+                for vector, factor in argument
+                if vector == z
+            ]
+            where = min((place for place, _ in found), default=0)
+            reach = max((factor for place, factor in found if place == where), default=0.0)
+            weights.append(reach / (reals[S.ATOL] + reals[S.RTOL] * abs(record.vectors[where])))
+        return np.concatenate(weights)
+
+    def factor(self, combination: Combination, vector: int) -> float:
+        """Return the factor of a vector in a combination."""
+        return next((self.record.number(factor) for i, factor in combination if i == vector), 0.0)
+
+    def damp(self, factor: float, vector: FloatArray) -> FloatArray:
+        """Return (I - factor J)^-1 vector."""
+        if self.derivative is None:
+            return np.full_like(vector, np.nan)
+        return inverse(np.eye(len(vector)) - factor * self.derivative)[0] @ vector
+
+    def keep(self) -> None:
+        """Keep the unknowns of an accepted step."""
+        if self.solved:
+            self.solved = False
+            depth = 1 if self.adaptive else HISTORY
+            self.history = [self.record.vectors[self.unknowns], *self.history][:depth]
+            self.old_step = self.record.h
+
+
+def inverse(matrix: FloatArray) -> tuple[FloatArray, bool]:
+    """Return the inverse, with rows and columns measured in units of their own, and whether it is singular."""
+    sizes = abs(matrix)
+    columns = np.ones(len(matrix))
+    rows = 1 / (sizes * columns).max(axis=1)
+    columns = 1 / (rows[:, None] * sizes).max(axis=0)
+    rows = 1 / (sizes * columns).max(axis=1)
+    scaled = rows[:, None] * matrix * columns
+    try:
+        found = np.linalg.inv(scaled)
+    except np.linalg.LinAlgError:
+        return np.full_like(matrix, np.nan), True
+    bad = not 1 / (np.abs(found).max() * len(matrix)) > 2.0**-46
+    return columns[:, None] * found * rows, bad
+
+
+def _nodes(step: StepProgram) -> list[Node]:
+    """Return every number of a step."""
+    combinations: list[Combination] = [*step.results, *step.errors]
+    calls: list[Call] = []
+    found: list[Node] = []
+    for action in step.actions:
+        if isinstance(action, Call):
+            calls.append(action)
+        elif isinstance(action, Damp):
+            combinations.append(action.vector)
+            found.append(action.factor)
+        else:
+            calls += [*action.preparation, *action.calls]
+            combinations += [*action.guesses, *action.residuals, *action.predicted]
+    combinations += [argument for call in calls for argument in call.arguments]
+    return [*found, *(call.time for call in calls), *(factor for one in combinations for _, factor in one)]

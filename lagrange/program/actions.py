@@ -1,0 +1,83 @@
+"""What a step program is made of: the laws that a step calls, and the actions that it takes, in numbered vectors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from lagrange.graph.node import Node
+
+Combination = tuple[tuple[int, Node], ...]
+"""Sum of coefficient * vector, by number: the states come first, then what calls and solves give, in order."""
+
+
+@dataclass(frozen=True)
+class Law:
+    """What a step calls: how many vectors are its state, go into a call, and come out of it.
+
+    `quantity` is the model's quantity that a call evaluates, `derivative` its derivative in the state.
+    """
+
+    states: int
+    arguments: int
+    results: int
+    quantity: str
+    derivative: str = ""
+
+
+LAWS = {
+    "rhs": Law(1, 1, 1, "rhs", "jacobian"),
+    "accelerations": Law(2, 1, 1, "rhs"),
+    "momentum": Law(2, 2, 2, "momentum", "momentum_jacobian"),
+}
+"""The laws by name: y' = f(t, y) of y = [q, v]; a(t, q), which must not depend on velocities, for methods that move
+coordinates and velocities in turn; and p, f = g(t, q, v), the momenta p = dL/dv and the forces f with dp/dt = f."""
+
+
+@dataclass(frozen=True, eq=False)
+class Call:
+    """One evaluation of the law at a time and its arguments; `first` is the number of its first result."""
+
+    time: Node
+    arguments: tuple[Combination, ...]
+    first: int
+
+    @property
+    def argument(self) -> Combination:
+        """The first argument, which is the only one but for momenta."""
+        return self.arguments[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Solve:
+    """Unknown vectors, numbered from `first`, at which the residuals vanish.
+
+    `calls` are those inside the residuals, which may depend on the unknowns and not on each other. `guesses` start
+    Newton's method where nothing is known to extrapolate from, and `preparation` are the calls that they need.
+    `predicted` continues the unknowns of the step before, which stand under the same numbers; without it equal steps
+    are extrapolated by a polynomial.
+    """
+
+    first: int
+    preparation: tuple[Call, ...]
+    guesses: tuple[Combination, ...]
+    calls: tuple[Call, ...]
+    residuals: tuple[Combination, ...]
+    predicted: tuple[Combination, ...] = ()
+
+    @property
+    def count(self) -> int:
+        """How many unknown vectors there are."""
+        return len(self.residuals)
+
+
+@dataclass(frozen=True, eq=False)
+class Damp:
+    """The vector (I - factor J)^-1 times a combination, J being the Jacobian that the solve `of` has last used."""
+
+    result: int
+    of: int
+    factor: Node
+    vector: Combination
+
+
+Action = Call | Solve | Damp

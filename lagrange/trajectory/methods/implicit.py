@@ -1,0 +1,168 @@
+"""Implicit methods: step functions that solve for their slopes, one formula each.
+
+Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, sections IV.3, IV.5 and V.1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from lagrange.program.step import Control, StepProgram, trace
+from lagrange.trajectory.dense import HermitePath
+from lagrange.trajectory.driver import drive
+from lagrange.trajectory.integrator import Claims, Problem
+from lagrange.trajectory.methods.settings import adaptive_settings, fixed_settings
+from lagrange.trajectory.plan import StepPlan
+from lagrange.trajectory.trajectory import FloatArray, Trajectory
+
+
+@dataclass(frozen=True)
+class ImplicitMethod:
+    """The method of a step function that solves, step(f, t, y, h, solve).
+
+    `law` is what it calls: "rhs", or "momentum" for step(g, t, q, v, h, solve). With a `control` it returns an error
+    vector as well and takes `rtol` and `atol`, otherwise equal steps of size `step`. With a `starter`, which takes
+    the first step, it gets the state one step back behind the state.
+    """
+
+    name: str
+    claims: Claims
+    function: Callable[..., Any]
+    law: str = "rhs"
+    control: Control | None = None
+    starter: Callable[..., Any] | None = None
+    step: float | None = None
+    rtol: float | None = None
+    atol: float | None = None
+
+    def plan(self, problem: Problem) -> StepPlan:
+        """Return the plan; see `Planned`."""
+        chosen = adaptive_settings if self.control else fixed_settings
+        tolerances = chosen(self.name, problem, self.step, self.rtol, self.atol)
+        return StepPlan(_program(self.name, self.function, self.law, self.control, self.starter), tolerances, _path)
+
+    def integrate(self, problem: Problem) -> Trajectory:
+        """Run the problem; see `Integrator`."""
+        return drive(problem, self.plan(problem), self.name)
+
+
+def _path(problem: Problem, times: FloatArray, states: FloatArray) -> HermitePath:
+    return HermitePath(problem.model.kernel("rhs"), problem.parameter_array, times, states)
+
+
+@lru_cache(maxsize=64)
+def _program(
+    name: str,
+    function: Callable[..., Any],
+    law: str,
+    control: Control | None,
+    starter: Callable[..., Any] | None,
+) -> StepProgram:
+    first = None if starter is None else trace(f"start of {name}", starter, law=law, implicit=True)
+    return trace(name, function, law=law, implicit=True, control=control, starter=first)
+
+
+def backward_euler(f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
+    """Take the slope at the end of the step."""
+    k = solve(lambda k: f(t + h, y + k * h) - k, lambda: f(t, y))
+    return y + k * h
+
+
+def trapezoidal(f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
+    """Take the mean of the slopes at both ends."""
+    first = f(t, y)
+    k = solve(lambda k: f(t + h, y + (first + k) * (h / 2)) - k, first)
+    return y + (first + k) * (h / 2)
+
+
+def implicit_midpoint(f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
+    """Take the slope in the middle."""
+    k = solve(lambda k: f(t + h / 2, y + k * (h / 2)) - k, lambda: f(t, y))
+    return y + k * h
+
+
+def BackwardEuler(step: float | None = None) -> ImplicitMethod:
+    """Return the backward Euler method, order 1, which damps whatever is fast."""
+    return ImplicitMethod("backward-euler", Claims(1, a_stable=True, explicit=False), backward_euler, step=step)
+
+
+def Trapezoidal(step: float | None = None) -> ImplicitMethod:
+    """Return the trapezoidal rule, order 2."""
+    return ImplicitMethod(
+        "trapezoidal", Claims(2, symmetric=True, a_stable=True, explicit=False), trapezoidal, step=step
+    )
+
+
+def ImplicitMidpoint(step: float | None = None) -> ImplicitMethod:
+    """Return the implicit midpoint rule, order 2."""
+    claims = Claims(2, symplectic=True, symmetric=True, a_stable=True, explicit=False)
+    return ImplicitMethod("implicit-midpoint", claims, implicit_midpoint, step=step)
+
+
+def collocation(A: Sequence[Sequence[float]], b: Sequence[float], c: Sequence[float]) -> Callable[..., Any]:
+    """Return the step function of an implicit Runge-Kutta method, whose unknowns are the slopes of its stages."""
+
+    def step(f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
+        def residuals(*slopes: Any) -> tuple[Any, ...]:
+            stages = [y + weighted(row, slopes) * h for row in A]
+            return tuple(f(t + h * ci, stage) - k for ci, stage, k in zip(c, stages, slopes, strict=True))
+
+        slopes = solve(residuals, lambda: (f(t, y),) * len(b))
+        return y + weighted(b, slopes) * h
+
+    return step
+
+
+def weighted(weights: Sequence[float], vectors: Sequence[Any]) -> Any:
+    """Return the sum of weight * vector."""
+    return sum(vector * weight for weight, vector in zip(weights, vectors, strict=True))
+
+
+def gauss_tableau(stages: int) -> tuple[list[list[float]], list[float], list[float]]:
+    """Return A, b, c of collocation at the zeros of the Legendre polynomial on [0, 1].
+
+    A and b integrate the Lagrange polynomials of those points, from 0 to each of them and to 1.
+    Source: E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd ed., 2006, II.1.3.
+    """
+    points, weights = np.polynomial.legendre.leggauss(stages)
+    c = (1 + points) / 2
+    basis = [np.poly1d(np.delete(c, j), r=True) / np.prod(c[j] - np.delete(c, j)) for j in range(stages)]
+    A = [[float(np.polyint(line)(node)) for line in basis] for node in c]
+    return A, [float(weight / 2) for weight in weights], [float(node) for node in c]
+
+
+GAUSS2, GAUSS3 = (collocation(*gauss_tableau(stages)) for stages in (2, 3))
+
+
+def bdf2(f: Callable[..., Any], t: Any, y: Any, before: Any, h: Any, solve: Callable[..., Any]) -> Any:
+    """Differentiate the parabola through two states and the new one, and set that equal to the slope at the end."""
+    known = (y * 4 - before) / 3
+    k = solve(lambda k: f(t + h, known + k * (h * Fraction(2, 3))) - k, lambda: f(t, y))
+    return known + k * (h * Fraction(2, 3))
+
+
+def Gauss2(step: float | None = None) -> ImplicitMethod:
+    """Return Gauss's method of 2 stages, order 4."""
+    claims = Claims(4, symplectic=True, symmetric=True, a_stable=True, explicit=False)
+    return ImplicitMethod("gauss2", claims, GAUSS2, step=step)
+
+
+def Gauss3(step: float | None = None) -> ImplicitMethod:
+    """Return Gauss's method of 3 stages, order 6."""
+    claims = Claims(6, symplectic=True, symmetric=True, a_stable=True, explicit=False)
+    return ImplicitMethod("gauss3", claims, GAUSS3, step=step)
+
+
+def BDF2(step: float | None = None) -> ImplicitMethod:
+    """Return the backward differentiation formula of two steps, order 2, for stiff systems; it starts with Radau's."""
+    claims = Claims(2, a_stable=True, explicit=False)
+    return ImplicitMethod("bdf2", claims, bdf2, starter=RADAU3, step=step)
+
+
+RADAU3 = collocation([[5 / 12, -1 / 12], [3 / 4, 1 / 4]], [3 / 4, 1 / 4], [1 / 3, 1.0])
