@@ -31,16 +31,17 @@ class DriverState:
 
     `floats` and `integers` are the same entries, to be set one by one: that takes a fifth of the time. KEPT is 0 where
     nothing that a driver has kept from former steps, such as a matrix or unknowns to extrapolate, belongs to this run;
-    RESIDUAL is the size of the last correction of an implicit step against that of its unknowns.
+    RESIDUAL is the size of the last correction of an implicit step against that of its unknowns. LIMIT is the longest
+    step after FAILS steps in a row that were not what the equations say at their end.
     """
 
-    T, END, H, RTOL, ATOL, PREVIOUS, START, STEP, CAUSE, LONGEST, LOW, SCALE, ONCE, RESIDUAL = range(14)
-    STEPS, REJECTED, EVALUATIONS, SLOPE_KNOWN, ROWS, RECORD, AFTER_REJECT, TRIES, LOOK, KEPT = range(10)
+    T, END, H, RTOL, ATOL, PREVIOUS, START, STEP, CAUSE, LONGEST, LOW, SCALE, ONCE, RESIDUAL, LIMIT = range(15)
+    STEPS, REJECTED, EVALUATIONS, SLOPE_KNOWN, ROWS, RECORD, AFTER_REJECT, TRIES, LOOK, KEPT, FAILS = range(11)
 
     def __init__(self, t: float, end: float, y: NDArray[np.float64], rtol: float, atol: float, step: float) -> None:
         """Begin at (t, y) towards `end`; `step` is the signed step of a fixed-step method, or a first step, or 0."""
-        self.reals = np.zeros(14)
-        self.counts = np.zeros(10, dtype=np.int64)
+        self.reals = np.zeros(15)
+        self.counts = np.zeros(11, dtype=np.int64)
         self.y = np.array(y, dtype=float)
         self.reals[[self.T, self.START]] = t
         self.reals[self.END] = end
@@ -49,7 +50,7 @@ class DriverState:
         self.reals[self.ATOL] = atol
         self.reals[self.PREVIOUS] = 1.0
         self.reals[self.CAUSE] = Outcome.STEP_TOO_SMALL
-        self.reals[[self.LONGEST, self.ONCE]] = math.inf
+        self.reals[[self.LONGEST, self.ONCE, self.LIMIT]] = math.inf
         self.reals[self.SCALE] = 1.0
         self.counts[self.RECORD] = 1
         self.floats: Any = self.reals.data

@@ -5,6 +5,7 @@ With floats it is the numpy machine's; with mpmath's numbers it gives reference 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -156,11 +157,20 @@ def _inverse(at: _Place) -> Any:
 
 
 def _sqrt(at: _Place) -> Any:
+    if at.u[0] == 0:
+        return _flat(at)
     return (at.arg(0)[-1] - _sum(at.u, at.u, 1, at.k - 1)) / (2 * at.u[0])
+
+
+def _flat(at: _Place) -> Any:
+    """Return a coefficient of a root of zero: zero as long as the argument stays zero, and undefined once it moves."""
+    return at.u[0] if at.arg(0)[-1] == 0 else at.u[0] + math.nan
 
 
 def _power(at: _Place) -> Any:
     a, k = at.arg(0), at.k
+    if a[0] == 0 and at.constants[0] > 0:
+        return _flat(at)
     j = np.arange(1, k + 1)
     return ((at.constants[0] * j - (k - j)) * a[1:]).dot(at.u[:k][::-1]) / (k * a[0])
 

@@ -24,6 +24,21 @@ GUARD = 0.25
 and the last that is not may be small by chance. Row k of a series of radius r shows r tolerance**(1/k); what it shows
 of r may be exceeded by a quarter of a binary digit, for the rows of an entire function fall faster and faster."""
 
+REACH = -1.0
+"""No step is longer than half (this power of two) of the radius of convergence that the growth of the last rows shows,
+however small they are: far from a wall exp(200 (x - 1)) they are below all tolerances, and say when it comes."""
+
+DEFECT, NOISE = 4.0, 2.0**-40
+"""How far the derivative of a series at the end of a step may be from what the equations say there: it is so many
+tolerances for each order, over the step, and a part of the largest derivative for round-off. What is left out at
+order p has a derivative of p tolerances over the step; in ten scenes at five tolerances the most was 1.1 of that."""
+
+RETREAT, FAILURES = 0.25, 24
+"""A step that fails is tried again at a quarter of its length, so many times: then it is as short as round-off."""
+
+PROBES = 32
+"""A series that terminates says nothing about what lies ahead: it is compared with the equations at so many places."""
+
 ZERO, VANISHED = -900.0, -800.0
 """Powers of two, as parts of the tolerance: the first stands for zero where a logarithm is taken, and a coefficient
 below the second counts as zero. A series in a fitting scale has none there but zeros: its last coefficients lie within

@@ -49,10 +49,21 @@ def _tangent(sign: int) -> FunctionRule:
         slope = b.graph.sum(((sign, node**2),), 1)
         w = b.add(Rule("linear", (square,), (b.constant(sign),)), slope, b.graph.one)
         b.values.setdefault(slope, w)
+        if sign < 0:
+            b.starts[slope] = _flatness(node.args[0])
         b.integrate(value, node.args[0], w)
         return value
 
     return build
+
+
+def _flatness(a: Node) -> Node:
+    """Return 1 - tanh(a)**2 without the difference: far out it is 4 exp(-2|a|), of which tanh itself keeps nothing.
+
+    A series that began with 0 there would not know that the function ever changes.
+    """
+    tail = a.graph.call("exp", -2 * a.graph.call("abs", a))
+    return 4 * tail / (1 + tail) ** 2
 
 
 def _against(slope: Callable[[Node], Node], sign: int = 1) -> FunctionRule:

@@ -50,6 +50,7 @@ class Builder:
         self.values: dict[Node, int] = {}
         self.constants: dict[Node, int] = {}
         self.rates: dict[Node, Node | None] = {}
+        self.starts: dict[Node, Node] = {}
         self.speed = dict(zip(self.q, self.v, strict=True)) | {time: graph.one}
         for i, node in enumerate(self.q):
             self.values[node] = self.add(Rule("coordinate", (), (i,)), node)
@@ -269,7 +270,9 @@ class Builder:
             if node is None:
                 found.append(None)
                 continue
-            if rule.op == "linear":
+            if node in self.starts:
+                start = substitute([self.starts[node]], replaced)[0]
+            elif rule.op == "linear":
                 pairs = zip(rule.coefficients, rule.args, strict=True)
                 terms = [(1, table[c] * known_node(found[arg])) for c, arg in pairs]
                 if len(rule.args) > 1 and all(arg in low for arg in rule.args):

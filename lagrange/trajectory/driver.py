@@ -154,14 +154,14 @@ def _bursts(
             before = time.perf_counter()
             outcome = driver.advance(state, budget, times, states)
             rows.collect(state, times, states)
-            if outcome is Outcome.STEP_TOO_SMALL:
-                # A step may shrink below the spacing of times without a rejection: then no trial step is to blame.
-                cause = state.cause if state.count(DriverState.AFTER_REJECT) else outcome
-                verdict = Verdict(_STATUS[cause], smooth=True)
-            elif watch is not None and (outcome in (Outcome.WATCHED, Outcome.DONE) or watch.arrived(state)):
+            if watch is not None and (outcome in (Outcome.WATCHED, Outcome.DONE) or watch.arrived(state)):
                 verdict = watch.end(state) if outcome is Outcome.DONE else watch.meet(state)
                 if verdict.jumped:
                     rows.add(state.t, state.y)
+            elif outcome is Outcome.STEP_TOO_SMALL:
+                # A step may shrink below the spacing of times without a rejection: then no trial step is to blame.
+                cause = state.cause if state.count(DriverState.AFTER_REJECT) else outcome
+                verdict = Verdict(_STATUS[cause], smooth=True)
             elif outcome is not Outcome.PAUSED:
                 verdict = Verdict(_STATUS[outcome], smooth=outcome is Outcome.NON_FINITE)
             if time.perf_counter() - before < BURST:

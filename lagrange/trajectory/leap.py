@@ -11,17 +11,20 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lagrange.machine.backend import Kernel, SingularMassMatrix
+from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.driver import DriverState
 from lagrange.trajectory.integrator import Integrator, Problem
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 SHARE = 1e-6
-"""The first leap takes this part of the run; each that follows another at once takes twice the time."""
+"""A leap takes this part of the run."""
 
 CHANGE = 0.01
-"""No acceleration changes on a leap by more than this part of the largest: a force that jumps, or is infinite, is not
-leapt over."""
+"""No acceleration changes on a leap by more than this part of itself, or of what would change the velocity by itself
+along the run: a force that jumps, or is infinite, is not leapt over."""
+
+IN_A_ROW = 3
+"""So many leaps may follow one another without a step between them. What has no series for longer has none."""
 
 SHORTER, ATTEMPTS = 1 / 16, 6
 """How much shorter a leap is tried again, and how often."""
@@ -32,7 +35,7 @@ MOST_STEPS = 1000
 
 @dataclass
 class Leaps:
-    """The leaps of a run so far: the rows that they begin from, and where the last one ended and how long it was."""
+    """The leaps of a run so far: the rows that they begin from, where the last one ended, and how many in a row."""
 
     problem: Problem
     method: Integrator
@@ -40,13 +43,14 @@ class Leaps:
     atol: float
     rows: list[int] = field(default_factory=list)
     landed: float = math.nan
-    length: float = 0.0
+    crowd: int = 0
 
     def ahead(self, state: DriverState) -> list[float]:
         """Return the times to leap to, the farthest first."""
         span, left = abs(self.problem.t1 - self.problem.t0), float(state.reals[DriverState.END]) - state.t
-        first = 2 * self.length if state.t == self.landed else SHARE * span
-        lengths = [first * SHORTER**k for k in range(ATTEMPTS)]
+        if not left or (state.t == self.landed and self.crowd >= IN_A_ROW):
+            return []
+        lengths = [SHARE * span * SHORTER**k for k in range(ATTEMPTS)]
         least = 64 * 2.0**-52 * max(abs(state.t), 2.0**-60 * span)
         return [state.t + math.copysign(min(x, abs(left)), left) for x in lengths if x > least]
 
@@ -69,28 +73,26 @@ class Leaps:
         y = run.y[:, -1]
         if run.status is not Status.SUCCESS:
             return None
-        kernel, parameters = self.problem.model.kernel("rhs"), self.problem.parameter_array
-        return y if _steady(kernel, parameters, (state.t, state.y), (there, y)) else None
+        return y if self._steady(state.t, state.y, there, y) else None
 
     def land(self, state: DriverState, there: float, y: FloatArray, row: int) -> None:
         """Let the run go on from a state ahead; `row` is the row that the leap begins from."""
         r = DriverState
         self.rows.append(row)
-        self.landed, self.length = there, abs(there - state.t)
+        self.crowd = self.crowd + 1 if state.t == self.landed else 1
+        self.landed, length = there, there - state.t
         state.reals[[r.T, r.LOW]] = there, 0.0
-        state.reals[[r.SCALE, r.ONCE]] = math.copysign(self.length, there - state.t), math.inf
-        state.counts[r.TRIES] = 0
+        state.reals[[r.SCALE, r.ONCE, r.LIMIT]] = length, math.inf, math.inf
+        state.counts[[r.TRIES, r.FAILS]] = 0
         state.y[:] = y
 
-
-def _steady(
-    kernel: Kernel, parameters: FloatArray, start: tuple[float, FloatArray], end: tuple[float, FloatArray]
-) -> bool:
-    """Return whether the accelerations at both ends are nearly the same."""
-    n = len(start[1]) // 2
-    try:
-        first, last = (kernel(t, y, parameters)[n:] for t, y in (start, end))
-    except SingularMassMatrix:
-        return False
-    largest = float(np.max(np.abs([first, last])))
-    return math.isfinite(largest) and bool(np.max(np.abs(last - first)) <= CHANGE * largest)
+    def _steady(self, t: float, y: FloatArray, there: float, end: FloatArray) -> bool:
+        """Return whether the accelerations at both ends of a leap are nearly the same."""
+        kernel, parameters, n = self.problem.model.kernel("rhs"), self.problem.parameter_array, len(y) // 2
+        try:
+            first, last = kernel(t, y, parameters)[n:], kernel(there, end, parameters)[n:]
+        except SingularMassMatrix:
+            return False
+        own = np.maximum(np.abs(first), np.abs(last))
+        slow = np.maximum(np.abs(y[n:]), np.abs(end[n:])) / abs(self.problem.t1 - self.problem.t0)
+        return bool(np.isfinite(own).all() and (np.abs(last - first) <= CHANGE * np.maximum(own, slow)).all())

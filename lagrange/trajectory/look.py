@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -10,8 +11,10 @@ import numpy as np
 
 from lagrange.machine.backend import Series, SingularMassMatrix
 from lagrange.machine.driver import DriverState
+from lagrange.machine.taylor import REACH
 from lagrange.program.recurrence import LARGEST_POWER
 from lagrange.program.series import SeriesProgram
+from lagrange.trajectory.roots import Side
 from lagrange.trajectory.trajectory import FloatArray
 
 TILT = 2.0**-26
@@ -22,6 +25,9 @@ NOISE = 4 * 2.0**-52
 
 SLACK = 64.0
 """The series of an expression may end this many tolerances above the end of the state's: it is a sum of products."""
+
+JUMP = 1e-4
+"""What is watched is not zero where it is larger than this part of its largest term."""
 
 BALANCE = 256.0
 """A step without a length of its own ends where what grows with the square of time is this much larger than the rest:
@@ -60,12 +66,15 @@ class Look:
             noise = np.abs(moved - watched[0]) * (NOISE / TILT)
         return cls(scale, unit(t, scale), rtol, rows, watched, np.where(noise < math.inf, noise, 0.0))
 
-    def trusted(self, s: float) -> tuple[float, int]:
+    def trusted(self, s: float, *, wary: bool = False) -> tuple[float, int]:
         """Return how much of a step the watched series reach with their accuracy, and which of them reaches least.
 
         The step is as long as the series of the state allow. That of an expression such as log(x) may end earlier.
+        Of a series that hides what it grows to, a `wary` look trusts no more than half of the radius that it shows.
         """
         far = reach(self.watched, s, self.rtol, self.noise)
+        if wary:
+            far = np.minimum(far, 2.0**REACH * shown_radius(self.watched))
         least = int(np.argmin(far))
         s = min(s, float(far[least]))
         return (self._balanced(s) if self.ends else s), least
@@ -109,6 +118,13 @@ class Look:
         """What is watched in a unit of time in which its terms can be compared; see `near`."""
         return near(self.watched, self.unit, self.rtol, self.noise)
 
+    def jumps(self, s: float, relay: Sequence[Side]) -> list[int]:
+        """Return what has changed its sign since the step before without a zero: an angle behind the cut of atan2."""
+        largest = (np.abs(self.watched) * (s ** _ranks(len(self.watched) - 1))[:, None]).max(axis=0)
+        here = self.watched[0]
+        changed = np.array([side.sign for side in relay]) * here < 0
+        return np.flatnonzero(changed & (np.abs(here) > JUMP * largest)).tolist()
+
     @property
     def ends(self) -> bool:
         """Whether the series of the state terminate, and say nothing about the length of a step."""
@@ -134,6 +150,21 @@ def degree(program: SeriesProgram) -> int:
         else:
             found.append(LARGEST_POWER if op == "power" else max(powers, default=1))
     return max((found[value] for value in program.watched if value is not None), default=0)
+
+
+def hides(program: SeriesProgram) -> bool:
+    """Return whether there are functions whose series begin far below all others, and grow beyond them."""
+    return any(instruction.op in ("exp", "tanh", "sinh", "cosh") for instruction in program.start.instructions)
+
+
+def shown_radius(series: FloatArray) -> FloatArray:
+    """Return the radius of convergence that the last rows of the columns show, (k,): rows four apart, as for a step."""
+    last = len(series) - 1
+    with np.errstate(all="ignore"):
+        sizes = np.log2(np.abs(series))
+        pairs = [(sizes[max(late - 4, 1)], sizes[late], late - max(late - 4, 1)) for late in (last - 1, last)]
+        found = [np.where(np.isfinite(a - b), (a - b) / apart, math.inf) for a, b, apart in pairs]
+        return np.asarray(2.0 ** np.maximum(*found))
 
 
 def reach(series: FloatArray, s: float, rtol: float, noise: FloatArray | float = 0.0) -> FloatArray:

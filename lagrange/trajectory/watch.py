@@ -10,15 +10,17 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
 from lagrange.machine.driver import DriverState
+from lagrange.machine.taylor import FAILURES
 from lagrange.trajectory.impact import Impact
 from lagrange.trajectory.leap import Leaps
-from lagrange.trajectory.look import Look, degree, near, signed_scale, state_at, unit
+from lagrange.trajectory.look import Look, degree, hides, near, signed_scale, state_at, unit
+from lagrange.trajectory.meeting import Meeting, Occurrence, PlannedStep
 from lagrange.trajectory.roots import Root, Side, roots
 from lagrange.trajectory.sides import Sliding, apparent_sides, is_zero, leaving, settled_sides
 from lagrange.trajectory.trajectory import FloatArray, Status
@@ -45,23 +47,6 @@ AGAIN = 3
 """How often in a row that is."""
 
 
-@dataclass(frozen=True)
-class _Meeting:
-    """A root of something that is watched: its place among the watched, and when, in units of the scale."""
-
-    which: int
-    root: Root
-
-
-@dataclass(frozen=True)
-class _Occurrence:
-    """An event: when, the state there (2n,), and the accepted steps without which it has not happened."""
-
-    t: float
-    y: FloatArray
-    steps: int
-
-
 class Watch:
     """Watches the surfaces, then the events, along the run of one state."""
 
@@ -78,12 +63,13 @@ class Watch:
         self.series, self.order, self.driver, self.parameters = series, order, driver, parameters
         self.impacts, self.names, self.leaps = tuple(impacts), names, leaps
         self.surfaces = series.program.sides
-        self.steep = degree(series.program) > order
+        self.steep = degree(series.program) > order or hides(series.program)
         self.sides = np.zeros(self.surfaces)
         self.relay = [Side()] * (self.surfaces + len(self.impacts))
-        self.occurrences: list[list[_Occurrence]] = [[] for _ in self.impacts]
+        self.occurrences: list[list[Occurrence]] = [[] for _ in self.impacts]
         self.epochs: list[tuple[int, FloatArray]] = []
-        self.pending: list[_Meeting] = []
+        self.pending: list[Meeting] = []
+        self.planned = PlannedStep()
         self.starting: frozenset[int] = frozenset()
         self.state: DriverState | None = None
         self._last: tuple[object, Look] | None = None
@@ -107,14 +93,14 @@ class Watch:
         size = 2 * self.series.program.dimension
         return tuple(np.array([one.y for one in found]).reshape(-1, size) for found in self._happened())
 
-    def _happened(self) -> list[list[_Occurrence]]:
+    def _happened(self) -> list[list[Occurrence]]:
         """Return the events up to the last accepted step: a run may end before the step that was looked at."""
         reached = 0 if self.state is None else self.state.count(S.STEPS)
         return [[one for one in found if one.steps <= reached] for found in self.occurrences]
 
     def begin(self, state: DriverState) -> Verdict:
         """Find the side of every surface at the start of the run."""
-        self.state = state
+        self.state, self.planned = state, PlannedStep()
         verdict = self._start(state, {})
         if verdict.status is None:
             self.pending = self._impacts_at_once(state)
@@ -122,22 +108,27 @@ class Watch:
 
     def meet(self, state: DriverState) -> Verdict:
         """Decide on the step that the driver proposes: set its length, or do what happens at its start."""
+        if state.count(S.STEPS) < self.planned.steps:
+            self._forget()
         if self.pending:
             return self._finish(state)
         look = self._look(state)
         if not np.isfinite(look.watched).all():
             return undefined(self.names(), look.watched)
         h, left = float(state.reals[S.H]), float(state.reals[S.END] - state.t - state.reals[S.LOW])
-        s, limiting = look.trusted(h / look.scale)
+        s, limiting = look.trusted(h / look.scale, wary=self.steep)
         if self.steep:
             s, limiting = look.verified(s, limiting, self.series, state.t, state.y, self.values)
         whole = s == h / look.scale
         if not whole and abs(s * look.scale) < TOGETHER * abs(state.t) + 2.0**-70 * abs(left):
             return without_series(self.names()[limiting], float(look.watched[0, limiting]))
+        for which in look.jumps(s, self.relay):
+            self.relay[which] = Side(int(np.sign(look.watched[0, which])))
         found, after = self._roots(look, s, last=whole and h == left)
         cut = self._first_change(found)
         if cut is not None:
             return self._shorten(cut.root.time, found, look, state)
+        self._remember(state)
         self._record(found, look, state)
         self.relay, self.starting = after, frozenset()
         state.reals[S.ONCE] = abs(h if whole else s * look.scale)
@@ -152,7 +143,7 @@ class Watch:
 
     def arrived(self, state: DriverState) -> bool:
         """Whether the state is where something pending is to happen, though no series may begin there."""
-        return bool(self.pending) and state.reals[S.ONCE] == math.inf
+        return bool(self.pending) and state.count(S.STEPS) == self.planned.steps
 
     def leap(self, state: DriverState) -> Verdict | None:
         """Leap over a point without a series; return how the run goes on from there, or None if it cannot."""
@@ -163,7 +154,11 @@ class Watch:
                 continue
             sides = [self.relay[i].sign for i in events]
             ends = np.sign(self._look(state, y).watched[0, events])
-            if all(end == side or 0 in (end, side) for end, side in zip(ends, sides, strict=True)):
+            resets = [self.impacts[i - self.surfaces].reset for i in events]
+            if all(
+                end == side or end == 0 or (side == 0 and not reset)
+                for end, side, reset in zip(ends, sides, resets, strict=True)
+            ):
                 self.leaps.land(state, there, y, state.count(S.STEPS) + self.jumps)
                 self.jumps += 1
                 self.driver.restart(state)
@@ -191,6 +186,7 @@ class Watch:
         except SingularMassMatrix:
             return Verdict(Status.SINGULAR)
         if not np.isfinite(look.watched).all():
+            self.relay = [Side(int(sign)) for sign in np.sign(np.nan_to_num(look.watched[0]))]
             return undefined(self.names(), look.watched)
         self._go_on(state)
         columns = list(look.near.T)
@@ -207,7 +203,7 @@ class Watch:
         def surfaces(sides: FloatArray) -> FloatArray:
             values = np.concatenate([self.parameters, sides])
             rows = self.series.rows(self.order, state.t, state.y, scale, values)
-            return near(rows[:, size : size + self.surfaces], unit(state.t, scale), self._rtol(state))
+            return near(rows[:, size : size + self.surfaces], unit(state.t, scale), float(state.reals[S.RTOL]))
 
         return surfaces
 
@@ -219,7 +215,7 @@ class Watch:
             self.epochs.append((state.count(S.STEPS) + self.jumps, values))
         state.counts[S.LOOK] = 1
 
-    def _impacts_at_once(self, state: DriverState) -> list[_Meeting]:
+    def _impacts_at_once(self, state: DriverState) -> list[Meeting]:
         """Return the events that happen at the very start: those that would turn the motion back where it starts.
 
         A zero at the start is no event otherwise. But a ball that starts on the floor and falls is to bounce.
@@ -232,7 +228,7 @@ class Watch:
                 impact.apply(state.t, state.y, y)
                 g = self._look(state, y).near[:, which]
                 passes = is_zero(g) and leaving(g) == (impact.direction, 1)
-                found += [] if passes else [_Meeting(which, Root(0.0, impact.direction))]
+                found += [] if passes else [Meeting(which, Root(0.0, impact.direction))]
         return found
 
     def _look(self, state: DriverState, y: FloatArray | None = None) -> Look:
@@ -241,12 +237,12 @@ class Watch:
         y = state.y if y is None else y
         key = (state.t, scale, y.tobytes(), values.tobytes())
         if self._last is None or self._last[0] != key:
-            self._last = key, Look.at(self.series, self.order, state.t, y, scale, values, self._rtol(state))
+            self._last = key, Look.at(self.series, self.order, state.t, y, scale, values, float(state.reals[S.RTOL]))
         return self._last[1]
 
-    def _roots(self, look: Look, s: float, *, last: bool) -> tuple[list[_Meeting], list[Side]]:
+    def _roots(self, look: Look, s: float, *, last: bool) -> tuple[list[Meeting], list[Side]]:
         """Return the roots of all that is watched on a step, in order, and the sides at its end."""
-        found: list[_Meeting] = []
+        found: list[Meeting] = []
         after = []
         for which, before in enumerate(self.relay):
             g, noise = look.watched[:, which], float(look.noise[which])
@@ -254,11 +250,11 @@ class Watch:
                 # What starts at zero is divided by time: its root there is known, and the next may be close.
                 g, noise = g[1:], 0.0
             met, side = roots(g, s, before, noise=noise, last=last)
-            found += [_Meeting(which, root) for root in met]
+            found += [Meeting(which, root) for root in met]
             after.append(side)
         return sorted(found, key=lambda m: m.root.time), after
 
-    def _first_change(self, found: Iterable[_Meeting]) -> _Meeting | None:
+    def _first_change(self, found: Iterable[Meeting]) -> Meeting | None:
         """Return the first root that changes the motion: a surface is crossed, an event ends the run or has a reset."""
         seen = [len(times) for times in self.occurrences]
         for meeting in found:
@@ -272,7 +268,7 @@ class Watch:
                     return meeting
         return None
 
-    def _shorten(self, s: float, found: list[_Meeting], look: Look, state: DriverState) -> Verdict:
+    def _shorten(self, s: float, found: list[Meeting], look: Look, state: DriverState) -> Verdict:
         """End the step at the root at s; what happens there is pending until the driver comes back at its end."""
         while True:
             close = TOGETHER * max(abs(state.t / look.scale), s)
@@ -288,21 +284,37 @@ class Watch:
             s = first.root.time
         waiting = {m.which for m in pending}
         late = [m for m in found if m.root.time >= s - close]
+        self._remember(state)
         self.pending = pending + [m for m in late if m.which not in waiting]
+        if any(m.which >= self.surfaces and self._impact(m).root for m in self.pending):
+            # Forces may have a kink there, and its other side be what the state, rounded, is on: no step proves itself.
+            state.counts[S.FAILS] = FAILURES
         self._record([m for m in found if m.root.time < s - close], look, state)
         self.relay, self.starting = after, frozenset()
         state.reals[S.ONCE] = s * abs(look.scale)
         state.counts[S.LOOK] = 1
         return Verdict()
 
-    def _record(self, found: Iterable[_Meeting], look: Look, state: DriverState) -> None:
+    def _remember(self, state: DriverState) -> None:
+        """Keep what holds before a step: the driver takes back a step that does not prove itself."""
+        counts = tuple(map(len, self.occurrences))
+        self.planned = PlannedStep(state.count(S.STEPS) + 1, tuple(self.relay), self.starting, counts)
+
+    def _forget(self) -> None:
+        """Let what was planned for a step that was taken back not have happened."""
+        self.pending, self.relay, self.starting = [], list(self.planned.relay), self.planned.starting
+        for found, count in zip(self.occurrences, self.planned.counts, strict=True):
+            del found[count:]
+        self.planned = PlannedStep()
+
+    def _record(self, found: Iterable[Meeting], look: Look, state: DriverState) -> None:
         """Keep the events among some roots on the next step."""
         for meeting in found:
             place = meeting.which - self.surfaces
             if place >= 0 and self.impacts[place].counts(meeting.root.rising):
                 t = float(state.t + state.reals[S.LOW] + meeting.root.time * look.scale)
                 y = state_at(state.y, look.rows, meeting.root.time)
-                self.occurrences[place].append(_Occurrence(t, y, state.count(S.STEPS) + 1))
+                self.occurrences[place].append(Occurrence(t, y, state.count(S.STEPS) + 1))
 
     def _finish(self, state: DriverState) -> Verdict:
         """Do what is pending at the state: surfaces are crossed, events kept, the state is reset or the run ended."""
@@ -322,7 +334,7 @@ class Watch:
         roots_met = [m for m in met if self._impact(m).root]
         met = [m for m in met if not self._impact(m).root]
         for m in met:
-            here = _Occurrence(state.t, state.y.copy(), state.count(S.STEPS))
+            here = Occurrence(state.t, state.y.copy(), state.count(S.STEPS))
             self.occurrences[m.which - self.surfaces].append(here)
         ends = any(0 < self._impact(m).terminal <= len(self.occurrences[m.which - self.surfaces]) for m in met)
         resets = [m for m in met if self._impact(m).reset]
@@ -332,7 +344,7 @@ class Watch:
             return Verdict(Status.EVENT)
         return rootless(self.names()[roots_met[0].which]) if roots_met and verdict.status is None else verdict
 
-    def _behind_the_kink(self, met: Sequence[_Meeting], before: Sequence[Side], state: DriverState) -> list[_Meeting]:
+    def _behind_the_kink(self, met: Sequence[Meeting], before: Sequence[Side], state: DriverState) -> list[Meeting]:
         """Return events met on a surface as the motion leaves it: an event may turn back there, as abs(x) does."""
         found = []
         for m in met:
@@ -341,13 +353,10 @@ class Watch:
             found.append(replace(m, root=Root(m.root.time, after if after != before[m.which].sign else 0)))
         return found
 
-    def _rtol(self, state: DriverState) -> float:
-        return float(state.reals[S.RTOL])
-
-    def _impact(self, meeting: _Meeting) -> Impact:
+    def _impact(self, meeting: Meeting) -> Impact:
         return self.impacts[meeting.which - self.surfaces]
 
-    def _jump(self, met: Sequence[_Meeting], state: DriverState, *, ends: bool) -> Verdict:
+    def _jump(self, met: Sequence[Meeting], state: DriverState, *, ends: bool) -> Verdict:
         """Reset the state, every event from the state before, and start the motion anew."""
         before, after = state.y.copy(), state.y.copy()
         at_zero = np.abs(self._look(state).watched[0])
@@ -368,7 +377,7 @@ class Watch:
                     return replace(at_rest(self.names()[m.which]), jumped=True)
         return replace(began, jumped=True)
 
-    def _cross(self, crossed: Sequence[_Meeting], state: DriverState) -> Verdict:
+    def _cross(self, crossed: Sequence[Meeting], state: DriverState) -> Verdict:
         """Go on with the other side of each surface that is crossed, if the motion leaves to it.
 
         What stayed on a surface by itself may not do so with the new equations.
@@ -387,7 +396,7 @@ class Watch:
         self._go_on(state)
         return Verdict()
 
-    def _accumulates(self, found: Sequence[_Meeting], state: DriverState) -> bool:
+    def _accumulates(self, found: Sequence[Meeting], state: DriverState) -> bool:
         """Whether changes of the motion follow one another so closely that time stands still."""
         if abs(state.t - self.last_change) > CLOSEST * max(abs(state.t), 1e-290):
             self.crowd.clear()

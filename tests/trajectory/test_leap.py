@@ -98,7 +98,8 @@ def test_a_force_that_jumps_is_not_leapt_over(force: Any) -> None:
 
 def test_a_root_that_leaves_its_domain_is_not_leapt_over() -> None:
     found = lg.System(kinetic=x.dot**2 / 2, forces={x: -sqrt(1 - x) / 100}).run(5.0, {x: 0.0, x.dot: 1.0})
-    assert found.status is lg.Status.NON_FINITE and found[x][-1] == pytest.approx(1.0, abs=1e-6)
+    assert found.status in (lg.Status.NON_FINITE, lg.Status.STEP_TOO_SMALL)
+    assert found[x][-1] == pytest.approx(1.0, abs=1e-6)
 
 
 def test_dry_friction_written_as_a_root_is_not_leapt_over() -> None:

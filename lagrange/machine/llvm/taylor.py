@@ -17,7 +17,7 @@ from lagrange.machine.driver import OUTCOMES, DriverState, Outcome
 from lagrange.machine.llvm.body import prepared_size, shares_angle_function
 from lagrange.machine.llvm.engine import Module, inversion, lanes, linear_solver
 from lagrange.machine.llvm.kernel import ATTRIBUTES, METADATA, QUICKLY, prepare_function
-from lagrange.machine.llvm.memory import address
+from lagrange.machine.llvm.memory import address, workspace
 from lagrange.machine.llvm.packing import Packing, pack
 from lagrange.machine.llvm.spelling import intrinsics, library_functions
 from lagrange.machine.llvm.taylor_cost import cheapest_order, is_large
@@ -167,7 +167,7 @@ class LlvmTaylorDriver:
 
     def __init__(self, compiled: CompiledJet, order: int, parameters: FloatArray) -> None:
         self._compiled, self._order = compiled, order
-        self._work = np.zeros(compiled.layout.size(order))
+        self._work = workspace(compiled.layout.size(order))
         self._y = self._work[: compiled.layout.dimension]
         self._arguments = np.zeros(RUN.COUNT, dtype=np.int64)
         self._entries: Any = self._arguments.data

@@ -14,7 +14,7 @@ from lagrange.program.series import SeriesProgram
 
 @dataclass(frozen=True)
 class TaylorLayout:
-    """Where things stand in the work memory: the state, what its rounding lost, and the rows of coefficients.
+    """Where things stand in the work memory: the state, what its rounding lost, what is held, and the rows.
 
     `dimension` is 2n. `width` doubles lie between two rows; a row begins with q and v, and its coefficients of what
     is watched begin at `watched_at`. With an order of 0 the code serves every order. `scratch` doubles follow the rows.
@@ -40,6 +40,11 @@ class TaylorLayout:
     @property
     def rows(self) -> int:
         """Where the rows begin."""
+        return 5 * self.padded
+
+    @property
+    def held(self) -> int:
+        """Where what is held of a step begins: the state before it, what rounding lost of that, and a derivative."""
         return 2 * self.padded
 
     def coefficients(self, work: FloatArray, order: int) -> FloatArray:
@@ -49,8 +54,8 @@ class TaylorLayout:
         return np.concatenate([rows[:, : self.dimension], rows[:, watched]], axis=1)
 
     def size(self, order: int) -> int:
-        """Return the length of the work memory."""
-        return self.rows + (order + 1) * self.width + self.scratch + 8
+        """Return the length of the work memory: a state and its rows twice, for a look ahead overwrites them."""
+        return 2 * (self.rows + (order + 1) * self.width + self.scratch) + 8
 
 
 class Slots:

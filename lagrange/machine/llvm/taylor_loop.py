@@ -12,27 +12,23 @@ from lagrange.machine.driver import DriverState, Outcome
 from lagrange.machine.llvm.calls import bump, leave_if
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.powers import EXP2, logarithm, polynomial, power_of_two, rounded
-from lagrange.machine.llvm.spelling import element, number
 from lagrange.machine.llvm.taylor_layout import TaylorLayout
+from lagrange.machine.llvm.taylor_proof import Proof
+from lagrange.machine.llvm.taylor_size import StepSize
+from lagrange.machine.llvm.taylor_sum import derivatives, increments, looped
 from lagrange.machine.taylor import (
     BEYOND,
     EARLIEST,
     FARTHEST,
-    GUARD,
     LONGER,
     NEAR_END,
     NEAREST,
     OVERFLOWED,
-    ROWS_SEEN,
     SHORTER,
     SHORTEST,
     SPACING,
     TRIES,
-    VANISHED,
 )
-
-TILE = 16
-"""How many vectors of the state are summed in one loop."""
 
 
 def drive_function(layout: TaylorLayout) -> str:
@@ -44,13 +40,10 @@ class _Loop:
     def __init__(self, layout: TaylorLayout) -> None:
         self.layout = layout
         self.e = Emitter()
-        self.kind = element(layout.lanes)
+        self.size = StepSize(self.e, layout)
+        self.proof = Proof(self.e, layout, self.size)
+        self.kind, self.rows, self.order = self.size.kind, self.size.rows, self.size.order
         self.low = self.e.address("%work", layout.padded)
-        self.rows = self.e.address("%work", layout.rows)
-        self.order = str(layout.order) if layout.order else "%order"
-        self.reciprocals = [self.minus_one_over(less) for less in (1, 0)]
-        # Minus the binary logarithm of the relative tolerance.
-        self.digits = self.e.value(f"fneg double {logarithm(self.e, self.e.get('%reals', DriverState.RTOL))}")
 
     def function(self) -> str:
         e, r = self.e, DriverState
@@ -59,32 +52,62 @@ class _Loop:
         begun = e.get("%counts", r.STEPS, "i64")
         with e.when(e.value(f"icmp eq i64 {begun}, 0")):
             self.begin(end)
-        with e.loop(0, "%budget"):
-            t, low = e.get("%reals", r.T), e.get("%reals", r.LOW)
-            leave_if(e, e.real("fcmp oeq", t, end), Outcome.DONE)
-            scale = e.get("%reals", r.SCALE)
-            arguments = f"double {t}, double {scale}, ptr %work, ptr %p, ptr %c, ptr {self.rows}, i64 {self.order}"
-            status = e.value(f"call i32 @jet({arguments})")
-            bump(e, r.EVALUATIONS, 1)
-            leave_if(e, e.value(f"icmp ne i32 {status}, 0"), Outcome.SINGULAR)
-            exponent = self.exponent()
-            name = e.fresh("usable")
-            reach = self.reach(t, low, end, scale)
-            e.do(f"br i1 {self.fits(exponent, reach)}, label %{name}.yes, label %{name}.no")
-            e.label(f"{name}.no")
-            self.rescale(exponent, reach, scale)
-            e.jump(f"{name}.end")
-            e.label(f"{name}.yes")
-            self.step(t, low, end, scale, exponent)
-            e.jump(f"{name}.end")
-            e.label(f"{name}.end")
-        reached = e.real("fcmp oeq", e.get("%reals", r.T), end)
-        e.do(f"ret i32 {e.value(f'select i1 {reached}, i32 {int(Outcome.DONE)}, i32 {int(Outcome.PAUSED)}')}")
+        # The last turn does no more than prove the last step.
+        with e.loop(0, e.value("add nsw i64 %budget, 1")) as turn:
+            self.turn(end, e.value(f"icmp eq i64 {turn}, %budget"))
+        e.do(f"ret i32 {int(Outcome.PAUSED)}")
         return e.function(
             "define internal i32 @drive(ptr noalias readonly %p, ptr noalias readonly %c, ptr noalias %reals, "
             "ptr noalias %counts, ptr noalias %work, i64 %budget, ptr noalias %times, ptr noalias %states, "
             "i64 %order) #0"
         )
+
+    def turn(self, end: str, last: str) -> None:
+        """Look from where the run stands, prove the step that led there, and take the next one."""
+        e, r, name = self.e, DriverState, self.e.fresh("turn")
+        t, low, scale = (e.get("%reals", which) for which in (r.T, r.LOW, r.SCALE))
+        there = e.real("fcmp oeq", t, end)
+        waiting = self.proof.open()
+        self.leave(waiting, there, last)
+        status = e.value(f"call i32 @jet({self.arguments(t, scale)})")
+        bump(e, r.EVALUATIONS, 1)
+        singular = e.value(f"icmp ne i32 {status}, 0")
+        weights = self.size.weights()
+        e.do(f"br i1 {waiting}, label %{name}.prove, label %{name}.on")
+        e.label(f"{name}.prove")
+        proven = self.proof.holds(singular, weights)
+        e.do(f"br i1 {proven}, label %{name}.proven, label %{name}.back")
+        e.label(f"{name}.back")
+        self.proof.take_back()
+        e.jump(f"{name}.end")
+        e.label(f"{name}.proven")
+        self.proof.record(t)
+        leave_if(e, there, Outcome.DONE)
+        leave_if(e, last, Outcome.PAUSED)
+        e.jump(f"{name}.on")
+        e.label(f"{name}.on")
+        leave_if(e, singular, Outcome.SINGULAR)
+        exponent = self.size.exponent(weights)
+        reach = self.reach(t, low, end, scale)
+        e.do(f"br i1 {self.fits(exponent, reach)}, label %{name}.yes, label %{name}.no")
+        e.label(f"{name}.no")
+        self.rescale(exponent, reach, scale)
+        e.jump(f"{name}.end")
+        e.label(f"{name}.yes")
+        self.step(t, low, end, scale, exponent, weights, f"{name}.end")
+        e.jump(f"{name}.end")
+        e.label(f"{name}.end")
+
+    def leave(self, waiting: str, there: str, last: str) -> None:
+        """Come back where no step waits for its proof and none is to be taken."""
+        e = self.e
+        idle = e.value(f"xor i1 {waiting}, true")
+        leave_if(e, e.value(f"and i1 {idle}, {there}"), Outcome.DONE)
+        leave_if(e, e.value(f"and i1 {idle}, {last}"), Outcome.PAUSED)
+
+    def arguments(self, t: str, scale: str) -> str:
+        """Return the arguments of the jet at the state."""
+        return f"double {t}, double {scale}, ptr %work, ptr %p, ptr %c, ptr {self.rows}, i64 {self.order}"
 
     def begin(self, end: str) -> None:
         """Nothing is lost yet, and the scale of time has the sign of the run's direction."""
@@ -96,123 +119,12 @@ class _Loop:
         size = e.fabs(e.get("%reals", r.SCALE))
         e.put(e.choose(backwards, e.value(f"fneg double {size}"), size), "%reals", r.SCALE)
 
-    def exponent(self) -> str:
-        """Return the binary logarithm of the step in units of the scale: both last coefficients stay in bounds."""
-        e, weights = self.e, self.weights()
-        # The earlier rows come first: they are known long before the last.
-        guards = [self.guarded(less, weights) for less in range(2, ROWS_SEEN)]
-        least = guards[0]
-        for guard in guards[1:]:
-            least = e.choose(e.real("fcmp olt", guard, least), guard, least)
-        logs = []
-        for less, reciprocal in zip((1, 0), self.reciprocals, strict=True):
-            logs.append(e.real("fmul", logarithm(e, self.ratio(self.row_at(less), weights)), reciprocal))
-        bound = e.smaller(*logs)
-        found = e.reserve("double")
-        e.store(e.choose(e.real("fcmp olt", least, bound), least, bound), found)
-        with e.when(self.ends(e.load(found))):
-            self.look_back(found, weights)
-        return e.load(found)
-
-    def guarded(self, less: int, weights: list[str]) -> str:
-        """Return what an earlier row says of the step: the radius that it shows, at the last order; see `GUARD`."""
-        e = self.e
-        reciprocal = self.minus_one_over(less)
-        own = e.real("fmul", logarithm(e, self.ratio(self.row_at(less), weights)), reciprocal)
-        apart = e.real("fsub", self.reciprocals[1], reciprocal)
-        return e.real("fadd", e.fma(self.digits, apart, own), literal(GUARD))
-
-    def look_back(self, found: str, weights: list[str]) -> None:
-        """Where both last coefficients are zero, let the upper half of the others keep in bounds as well.
-
-        They are zero too if the series terminates; a series in the fourth power of time has gaps of that size.
-        """
-        e = self.e
-        half = e.value(f"add nsw i64 {e.value(f'lshr i64 {self.order}, 1')}, 1")
-        with e.loop(half, e.value(f"sub nsw i64 {self.order}, 1")) as k:
-            row = e.address(self.rows, e.value(f"mul nsw i64 {k}, {self.layout.width}"))
-            share = e.real("fdiv", literal(-1.0), e.value(f"sitofp i64 {k} to double"))
-            bound = e.real("fmul", logarithm(e, self.ratio(row, weights)), share)
-            e.store(e.smaller(e.load(found), bound), found)
-
-    def minus_one_over(self, less: int) -> str:
-        """Return -1 over the order less some, at least 1."""
-        if self.layout.order:
-            return literal(-1.0 / max(self.layout.order - less, 1))
-        number = self.e.value(f"sitofp i64 {self.before(less)} to double")
-        return self.e.real("fdiv", literal(-1.0), number)
-
-    def before(self, less: int) -> str:
-        """Return the order less some, at least 1, where it is known at run time only."""
-        k = self.e.value(f"sub nsw i64 %order, {less}")
-        return self.e.value(f"call i64 @llvm.smax.i64(i64 {k}, i64 1)") if less > 1 else k
-
-    def row_at(self, less: int) -> str:
-        """Return the address of one of the last rows."""
-        if self.layout.order:
-            return self.e.address(self.rows, max(self.layout.order - less, 1) * self.layout.width)
-        return self.e.address(self.rows, self.e.value(f"mul nsw i64 {self.before(less)}, {self.layout.width}"))
-
-    def weights(self) -> list[str]:
-        """Return one over the tolerance of each entry of the state."""
-        e, kind, lanes = self.e, self.kind, self.layout.lanes
-        rtol, atol = (e.splat(e.get("%reals", which), self.kind) for which in (DriverState.RTOL, DriverState.ATOL))
-        found = []
-        for place in range(0, self.layout.padded, lanes):
-            y = e.fabs(e.load(e.address("%work", place), kind), kind)
-            moved = e.fabs(self.entries(self.e.address(self.rows, self.layout.width), place), kind)
-            size = e.value(f"bitcast <{lanes} x i64> {self.largest([y, moved])} to {kind}")
-            tolerance = e.fma(rtol, size, atol, kind)
-            found.append(e.value(f"fdiv {kind} {number(1.0, lanes)}, {tolerance}"))
-        return found
-
-    def ratio(self, row: str, weights: list[str]) -> str:
-        """Return the largest coefficient of a row over its tolerance, NaN if one is not a number."""
-        e, kind, lanes = self.e, self.kind, self.layout.lanes
-        sizes = []
-        for i, weight in enumerate(weights):
-            size = e.fabs(self.entries(row, i * lanes), kind)
-            sizes.append(e.value(f"fmul {kind} {size}, {weight}"))
-        return self.largest_entry(sizes)
-
-    def largest(self, values: list[str]) -> str:
-        """Return the largest of some vectors of sizes, entry by entry, as integers.
-
-        The bits of doubles that are not negative are in their order, NaN beyond all others, and integers compare
-        faster than doubles that may be NaN.
-        """
-        e, lanes = self.e, self.layout.lanes
-        integers = f"<{lanes} x i64>"
-        bits = [e.value(f"bitcast {self.kind} {value} to {integers}") for value in values]
-        total = bits[0]
-        for other in bits[1:]:
-            total = e.value(f"call {integers} @llvm.umax.v{lanes}i64({integers} {total}, {integers} {other})")
-        return total
-
-    def largest_entry(self, values: list[str]) -> str:
-        """Return the largest of all entries of some vectors of sizes, NaN if one is."""
-        lanes = self.layout.lanes
-        total = self.e.value(f"call i64 @llvm.vector.reduce.umax.v{lanes}i64(<{lanes} x i64> {self.largest(values)})")
-        return self.e.value(f"bitcast i64 {total} to double")
-
-    def row(self, k: int, place: int) -> str:
-        """Return the address of an entry of a row."""
-        return self.e.address(self.rows, k * self.layout.width + place)
-
-    def entries(self, row: str, place: int) -> str:
-        """Return some coefficients of the state; behind its end there are zeros."""
-        return self.e.load(self.e.address(row, place), self.kind)
-
     def reach(self, t: str, low: str, end: str, scale: str) -> str:
         """Return the binary logarithm of what is left of the run, or of the longest step, in units of the scale."""
         e, r = self.e, DriverState
         left = e.fabs(e.real("fsub", e.real("fsub", end, t), low))
         longest = e.smaller(left, e.get("%reals", r.LONGEST))
         return logarithm(e, e.real("fdiv", longest, e.fabs(scale)))
-
-    def ends(self, exponent: str) -> str:
-        """Whether a series has no last coefficients: it terminates, or they are too small for doubles."""
-        return self.e.real("fcmp ogt", exponent, self.e.real("fmul", self.reciprocals[1], literal(VANISHED)))
 
     def fits(self, exponent: str, reach: str) -> str:
         """Whether the step is near the scale of time, so that no coefficient has left the range of doubles.
@@ -224,7 +136,7 @@ class _Loop:
         steps, tries = (e.get("%counts", which, "i64") for which in (DriverState.STEPS, DriverState.TRIES))
         first = e.value(f"icmp eq i64 {e.value(f'or i64 {steps}, {tries}')}, 0")
         near = e.real("fcmp olt", e.fabs(exponent), e.choose(first, literal(NEAREST), literal(FARTHEST)))
-        whole = e.value(f"and i1 {self.ends(exponent)}, {e.real('fcmp olt', reach, literal(1.0))}")
+        whole = e.value(f"and i1 {self.size.ends(exponent)}, {e.real('fcmp olt', reach, literal(1.0))}")
         tried = e.value(f"icmp sge i64 {tries}, {TRIES}")
         good = e.value(f"and i1 {tried}, {e.real('fcmp ord', exponent, exponent)}")
         return e.value(f"or i1 {e.value(f'or i1 {near}, {whole}')}, {good}")
@@ -243,12 +155,12 @@ class _Loop:
         bump(e, r.TRIES, 1)
         infinite = e.real("fcmp olt", exponent, literal(OVERFLOWED))
         overflow = e.value(f"or i1 {e.real('fcmp uno', exponent, exponent)}, {infinite}")
-        longer = e.choose(self.ends(exponent), e.smaller(reach, literal(LONGER)), exponent)
+        longer = e.choose(self.size.ends(exponent), e.smaller(reach, literal(LONGER)), exponent)
         whole = rounded(e, e.choose(overflow, literal(SHORTER), longer))
         e.put(e.real("fmul", scale, power_of_two(e, whole)), "%reals", r.SCALE)
 
-    def step(self, t: str, low: str, end: str, scale: str, exponent: str) -> None:
-        """Choose the step, look out for what is watched, and take it.
+    def step(self, t: str, low: str, end: str, scale: str, exponent: str, weights: list[str], elsewhere: str) -> None:
+        """Choose the step, look out for what is watched, and take it; go elsewhere if it is none.
 
         All is in units of the scale, and what does not depend on the coefficients comes first: the processor has it
         done when the last coefficient arrives.
@@ -257,7 +169,8 @@ class _Loop:
         inverse = e.real("fdiv", literal(1.0), e.fabs(scale))
         left = e.real("fsub", e.real("fsub", end, t), low)
         whole_way = e.real("fmul", e.fabs(left), inverse)
-        limit = e.smaller(e.get("%reals", r.LONGEST), e.get("%reals", r.ONCE))
+        own = e.smaller(e.get("%reals", r.LONGEST), e.get("%reals", r.LIMIT))
+        limit = e.smaller(own, e.get("%reals", r.ONCE))
         bound = e.smaller(e.real("fmul", limit, inverse), whole_way)
         spacing = e.real("fmul", e.larger(e.fabs(t), literal(EARLIEST)), literal(SPACING))
         whole = rounded(e, exponent)
@@ -268,21 +181,24 @@ class _Loop:
         bounded = e.real("fcmp oge", e.real("fmul", natural, literal(NEAR_END)), bound)
         s = e.choose(bounded, bound, natural)
         final = e.value(f"and i1 {bounded}, {e.real('fcmp oeq', bound, whole_way)}")
-        short = e.real("fcmp olt", natural, e.real("fmul", spacing, inverse))
+        wanted = e.smaller(natural, e.real("fmul", own, inverse))
+        short = e.real("fcmp olt", wanted, e.real("fmul", spacing, inverse))
         leave_if(e, e.value(f"and i1 {short}, {e.value(f'xor i1 {final}, true')}"), Outcome.STEP_TOO_SMALL)
         h = e.choose(final, left, e.real("fmul", s, scale))
         e.put(h, "%reals", r.H)
+        self.proof.probe(t, scale, s, h, weights, self.size.ends(exponent), elsewhere)
         if self.layout.watched:
             self.look_out(s)
-        good = self.advance(s)
+        # A series that terminates says nothing about the next one.
+        ends = e.real("fcmp ogt", whole, literal(FARTHEST))
+        longer = power_of_two(e, e.choose(ends, literal(0.0), whole))
+        good = self.advance(s, longer)
         leave_if(e, e.value(f"xor i1 {good}, true"), Outcome.NON_FINITE)
+        self.proof.hold(t, low, scale, h)
         self.accept(t, low, h, end, final)
         e.put("0", "%counts", r.TRIES, "i64")
         e.put(literal(float("inf")), "%reals", r.ONCE)
-        # A series that terminates says nothing about the next one.
-        ends = e.real("fcmp ogt", whole, literal(FARTHEST))
-        nearest = e.choose(ends, literal(0.0), whole)
-        e.put(e.real("fmul", scale, power_of_two(e, nearest)), "%reals", r.SCALE)
+        e.put(e.real("fmul", scale, longer), "%reals", r.SCALE)
 
     def look_out(self, s: str) -> None:
         """Come back before a step on which something that is watched may vanish, unless told to take it once."""
@@ -299,14 +215,22 @@ class _Loop:
             unsafe = e.value(f"or i1 {unsafe}, {near}")
         leave_if(e, e.value(f"and i1 {asked}, {unsafe}"), Outcome.WATCHED)
 
-    def advance(self, s: str) -> str:
-        """Add the series to the state, compensated; return whether it stayed finite, else the state stays."""
+    def advance(self, s: str, longer: str) -> str:
+        """Add the series to the state, compensated; return whether it stayed finite, else the state stays.
+
+        The state before is held, and the derivative at the end, in units of the next scale.
+        """
         e, kind, layout = self.e, self.kind, self.layout
-        square = e.real("fmul", s, s)
-        powers = [e.splat(power, kind) for power in (s, square, e.real("fmul", square, square))]
-        fresh: list[tuple[int, str, str]] = []
-        increments = self.increments(*powers) if layout.order else self.looped_increments(powers[0])
-        for place, increment in increments:
+        fresh: list[tuple[int, str, str, str, str]] = []
+        if layout.order:
+            moves = increments(e, self.size, s)
+            slopes = derivatives(e, self.size, s)
+        else:
+            moves, slopes = looped(e, self.size, self.size.entries, s)
+        factor = e.splat(longer, kind)
+        for place, slope in slopes:
+            e.store(e.value(f"fmul {kind} {slope}, {factor}"), self.proof.slope(place), kind)
+        for place, increment in moves:
             low = e.load(e.address(self.low, place), kind)
             y = e.load(e.address("%work", place), kind)
             added = e.value(f"fadd {kind} {increment}, {low}")
@@ -314,67 +238,23 @@ class _Loop:
             back = e.value(f"fsub {kind} {total}, {y}")
             first = e.value(f"fsub {kind} {y}, {e.value(f'fsub {kind} {total}, {back}')}")
             second = e.value(f"fsub {kind} {added}, {back}")
-            fresh.append((place, total, e.value(f"fadd {kind} {first}, {second}")))
-        largest = self.largest_entry([e.fabs(total, kind) for _, total, _ in fresh])
+            fresh.append((place, y, low, total, e.value(f"fadd {kind} {first}, {second}")))
+        largest = self.size.largest_entry([e.fabs(total, kind) for _, _, _, total, _ in fresh])
         good = e.real("fcmp olt", largest, literal(float("inf")))
         with e.when(good):
-            for place, total, lost in fresh:
+            for place, y, low, total, lost in fresh:
+                e.store(y, self.proof.before(place), kind)
+                e.store(low, self.proof.lost_before(place), kind)
                 e.store(total, e.address("%work", place), kind)
                 e.store(lost, e.address(self.low, place), kind)
         return good
 
-    def increments(self, s1: str, s2: str, s4: str) -> list[tuple[int, str]]:
-        """Return the sums of x[k] s**k over k > 0: four chains in s**4, which take a quarter of the time of one."""
-        e, kind, found = self.e, self.kind, []
-        for place in range(0, self.layout.padded, self.layout.lanes):
-            chains = [self.horner(first, place, s4) for first in (1, 2, 3, 4)]
-            odd = e.fma(s2, chains[2], chains[0], kind)
-            even = e.fma(s2, chains[3], chains[1], kind)
-            found.append((place, e.fma(s1, odd, e.value(f"fmul {kind} {s2}, {even}"), kind)))
-        return found
-
-    def horner(self, first: int, place: int, s4: str) -> str:
-        """Return the sum of x[k] s**(k - first) over k = first, first + 4, ..."""
-        e, kind = self.e, self.kind
-        orders = range(first, self.layout.order + 1, 4)
-        total = e.load(self.row(orders[-1], place), kind)
-        for k in reversed(orders[:-1]):
-            total = e.fma(total, s4, e.load(self.row(k, place), kind), kind)
-        return total
-
-    def looped_increments(self, s1: str) -> list[tuple[int, str]]:
-        """Return the sums of x[k] s**k over k > 0 for any order: one chain for each vector, some vectors at a time."""
-        e, kind = self.e, self.kind
-        found: list[tuple[int, str]] = []
-        places = list(range(0, self.layout.padded, self.layout.lanes))
-        for begin in range(0, len(places), TILE):
-            tile = places[begin : begin + TILE]
-            with e.carry(0, "%order", [(kind, number(0.0, self.layout.lanes))] * len(tile)) as loop:
-                k = e.value(f"sub nsw i64 %order, {loop.index}")
-                row = e.address(self.rows, e.value(f"mul nsw i64 {k}, {self.layout.width}"))
-                loop.following = [
-                    e.value(f"fmul {kind} {e.value(f'fadd {kind} {total}, {self.entries(row, place)}')}, {s1}")
-                    for total, place in zip(loop.values, tile, strict=True)
-                ]
-            found += zip(tile, loop.values, strict=True)
-        return found
-
     def accept(self, t: str, low: str, h: str, end: str, final: str) -> None:
-        """Move on in time, compensated, count the step and record it."""
+        """Move on in time, compensated."""
         e, r = self.e, DriverState
         added = e.real("fadd", h, low)
         total = e.real("fadd", t, added)
         back = e.real("fsub", total, t)
         lost = e.real("fadd", e.real("fsub", t, e.real("fsub", total, back)), e.real("fsub", added, back))
-        after = e.choose(final, end, total)
-        e.put(after, "%reals", r.T)
+        e.put(e.choose(final, end, total), "%reals", r.T)
         e.put(e.choose(final, literal(0.0), lost), "%reals", r.LOW)
-        bump(e, r.STEPS, 1)
-        keep = e.value(f"icmp ne i64 {e.get('%counts', r.RECORD, 'i64')}, 0")
-        with e.when(keep):
-            row = e.get("%counts", r.ROWS, "i64")
-            e.put(after, "%times", row)
-            target = e.address("%states", e.value(f"mul nsw i64 {row}, {self.layout.dimension}"))
-            size = 8 * self.layout.dimension
-            e.do(f"call void @llvm.memcpy.p0.p0.i64(ptr {target}, ptr %work, i64 {size}, i1 false)")
-            bump(e, r.ROWS, 1)

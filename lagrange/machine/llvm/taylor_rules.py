@@ -163,7 +163,20 @@ def _divided(jet: Orders, chunk: Chunk, lanes: int, left: Vector, b: Operand) ->
 def _sqrt(jet: Orders, chunk: Chunk, lanes: int) -> Vector:
     left = jet.do.less(jet.now(chunk.args[0]), jet.total(chunk, 0), lanes)
     half = jet.do.scale(jet.over(chunk.whole), number(0.5, lanes), lanes)
-    return jet.do.scale(left, half or number(0.0, lanes), lanes)
+    return _flat(jet, chunk, chunk.whole, jet.do.scale(left, half or number(0.0, lanes), lanes))
+
+
+def _flat(jet: Orders, chunk: Chunk, zeroed: Operand, found: Vector) -> Vector:
+    """Return what was found for a root, or where it begins at zero: zero while its argument stays zero, else NaN."""
+    (a,) = chunk.args
+    e, lanes = jet.e, len(chunk.values)
+    kind = element(lanes)
+    truth = "i1" if lanes == 1 else f"<{lanes} x i1>"
+    zero, undefined = number(0.0, lanes), number(float("nan"), lanes)
+    dead = e.value(f"fcmp oeq {kind} {jet.first(zeroed)}, {zero}")
+    still = e.value(f"fcmp oeq {kind} {jet.now(a) or zero}, {zero}")
+    value = e.value(f"select {truth} {still}, {kind} {zero}, {kind} {undefined}")
+    return e.value(f"select {truth} {dead}, {kind} {value}, {kind} {found or zero}")
 
 
 def _power(jet: Orders, chunk: Chunk, lanes: int) -> Vector:
@@ -180,7 +193,8 @@ def _power(jet: Orders, chunk: Chunk, lanes: int) -> Vector:
     left = jet.do.less(ranked, jet.total(chunk, 1), lanes)
     slope = jet.do.scale(jet.first(chunk.whole), exponent, lanes)
     left = jet.do.fma(jet.now(a), slope, left, lanes)
-    return jet.do.scale(left, jet.over(a), lanes)
+    total = jet.do.scale(left, jet.over(a), lanes)
+    return total if known is not None and max(known) < 0 else _flat(jet, chunk, a, total)
 
 
 def _integral(jet: Orders, chunk: Chunk, lanes: int) -> Vector:

@@ -73,7 +73,8 @@ class Taylor:
         tolerances = adaptive_settings(self.name, problem, None, self.rtol, self.atol, least=LEAST_RTOL)
         parameters = problem.parameter_array if problem.events else np.empty(0)
         events = [impact(problem.model, event, parameters) for event in problem.events]
-        impacts = (*events, *map(root_of, problem.model.square_roots))
+        roots = problem.model.square_roots(event.node for event in events)
+        impacts = (*events, *map(root_of, roots))
         series, _ = problem.model.series(tuple(one.node for one in impacts))
         tolerances = replace(tolerances, margin=MARGIN if tolerances.rtol >= ROUND_OFF else LEAST_MARGIN)
         return TaylorPlan(series, self.order or series.order(tolerances.rtol), tolerances, impacts)
@@ -142,11 +143,12 @@ def watched_names(problem: Problem) -> list[str]:
     """Return what is watched in the user's symbols: the surfaces, then the events."""
     model = problem.model
     events = tuple(model.equations.translate(event.expression) for event in problem.events)
-    _, switched = model.series((*events, *model.square_roots))
+    square_roots = model.square_roots(events)
+    _, switched = model.series((*events, *square_roots))
     plain = dict(model.statement.plain)
     surfaces = [model.equations.express(surface) for surface in switched.surfaces]
     shown = [*surfaces, *(event.expression for event in problem.events)]
     # SymPy would print sqrt(x**2) as Abs(x), which is what the user is asked to write instead.
-    roots = [model.equations.express(root.args[0]) for root in model.square_roots]
+    roots = [model.equations.express(root.args[0]) for root in square_roots]
     names = [str(expression.xreplace(plain))[:80] for expression in (*shown, *roots)]
     return [*names[: len(shown)], *(f"sqrt({name})" for name in names[len(shown) :])]

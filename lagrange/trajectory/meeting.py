@@ -1,0 +1,35 @@
+"""What a watch finds on a step: roots of what is watched, events, and what is planned for the step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from lagrange.trajectory.roots import Root, Side
+from lagrange.trajectory.trajectory import FloatArray
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """A root of something that is watched: its place among the watched, and when, in units of the scale."""
+
+    which: int
+    root: Root
+
+
+@dataclass(frozen=True)
+class Occurrence:
+    """An event: when, the state there (2n,), and the accepted steps without which it has not happened."""
+
+    t: float
+    y: FloatArray
+    steps: int
+
+
+@dataclass(frozen=True)
+class PlannedStep:
+    """The step that a run is to take next, by number, and what holds before it."""
+
+    steps: int = 0
+    relay: tuple[Side, ...] = ()
+    starting: frozenset[int] = frozenset()
+    counts: tuple[int, ...] = ()
