@@ -16,6 +16,7 @@ from lagrange.machine.taylor import (
     EARLIEST,
     FAILURES,
     FARTHEST,
+    GROWN,
     GUARD,
     LONGER,
     NEAR_END,
@@ -97,6 +98,7 @@ class NumpyTaylorDriver:
         self._series, self._order, self._parameters = series, order, parameters
         self._low = np.zeros(2 * series.program.dimension)
         self._held: _Held | None = None
+        self._before = 0.0
 
     def use(self, parameters: FloatArray) -> None:
         """Go on with other numbers; see `TaylorDriver`."""
@@ -218,12 +220,18 @@ class NumpyTaylorDriver:
             return Outcome.STEP_TOO_SMALL
         h = left if final else math.copysign(size, scale)
         reals[S.H] = h
-        if ends and state.count(S.FAILS) < FAILURES and not self._probed(state, series, h):
+        if (
+            ends
+            and abs(h) > GROWN * self._before
+            and state.count(S.FAILS) < FAILURES
+            and not self._probed(state, series, h)
+        ):
             self._fail(state, abs(h))
             return Outcome.PAUSED
         watched = self._series.program.watched and reals[S.ONCE] == math.inf
         if watched and (state.count(S.LOOK) or self._near(series, h / scale)):
             return Outcome.WATCHED
+        self._before = abs(h)
         held = _Held(float(reals[S.T]), float(reals[S.LOW]), scale, h, state.y.copy(), self._low)
         slope = self._advance(state, series, h / scale)
         if slope is None:

@@ -36,8 +36,9 @@ order p has a derivative of p tolerances over the step; in ten scenes at five to
 RETREAT, FAILURES = 0.25, 24
 """A step that fails is tried again at a quarter of its length, so many times: then it is as short as round-off."""
 
-PROBES = 32
-"""A series that terminates says nothing about what lies ahead: it is compared with the equations at so many places."""
+PROBES, GROWN = 32, 2.0
+"""A series that terminates says nothing about what lies ahead: it is compared with the equations at so many places of a
+step that is so many times as long as the one before."""
 
 ZERO, VANISHED = -900.0, -800.0
 """Powers of two, as parts of the tolerance: the first stands for zero where a logarithm is taken, and a coefficient

@@ -63,7 +63,7 @@ class Watch:
         self.series, self.order, self.driver, self.parameters = series, order, driver, parameters
         self.impacts, self.names, self.leaps = tuple(impacts), names, leaps
         self.surfaces = series.program.sides
-        self.steep = degree(series.program) > order or hides(series.program)
+        self.steep, self.hidden = degree(series.program) > order, hides(series.program)
         self.sides = np.zeros(self.surfaces)
         self.relay = [Side()] * (self.surfaces + len(self.impacts))
         self.occurrences: list[list[Occurrence]] = [[] for _ in self.impacts]
@@ -116,7 +116,7 @@ class Watch:
         if not np.isfinite(look.watched).all():
             return undefined(self.names(), look.watched)
         h, left = float(state.reals[S.H]), float(state.reals[S.END] - state.t - state.reals[S.LOW])
-        s, limiting = look.trusted(h / look.scale, wary=self.steep)
+        s, limiting = look.trusted(h / look.scale, wary=self.hidden)
         if self.steep:
             s, limiting = look.verified(s, limiting, self.series, state.t, state.y, self.values)
         whole = s == h / look.scale
@@ -132,7 +132,7 @@ class Watch:
         self._record(found, look, state)
         self.relay, self.starting = after, frozenset()
         state.reals[S.ONCE] = abs(h if whole else s * look.scale)
-        state.counts[S.LOOK] = int(self.steep or look.ends or not all(side.settled for side in after))
+        state.counts[S.LOOK] = int(self.steep or self.hidden or look.ends or not all(side.settled for side in after))
         return Verdict()
 
     def end(self, state: DriverState) -> Verdict:
@@ -154,10 +154,10 @@ class Watch:
                 continue
             sides = [self.relay[i].sign for i in events]
             ends = np.sign(self._look(state, y).watched[0, events])
-            resets = [self.impacts[i - self.surfaces].reset for i in events]
+            # A zero from which the motion begins is no event, but one with a reset is not to be leapt over either.
             if all(
-                end == side or end == 0 or (side == 0 and not reset)
-                for end, side, reset in zip(ends, sides, resets, strict=True)
+                b in (0, a) or (a == 0 and not self.impacts[i - self.surfaces].reset)
+                for i, a, b in zip(events, sides, ends, strict=True)
             ):
                 self.leaps.land(state, there, y, state.count(S.STEPS) + self.jumps)
                 self.jumps += 1

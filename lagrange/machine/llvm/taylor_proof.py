@@ -12,7 +12,7 @@ from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.taylor_layout import TaylorLayout
 from lagrange.machine.llvm.taylor_size import StepSize
 from lagrange.machine.llvm.taylor_sum import looped
-from lagrange.machine.taylor import DEFECT, FAILURES, NOISE, PROBES, RETREAT
+from lagrange.machine.taylor import DEFECT, FAILURES, GROWN, NOISE, PROBES, RETREAT
 
 
 class Proof:
@@ -24,6 +24,7 @@ class Proof:
         self.waiting = e.reserve("i1")
         e.store("false", self.waiting, "i1")
         self.t, self.low, self.scale, self.h = (e.reserve("double") for _ in range(4))
+        e.store(literal(0.0), self.h)
         self.held = e.address("%work", layout.held)
         self.tolerances = self.share()
 
@@ -128,7 +129,11 @@ class Proof:
         e = self.e
         bad = e.reserve("i1")
         e.store("false", bad, "i1")
-        with e.when(e.value(f"and i1 {wanted}, {e.value(f'xor i1 {self.hopeless()}, true')}")), e.loop(1, PROBES) as j:
+        longer = e.real("fcmp ogt", e.fabs(h), e.real("fmul", literal(GROWN), e.fabs(e.load(self.h))))
+        wanted = e.value(
+            f"and i1 {e.value(f'and i1 {wanted}, {longer}')}, {e.value(f'xor i1 {self.hopeless()}, true')}"
+        )
+        with e.when(wanted), e.loop(1, PROBES) as j:
             part = e.real("fmul", e.value(f"sitofp i64 {j} to double"), literal(1.0 / PROBES))
             differs = e.value(f"xor i1 {self.probed(t, scale, e.real('fmul', s, part), s, weights)}, true")
             e.store(e.value(f"or i1 {e.load(bad, 'i1')}, {differs}"), bad, "i1")
