@@ -11,10 +11,9 @@ from lagrange.machine.backend import Driver, SingularMassMatrix
 from lagrange.machine.driver import DriverState, Outcome
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.messages import message, unsolved
-from lagrange.trajectory.plan import Plan
+from lagrange.trajectory.plan import Plan, Watcher
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 from lagrange.trajectory.verdict import Verdict
-from lagrange.trajectory.watch import Watch
 
 BURST = 0.02
 """Seconds of steps between two looks at the clock, the step limit and Ctrl-C."""
@@ -70,6 +69,7 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
         try:
             driver = plan.driver(problem.model, parameters)
             watch = plan.watch(problem, driver)
+            driver = driver if watch is None else watch.driver
             # Compiling, which comes once for many runs, is no part of a run.
             began = time.perf_counter()
             status, detail = _bursts(problem, driver, watch, state, rows, began)
@@ -130,7 +130,7 @@ def _first_look(problem: Problem, name: str, parameters: FloatArray) -> tuple[St
 
 
 def _bursts(
-    problem: Problem, driver: Driver, watch: Watch | None, state: DriverState, rows: _Rows, began: float
+    problem: Problem, driver: Driver, watch: Watcher | None, state: DriverState, rows: _Rows, began: float
 ) -> tuple[Status, str]:
     """Advance until something ends the run; return what did, and a sentence on it where there is more to say."""
     burst = 64

@@ -15,7 +15,8 @@ from lagrange.statement.declare import initial_state
 from lagrange.statement.event import declare_events
 from lagrange.statement.number import real_number
 from lagrange.trajectory.integrator import Integrator, Problem
-from lagrange.trajectory.methods.registry import DEFAULT, find, table
+from lagrange.trajectory.methods.registry import DEFAULT, find
+from lagrange.trajectory.plan import promises
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 MAX_STEPS = 10_000_000
@@ -81,11 +82,10 @@ def integrate(
 
 def _check_events(problem: Problem, integrator: Integrator) -> None:
     """Refuse events for a method that cannot locate them."""
-    if problem.events and not integrator.claims.events:
-        able = [row.name for row in table() if row.claims.events]
+    if problem.events and not promises(integrator).events:
         raise StatementError(
-            f"{integrator.name} does not locate events: use {listing(able)}, or leave events empty and look for "
-            "the crossing with solution.at(t)."
+            f"{integrator.name} does not locate events: use {DEFAULT} or another method with a plan of its own, such "
+            "as dop853, or leave events empty and look for the crossing with solution.at(t)."
         )
 
 

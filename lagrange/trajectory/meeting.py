@@ -1,11 +1,10 @@
-"""What a watch finds on a step: roots of what is watched, events, and what is planned for the step."""
+"""What a watch finds on a step, and what it plans for it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from lagrange.trajectory.roots import Root, Side
-from lagrange.trajectory.trajectory import FloatArray
 
 
 @dataclass(frozen=True)
@@ -14,15 +13,6 @@ class Meeting:
 
     which: int
     root: Root
-
-
-@dataclass(frozen=True)
-class Occurrence:
-    """An event: when, the state there (2n,), and the accepted steps without which it has not happened."""
-
-    t: float
-    y: FloatArray
-    steps: int
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ class PiecewisePath:
     """The path through a run's steps: times (K,) between its ends to states (2n, K).
 
     `edges` (steps + 1,) are the times of the accepted states, rising or falling, `start` (2n,) the first of them, and
-    `pieces` the interpolants between, each from times (k,) to states (2n, k).
+    `pieces` the interpolants between, each from times (k,) to states (2n, k). At a joint the later one counts.
     """
 
     edges: FloatArray
@@ -27,7 +27,7 @@ class PiecewisePath:
         states = np.repeat(self.start[:, None], len(times), axis=1)
         if self.pieces:
             forward = np.sign(self.edges[-1] - self.edges[0])
-            found = np.searchsorted(forward * self.edges, forward * times) - 1
+            found = np.searchsorted(forward * self.edges, forward * times, side="right") - 1
             found = np.clip(found, 0, len(self.pieces) - 1)
             order = np.argsort(found, kind="stable")
             for group in np.split(order, np.flatnonzero(np.diff(found[order])) + 1):

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -14,9 +15,12 @@ from lagrange.machine.driver import DriverState
 from lagrange.machine.model import Model
 from lagrange.program.actions import LAWS
 from lagrange.program.step import StepProgram
-from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.dense import StepPath
+from lagrange.trajectory.integrator import Claims, Integrator, Problem
+from lagrange.trajectory.piecewise import PiecewisePath
+from lagrange.trajectory.step_watch import StepWatch
 from lagrange.trajectory.trajectory import FloatArray
-from lagrange.trajectory.watch import Watch
+from lagrange.trajectory.verdict import Verdict
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,41 @@ Path = Callable[[FloatArray], FloatArray]
 """Dense output: from times (K,) to states (2n, K)."""
 
 
+class Watcher(Protocol):
+    """What finds events along a run, and does what happens there."""
+
+    @property
+    def driver(self) -> Driver:
+        """What advances the run, and comes back where there is something to do."""
+
+    @property
+    def occurrences(self) -> Sequence[Sequence[Any]]:
+        """What happened so far, for each thing that is watched."""
+
+    @property
+    def t_events(self) -> tuple[FloatArray, ...]:
+        """The times of each event, (k,), up to the last accepted step."""
+
+    @property
+    def y_events(self) -> tuple[FloatArray, ...]:
+        """The states at each event, (k, 2n)."""
+
+    def begin(self, state: DriverState) -> Verdict:
+        """Begin at the start of a run."""
+
+    def meet(self, state: DriverState) -> Verdict:
+        """Do what there is to do at the state, where the driver came back for it."""
+
+    def end(self, state: DriverState) -> Verdict:
+        """Do what there is to do at the end of the run."""
+
+    def arrived(self, state: DriverState) -> bool:
+        """Whether something is to happen at the state although the driver found no step from there."""
+
+    def leap(self, state: DriverState) -> Verdict | None:
+        """Go on behind a point from which the driver finds no step; return how, or None where there is no way."""
+
+
 class Plan(Protocol):
     """A method made ready for a model."""
 
@@ -57,10 +96,10 @@ class Plan(Protocol):
     def driver(self, model: Model, parameters: FloatArray) -> Driver:
         """Return a driver for parameters (k,)."""
 
-    def watch(self, problem: Problem, driver: Any) -> Watch | None:
+    def watch(self, problem: Problem, driver: Any) -> Watcher | None:
         """Return what watches events and switching surfaces for the plan's driver, or None where there is nothing."""
 
-    def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: Watch | None) -> Path:
+    def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: Any) -> Path:
         """Return the dense output from the accepted times (S+1,) and states (S+1, 2n), and what was watched."""
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
@@ -75,18 +114,24 @@ class Planned(Protocol):
         """Return the plan. Raises StatementError for a setting without a use."""
 
 
+def promises(integrator: Integrator) -> Claims:
+    """Return what a method promises: one with a plan has the events of the driver, whatever it says of itself."""
+    claims = integrator.claims
+    return replace(claims, events=True) if isinstance(integrator, Planned) else claims
+
+
 @dataclass(frozen=True)
 class StepPlan:
     """The plan of a method that is a step program."""
 
     step: StepProgram
     tolerances: Tolerances
-    path_of: Callable[[Problem, FloatArray, FloatArray], Path]
+    path_of: Callable[[Problem, FloatArray, FloatArray], StepPath]
     form: str = ""
 
     @property
     def watched(self) -> bool:
-        """Nothing: a step program has no series in which to find roots."""
+        """Nothing but the events of a run: a step program goes over switching surfaces."""
         return False
 
     def driver(self, model: Model, parameters: FloatArray) -> Driver:
@@ -95,12 +140,31 @@ class StepPlan:
         derivative = model.kernel(law.derivative) if self.step.solves else None
         return model.machine.driver(self.step, model.kernel(law.quantity), parameters, derivative)
 
-    def watch(self, problem: Problem, driver: Driver) -> None:
-        """Return None: a step program has no series in which to find roots."""
+    def watch(self, problem: Problem, driver: Driver) -> StepWatch | None:
+        """Return what watches the events of the run, if it has any."""
+        if not problem.events:
+            return None
+        return StepWatch(problem, driver, partial(self.path_of, problem), fixed=self.step.control is None)
 
-    def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: Watch | None) -> Path:
-        """Return the dense output that the method has; nothing is watched."""
-        return self.path_of(problem, times, states)
+    def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: StepWatch | None) -> Path:
+        """Return the dense output that the method has, of each motion between two resets by itself."""
+        if watch is None or not watch.breaks:
+            return self.path_of(problem, times, states)
+        edges, pieces, begin = [times[0]], [], 0
+        for one in watch.breaks:
+            end = one.row + 1
+            if end > len(times):
+                break
+            t, y = times[begin:end], states[begin:end]
+            if one.whole is not None:
+                t, y = np.append(t[:-1], one.whole[0]), np.concatenate([y[:-1], one.whole[1][None]])
+            pieces.append(self.path_of(problem, t, y))
+            edges.append(times[one.row])
+            begin = end
+        if begin < len(times):
+            pieces.append(self.path_of(problem, times[begin:], states[begin:]))
+            edges.append(times[-1])
+        return PiecewisePath(np.array(edges), states[0], tuple(pieces))
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
         """Take the failed step again, by Euler's method if it is implicit; see `Plan`."""

@@ -90,3 +90,12 @@ def without_series(name: str, value: float) -> Verdict:
         f"{name}, which is watched, has a pole there or leaves its domain: its value is {value:.4g}, and no series of "
         "it leads on. End the run before it, or watch an expression without the division, root or logarithm.",
     )
+
+
+def without_value(name: str, value: float) -> Verdict:
+    """Return the end of a run at a place behind which an event has no value."""
+    return Verdict(
+        Status.NON_FINITE,
+        f"{name}, which is watched, has a pole there or leaves its domain: its value is {value:.4g}, and behind it "
+        "there is none. End the run before it, or watch an expression without the division, root or logarithm.",
+    )

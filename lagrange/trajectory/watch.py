@@ -7,8 +7,6 @@ is done: the run ends, the state is reset, or the equations go on with the other
 
 from __future__ import annotations
 
-import math
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
@@ -20,7 +18,8 @@ from lagrange.machine.taylor import FAILURES
 from lagrange.trajectory.impact import Impact
 from lagrange.trajectory.leap import Leaps
 from lagrange.trajectory.look import Look, degree, hides, near, signed_scale, state_at, unit
-from lagrange.trajectory.meeting import Meeting, Occurrence, PlannedStep
+from lagrange.trajectory.meeting import Meeting, PlannedStep
+from lagrange.trajectory.occurrence import TOGETHER, Crowd, Occurrence, states_of, times_of
 from lagrange.trajectory.roots import Root, Side, roots
 from lagrange.trajectory.sides import Sliding, apparent_sides, is_zero, leaving, settled_sides
 from lagrange.trajectory.trajectory import FloatArray, Status
@@ -36,15 +35,6 @@ from lagrange.trajectory.verdict import (
 )
 
 S = DriverState
-
-TOGETHER = 4 * 2.0**-52
-"""Roots closer than this part of the time happen at once."""
-
-CLOSEST = 64 * 2.0**-52
-"""An event or surface that is met again and again closer than this part of the time accumulates."""
-
-AGAIN = 3
-"""How often in a row that is."""
 
 
 class Watch:
@@ -74,8 +64,7 @@ class Watch:
         self.state: DriverState | None = None
         self._last: tuple[object, Look] | None = None
         self.jumps = 0
-        self.last_change = -math.inf
-        self.crowd: Counter[int] = Counter()
+        self.crowd = Crowd()
 
     @property
     def values(self) -> FloatArray:
@@ -85,18 +74,13 @@ class Watch:
     @property
     def t_events(self) -> tuple[FloatArray, ...]:
         """The times of each event, (k,)."""
-        return tuple(np.array([one.t for one in found]) for found in self._happened())
+        return times_of(self.occurrences, 0 if self.state is None else self.state.count(S.STEPS))
 
     @property
     def y_events(self) -> tuple[FloatArray, ...]:
         """The states at each event, (k, 2n)."""
-        size = 2 * self.series.program.dimension
-        return tuple(np.array([one.y for one in found]).reshape(-1, size) for found in self._happened())
-
-    def _happened(self) -> list[list[Occurrence]]:
-        """Return the events up to the last accepted step: a run may end before the step that was looked at."""
-        reached = 0 if self.state is None else self.state.count(S.STEPS)
-        return [[one for one in found if one.steps <= reached] for found in self.occurrences]
+        steps = 0 if self.state is None else self.state.count(S.STEPS)
+        return states_of(self.occurrences, steps, 2 * self.series.program.dimension)
 
     def begin(self, state: DriverState) -> Verdict:
         """Find the side of every surface at the start of the run."""
@@ -319,7 +303,7 @@ class Watch:
     def _finish(self, state: DriverState) -> Verdict:
         """Do what is pending at the state: surfaces are crossed, events kept, the state is reset or the run ended."""
         found, self.pending = self.pending, []
-        if self._accumulates(found, state):
+        if self.crowd.accumulates(state.t, (m.which for m in found)):
             return accumulating(self.names()[found[0].which])
         before = list(self.relay)
         for m in found:
@@ -395,11 +379,3 @@ class Watch:
         self.starting |= choices.keys()
         self._go_on(state)
         return Verdict()
-
-    def _accumulates(self, found: Sequence[Meeting], state: DriverState) -> bool:
-        """Whether changes of the motion follow one another so closely that time stands still."""
-        if abs(state.t - self.last_change) > CLOSEST * max(abs(state.t), 1e-290):
-            self.crowd.clear()
-        self.last_change = state.t
-        self.crowd.update(m.which for m in found)
-        return max(self.crowd.values()) > AGAIN

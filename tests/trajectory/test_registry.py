@@ -75,7 +75,7 @@ def test_anything_with_the_protocol_runs() -> None:
 def test_the_table_of_methods() -> None:
     rows = {row.name: row for row in table()}
     assert set(NAMES) <= set(rows)
-    assert rows["verlet"].claims == Claims(order=2, symplectic=True, symmetric=True, dense=3)
+    assert rows["verlet"].claims == Claims(order=2, symplectic=True, symmetric=True, dense=3, events=True)
     text = str(table())
     assert text.splitlines()[0].split() == ["method", "order", "step", "symplectic", "symmetric", "A-stable", "about"]
     assert "rk4" in text and "fixed" in text and "adaptive" in text

@@ -53,7 +53,10 @@ def coupled() -> lg.System:
         ({"t_eval": [0.5, float("nan")]}, "t_eval contains nan, outside the time span"),
         ({"t_eval": [[0.5]]}, "t_eval has shape (1, 1)"),
         ({"t_eval": ["a"]}, "give a list of times"),
-        ({"events": [theta], "method": "rk4"}, "rk4 does not locate events: use taylor, or leave events empty"),
+        (
+            {"events": [theta], "method": "scipy-rk45"},
+            "scipy-rk45 does not locate events: use taylor or another method",
+        ),
         ({"events": lambda t, y: y[0]}, "give a SymPy expression whose zero is the event, such as theta - 1"),
         ({"events": "theta"}, "events is 'theta': give a list of expressions, or of lg.event(...)"),
         ({"events": [g - 9]}, "event 0 is g - 9, which stays as it is along a run"),

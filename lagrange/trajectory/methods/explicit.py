@@ -9,7 +9,7 @@ from typing import Any
 
 from lagrange.errors import StatementError
 from lagrange.program.step import Control, StepProgram, trace
-from lagrange.trajectory.dense import RungeKuttaPath
+from lagrange.trajectory.dense import RungeKuttaPath, StepPath, hermite_path
 from lagrange.trajectory.driver import drive
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods import classical, dop853, dopri5, tsit5
@@ -57,7 +57,10 @@ class RungeKutta:
         """Run the problem; see `Integrator`."""
         return drive(problem, self.plan(problem), self.name)
 
-    def _path(self, problem: Problem, times: FloatArray, states: FloatArray) -> RungeKuttaPath:
+    def _path(self, problem: Problem, times: FloatArray, states: FloatArray) -> StepPath:
+        dense, order = self.tableau.dense, self.tableau.order
+        if dense is None or dense.order < order - 1:
+            return hermite_path(order)(problem, times, states)
         return RungeKuttaPath(problem.model.kernel("rhs"), problem.parameter_array, times, states, self.tableau)
 
 

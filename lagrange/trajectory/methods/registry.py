@@ -24,6 +24,7 @@ from lagrange.trajectory.methods.splitting import (
     Yoshida6,
 )
 from lagrange.trajectory.methods.taylor import Taylor
+from lagrange.trajectory.plan import promises
 
 GROUP = "lagrange.integrators"
 """The entry-point group in which a package registers `name = module:class`; the class is called without arguments."""
@@ -138,7 +139,7 @@ def table() -> Table:
         integrator = find(name)
         summary = ((BUILT_IN[name] if name in BUILT_IN else type(integrator)).__doc__ or "").splitlines()
         about = summary[0] if summary else ""
-        rows.append(Row(name, integrator.claims, about.removeprefix("Return ").rstrip(".")))
+        rows.append(Row(name, promises(integrator), about.removeprefix("Return ").rstrip(".")))
     return Table(rows)
 
 

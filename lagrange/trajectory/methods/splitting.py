@@ -16,13 +16,13 @@ from typing import Any
 
 from lagrange.errors import StatementError
 from lagrange.program.step import StepProgram, trace
-from lagrange.trajectory.dense import HermitePath
+from lagrange.trajectory.dense import hermite_path
 from lagrange.trajectory.driver import drive
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.settings import fixed_settings
 from lagrange.trajectory.methods.words import check_words
 from lagrange.trajectory.plan import StepPlan
-from lagrange.trajectory.trajectory import FloatArray, Trajectory
+from lagrange.trajectory.trajectory import Trajectory
 
 Stages = tuple[tuple[float, float], ...]
 
@@ -80,22 +80,17 @@ class Splitting:
     @property
     def claims(self) -> Claims:
         """Order, symplecticity, and symmetry in time; the path between steps is the cubic one."""
-        return Claims(order=self.order, symplectic=True, symmetric=self.symmetric, dense=3)
+        return Claims(order=self.order, symplectic=True, symmetric=self.symmetric, dense=max(3, self.order - 1))
 
     def plan(self, problem: Problem) -> StepPlan:
         """Return the plan. Raises StatementError where the splitting is not legal."""
         check_splits(self.name, problem)
         tolerances = fixed_settings(self.name, problem, self.step, None, None)
-        return StepPlan(splitting_step(self.name, self.stages), tolerances, cubic_path)
+        return StepPlan(splitting_step(self.name, self.stages), tolerances, hermite_path(self.order))
 
     def integrate(self, problem: Problem) -> Trajectory:
         """Run the problem; see `Integrator`."""
         return drive(problem, self.plan(problem), self.name)
-
-
-def cubic_path(problem: Problem, times: FloatArray, states: FloatArray) -> HermitePath:
-    """Return the cubic path through accepted steps."""
-    return HermitePath(problem.model.kernel("rhs"), problem.parameter_array, times, states)
 
 
 def check_splits(name: str, problem: Problem) -> None:

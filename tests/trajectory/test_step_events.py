@@ -1,0 +1,274 @@
+"""Events of every method that is a step program, on the polynomial that each step leaves."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from sympy import Abs, cos, log, sin, sqrt, tan
+
+from lagrange.machine.model import Model
+from lagrange.statement.coordinate import t
+from lagrange.statement.event import event
+from lagrange.trajectory.methods.registry import find, table
+from lagrange.trajectory.trajectory import Status, Trajectory
+from tests.models import TARGETS, build, x, y
+from tests.trajectory.runs import FIXED, NAMES, STEPPED, run
+from tests.trajectory.watched import FALL, G, ball, floor, free, harmonic
+
+TIGHT: dict[str, dict[str, Any]] = {
+    name: {"rtol": 1e-12, "atol": 1e-14} if find(name).claims.adaptive else {"step": 1e-3} for name in STEPPED
+}
+SHARP = [name for name in ("rk4", "dopri5", "tsit5", "verner9", "dop853", "gauss2", "gauss3") if name in NAMES]
+"""Methods whose errors at the settings above stay below 1e-9 over some tens of time units."""
+
+
+def go(model: Model, end: float, events: Any, name: str, start: float = 0.0, **options: Any) -> Trajectory:
+    """Run with events, and hold the result to what every result must be."""
+    found = run(model, end, name, start, events=events, **{**TIGHT[name], **options})
+    forward = 1.0 if end >= start else -1.0
+    assert (forward * np.diff(found.t) >= 0).all() and np.isfinite(found.y).all()
+    for times, states in zip(found.t_events, found.y_events, strict=True):
+        assert states.shape == (len(times), len(found.y))
+        assert (forward * np.diff(times) >= 0).all()
+        if len(times):
+            assert forward * (times[-1] - found.span[1]) <= 4e-16 * abs(times[-1])
+            assert forward * (times[0] - start) >= 0
+    return found
+
+
+def test_every_step_program_locates_events() -> None:
+    able = {row.name for row in table() if row.claims.events}
+    assert able >= set(NAMES)
+
+
+@pytest.mark.parametrize("name", [name for name in (*SHARP, "verlet") if name in NAMES])
+def test_grazing_turns_of_a_pendulum(name: str) -> None:
+    """It passes 1 - eps twice at each return, and SciPy's DOP853 finds 1 to 11 of these 15 crossings."""
+    model = build(kinetic=x.dot**2 / 2, potential=-cos(x), initial={x: 1.0})
+    for depth in range(1, 7):
+        eps = 10.0**-depth
+        times = go(model, 50.0, [x - (1 - eps)], name).t_events[0]
+        assert len(times) == 15, (name, eps)
+        apart = math.sqrt(8 * eps / math.sin(1))
+        # Verlet's amplitude is off by some h**2 = 1e-6 times a tenth, and eps with it.
+        off = 0.2e-6 if name == "verlet" else 1e-10
+        assert np.diff(times)[1::2] == pytest.approx(apart, rel=0.5 * eps + off / eps)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", STEPPED)
+def test_directions_starts_and_ends(name: str, target: str) -> None:
+    """A zero at the start is no event, one at the end is; x = t is exact for every method."""
+    options = {} if find(name).claims.adaptive else {"step": 0.07}
+    events = [
+        x,
+        x - 1,
+        event(x - 1, direction=1),
+        event(x - 1, direction=-1),
+        (x - 0.5) ** 2,
+        x - 2,
+        t - 1.4,
+        x.dot - 2,
+    ]
+    found = go(free(target), 2.0, events, name, **options)
+    ones = pytest.approx([1.0], rel=1e-13)
+    # A double root is as uncertain as the square root of round-off.
+    touch, last = pytest.approx([0.5], abs=1e-6), pytest.approx([2.0], rel=1e-13)
+    assert [list(times) for times in found.t_events] == [[], ones, ones, [], touch, last, pytest.approx([1.4]), []]
+    assert found.y_events[1][0] == pytest.approx([1.0, 1.0], rel=1e-13) and found.status is Status.SUCCESS
+
+
+@pytest.mark.parametrize("end", [20.0, -20.0])
+@pytest.mark.parametrize("name", SHARP)
+def test_a_joint_is_crossed_once(name: str, end: float) -> None:
+    """sin has its zeros on the grid of equal steps, in either direction of the run."""
+    options = {"step": math.pi / 64} if name in FIXED else {}
+    found = go(harmonic(), end, [x, event(x, direction=1), x.dot], name, **options)
+    off = 1e-5 if name in FIXED else 1e-9
+    assert np.abs(found.t_events[0]) == pytest.approx(np.arange(1, 7) * math.pi, abs=off)
+    assert len(found.t_events[1]) == 3 and len(found.t_events[2]) == 6
+
+
+@pytest.mark.parametrize("name", STEPPED)
+@pytest.mark.parametrize(("terminal", "direction", "turns"), [(True, 0, 1), (1, -1, 1), (2, 1, 4), (3, 0, 3)])
+def test_a_terminal_event_ends_the_run(terminal: int, direction: int, turns: int, name: str) -> None:
+    """Nothing is kept of the steps that the burst took beyond it."""
+    found = go(harmonic(), 4000.0, [event(x, direction=direction, terminal=terminal), x.dot], name, max_steps=500_000)
+    assert found.status is Status.EVENT and len(found.t_events[0]) == terminal and len(found.t_events[1]) == turns
+    off = {1: 2e-2, 2: 1e-5}.get(find(name).claims.order, 1e-9)
+    assert found.t[-1] == found.t_events[0][-1] == found.span[1] == pytest.approx(turns * math.pi, abs=off)
+    assert found.y[:, -1].tolist() == found.y_events[0][-1].tolist() and found.steps == len(found.t) - 1
+    assert found.message.startswith(f"{name} stopped at an event at t = ")
+    assert found.dense(found.t[-1:])[:, 0] == pytest.approx(found.y[:, -1], abs=1e-14)
+
+
+def bounces(restitution: float, count: int) -> Any:
+    flights = 2 * FALL * restitution ** np.arange(1, count)
+    return FALL + np.concatenate([[0.0], np.cumsum(flights)])
+
+
+@pytest.mark.parametrize("level", [0.0, 3.0, 6.4e6])
+@pytest.mark.parametrize("restitution", [0.5, 0.9])
+@pytest.mark.parametrize("name", ["rk4", "dopri5", "dop853"])
+def test_a_ball_comes_to_rest_in_words(name: str, restitution: float, level: float) -> None:
+    """It never falls through. Flights below the spacing of doubles at the height of the floor have no height any more,
+    but a velocity: they end within the time of such flights, and each of hundreds may sink by some spacings."""
+    options = {"step": 0.05} if name == "rk4" else {"rtol": 1e-9, "atol": 1e-12}
+    found = go(ball(height=level + 1), 100.0, [floor(restitution, level)], name, **options)
+    end = FALL * (1 + restitution) / (1 - restitution)
+    assert found.status is Status.STEP_TOO_SMALL and "comes to rest" in found.message
+    spacing = 2.0**-52 * level
+    flight = 10 * math.sqrt(spacing / G)
+    assert found.t[-1] == pytest.approx(end, abs=1e-11 + flight)
+    assert found.y[0].min() >= level - 4e-13 - 3000 * spacing
+    times = found.t_events[0]
+    assert len(times) > 30 and times == pytest.approx(bounces(restitution, len(times)), abs=1e-11 + flight)
+
+
+@pytest.mark.parametrize("name", ["rk4", "verlet", "dopri5", "dop853"])
+def test_a_circular_billiard(name: str) -> None:
+    """Energy and angular momentum are conserved, and chords take the same time."""
+    r2 = x**2 + y**2
+    normal = (x * x.dot + y * y.dot) / r2
+    mirror = event(r2 - 1, direction=1, reset={x.dot: x.dot - 2 * normal * x, y.dot: y.dot - 2 * normal * y})
+    start = {x: 0.3, y: 0.1, x.dot: 0.7, y.dot: 0.5}
+    model = build(kinetic=(x.dot**2 + y.dot**2) / 2, coordinates=[x, y], initial=start)
+    found = go(model, 230.0, [mirror], name, **({"step": 0.3} if name in FIXED else {}))
+    spin = found.y[0] * found.y[3] - found.y[1] * found.y[2]
+    assert len(found.t_events[0]) == 100
+    assert np.ptp(spin) < 1e-11 and np.ptp((found.y[2:] ** 2).sum(axis=0)) < 1e-11
+    assert np.ptp(np.diff(found.t_events[0])) < 1e-9
+    assert (found.y[:2] ** 2).sum(axis=0).max() < 1 + 1e-11
+
+
+def test_both_walls_of_a_corner_at_once() -> None:
+    walls = [event(u * (1 - u), direction=-1, reset={u.dot: -u.dot}) for u in (x, y)]
+    model = build(
+        kinetic=(x.dot**2 + y.dot**2) / 2, coordinates=[x, y], initial={x: 0.5, y: 0.5, x.dot: 1.0, y.dot: 1.0}
+    )
+    for name in ("rk4", "dop853"):
+        found = go(model, 10.3, walls, name, **({"step": 0.25} if name == "rk4" else {}))
+        assert found.t_events[0] == pytest.approx(np.arange(10) + 0.5, rel=1e-11)
+        assert np.array_equal(found.t_events[0], found.t_events[1])
+        assert found.y[:, -1] == pytest.approx([0.8, 0.8, 1.0, 1.0], rel=1e-10)
+
+
+def test_the_grid_starts_anew_at_a_reset() -> None:
+    """Equal steps of 0.4 from each wall on, and nothing of the old grid behind it."""
+    saw = go(free(), 2.5, [event(x - 1, reset={x: 0})], "rk4", step=0.4)
+    assert saw.t == pytest.approx([0, 0.4, 0.8, 1, 1, 1.4, 1.8, 2, 2, 2.4, 2.5], rel=1e-14)
+    assert saw.steps == 8 and saw.t_events[0] == pytest.approx([1.0, 2.0], rel=1e-14)
+    times = np.linspace(0.0, 2.5, 26)[1:-1] + 0.01
+    assert saw.dense(times)[0] == pytest.approx(np.mod(times, 1.0), abs=1e-14)
+    same = go(free(), 2.5, [event(x - 1, reset={x: 0})], "rk4", step=0.4, t_eval=times)
+    assert np.array_equal(same.y, saw.dense(times))
+
+
+@pytest.mark.parametrize("name", ["rk4", "dop853"])
+def test_a_start_on_the_floor(name: str) -> None:
+    """A ball that starts there and falls bounces at once, one that rises does not; rest is said."""
+    falling = go(ball(height=0.0, speed=-2.0), 0.3, [floor(0.5)], name)
+    assert list(falling.t_events[0]) == [0.0, pytest.approx(2 / G, rel=1e-10)]
+    assert falling.y[:, 0].tolist() == [0.0, -2.0] and falling.y[:, 1].tolist() == [0.0, 1.0]
+    rising = go(ball(height=0.0, speed=2.0), 0.3, [floor(0.5)], name)
+    assert len(rising.t_events[0]) == 0 and rising.y[0, -1] == pytest.approx(0.6 - G * 0.09 / 2)
+    for rest in (go(ball(), 2.0, [floor(0)], name), go(ball(height=0.0), 2.0, [floor(0.9)], name)):
+        assert rest.status is Status.STEP_TOO_SMALL and len(rest.t_events[0]) == 1
+        assert "is zero without a velocity of its own and goes on to the same side" in rest.message
+
+
+@pytest.mark.parametrize(
+    ("expression", "words"),
+    [
+        (log(x), "log(x), which is watched, is -inf there"),
+        (sqrt(x - 1), "sqrt(x - 1), which is watched, is nan there"),
+        (tan(x + 1), "tan(x + 1), which is watched, has a pole there or leaves its domain"),
+        (1 / (x - 1), "1/(x - 1), which is watched, has a pole there or leaves its domain"),
+        (sqrt(1 - x), "sqrt(1 - x), which is watched, has a pole there or leaves its domain"),
+    ],
+)
+@pytest.mark.parametrize("name", ["rk4", "dop853"])
+def test_an_event_without_a_value_ends_the_run_in_words(name: str, expression: Any, words: str) -> None:
+    found = go(free(), 3.0, [expression, x - 0.25], name, **({"step": 0.11} if name == "rk4" else {}))
+    assert found.status is Status.NON_FINITE and words in found.message
+    place = {1.0: 1.0, math.pi / 2 - 1: 0.5707963}.get(1.0 if "tan" not in words else math.pi / 2 - 1, 1.0)
+    assert found.t[-1] == pytest.approx(0.0 if "there" in words and "pole" not in words else place, abs=1e-7)
+    assert len(found.t_events[1]) == (found.t[-1] > 0.25)
+
+
+def test_resets_that_lead_nowhere() -> None:
+    bad = go(free(), 3.0, [event(x - 1, reset={x.dot: log(-t * x)})], "dop853")
+    assert bad.status is Status.NON_FINITE and "The reset where x - 1 is zero gives a state that is nan" in bad.message
+    polar = build(
+        kinetic=(x.dot**2 + x**2 * y.dot**2) / 2, coordinates=[x, y], initial={x: 1.0, x.dot: -0.5, y.dot: 1.0}
+    )
+    singular = go(polar, 3.0, [event(x - 0.9, direction=-1, reset={x: 0})], "dop853")
+    assert singular.status is Status.SINGULAR and "the mass matrix is singular at t = " in singular.message
+
+
+@pytest.mark.parametrize("name", ["rk4", "dop853"])
+def test_what_a_limit_cuts_off_has_not_happened(name: str) -> None:
+    found = go(free(), 1e6, [event(x - 1, reset={x: 0}), sin(20 * t)], name, max_steps=300)
+    assert found.status is Status.MAX_STEPS and found.t[-1] < 1e5
+    assert len(found.t_events[1]) == pytest.approx(found.t[-1] * 20 / math.pi, abs=1.1)
+
+    def progress(when: float) -> None:
+        if when > 30:
+            raise KeyboardInterrupt
+
+    stopped = go(free(), 1e6, [event(x - 1, reset={x: 0}), x - 0.5], name, progress=progress, **TIGHT[name])
+    assert stopped.status is Status.INTERRUPTED and stopped.t[-1] > 30
+    assert len(stopped.t_events[1]) in (len(stopped.t_events[0]), len(stopped.t_events[0]) + 1)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_random_polynomials_with_known_roots(seed: int) -> None:
+    """Up to 7 roots at least 0.05 apart in [0, 2], single, double or triple, which are touches and crossings."""
+    rng = np.random.default_rng(seed)
+    places = np.sort(rng.choice(np.arange(1, 40), rng.integers(1, 5), replace=False) / 20 + 0.01)
+    powers = rng.integers(1, 3, len(places))
+    expression = sp.Mul(*((x - sp.Float(float(p))) ** int(k) for p, k in zip(places, powers, strict=True)))
+    for name, options in (("rk4", {"step": 0.13}), ("dop853", {}), ("midpoint", {"step": 2.0})):
+        found = go(free(), 2.2, [expression, event(expression, direction=1)], name, **options)
+        # A double root is as uncertain as the square root of round-off.
+        assert found.t_events[0] == pytest.approx(places, abs=3e-6), name
+        turning = np.cumprod(np.where(powers == 1, -1, 1)[::-1])[::-1]
+        rising = [p for p, k, after in zip(places, powers, [*turning[1:], 1], strict=True) if k == 1 and after > 0]
+        assert found.t_events[1] == pytest.approx(rising, abs=1e-9), name
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_random_systems_agree_with_the_taylor_method(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    a = [round(float(value), 3) for value in rng.uniform(0.3, 1.5, 4)]
+    model = build(
+        kinetic=(x.dot**2 + y.dot**2) / 2 + a[0] * x.dot * y.dot * cos(x - y) / 4,
+        potential=a[1] * x**2 - cos(a[2] * y) + a[3] * sin(x) * y / 3,
+        coordinates=[x, y],
+        initial={x: a[0], y: -a[1], x.dot: 0.2},
+    )
+    events = [x - 0.1, event(y + x / 2, direction=-1), x * y.dot - 0.05, sin(3 * t) - x]
+    truth = run(model, 8.0, "taylor", events=events, rtol=1e-13, atol=1e-15)
+    assert sum(map(len, truth.t_events)) > 8
+    for name in ("rk4", "dopri5", "dop853"):
+        found = go(model, 8.0, events, name)
+        for first, second in zip(found.t_events, truth.t_events, strict=True):
+            assert first == pytest.approx(second, abs=1e-8)
+
+
+def test_kinks_and_jumps() -> None:
+    """Where an expression has a corner or a jump, the step is halved until it is a place."""
+    jump = sp.Piecewise((-1, x < 0.7), (2, True))
+    found = go(free(), 3.0, [Abs(x - 1) - 0.25, sp.Max(x, 2 - x) - 1.5, jump], "dop853")
+    assert found.t_events[0] == pytest.approx([0.75, 1.25], rel=1e-12)
+    assert found.t_events[1] == pytest.approx([0.5, 1.5], rel=1e-12)
+    assert found.t_events[2] == pytest.approx([0.7], rel=1e-12)
+
+
+def test_a_fast_event_along_a_slow_motion() -> None:
+    times = go(free(), 3.0, [sin(1000 * t)], "dop853").t_events[0]
+    assert times == pytest.approx(np.arange(1, 955) * math.pi / 1000, abs=1e-11)
