@@ -26,6 +26,7 @@ from lagrange.trajectory.methods.implicit import (
     ImplicitMidpoint,
     Trapezoidal,
 )
+from lagrange.trajectory.methods.radau import Radau3, Radau5
 from lagrange.trajectory.methods.registry import names, table
 from lagrange.trajectory.methods.splitting import (
     Composition8,
@@ -41,6 +42,13 @@ from lagrange.trajectory.methods.splitting import (
     composition,
 )
 from lagrange.trajectory.methods.taylor import Taylor
+from lagrange.trajectory.methods.variational import (
+    DiscreteGradient,
+    Galerkin4,
+    Galerkin6,
+    VariationalMidpoint,
+    VariationalTrapezoid,
+)
 
 ScipyRK45 = scipy_solvers.RK45
 ScipyRK23 = scipy_solvers.RK23
@@ -56,9 +64,12 @@ __all__ = [
     "RK4",
     "BackwardEuler",
     "Composition8",
+    "DiscreteGradient",
     "Dopri5",
     "Euler",
     "ForestRuth4",
+    "Galerkin4",
+    "Galerkin6",
     "Gauss2",
     "Gauss3",
     "Heun",
@@ -66,6 +77,8 @@ __all__ = [
     "ImplicitMidpoint",
     "Leapfrog",
     "Midpoint",
+    "Radau3",
+    "Radau5",
     "RungeKutta",
     "Ruth3",
     "ScipyBDF",
@@ -80,6 +93,8 @@ __all__ = [
     "Taylor",
     "Trapezoidal",
     "Tsit5",
+    "VariationalMidpoint",
+    "VariationalTrapezoid",
     "VelocityVerlet",
     "Verlet",
     "Verner9",

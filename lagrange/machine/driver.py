@@ -25,6 +25,9 @@ class Outcome(enum.IntEnum):
 OUTCOMES = tuple(Outcome)
 """The outcomes by number."""
 
+FAR = 1e-6
+"""Below this part of the time, rounding the time changes the length of a step by more than 1e-10 of it."""
+
 
 class DriverState:
     """Where a run stands. Arrays are shared with machine code, entries in the order of the constants below.

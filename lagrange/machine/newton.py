@@ -24,7 +24,10 @@ TURNS = 3
 OLD = 3
 """A matrix is old enough to be made anew after so many corrections of one step, or after so many steps."""
 
-STALLED = 2.0**24
+OLDEST = 64
+"""After so many equal steps a matrix is made anew, whatever its use, so that one that has become singular is seen."""
+
+STALLED = 2.0**10
 """Corrections that no longer shrink are round-off below this many times the round-off that was estimated."""
 
 NOISE = 0.9
@@ -32,3 +35,6 @@ NOISE = 0.9
 
 LARGEST = 1e150
 """A weighted correction beyond this is no number to go on with."""
+
+ASTRAY = 0.25
+"""A law that is no number after a correction of more than this part of the unknowns says nothing about the motion."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.machine.backend import FloatArray, Kernel, SingularMassMatrix
-from lagrange.machine.driver import DriverState, Outcome
+from lagrange.machine.driver import FAR, DriverState, Outcome
 from lagrange.machine.numpy_newton import Failure, Record
 from lagrange.program.step import Control, StepProgram
 
@@ -77,7 +77,9 @@ class NumpyDriver:
         final = abs(h) * 1.01 >= abs(end - t)
         if not abs(h) >= least and (not final or state.count(S.AFTER_REJECT)):
             return Outcome.STEP_TOO_SMALL
-        length, after = (end - t, end) if final else (h, t + h)
+        after = end if final else t + h
+        # Far from time zero a step is as long as times allow; elsewhere it keeps its length, and a matrix made for it.
+        length = after - t if final or abs(h) < FAR * abs(t) else h
         try:
             y, errors = self._attempt(state, length)
         except SingularMassMatrix:
@@ -147,7 +149,9 @@ class NumpyDriver:
         states = np.split(state.y.copy(), self._step.states)
         usual = self._step.starter is None or (bool(self._before) and h == state.reals[S.STEP])
         record = self._record if usual else self._starter
-        new, errors = record.take(state, [*states, *self._before] if usual else states, h)
+        new, errors = record.take(state, [*states, *self._before] if usual else states, h, self._slope)
+        self._slope = record.vectors[record.step.calls[0].first] if self._step.starts_with_slope else None
+        state.counts[S.SLOPE_KNOWN] = self._slope is not None
         self._tried = states if h == state.reals[S.STEP] else []
         return np.concatenate(new), errors
 

@@ -14,6 +14,7 @@ from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.driver import DriverState, Outcome
 from lagrange.machine.newton import (
     AGING,
+    ASTRAY,
     FRACTION,
     HISTORY,
     LARGEST,
@@ -21,6 +22,7 @@ from lagrange.machine.newton import (
     MOST_TIMES,
     NOISE,
     OLD,
+    OLDEST,
     SLOW,
     STALLED,
     TURNS,
@@ -52,15 +54,22 @@ class Record:
         self._numbers = lower("scalars", self._wanted, (len(self._wanted),), [step.h, step.ratio], step.time, [])
         self.vectors: list[FloatArray] = []
 
-    def take(self, state: DriverState, states: list[FloatArray], h: float) -> tuple[list[FloatArray], list[FloatArray]]:
-        """Return the new states and the error vectors. Raises Failure and SingularMassMatrix."""
+    def take(
+        self, state: DriverState, states: list[FloatArray], h: float, slope: FloatArray | None
+    ) -> tuple[list[FloatArray], list[FloatArray]]:
+        """Return the new states and the error vectors; `slope` is the first call's, where it is known.
+
+        Raises Failure and SingularMassMatrix.
+        """
         step = self.step
         self.state, self.t, self.h = state, state.t, h
         self.use(1.0)
         self.vectors = [*states, *([states[0]] * (step.vectors - len(states)))]
         newtons = iter(self.newtons)
         for action in step.actions:
-            if isinstance(action, Call):
+            if isinstance(action, Call) and slope is not None and action is step.actions[0]:
+                self.vectors[action.first] = slope
+            elif isinstance(action, Call):
                 self.call(action)
             elif isinstance(action, Damp):
                 self.vectors[action.result] = self.newtons[action.of].damp(
@@ -112,10 +121,10 @@ class Newton:
         self.adaptive = record.step.control is not None
         self.unknowns = slice(solve.first, solve.first + solve.count)
         self.history: list[list[FloatArray]] = []
-        self.derivative: FloatArray | None = None
+        self.derivative = np.empty((0, 0))
         self.matrix_step = self.old_step = self.age = 0.0
         self.rate = self.noise = 1.0
-        self.solved = self.suspect = False
+        self.solved = self.differentiated = False
 
     def solve(self) -> None:
         """Predict and iterate; where that fails, start again from the guess with a new matrix."""
@@ -128,7 +137,7 @@ class Newton:
             except (Failure, SingularMassMatrix):
                 self.history = []
         if not self.history:
-            self.derivative, self.matrix_step = None, 0.0
+            self.matrix_step, self.rate, self.differentiated = 0.0, 1.0, False
             self.start()
             self.iterate()
         self.solved = True
@@ -172,9 +181,8 @@ class Newton:
             unit = record.state.reals[S.RTOL] if self.adaptive else EPSILON
             record.state.reals[S.RESIDUAL] = norm * unit
             if not norm < LARGEST:
-                # At the guess the law itself is no number; later Newton's method has gone astray.
-                broken = Outcome.DIVERGED if turn else Outcome.NON_FINITE
-                raise Failure(Outcome.SINGULAR if self.suspect else broken)
+                # The law is no number there, unless a large correction before has gone astray.
+                raise Failure(Outcome.NON_FINITE if previous * unit < ASTRAY else Outcome.DIVERGED)
             if self.enough(turn, norm, previous, since):
                 return
             previous, since = norm, since + 1
@@ -187,10 +195,12 @@ class Newton:
         if norm * rate <= (1 - rate) * bound or (norm <= bound and not self.adaptive):
             self.rate = max(rate, 1e-4) if turn else min(self.rate * AGING, 0.9)
             self.age += 1
-            tired = turn > 0 and rate > 1e-3 if self.adaptive else turn >= TURNS and self.age >= OLD
+            tired = turn > 0 and rate > 1e-3
+            if not self.adaptive:
+                tired = (turn >= TURNS and self.age >= OLD) or self.age >= OLDEST
             self.noise = max(self.noise * NOISE, 1.0)
             if tired:
-                self.derivative, self.matrix_step = None, 0.0
+                self.matrix_step, self.differentiated = 0.0, False
             return True
         if turn and not rate <= SLOW:
             if self.adaptive and not rate <= 0.9:
@@ -200,7 +210,7 @@ class Newton:
                 self.noise = 2 * norm
                 return True
             if not self.adaptive and since >= OLD:
-                self.derivative, self.matrix_step = None, 0.0
+                self.matrix_step, self.differentiated = 0.0, False
         return False
 
     def renew(self) -> None:
@@ -208,10 +218,11 @@ class Newton:
         record, problem = self.record, self.problem
         law = LAWS[record.step.law]
         n = len(record.vectors[0])
-        point = None if self.adaptive else problem.calls[len(problem.calls) // 2]
-        if self.derivative is None:
+        point = None if self.adaptive else problem.calls[(len(problem.calls) - 1) // 2]
+        if not self.differentiated:
             where = np.concatenate(record.vectors[: law.states]) if point is None else record.place(point)
             self.derivative = record.jacobian(record.t if point is None else record.number(point.time), where)
+            self.differentiated = True
         block = self.derivative.reshape(law.results, n, law.arguments, n)
         matrix = np.zeros((problem.count, n, problem.count, n))
         for i, residual in enumerate(problem.residuals):
@@ -224,7 +235,9 @@ class Newton:
                             matrix[i, :, j] += outer * self.factor(argument, problem.first + j) * block[r, :, s]
         self.inverse, bad = inverse(matrix.reshape(problem.count * n, -1))
         self.inverse = -self.inverse
-        self.suspect = bad and record.step.law == "momentum"
+        if bad and law.results == 2 and inverse(block[0, :, 1])[1]:
+            # It is the mass matrix dp/dv that has no inverse, and not what the step makes of it.
+            raise Failure(Outcome.SINGULAR)
         if point is not None:
             self.weights = self.rounding(point, block)
             self.rate = self.noise = 1.0
@@ -274,8 +287,6 @@ class Newton:
 
     def damp(self, factor: float, vector: FloatArray) -> FloatArray:
         """Return (I - factor J)^-1 vector."""
-        if self.derivative is None:
-            return np.full_like(vector, np.nan)
         return inverse(np.eye(len(vector)) - factor * self.derivative)[0] @ vector
 
     def keep(self) -> None:
@@ -290,6 +301,8 @@ class Newton:
 def inverse(matrix: FloatArray) -> tuple[FloatArray, bool]:
     """Return the inverse, with rows and columns measured in units of their own, and whether it is singular."""
     sizes = abs(matrix)
+    if not np.isfinite(sizes).all():
+        return np.full_like(matrix, np.nan), False
     columns = np.ones(len(matrix))
     rows = 1 / (sizes * columns).max(axis=1)
     columns = 1 / (rows[:, None] * sizes).max(axis=0)

@@ -96,7 +96,7 @@ class StepProgram:
     def starts_with_slope(self) -> bool:
         """Whether the first call is at the state that the step starts from."""
         first = self.actions[0]
-        known = isinstance(first, Call) and LAWS[self.law].results == 1
+        known = isinstance(first, Call) and LAWS[self.law].results == 1 and self.starter is None
         return known and self.calls[0].time is self.time and self.calls[0].argument == ((0, self.graph.one),)
 
     @property

@@ -167,22 +167,33 @@ class StepPlan:
         return PiecewisePath(np.array(edges), states[0], tuple(pieces))
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
-        """Take the failed step again, by Euler's method if it is implicit; see `Plan`."""
+        """Take the failed step again, in a simpler way if it is implicit; see `Plan`."""
         step, parameters = self.step, problem.parameter_array
         kernel, n = problem.model.kernel("rhs"), len(state.y) // 2
         h = float(state.reals[DriverState.STEP] or 4.0 * state.reals[DriverState.H])
 
         def f(t: float, y: FloatArray) -> FloatArray:
-            slope = kernel(t, np.concatenate([y, np.zeros(n)]) if step.partitioned else y, parameters)
-            return slope[n:] if step.partitioned else slope
+            split = step.law == "accelerations"
+            slope = kernel(t, np.concatenate([y, np.zeros(n)]) if split else y, parameters)
+            return slope[n:] if split else slope
 
         with np.errstate(all="ignore"):
             try:
                 if step.solves:
-                    return np.asarray(state.y + h * kernel(state.t + h, state.y, parameters))
+                    return _ahead(f, state, h)
                 if step.partitioned:
                     return np.concatenate(step.function(f, state.t, state.y[:n], state.y[n:], h))
                 moved = step.function(f, state.t, state.y, h)
             except SingularMassMatrix:
                 return state.y
         return np.asarray(moved if step.control is None else moved[0])
+
+
+def _ahead(f: Callable[[float, FloatArray], FloatArray], state: DriverState, h: float) -> FloatArray:
+    """Return the state moved by the first slope ahead that is no number; the search goes a few steps far."""
+    first = f(state.t, state.y)
+    for reach in (1, 2, 4, 8):
+        slope = f(state.t + reach * h, state.y + reach * h * first)
+        if not np.isfinite(slope).all():
+            break
+    return np.asarray(state.y + h * slope)

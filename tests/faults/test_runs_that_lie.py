@@ -17,9 +17,9 @@ from lagrange.statement.coordinate import t
 from lagrange.trajectory.methods.registry import table
 from lagrange.trajectory.trajectory import Status, Trajectory
 from tests.models import TARGETS, build, x
-from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, SPLITTINGS, run
+from tests.trajectory.runs import ADAPTIVE, FIXED, IMPLICIT, NAMES, SPLITTINGS, run
 
-STOPPED = (Status.NON_FINITE, Status.STEP_TOO_SMALL, Status.MAX_STEPS, Status.MAX_WALL)
+STOPPED = (Status.NON_FINITE, Status.STEP_TOO_SMALL, Status.MAX_STEPS, Status.MAX_WALL, Status.DIVERGED)
 ANY_FORCE = tuple(name for name in NAMES if name not in SPLITTINGS)
 
 
@@ -30,6 +30,8 @@ def particle(target: str = "llvm", force: Any = 0, **given: Any) -> Model:
 
 def go(model: Model, end: float, name: str, step: float = 0.01, **options: Any) -> Trajectory:
     """Run with limits that a sane run never meets, and hold the result to what every result must be."""
+    if model.target == "numpy" and name.startswith("radau"):
+        pytest.skip("the same steps as on llvm, see test_implicit, and many of them")
     began = time.perf_counter()
     if name in FIXED:
         options["step"] = step
@@ -84,8 +86,8 @@ def test_a_root_leaves_its_domain(name: str, target: str) -> None:
 def test_blow_up_in_finite_time(name: str, target: str) -> None:
     """v' = v^2 from 1 is 1/(1 - t)."""
     found = go(particle(target, x.dot**2, initial={x.dot: 1.0}), 2.0, name)
-    assert found.status in (Status.NON_FINITE, Status.STEP_TOO_SMALL)
-    assert found.t[-1] == pytest.approx(1.0, abs=0.2 if name == "euler" else 0.06)
+    assert found.status in (*STOPPED[:2], Status.DIVERGED)
+    assert found.t[-1] == pytest.approx(1.0, abs=0.2 if name in ("euler", *IMPLICIT) else 0.06)
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -94,7 +96,7 @@ def test_a_double_pole(name: str, target: str) -> None:
     """x'' = 6 x^2 with x = 1/(1 - t)^2."""
     pole = build(target, kinetic=x.dot**2 / 2, potential=-2 * x**3, initial={x: 1.0, x.dot: 2.0})
     found = go(pole, 5.0, name)
-    assert found.status in (Status.NON_FINITE, Status.STEP_TOO_SMALL)
+    assert found.status in (*STOPPED[:2], Status.DIVERGED)
     assert found.t[-1] == pytest.approx(1.0, abs=0.4)
     if name in ADAPTIVE:
         assert found.t[-1] == pytest.approx(1.0, abs=1e-6)
@@ -157,8 +159,13 @@ def test_a_stiff_relaxation_oscillation(name: str) -> None:
     else:
         assert found.status in STOPPED
     far = go(stiff, 1e4, name, step=1e-3)
-    assert far.status in STOPPED
-    assert far.status is Status.NON_FINITE or "a stiff system wants an implicit method" in far.message
+    if name.startswith("radau"):  # the period is 1.614 mu (Hairer, Wanner, II, IV.1), so this is its first slow part
+        slow = far.y[0, -1]
+        assert far.status is Status.SUCCESS
+        assert np.log(slow) - slow**2 / 2 == pytest.approx(np.log(2) - 2 + 1e4 / 1e5, abs=1e-6)
+        return
+    assert far.status in STOPPED or name in IMPLICIT
+    assert far.status not in (Status.MAX_STEPS, Status.MAX_WALL) or "a stiff system wants an" in far.message
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -196,7 +203,7 @@ def test_time_that_no_step_can_pass(name: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_a_force_that_overflows(name: str, target: str) -> None:
     found = go(particle(target, sp.exp(x), initial={x: 1.0, x.dot: 1.0}), 50.0, name)
-    assert found.status in (Status.NON_FINITE, Status.STEP_TOO_SMALL)
+    assert found.status in (*STOPPED[:2], Status.DIVERGED)
 
 
 @pytest.mark.parametrize("target", TARGETS)

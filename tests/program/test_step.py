@@ -20,7 +20,9 @@ from lagrange.trajectory.methods.classical import EULER, MIDPOINT, RK4
 from lagrange.trajectory.methods.dop853 import DOP853
 from lagrange.trajectory.methods.dopri5 import DOPRI5
 from lagrange.trajectory.methods.explicit import runge_kutta_step
+from lagrange.trajectory.methods.implicit import backward_euler, bdf2
 from lagrange.trajectory.methods.splitting import SymplecticEuler, VelocityVerlet, splitting_step
+from lagrange.trajectory.methods.variational import variational_midpoint
 
 STEPS = {
     **{tableau.name: runge_kutta_step(tableau) for tableau in (EULER, MIDPOINT, RK4, DOPRI5, DOP853)},
@@ -138,3 +140,100 @@ def test_a_step_must_return_what_its_kind_does() -> None:
         trace("bad", lambda a, t, q, v, h: q, partitioned=True)
     with pytest.raises(StatementError, match="returns 1 values"):
         trace("bad", lambda f, t, y, h: 3.0)
+
+
+# --- steps that solve -----------------------------------------------------------------------------------------
+
+
+def implicit(function: Callable[..., Any], **given: Any) -> StepProgram:
+    return trace("mine", function, implicit=True, **given)
+
+
+def test_an_implicit_step_is_recorded() -> None:
+    step = implicit(backward_euler)
+    (solve,) = step.solves
+    assert solve.count == 1 and len(solve.calls) == len(solve.preparation) == 1 and not step.calls
+    assert dict(solve.residuals[0])[solve.first].data == -1
+    assert [i for i, _ in solve.calls[0].argument] == [0, solve.first]
+    assert [i for i, _ in step.results[0]] == [0, solve.first]
+    text = str(step)
+    assert "solve for k" in text and text.count("= f(") == 1 and "0 = " in text
+    assert not step.starts_with_slope and not step.ends_with_slope
+
+
+def test_unknowns_may_be_several_and_solves_too() -> None:
+    def two(f: Any, t: Any, y: Any, h: Any, solve: Any) -> Any:
+        a, b = solve(lambda a, b: (f(t, y + b * h) - a, f(t + h, y + a * h) - b), (y * 0, y * 0))
+        c = solve(lambda c: f(t, y + a + b + c * h) - c, a)
+        return y + c * h
+
+    first, second = implicit(two).solves
+    assert (first.count, second.count) == (2, 1)
+    assert first.guesses == ((), ()) and second.guesses[0][0][0] == first.first
+    assert second.first > first.calls[-1].first
+
+
+def test_a_law_of_momenta_gives_two_vectors() -> None:
+    step = trace("mine", variational_midpoint, law="momentum", implicit=True)
+    assert step.partitioned and step.states == 2 and len(step.results) == 2
+    assert [len(call.arguments) for call in step.solves[0].calls] == [2, 2]
+
+
+def test_a_starter_gives_the_state_one_step_back() -> None:
+    step = trace("mine", bdf2, implicit=True, starter=implicit(backward_euler))
+    assert step.solves[0].first > 1 and {0, 1} <= {i for i, _ in step.results[0]}
+    assert "y before" in str(step)
+
+
+def test_damping_and_prediction_are_recorded() -> None:
+    def step(f: Any, t: Any, y: Any, h: Any, solve: Any) -> Any:
+        z = solve(lambda z: f(t + h, y + z) * h - z, y * 0, lambda ratio, z: z * ratio)
+        return y + z, solve.damp(h / 2, z)
+
+    traced = implicit(step, control=Control(2))
+    (damp,) = traced.damps
+    assert damp.of == 0 and damp.factor is traced.h / 2 and traced.errors[0] == ((damp.result, traced.graph.one),)
+    assert traced.solves[0].predicted == (((traced.solves[0].first, traced.ratio),),)
+
+
+def test_what_cannot_be_solved_is_refused() -> None:
+    def nested(f: Any, t: Any, y: Any, h: Any, solve: Any) -> Any:
+        return y + solve(lambda k: f(t, y + f(t, k)) - k, y)
+
+    def without_calls(f: Any, t: Any, y: Any, h: Any, solve: Any) -> Any:
+        return y + solve(lambda k: k - y, y)
+
+    def too_few(f: Any, t: Any, y: Any, h: Any, solve: Any) -> Any:
+        return y + sum(solve(lambda a, b: f(t, a + b), (y, y)))
+
+    def leaked(f: Any, t: Any, y: Any, h: Any, solve: Any) -> Any:
+        kept = []
+
+        def residual(k: Any) -> Any:
+            kept.append(f(t, k))
+            return kept[0] - k
+
+        solve(residual, y)
+        return y + kept[0] * h
+
+    def early(f: Any, t: Any, y: Any, h: Any, solve: Any) -> Any:
+        return y, solve.damp(h, y)
+
+    def numbers(f: Any, t: Any, y: Any, h: Any, solve: Any) -> Any:
+        return y + solve(lambda k: 1.0, y)
+
+    for function, words in (
+        (nested, "calls f inside a residual with the result of another such call: name that slope as an unknown"),
+        (without_calls, r"solves for 1 unknown\(s\) with 1 residual\(s\) and 0 call\(s\) of f"),
+        (too_few, r"solves for 2 unknown\(s\) with 1 residual\(s\) and 1 call\(s\) of f"),
+        (leaked, "uses a call of a residual outside of it"),
+        (numbers, "gives solve something that is no combination of vectors"),
+    ):
+        with pytest.raises(StatementError, match=words):
+            implicit(function)
+    with pytest.raises(StatementError, match="damps before it solves"):
+        implicit(early, control=Control(2))
+    with pytest.raises(StatementError, match="solve is for the laws 'rhs' and 'momentum'"):
+        trace("mine", lambda a, t, q, v, h, solve: solve(lambda k: a(t, k), q), partitioned=True, implicit=True)
+    with pytest.raises(StatementError, match="calls f with t and 1 vectors: it takes 2"):
+        trace("mine", lambda g, t, q, v, h: g(t, q), law="momentum")

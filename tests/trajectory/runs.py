@@ -24,6 +24,20 @@ IMPLICIT = tuple(name for name in NAMES if isinstance(find(name), ImplicitMethod
 STEPPED = tuple(name for name in NAMES if not isinstance(find(name), Taylor | ImplicitMethod))
 """The methods that are explicit step programs: a series has no tableau, no fixed order, and no equal steps."""
 SPLITTINGS = tuple(name for name in NAMES if isinstance(find(name), Splitting))
+EQUAL = tuple(name for name in IMPLICIT if name in FIXED)
+"""Implicit methods with equal steps; of those below, the ones that solve for momenta and for slopes."""
+CONTROLLED = tuple(name for name in IMPLICIT if name in ADAPTIVE)
+
+
+def implicit(name: str) -> ImplicitMethod:
+    """Return an implicit method."""
+    found = find(name)
+    assert isinstance(found, ImplicitMethod)
+    return found
+
+
+MOMENTA = tuple(name for name in EQUAL if implicit(name).law == "momentum")
+SLOPES = tuple(name for name in EQUAL if name not in MOMENTA)
 
 
 def run(model: Model, end: float, method: Any, start: float = 0.0, initial: Any = None, **options: Any) -> Trajectory:

@@ -161,7 +161,7 @@ def fading(target: str) -> Model:
 @pytest.mark.parametrize("name", [name for name in NAMES if not find(name).claims.symplectic])
 def test_a_mass_matrix_that_becomes_singular_on_the_way(name: str, target: str) -> None:
     found = run(fading(target), 5.0, name, **({"step": 0.01} if name in FIXED else {"rtol": 1e-5, "atol": 1e-5}))
-    assert found.status in (Status.SINGULAR, Status.STEP_TOO_SMALL, Status.NON_FINITE), found.message
+    assert found.status in (Status.SINGULAR, Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.DIVERGED), found.message
     assert found.t[-1] < 5.0 and np.isfinite(found.y).all() and len(found.t) > 1
     if name in FIXED:
         assert found.status is Status.SINGULAR

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.messages import message
+from lagrange.trajectory.messages import message, unsolved
 from lagrange.trajectory.trajectory import Status
 
 MODEL: Any = SimpleNamespace(statement=SimpleNamespace(names=("r", "phi")))
@@ -56,6 +56,12 @@ def test_a_known_cause_is_told() -> None:
     assert "4" in text and "The moon is full. Take a shorter step" in text
     text = message(Status.SINGULAR, PROBLEM, 0, STATE, "rk4", detail="the mass matrix is singular at r = 1.")
     assert text.endswith(": the mass matrix is singular at r = 1.")
+
+
+def test_an_unsolved_step_says_how_far_it_was() -> None:
+    text = message(Status.DIVERGED, PROBLEM, 0.25, STATE, "gauss2", detail=unsolved(3.14159e-3))
+    assert "The last correction of its unknowns was still 0.0031 of their size" in text
+    assert "Take a shorter step, or a method with step control such as radau5" in text
 
 
 def test_without_a_limit_there_is_no_number_to_quote() -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from lagrange.machine.driver import DriverState, Outcome
+from lagrange.machine.driver import FAR, DriverState, Outcome
 from lagrange.machine.llvm.calls import LAW, RECORDS, bump, leave_if, leave_with
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.step import accept, attempt
@@ -61,8 +61,11 @@ def adaptive_loop(step: StepProgram, layout: Layout) -> str:
         rejected = e.value(f"icmp ne i64 {e.get('%counts', DriverState.AFTER_REJECT, 'i64')}, 0")
         hopeless = e.value(f"or i1 {stuck}, {e.value(f'and i1 {small}, {rejected}')}")
         leave_if(e, hopeless, Outcome.STEP_TOO_SMALL)
-        length = e.choose(final, left, h)
         after = e.choose(final, end, e.real("fadd", t, h))
+        # Far from time zero a step is as long as times allow; elsewhere it keeps its length, and a matrix made for it.
+        far = e.real("fcmp olt", e.fabs(h), e.real("fmul", e.fabs(t), literal(FAR)))
+        exact = e.value(f"or i1 {final}, {far}")
+        length = e.choose(exact, e.real("fsub", after, t), h)
         _trial(e, step, layout, length, after, rejected)
     _come_back(e, end)
     return e.function(_SIGNATURE)

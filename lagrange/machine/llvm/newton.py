@@ -28,6 +28,7 @@ from lagrange.machine.llvm.vectors import (
 )
 from lagrange.machine.newton import (
     AGING,
+    ASTRAY,
     FRACTION,
     HISTORY,
     LARGEST,
@@ -35,6 +36,7 @@ from lagrange.machine.newton import (
     MOST_TIMES,
     NOISE,
     OLD,
+    OLDEST,
     SLOW,
     STALLED,
     TURNS,
@@ -74,6 +76,7 @@ def _solve(layout: Layout, newton: Newton, prefix: str) -> str:
     e.label("fresh")
     e.put(literal(0.0), flags, Newton.DERIVATIVE)
     e.put(literal(0.0), flags, Newton.MATRIX_STEP)
+    e.put(literal(1.0), flags, Newton.RATE)
     e.put("0", flags, Newton.KNOWN, "i64")
     leave_with(e, e.value(f"call i32 {begin}"))
     leave_with(e, e.value(f"call i32 {again}"))
@@ -98,7 +101,9 @@ def _start(layout: Layout, newton: Newton, prefix: str) -> str:
         combine(e, layout, scalars, guess, layout.place(solve.first + i))
     leave_if(e, e.value(f"icmp ne i32 {e.load(status, 'i32')}, 0"), Outcome.SINGULAR)
     e.do("ret i32 0")
-    return e.function(f"define internal i32 @{prefix}start{newton.index}({LAW}, double %t, double %h, {RECORDS})")
+    return e.function(
+        f"define internal i32 @{prefix}start{newton.index}({LAW}, double %t, double %h, {RECORDS}) noinline"
+    )
 
 
 def _predict(e: Emitter, layout: Layout, newton: Newton, known: str) -> None:
@@ -190,25 +195,21 @@ def _iterate(layout: Layout, newton: Newton, prefix: str) -> str:
         norm = _correct(e, layout, newton)
         unit = e.get("%reals", DriverState.RTOL) if newton.adaptive else literal(2.0**-52)
         e.put(e.real("fmul", norm, unit), "%reals", DriverState.RESIDUAL)
-        _leave_broken(e, layout, newton, turn, norm)
+        _leave_broken(e, norm, e.load(previous), unit)
         _judge(e, newton, turn, norm, e.load(previous), since)
         e.store(norm, previous)
         e.store(e.real("fadd", e.load(since), literal(1.0)), since)
     e.do(f"ret i32 {int(Outcome.DIVERGED)}")
-    return e.function(f"define internal i32 @{prefix}iterate{newton.index}({LAW}, double %t, double %h, {RECORDS})")
+    return e.function(
+        f"define internal i32 @{prefix}iterate{newton.index}({LAW}, double %t, double %h, {RECORDS}) noinline"
+    )
 
 
-def _leave_broken(e: Emitter, layout: Layout, newton: Newton, turn: str, norm: str) -> None:
-    """Return where a correction is no number: at the guess that is the law's, later Newton's method is astray.
-
-    A matrix of momenta that cannot be inverted is the mass matrix.
-    """
+def _leave_broken(e: Emitter, norm: str, previous: str, unit: str) -> None:
+    """Return where a correction is no number: the law is not, unless a large correction before it went astray."""
     bad = e.value(f"xor i1 {e.real('fcmp olt', norm, literal(LARGEST))}, true")
-    if layout.step.law == "momentum":
-        suspect = e.real("fcmp une", e.get("%work", newton.flags + Newton.SUSPECT), literal(0.0))
-        leave_if(e, e.value(f"and i1 {bad}, {suspect}"), Outcome.SINGULAR)
-    first = e.value(f"and i1 {bad}, {e.value(f'icmp eq i64 {turn}, 0')}")
-    leave_if(e, first, Outcome.NON_FINITE)
+    near = e.real("fcmp olt", e.real("fmul", previous, unit), literal(ASTRAY))
+    leave_if(e, e.value(f"and i1 {bad}, {near}"), Outcome.NON_FINITE)
     leave_if(e, bad, Outcome.DIVERGED)
 
 
@@ -250,6 +251,7 @@ def _plan_matrix(e: Emitter, newton: Newton, turn: str, measured: str) -> None:
     else:
         many = e.value(f"icmp sge i64 {turn}, {TURNS}")
         tired = e.value(f"and i1 {many}, {e.real('fcmp oge', age, literal(float(OLD)))}")
+        tired = e.value(f"or i1 {tired}, {e.real('fcmp oge', age, literal(float(OLDEST)))}")
         noise = e.real("fmul", e.get(flags, Newton.NOISE), literal(NOISE))
         e.put(e.larger(noise, literal(1.0)), flags, Newton.NOISE)
     with e.when(tired):
@@ -313,9 +315,9 @@ def product(e: Emitter, newton: Newton, matrix: int, vectors: int) -> Iterator[t
         e.store("zeroinitializer", cell, KIND)
         with e.loop(0, vectors) as i, e.loop(0, newton.length) as a:
             at = e.value(f"add nsw i64 {e.value(f'mul nsw i64 {i}, {newton.width}')}, {a}")
-            row_of = e.value(f"add nsw i64 {e.value(f'mul nsw i64 {i}, {newton.length}')}, {a}")
+            column = e.value(f"add nsw i64 {e.value(f'mul nsw i64 {i}, {newton.length}')}, {a}")
             entry = splat(e, e.get(e.address("%work", newton.residual), at))
-            start = e.address(e.address("%work", matrix), e.value(f"mul nsw i64 {row_of}, {width}"))
+            start = e.address(e.address("%work", matrix), e.value(f"mul nsw i64 {column}, {width}"))
             e.store(e.fma(e.load(e.address(start, row), KIND), entry, e.load(cell, KIND), KIND), cell, KIND)
         yield row, e.load(cell, KIND)
 

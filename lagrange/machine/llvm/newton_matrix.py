@@ -25,7 +25,7 @@ def renew_functions(layout: Layout, prefix: str = "") -> list[str]:
 def _renew(layout: Layout, newton: Newton, prefix: str) -> str:
     e, step, solve = Emitter(), layout.step, newton.solve
     flags = e.address("%work", newton.flags)
-    point = None if newton.adaptive else solve.calls[len(solve.calls) // 2]
+    point = None if newton.adaptive else solve.calls[(len(solve.calls) - 1) // 2]
     identity, factors = coefficients(layout, solve)
     shares = _shares(layout, solve)
     spoken = [*solve.residuals, *(point.arguments if point else ())]
@@ -34,10 +34,12 @@ def _renew(layout: Layout, newton: Newton, prefix: str) -> str:
     with e.when(e.real("fcmp oeq", e.get(flags, Newton.DERIVATIVE), literal(0.0))):
         _differentiate(e, layout, newton, scalars, point)
     tables = [_table(e, scalars, values) for values in (identity, factors)]
-    e.put(literal(0.0), flags, Newton.SUSPECT)
     _build(e, layout, newton, tables[0], tables[1])
-    _invert(e, newton, newton.unknowns)
+    singular = _invert(e, newton, newton.unknowns)
     _spread(e, newton)
+    if step.law == "momentum":
+        with e.when(e.value(f"icmp ne i32 {singular}, 0")):
+            _blame_mass(e, layout, newton)
     for i, damp in enumerate(newton.damped):
         _damper(e, layout, newton, scalars.names[damp.factor], newton.dampers + i * newton.length * newton.width)
     if point is not None:
@@ -47,7 +49,9 @@ def _renew(layout: Layout, newton: Newton, prefix: str) -> str:
         e.put(literal(0.0), flags, Newton.AGE)
     e.put("%h", flags, Newton.MATRIX_STEP)
     e.do("ret i32 0")
-    return e.function(f"define internal i32 @{prefix}renew{newton.index}({LAW}, double %t, double %h, {RECORDS})")
+    return e.function(
+        f"define internal i32 @{prefix}renew{newton.index}({LAW}, double %t, double %h, {RECORDS}) noinline"
+    )
 
 
 def factor_of(combination: Combination, vector: int) -> Node | None:
@@ -160,12 +164,18 @@ def _damper(e: Emitter, layout: Layout, newton: Newton, factor: str, target: int
         e.put(value, e.address("%work", target), _index(e, (b, None), (a, newton.width)))
 
 
-def _invert(e: Emitter, newton: Newton, order: int) -> None:
+def _invert(e: Emitter, newton: Newton, order: int) -> str:
     places = [e.address("%work", place) for place in (newton.matrix, newton.pivots)]
-    bad = e.value(f"call i32 @invert_pivoted(i64 {order}, i64 {newton.stride}, ptr {places[0]}, ptr {places[1]})")
-    old = e.get("%work", newton.flags + Newton.SUSPECT)
-    value = e.real("fadd", old, e.value(f"uitofp i32 {bad} to double"))
-    e.put(value, "%work", newton.flags + Newton.SUSPECT)
+    return e.value(f"call i32 @invert_pivoted(i64 {order}, i64 {newton.stride}, ptr {places[0]}, ptr {places[1]})")
+
+
+def _blame_mass(e: Emitter, layout: Layout, newton: Newton) -> None:
+    """Return if it is the mass matrix dp/dv that has no inverse, and not what the step makes of it."""
+    matrix, derivative = e.address("%work", newton.matrix), e.address("%work", newton.derivative)
+    with e.loop(0, newton.length) as a, e.loop(0, newton.length) as b:
+        at = _index(e, (a, None), (e.value(f"add nsw i64 {b}, {newton.length}"), layout.dimension))
+        e.put(e.get(derivative, at), matrix, _index(e, (a, None), (b, newton.stride)))
+    leave_if(e, e.value(f"icmp ne i32 {_invert(e, newton, newton.length)}, 0"), Outcome.SINGULAR)
 
 
 def _spread(e: Emitter, newton: Newton) -> None:
@@ -234,19 +244,21 @@ def inversion_function() -> str:
     e.store("0", singular, "i32")
     with e.loop(0, "%n") as k:
         row = _pivot(e, k, chosen)
-        best = e.real("fmul", row[1], e.get(columns, k))
-        trusted = e.real("fcmp ogt", best, literal(2.0**-46))
-        bad = e.value(f"zext i1 {e.value(f'xor i1 {trusted}, true')} to i32")
+        # A pivot that is no number is no verdict on the matrix.
+        size = e.real("fmul", e.fabs(e.get(_row(e, row), k)), e.real("fmul", e.get("%scratch", row), e.get(columns, k)))
+        small = e.real("fcmp ole", size, literal(2.0**-46))
+        zero = e.real("fcmp oeq", e.get(_row(e, row), k), literal(0.0))
+        bad = e.value(f"zext i1 {e.value(f'or i1 {small}, {zero}')} to i32")
         e.store(e.value(f"or i32 {e.load(singular, 'i32')}, {bad}"), singular, "i32")
         here = _row(e, k)
-        with e.when(e.value(f"icmp ne i64 {row[0]}, {k}")):
-            there = _row(e, row[0])
+        with e.when(e.value(f"icmp ne i64 {row}, {k}")):
+            there = _row(e, row)
             with e.loop(0, "%n", BLOCK) as j:
                 places = e.address(here, j), e.address(there, j)
                 values = [e.load(place, KIND) for place in places]
                 e.store(values[0], places[1], KIND)
                 e.store(values[1], places[0], KIND)
-            e.put(e.get("%scratch", k), "%scratch", row[0])
+            e.put(e.get("%scratch", k), "%scratch", row)
         reciprocal = e.real("fdiv", literal(1.0), e.get(here, k))
         e.put(literal(1.0), here, k)
         with e.loop(0, "%n", BLOCK) as j:
@@ -299,12 +311,12 @@ def _units(e: Emitter, columns: str) -> None:
             e.put(e.real("fdiv", literal(1.0), largest.values[0]), "%scratch" if rows else columns, one)
 
 
-def _pivot(e: Emitter, k: str, chosen: str) -> tuple[str, str]:
-    """Return the row of the largest entry of column k, from row k on, with its size, and note it."""
+def _pivot(e: Emitter, k: str, chosen: str) -> str:
+    """Return the row of the largest entry of column k, from row k on, and note it."""
     with e.carry(k, "%n", [("double", literal(-1.0)), ("i64", k)]) as best:
         size = e.real("fmul", e.fabs(e.get(_row(e, best.index), k)), e.get("%scratch", best.index))
         above = e.real("fcmp ogt", size, best.values[0])
         row = e.value(f"select i1 {above}, i64 {best.index}, i64 {best.values[1]}")
         best.following = [e.choose(above, size, best.values[0]), row]
     e.put(best.values[1], chosen, k, "i64")
-    return best.values[1], best.values[0]
+    return best.values[1]

@@ -6,7 +6,7 @@ Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.program.step import Control, StepProgram, trace
-from lagrange.trajectory.dense import HermitePath
+from lagrange.trajectory.dense import StepPath, hermite_path
 from lagrange.trajectory.driver import drive
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.settings import adaptive_settings, fixed_settings
@@ -28,7 +28,8 @@ class ImplicitMethod:
 
     `law` is what it calls: "rhs", or "momentum" for step(g, t, q, v, h, solve). With a `control` it returns an error
     vector as well and takes `rtol` and `atol`, otherwise equal steps of size `step`. With a `starter`, which takes
-    the first step, it gets the state one step back behind the state.
+    the first step, it gets the state one step back behind the state. `path` makes the dense output, whose order is
+    claimed; without it there is one of Hermite polynomials.
     """
 
     name: str
@@ -37,23 +38,25 @@ class ImplicitMethod:
     law: str = "rhs"
     control: Control | None = None
     starter: Callable[..., Any] | None = None
+    path: Callable[[Problem, FloatArray, FloatArray], StepPath] | None = None
     step: float | None = None
     rtol: float | None = None
     atol: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.path is None:
+            object.__setattr__(self, "claims", replace(self.claims, dense=max(3, self.claims.order - 1)))
 
     def plan(self, problem: Problem) -> StepPlan:
         """Return the plan; see `Planned`."""
         chosen = adaptive_settings if self.control else fixed_settings
         tolerances = chosen(self.name, problem, self.step, self.rtol, self.atol)
-        return StepPlan(_program(self.name, self.function, self.law, self.control, self.starter), tolerances, _path)
+        path = self.path or hermite_path(self.claims.order)
+        return StepPlan(_program(self.name, self.function, self.law, self.control, self.starter), tolerances, path)
 
     def integrate(self, problem: Problem) -> Trajectory:
         """Run the problem; see `Integrator`."""
         return drive(problem, self.plan(problem), self.name)
-
-
-def _path(problem: Problem, times: FloatArray, states: FloatArray) -> HermitePath:
-    return HermitePath(problem.model.kernel("rhs"), problem.parameter_array, times, states)
 
 
 @lru_cache(maxsize=64)
@@ -124,17 +127,25 @@ def weighted(weights: Sequence[float], vectors: Sequence[Any]) -> Any:
     return sum(vector * weight for weight, vector in zip(weights, vectors, strict=True))
 
 
+def lagrange_basis(points: Sequence[float]) -> list[Any]:
+    """Return the polynomials that are 1 at one of the points and 0 at the others."""
+    others = [np.delete(points, j) for j in range(len(points))]
+    return [np.poly1d(rest, r=True) / np.prod(point - rest) for point, rest in zip(points, others, strict=True)]
+
+
+def collocation_tableau(points: Sequence[float]) -> tuple[list[list[float]], list[float], list[float]]:
+    """Return A, b, c of collocation at points of [0, 1]: their Lagrange polynomials integrated to each and to 1."""
+    whole = [np.polyint(line) for line in lagrange_basis(points)]
+    A = [[float(line(point)) for line in whole] for point in points]
+    return A, [float(line(1.0)) for line in whole], [float(point) for point in points]
+
+
 def gauss_tableau(stages: int) -> tuple[list[list[float]], list[float], list[float]]:
     """Return A, b, c of collocation at the zeros of the Legendre polynomial on [0, 1].
 
-    A and b integrate the Lagrange polynomials of those points, from 0 to each of them and to 1.
     Source: E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd ed., 2006, II.1.3.
     """
-    points, weights = np.polynomial.legendre.leggauss(stages)
-    c = (1 + points) / 2
-    basis = [np.poly1d(np.delete(c, j), r=True) / np.prod(c[j] - np.delete(c, j)) for j in range(stages)]
-    A = [[float(np.polyint(line)(node)) for line in basis] for node in c]
-    return A, [float(weight / 2) for weight in weights], [float(node) for node in c]
+    return collocation_tableau([(1 + point) / 2 for point in np.polynomial.legendre.leggauss(stages)[0]])
 
 
 GAUSS2, GAUSS3 = (collocation(*gauss_tableau(stages)) for stages in (2, 3))

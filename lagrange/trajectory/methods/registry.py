@@ -12,6 +12,7 @@ from lagrange.errors import StatementError, listing, suggestion
 from lagrange.trajectory.integrator import Claims, Integrator
 from lagrange.trajectory.methods.explicit import BS3, DOP853, RK4, Dopri5, Euler, Heun, Midpoint, Tsit5, Verner9
 from lagrange.trajectory.methods.implicit import BDF2, BackwardEuler, Gauss2, Gauss3, ImplicitMidpoint, Trapezoidal
+from lagrange.trajectory.methods.radau import Radau3, Radau5
 from lagrange.trajectory.methods.splitting import (
     Composition8,
     ForestRuth4,
@@ -24,6 +25,13 @@ from lagrange.trajectory.methods.splitting import (
     Yoshida6,
 )
 from lagrange.trajectory.methods.taylor import Taylor
+from lagrange.trajectory.methods.variational import (
+    DiscreteGradient,
+    Galerkin4,
+    Galerkin6,
+    VariationalMidpoint,
+    VariationalTrapezoid,
+)
 from lagrange.trajectory.plan import promises
 
 GROUP = "lagrange.integrators"
@@ -57,7 +65,14 @@ BUILT_IN: dict[str, Callable[[], Integrator]] = {
     "implicit-midpoint": ImplicitMidpoint,
     "gauss2": Gauss2,
     "gauss3": Gauss3,
+    "radau3": Radau3,
+    "radau5": Radau5,
     "bdf2": BDF2,
+    "variational-midpoint": VariationalMidpoint,
+    "variational-trapezoid": VariationalTrapezoid,
+    "galerkin4": Galerkin4,
+    "galerkin6": Galerkin6,
+    "discrete-gradient": DiscreteGradient,
     "taylor": Taylor,
 }
 

@@ -66,7 +66,7 @@ class Taylor:
     @property
     def claims(self) -> Claims:
         """Step control; the order depends on the tolerance and the system, and 20 stands for it."""
-        return Claims(order=self.order or 20, adaptive=True, events=True)
+        return Claims(order=self.order or 20, adaptive=True, events=True, dense=self.order or 20)
 
     def plan(self, problem: Problem) -> TaylorPlan:
         """Return the plan; see `Planned`."""

@@ -1,0 +1,116 @@
+"""Variational integrators: steps from a discrete principle of least action, in momenta p = dL/dv and forces.
+
+Each is symplectic in (q, p) for any mass matrix, and takes forces and dissipation by the principle of Lagrange and
+d'Alembert; time may be explicit. The unknowns are velocities, the last of them the one at the end of the step, which
+has the momentum that the step leads to.
+Source: J. E. Marsden, M. West, Discrete mechanics and variational integrators, Acta Numerica 10, 2001, sections 2.3,
+2.6 and 3.2; E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd ed., 2006, VI.6.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from lagrange.trajectory.integrator import Claims
+from lagrange.trajectory.methods.implicit import ImplicitMethod, gauss_tableau, weighted
+
+Momenta = Callable[..., tuple[Any, Any]]
+"""The law p, f = g(t, q, v)."""
+
+
+def variational_midpoint(g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
+    """Take h L in the middle of the step, at its mean velocity, as the action of the step."""
+    before, _ = g(t, q, v)
+
+    def residuals(mean: Any, end: Any) -> tuple[Any, Any]:
+        p, f = g(t + h / 2, q + mean * (h / 2), mean)
+        after, _ = g(t + h, q + mean * h, end)
+        return before + f * (h / 2) - p, before + f * h - after
+
+    mean, end = solve(residuals, (v, v))
+    return q + mean * h, end
+
+
+def variational_trapezoid(g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
+    """Take the mean of h L at both ends, at the mean velocity, as the action of the step."""
+    before, _ = g(t, q, v)
+
+    def residuals(mean: Any, end: Any) -> tuple[Any, Any]:
+        p0, f0 = g(t, q, mean)
+        p1, f1 = g(t + h, q + mean * h, mean)
+        after, _ = g(t + h, q + mean * h, end)
+        return before + f0 * (h / 2) - (p0 + p1) / 2, (p0 + p1) / 2 + f1 * (h / 2) - after
+
+    mean, end = solve(residuals, (v, v))
+    return q + mean * h, end
+
+
+def galerkin(A: Sequence[Sequence[float]], b: Sequence[float], c: Sequence[float]) -> Callable[..., Any]:
+    """Return the step that integrates q' = v and p' = f with a tableau in the points c of the step.
+
+    With Gauss's points it is that of an action of polynomials of degree s, integrated in s points.
+    """
+
+    def step(g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
+        before, _ = g(t, q, v)
+
+        def residuals(*velocities: Any) -> list[Any]:
+            *inner, end = velocities
+            places = [q + weighted(row, inner) * h for row in A]
+            stages = [g(t + h * ci, place, vi) for ci, place, vi in zip(c, places, inner, strict=True)]
+            forces = [f for _, f in stages]
+            off = [before + weighted(row, forces) * h - p for row, (p, _) in zip(A, stages, strict=True)]
+            after, _ = g(t + h, q + weighted(b, inner) * h, end)
+            return [*off, before + weighted(b, forces) * h - after]
+
+        *inner, end = solve(residuals, (v,) * (len(b) + 1))
+        return q + weighted(b, inner) * h, end
+
+    return step
+
+
+def mean_value_gradient(points: int) -> Callable[..., Any]:
+    """Return the step along the mean of the gradient of the energy on the straight line of the step in (q, p).
+
+    The energy changes by the mean gradient times the step, which is perpendicular to it: it is conserved as far as
+    Gauss's quadrature in so many points is exact.
+    Source: R. I. McLachlan, G. R. W. Quispel, N. Robidoux, Phil. Trans. R. Soc. A 357, 1999, eq. 2.4; E. Hairer, C.
+    Lubich, G. Wanner, Geometric Numerical Integration, V.5.
+    """
+    _, b, c = gauss_tableau(points)
+    return galerkin([[ci * weight for weight in b] for ci in c], b, c)
+
+
+GALERKIN4, GALERKIN6 = (galerkin(*gauss_tableau(stages)) for stages in (2, 3))
+DISCRETE_GRADIENT = mean_value_gradient(5)
+
+
+def _method(name: str, order: int, function: Callable[..., Any], step: float | None, **claims: bool) -> ImplicitMethod:
+    promised = Claims(order, symmetric=True, explicit=False, **claims)
+    return ImplicitMethod(name, promised, function, law="momentum", step=step)
+
+
+def VariationalMidpoint(step: float | None = None) -> ImplicitMethod:
+    """Return the variational midpoint rule, order 2, symplectic for any mass matrix."""
+    return _method("variational-midpoint", 2, variational_midpoint, step, symplectic=True)
+
+
+def VariationalTrapezoid(step: float | None = None) -> ImplicitMethod:
+    """Return the variational trapezoidal rule, order 2, symplectic for any mass matrix."""
+    return _method("variational-trapezoid", 2, variational_trapezoid, step, symplectic=True)
+
+
+def Galerkin4(step: float | None = None) -> ImplicitMethod:
+    """Return the Galerkin variational integrator in 2 Gauss points, order 4, symplectic for any mass matrix."""
+    return _method("galerkin4", 4, GALERKIN4, step, symplectic=True)
+
+
+def Galerkin6(step: float | None = None) -> ImplicitMethod:
+    """Return the Galerkin variational integrator in 3 Gauss points, order 6, symplectic for any mass matrix."""
+    return _method("galerkin6", 6, GALERKIN6, step, symplectic=True)
+
+
+def DiscreteGradient(step: float | None = None) -> ImplicitMethod:
+    """Return the mean value discrete gradient method, order 2, which conserves the energy to round-off."""
+    return _method("discrete-gradient", 2, DISCRETE_GRADIENT, step, energy=True)

@@ -1,0 +1,204 @@
+"""Implicit methods against their formulas and their claims."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lagrange.machine.model import Model
+from lagrange.trajectory.methods.registry import find
+from tests.models import TARGETS, build, k, model, x
+from tests.trajectory.runs import EQUAL, FIXED, IMPLICIT, MOMENTA, SLOPES, exact, run
+
+# --- formulas, written out again ------------------------------------------------------------------------------
+
+R3, R15 = 3**0.5, 15**0.5
+TABLEAUS: dict[str, tuple[Any, Any, Any]] = {
+    "backward-euler": ([[1]], [1], [1]),
+    "trapezoidal": ([[0, 0], [0.5, 0.5]], [0.5, 0.5], [0, 1]),
+    "implicit-midpoint": ([[0.5]], [1], [0.5]),
+    "gauss2": ([[1 / 4, 1 / 4 - R3 / 6], [1 / 4 + R3 / 6, 1 / 4]], [0.5, 0.5], [0.5 - R3 / 6, 0.5 + R3 / 6]),
+    "gauss3": (
+        [
+            [5 / 36, 2 / 9 - R15 / 15, 5 / 36 - R15 / 30],
+            [5 / 36 + R15 / 24, 2 / 9, 5 / 36 - R15 / 24],
+            [5 / 36 + R15 / 30, 2 / 9 + R15 / 15, 5 / 36],
+        ],
+        [5 / 18, 4 / 9, 5 / 18],
+        [0.5 - R15 / 10, 0.5, 0.5 + R15 / 10],
+    ),
+}
+
+
+def by_tableau(name: str, f: Callable[..., Any], t: float, y: Any, h: float) -> Any:
+    """Return the step with stages found by fixed-point iteration, which has nothing in common with Newton's."""
+    A, b, c = (np.array(part, dtype=float) for part in TABLEAUS[name])
+    slopes = np.array([f(t, y)] * len(b))
+    for _ in range(200):
+        slopes = np.array([f(t + ci * h, y + h * row @ slopes) for ci, row in zip(c, A, strict=True)])
+    return y + h * b @ slopes
+
+
+def test_every_method_has_its_formula_or_its_twin() -> None:
+    assert {*TABLEAUS, "bdf2"} == set(SLOPES)
+    assert set(TWINS) | {"discrete-gradient"} == set(MOMENTA)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", TABLEAUS)
+def test_steps_follow_the_formula(name: str, target: str) -> None:
+    compiled = model("cart and pole", target)
+    h = 0.02
+    found = run(compiled, 0.3 + 12 * h, name, start=0.3, step=h)
+    state = np.array(compiled.statement.initial)
+    for i in range(12):
+        assert found.y[:, i] == pytest.approx(state, rel=1e-12, abs=1e-14)
+        state = by_tableau(name, compiled.rhs, 0.3 + i * h, state, h)
+    assert found.y[:, -1] == pytest.approx(state, rel=1e-12)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_bdf2_is_a_parabola_through_three_states(target: str) -> None:
+    compiled = model("cart and pole", target)
+    h = 0.02
+    found = run(compiled, 10.5 * h, "bdf2", step=h)
+    assert found.steps == 11
+    for i in range(1, 10):
+        before, y, new = found.y[:, i - 1 : i + 2].T
+        slope = (3 * new - 4 * y + before) / (2 * h)
+        assert slope == pytest.approx(compiled.rhs(found.t[i + 1], new), rel=1e-11, abs=1e-12)
+
+
+TWINS = {
+    "variational-midpoint": "implicit-midpoint",
+    "variational-trapezoid": "verlet",
+    "galerkin4": "gauss2",
+    "galerkin6": "gauss3",
+}
+
+
+@pytest.mark.parametrize("system", ["Henon-Heiles", "coupled masses", "saddle"])
+@pytest.mark.parametrize("name", TWINS)
+def test_with_a_constant_mass_matrix_a_variational_method_is_a_known_one(name: str, system: str) -> None:
+    """Marsden and West, 2001, sections 2.6.1 and 2.6.2; Gauss's tableau is its own conjugate (HLW, VI.6.4)."""
+    compiled = model(system)
+    ours, theirs = (run(compiled, 1.0, each, step=0.05) for each in (name, TWINS[name]))
+    assert ours.y == pytest.approx(theirs.y, rel=1e-12, abs=1e-13)
+
+
+# --- claims ---------------------------------------------------------------------------------------------------
+
+COUNTS = {1: (800, 1131, 1600), 2: (200, 283, 400), 4: (40, 57, 80), 6: (16, 22, 30)}
+
+
+@pytest.mark.parametrize("system", ["cart and pole", "elastic pendulum", "bead on a hoop"])
+@pytest.mark.parametrize("name", EQUAL)
+def test_the_observed_order_is_the_claimed_one(name: str, system: str) -> None:
+    """With forces, dissipation, explicit time and mass matrices that move."""
+    compiled, claims, end = model(system), find(name).claims, 1.2
+    truth = exact(compiled, end).y[:, -1]
+    counts = COUNTS[claims.order]
+    errors = [np.abs(run(compiled, end, name, step=end / n).y[:, -1] - truth).max() for n in counts]
+    assert min(errors) > 1e-12 and max(errors) < 0.2
+    order = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
+    assert order == pytest.approx(claims.order, abs=0.15), errors
+
+
+def to_momenta(compiled: Model, y: Any) -> Any:
+    n = len(y) // 2
+    return np.concatenate([y[:n], compiled.momenta(y[:n], y[n:])])
+
+
+def defect(compiled: Model, name: str, h: float) -> float:
+    """Return how far one step is from conserving dq ^ dp: S^T W S - W of its Jacobian S in (q, p), in units of it.
+
+    Differences of four lengths, extrapolated, leave about 1e-11; a method that is not symplectic shows 1e-5 and more.
+    """
+    n = compiled.dimension
+    names = (*compiled.statement.names, *(f"{name}_dot" for name in compiled.statement.names))
+    start = np.array(compiled.statement.initial) + 0.1
+
+    def ahead(y: Any) -> Any:
+        found = run(compiled, h, name, step=h, initial=dict(zip(names, y, strict=True)))
+        return to_momenta(compiled, found.y[:, -1])
+
+    def derivative(function: Callable[[Any], Any]) -> Any:
+        columns = []
+        for e in np.eye(2 * n):
+            rows = [(function(start + s * e) - function(start - s * e)) / (2 * s) for s in (4e-2, 2e-2, 1e-2, 5e-3)]
+            for power in (4, 16, 64):
+                rows = [(power * b - a) / (power - 1) for a, b in itertools.pairwise(rows)]
+            columns.append(rows[0])
+        return np.array(columns).T
+
+    jacobian = derivative(ahead) @ np.linalg.inv(derivative(lambda y: to_momenta(compiled, y)))
+    w = np.block([[np.zeros((n, n)), np.eye(n)], [-np.eye(n), np.zeros((n, n))]])
+    return float(np.abs(jacobian.T @ w @ jacobian - w).max())
+
+
+@pytest.mark.parametrize("system", ["Henon-Heiles", "double pendulum", "elastic pendulum"])
+@pytest.mark.parametrize("name", EQUAL)
+def test_what_claims_to_be_symplectic_is_and_the_rest_is_not(name: str, system: str) -> None:
+    """Methods of slopes claim it for a constant mass matrix, and miss it where the matrix moves."""
+    claimed = find(name).claims.symplectic and (name in MOMENTA or system == "Henon-Heiles")
+    error = defect(model(system), name, 0.1)
+    assert error < 1e-9 if claimed else error > 1e-8, error
+
+
+@pytest.mark.parametrize("name", EQUAL)
+def test_what_claims_to_be_symmetric_runs_back_and_the_rest_does_not(name: str) -> None:
+    compiled = model("double pendulum")
+    there = run(compiled, 2.0, name, step=0.02)
+    names = (*compiled.statement.names, *(f"{name}_dot" for name in compiled.statement.names))
+    end = dict(zip(names, there.y[:, -1], strict=True))
+    back = run(compiled, 0.0, name, start=2.0, step=0.02, initial=end)
+    error = np.abs(back.y[:, -1] - there.y[:, 0]).max()
+    assert error < 1e-12 if find(name).claims.symmetric else error > 1e-6
+
+
+@pytest.mark.parametrize("system", ["pendulum", "double pendulum", "elastic pendulum", "Henon-Heiles"])
+@pytest.mark.parametrize("name", EQUAL)
+def test_what_claims_to_conserve_energy_does_and_the_rest_does_not(name: str, system: str) -> None:
+    """2000 steps of 0.02, some 40 to a swing: the error must be round-off, and must not be for the others."""
+    compiled = model(system)
+    found = run(compiled, 40.0, name, step=0.02)
+    n = compiled.dimension
+    energy = compiled.energy(found.y[:n], found.y[n:])
+    scale = np.abs(energy).max() + np.abs(compiled.evaluate("lagrangian", found.y[:n], found.y[n:])).max()
+    error = np.abs(energy - energy[0]).max() / scale
+    if find(name).claims.energy:
+        assert error < 1e-12
+    elif find(name).claims.order <= 2:
+        assert error > 1e-6
+
+
+@pytest.mark.parametrize("name", [name for name in EQUAL if find(name).claims.symplectic])
+def test_energy_stays_bounded_without_drift(name: str) -> None:
+    compiled = model("double pendulum" if name in MOMENTA else "Henon-Heiles")
+    found = run(compiled, 500.0, name, step=0.05)
+    n = compiled.dimension
+    energy = compiled.energy(found.y[:n], found.y[n:])
+    error = np.abs(energy / energy[0] - 1)
+    halves = [half.max() for half in np.array_split(error, 2)]
+    assert found.status.complete and halves[1] < 2 * halves[0] < 0.1
+
+
+@pytest.mark.parametrize("name", [name for name in IMPLICIT if find(name).claims.a_stable])
+def test_what_claims_to_be_stable_damps_what_is_too_fast_for_its_steps(name: str) -> None:
+    """Over-damped and oscillating, a thousand times too fast for the step: nothing grows."""
+    for damping in (0.0, 2e4):
+        compiled = build(
+            kinetic=x.dot**2 / 2,
+            potential=k * x**2 / 2,
+            dissipation=damping * x.dot**2 / 2,
+            parameters={k: 1e8},
+            initial={x: 1.0},
+        )
+        o: Any = {"step": 0.1} if name in FIXED else {"rtol": 1e-3, "atol": 1e-3}
+        found = run(compiled, 10.0, name, **o)
+        assert found.status.complete
+        assert np.abs(found.y[0]).max() < 1 + 1e-9, (damping, np.abs(found.y[0]).max())
