@@ -16,6 +16,7 @@ from lagrange.trajectory.methods.explicit import (
     Tsit5,
     Verner9,
     explicit_method,
+    tableau,
 )
 from lagrange.trajectory.methods.implicit import (
     BDF2,
@@ -26,8 +27,10 @@ from lagrange.trajectory.methods.implicit import (
     ImplicitMidpoint,
     Trapezoidal,
 )
+from lagrange.trajectory.methods.own import StepMethod, step_method
 from lagrange.trajectory.methods.radau import Radau3, Radau5
-from lagrange.trajectory.methods.registry import names, table
+from lagrange.trajectory.methods.registry import names, register, table
+from lagrange.trajectory.methods.runge_kutta import ButcherTableau
 from lagrange.trajectory.methods.splitting import (
     Composition8,
     ForestRuth4,
@@ -63,6 +66,7 @@ __all__ = [
     "DOP853",
     "RK4",
     "BackwardEuler",
+    "ButcherTableau",
     "Composition8",
     "DiscreteGradient",
     "Dopri5",
@@ -88,6 +92,7 @@ __all__ = [
     "ScipyRK45",
     "ScipyRadau",
     "Splitting",
+    "StepMethod",
     "SymplecticEuler",
     "SymplecticEulerB",
     "Taylor",
@@ -102,5 +107,8 @@ __all__ = [
     "composition",
     "explicit_method",
     "names",
+    "register",
+    "step_method",
     "table",
+    "tableau",
 ]

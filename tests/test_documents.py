@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from lagrange.trajectory.methods import registry
+
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -31,6 +33,7 @@ def test_the_readme_has_a_first_result_in_six_lines() -> None:
 @pytest.mark.parametrize("body", [pytest.param(body, id=page) for page, body in snippets()])
 def test_the_python_on_the_page_runs(body: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(registry, "_registered", {})  # what a page registers is not there for the next
     script = tmp_path / "snippet.py"
     script.write_text(body, encoding="utf-8")
     runpy.run_path(str(script))

@@ -77,10 +77,12 @@ def test_the_table_of_methods() -> None:
     assert set(NAMES) <= set(rows)
     assert rows["verlet"].claims == Claims(order=2, symplectic=True, symmetric=True, dense=3, events=True)
     text = str(table())
-    assert text.splitlines()[0].split() == ["method", "order", "step", "symplectic", "symmetric", "A-stable", "about"]
+    assert text.splitlines()[0].split() == [
+        "method", "order", "step", "symplectic", "symmetric", "energy", "A-stable", "dense", "about",
+    ]  # fmt: skip
     assert "rk4" in text and "fixed" in text and "adaptive" in text
     markdown = table().to_markdown()
-    assert "| `verlet` | 2 | fixed | yes | yes |  |" in markdown
+    assert "| `verlet` | 2 | fixed | yes | yes |  |  | 3 |" in markdown
     assert all(row.about for row in table())
 
 

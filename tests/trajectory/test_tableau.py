@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,13 +14,15 @@ import pytest
 import scipy.integrate
 
 from lagrange.errors import StatementError
-from lagrange.trajectory.methods.classical import EULER, MIDPOINT, RK4
+from lagrange.trajectory.methods.classical import BS3, EULER, HEUN, MIDPOINT, RK4
 from lagrange.trajectory.methods.dop853 import DOP853
 from lagrange.trajectory.methods.dopri5 import DOPRI5
 from lagrange.trajectory.methods.rooted_trees import density, formula, size, trees
 from lagrange.trajectory.methods.runge_kutta import ButcherTableau, DenseOutput, ErrorEstimate, row, rows
+from lagrange.trajectory.methods.tsit5 import TSIT5
+from lagrange.trajectory.methods.verner9 import verner9
 
-ALL = (EULER, MIDPOINT, RK4, DOPRI5, DOP853)
+ALL = (EULER, HEUN, MIDPOINT, RK4, BS3, DOPRI5, TSIT5, DOP853, verner9())
 Rhs = Callable[[float, Any], Any]
 
 
@@ -43,7 +46,7 @@ def step(tableau: ButcherTableau, rhs: Rhs, t: float, y: Any, h: float) -> Any:
 
 def path(tableau: ButcherTableau, rhs: Rhs, t: float, y: Any, h: float, theta: Any) -> Any:
     assert tableau.dense
-    weights = np.array(tableau.dense.weights, dtype=float)
+    weights = np.array(list(itertools.zip_longest(*tableau.dense.weights, fillvalue=0)), dtype=float).T
     powers = np.array([theta ** (m + 1) for m in range(weights.shape[1])])
     return y[:, None] + h * stages(tableau, rhs, t, y, h) @ (weights @ powers)
 
@@ -60,7 +63,7 @@ def reference(t: float, y: Any, times: Any) -> Any:
 
 
 def test_trees_are_counted_and_weighed() -> None:
-    assert [len(trees(order)) for order in range(1, 9)] == [1, 1, 2, 4, 9, 20, 48, 115]
+    assert [len(trees(order)) for order in range(1, 10)] == [1, 1, 2, 4, 9, 20, 48, 115, 286]
     # Sum of n!/(gamma sigma) over the trees of n nodes counts the monotonic labellings: (n - 1)! of them.
     assert sum(Fraction(math.factorial(5), density(tree) * symmetry(tree)) for tree in trees(5)) == math.factorial(4)
     assert density(((), ((),))) == 8 and size(((), ((),))) == 4
@@ -71,10 +74,14 @@ def symmetry(tree: Any) -> int:
     return math.prod(math.factorial(tree.count(child)) * symmetry(child) ** tree.count(child) for child in {*tree})
 
 
-@pytest.mark.parametrize("tableau", ALL, ids=lambda tableau: tableau.name)
+@pytest.mark.parametrize("tableau", ALL[:-1], ids=lambda tableau: tableau.name)
 def test_claimed_order_is_seen_on_a_pendulum(tableau: ButcherTableau) -> None:
+    """The order of verner9 is not seen above round-off: test_steps_precisely has it."""
     y0 = np.array([1.0, 0.2])
-    span, counts = 1.0, {1: (64, 128, 256), 2: (32, 64, 128), 4: (16, 32, 64), 5: (8, 16, 32), 8: (3, 4, 6)}
+    span, counts = (
+        1.0,
+        {1: (64, 128, 256), 2: (32, 64, 128), 3: (32, 64, 128), 4: (16, 32, 64), 5: (8, 16, 32), 8: (3, 4, 6)},
+    )
     exact = reference(0.3, y0, np.array([0.3 + span]))[:, -1]
     errors, sizes = [], []
     for count in counts[tableau.order]:
@@ -90,11 +97,12 @@ def test_claimed_order_is_seen_on_a_pendulum(tableau: ButcherTableau) -> None:
 def test_the_path_has_its_order_and_meets_both_ends(tableau: ButcherTableau) -> None:
     assert tableau.dense
     y0, theta = np.array([1.0, 0.2]), np.linspace(0, 1, 11)
-    sizes = [0.8, 0.4, 0.2] if tableau.dense.order == 7 else [0.2, 0.1, 0.05]
+    sizes = {7: [0.8, 0.4, 0.2], 8: [1.0, 0.7, 0.5]}.get(tableau.dense.order, [0.2, 0.1, 0.05])
+    round_off = 5e-12 if tableau.name == "verner9" else 2e-14  # its dense weights reach 13,293 and cancel
     errors = []
     for h in sizes:
         found = path(tableau, pendulum, 0.3, y0, h, theta)
-        np.testing.assert_allclose(found[:, -1], step(tableau, pendulum, 0.3, y0, h), rtol=0, atol=2e-14)
+        np.testing.assert_allclose(found[:, -1], step(tableau, pendulum, 0.3, y0, h), rtol=0, atol=round_off)
         np.testing.assert_array_equal(found[:, 0], y0)
         errors.append(np.abs(found - reference(0.3, y0, 0.3 + h * theta)).max())
     assert slope_of(errors, sizes) > tableau.dense.order + 1 - 0.25
@@ -142,7 +150,9 @@ def test_the_error_norm_shrinks_with_the_power_that_control_says(tableau: Butche
 
 def test_what_is_derived() -> None:
     assert RK4.c == (0, Fraction(1, 2), Fraction(1, 2), 1) and RK4.stages == 4 and len(RK4.rows) == 5
-    assert [tableau.fsal for tableau in ALL] == [False, False, False, True, True]
+    assert [tableau.fsal for tableau in ALL] == [
+        False, False, False, False, True, True, True, True, False,
+    ]  # fmt: skip
     assert all(isinstance(a, Fraction) for line in DOPRI5.A for a in line)
     assert DOPRI5.hermite().rows == DOPRI5.A, "the last stage is the slope at the end already"
     assert DOP853.abscissae[-3:] == (Fraction(1, 10), Fraction(1, 5), Fraction(7, 9))
@@ -214,7 +224,7 @@ def test_a_claim_of_one_order_more_is_refused_for_every_method() -> None:
             replace(tableau, order=tableau.order + 1, dense=None, error=None)
 
 
-@pytest.mark.parametrize("tableau", [RK4, DOPRI5, DOP853], ids=lambda tableau: tableau.name)
+@pytest.mark.parametrize("tableau", [RK4, BS3, DOPRI5, TSIT5, DOP853], ids=lambda tableau: tableau.name)
 def test_every_wrong_coefficient_is_refused(tableau: ButcherTableau) -> None:
     """Each entry of A and b in turn is off by 1e-6."""
     wrong = Fraction(1, 10**6)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import lru_cache
 from typing import Any
 
@@ -13,7 +14,8 @@ from lagrange.trajectory.dense import RungeKuttaPath, StepPath, hermite_path
 from lagrange.trajectory.driver import drive
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods import classical, dop853, dopri5, tsit5
-from lagrange.trajectory.methods.runge_kutta import ButcherTableau
+from lagrange.trajectory.methods.rooted_trees import Row
+from lagrange.trajectory.methods.runge_kutta import ButcherTableau, ErrorEstimate
 from lagrange.trajectory.methods.settings import adaptive_settings, fixed_settings
 from lagrange.trajectory.methods.verner9 import verner9
 from lagrange.trajectory.plan import StepPlan
@@ -138,13 +140,51 @@ def DOP853(rtol: float | None = None, atol: float | None = None) -> RungeKutta:
     return RungeKutta(dop853.DOP853, rtol=rtol, atol=atol)
 
 
-def explicit_method(A: Any, b: Any, *, name: str, order: int, step: float | None = None) -> RungeKutta:
-    """Return a fixed-step method from a tableau of your own, checked against the order it claims.
+def tableau(
+    A: Any,
+    b: Any,
+    *,
+    order: int,
+    name: str = "tableau",
+    c: Any = (),
+    embedded: Any = None,
+    embedded_order: int | None = None,
+    source: str = "",
+) -> ButcherTableau:
+    """Return an explicit method's tableau, checked against the order that it claims, with a cubic path.
 
-    `A` is a strictly lower triangular matrix (s, s) or its rows, `b` has s weights. Raises StatementError with the
-    condition that fails.
+    `A` is a strictly lower triangular matrix (s, s) or its rows, `b` has s weights. An entry is a number, a Fraction
+    or text such as "2/3". `embedded` are the weights of a second solution, of `embedded_order`, or one less than
+    `order`: the method then controls its steps by the difference. Raises StatementError with the condition that fails.
     """
-    rows = tuple(tuple(row)[:i] for i, row in enumerate(A))
-    if any(entry for i, row in enumerate(A) for entry in tuple(row)[i:]):
+    if not isinstance(A, Iterable):
+        raise StatementError(f"the tableau {name!r} has A = {A!r}: give its rows, each a list.")
+    lines = [_entries(name, line) for line in A]
+    if any(entry for i, line in enumerate(lines) for entry in line[i:]):
         raise StatementError(f"the tableau {name!r} is not explicit: A must be zero on and above its diagonal.")
-    return RungeKutta(ButcherTableau(name=name, order=order, A=rows, b=tuple(b)).hermite(), step=step)
+    weights = _entries(name, b)
+    error = None
+    if embedded is not None:
+        other = _entries(name, embedded)
+        if len(other) != len(weights):
+            raise StatementError(f"the tableau {name!r} has {len(weights)} weights in b and {len(other)} in embedded.")
+        difference = tuple(x - y for x, y in zip(weights, other, strict=True))
+        error = ErrorEstimate(difference, order=embedded_order or max(order - 1, 1))
+    rows = tuple(line[:i] for i, line in enumerate(lines))
+    made = ButcherTableau(name=name, order=order, A=rows, b=weights, c=_entries(name, c), error=error, source=source)
+    return made.hermite()
+
+
+def _entries(name: str, line: Any) -> Row:
+    try:
+        return tuple(x if isinstance(x, float) else Fraction(x) for x in line)
+    except (TypeError, ValueError, ZeroDivisionError) as error:
+        raise StatementError(
+            f"the tableau {name!r} has an entry that is no number ({error}): give numbers, or text such as '2/3', each "
+            "row a list."
+        ) from error
+
+
+def explicit_method(A: Any, b: Any, *, name: str, order: int, step: float | None = None) -> RungeKutta:
+    """Return a fixed-step method from a tableau of your own; see `tableau`."""
+    return RungeKutta(tableau(A, b, name=name, order=order), step=step)

@@ -2,22 +2,38 @@
 
 from __future__ import annotations
 
+import inspect
+import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from lagrange.errors import StatementError, listing, suggestion
 from lagrange.trajectory.integrator import Claims, Integrator
-from lagrange.trajectory.methods.explicit import BS3, DOP853, RK4, Dopri5, Euler, Heun, Midpoint, Tsit5, Verner9
+from lagrange.trajectory.methods.explicit import (
+    BS3,
+    DOP853,
+    RK4,
+    Dopri5,
+    Euler,
+    Heun,
+    Midpoint,
+    RungeKutta,
+    Tsit5,
+    Verner9,
+)
 from lagrange.trajectory.methods.implicit import BDF2, BackwardEuler, Gauss2, Gauss3, ImplicitMidpoint, Trapezoidal
+from lagrange.trajectory.methods.own import StepMethod, step_method
 from lagrange.trajectory.methods.radau import Radau3, Radau5
+from lagrange.trajectory.methods.runge_kutta import ButcherTableau
 from lagrange.trajectory.methods.splitting import (
     Composition8,
     ForestRuth4,
     Leapfrog,
     Ruth3,
+    Splitting,
     SymplecticEuler,
     SymplecticEulerB,
     VelocityVerlet,
@@ -76,6 +92,65 @@ BUILT_IN: dict[str, Callable[[], Integrator]] = {
     "taylor": Taylor,
 }
 
+_registered: dict[str, Callable[[], Integrator]] = {}
+"""What `register` was given, by name, in order."""
+
+NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
+
+
+def register(name: str, method: Any, *, order: int | None = None, replaces: bool = False) -> None:
+    """Give a method a name, so that `method="name"` finds it in this process, as the built-in ones are found.
+
+    `method` is a ButcherTableau, an instance of an integrator, its class or a function that makes one, called without
+    arguments; with `order`, it is a step function, see `step_method`. A name that `register` gave before is
+    given to another method with `replaces=True`. Raises StatementError for what is no method, or is not what it claims.
+    """
+    if not isinstance(name, str) or not NAME.fullmatch(name):
+        raise StatementError(
+            f"name = {name!r}: give small letters and digits, starting with a letter, parts joined by '-', such as "
+            "'my-method'."
+        )
+    if name in BUILT_IN or name in _offered() or (name in _registered and not replaces):
+        again = " Pass replaces=True to replace it." if name in _registered else ""
+        raise StatementError(f"there is a method {name!r} already: give another name.{again}")
+    _registered[name] = _maker(name, method, order)
+
+
+def _maker(name: str, method: Any, order: int | None) -> Callable[[], Integrator]:
+    """Return what makes the integrator, once it is known to be one."""
+    if order is not None:
+        if isinstance(method, ButcherTableau) or callable(getattr(method, "integrate", None)):
+            raise StatementError(f"{name} is not a step function and has its order already: leave out order.")
+        own = step_method(method, order=order, name=name)
+        return lambda: own
+    if isinstance(method, ButcherTableau):
+        named = replace(method if method.dense else method.hermite(), name=name)
+        return lambda: RungeKutta(named)
+    if callable(getattr(method, "integrate", None)) and not isinstance(method, type):
+        instance = find(replace(method, name=name) if isinstance(method, StepMethod) else method)
+        return lambda: instance
+    if not callable(method):
+        raise StatementError(
+            f"{name} cannot be {method!r}: give a ButcherTableau, an integrator, its class, or a step function with "
+            "its order."
+        )
+    if _needed(method):
+        raise StatementError(
+            f"{name} takes arguments ({', '.join(_needed(method))}): a class or a function that makes an integrator is "
+            "called without any, and a step function needs order=."
+        )
+    find(method())
+    return lambda: find(method())
+
+
+def _needed(method: Callable[..., Any]) -> list[str]:
+    """Return the names of the arguments without which it cannot be called."""
+    try:
+        parameters = inspect.signature(method).parameters.values()
+    except (TypeError, ValueError):
+        return []
+    return [p.name for p in parameters if p.default is p.empty and p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]
+
 
 @dataclass(frozen=True)
 class Row:
@@ -90,15 +165,14 @@ class Table(tuple[Row, ...]):
     """The methods with their claims; prints as a table."""
 
     def __str__(self) -> str:
-        head = f"{'method':<18}{'order':>5}  {'step':<9}{'symplectic':<12}{'symmetric':<11}{'A-stable':<10}about"
+        wide = max((len(row.name) for row in self), default=6) + 2
+        head = f"{'method':<{wide}}{'order':>5}  {'step':<9}" + "".join(f"{what:<12}" for what, _ in MARKS)
+        head += f"{'dense':>5}  about"
         lines = [head, "-" * len(head)]
         for row in self:
-            claims = row.claims
-            marks = ["yes" if mark else "-" for mark in (claims.symplectic, claims.symmetric, claims.a_stable)]
-            kind = "adaptive" if claims.adaptive else "fixed"
-            lines.append(
-                f"{row.name:<18}{claims.order:>5}  {kind:<9}{marks[0]:<12}{marks[1]:<11}{marks[2]:<10}{row.about}"
-            )
+            marks = "".join(f"{'yes' if holds(row.claims) else '-':<12}" for _, holds in MARKS)
+            start = f"{row.name:<{wide}}{row.claims.order:>5}  {_kind(row.claims):<9}{marks}"
+            lines.append(f"{start}{row.claims.dense or '-':>5}  {row.about}")
         return "\n".join(lines)
 
     def __repr__(self) -> str:
@@ -106,21 +180,31 @@ class Table(tuple[Row, ...]):
 
     def to_markdown(self) -> str:
         """Return the table for a page."""
-        lines = [
-            "| method | order | step | symplectic | symmetric | A-stable | about |",
-            "|---|---|---|---|---|---|---|",
-        ]
+        titles = ["method", "order", "step", *(what for what, _ in MARKS), "dense", "about"]
+        lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
         for row in self:
-            c = row.claims
-            marks = " | ".join("yes" if mark else "" for mark in (c.symplectic, c.symmetric, c.a_stable))
-            kind = "adaptive" if c.adaptive else "fixed"
-            lines.append(f"| `{row.name}` | {c.order} | {kind} | {marks} | {row.about} |")
+            marks = ["yes" if holds(row.claims) else "" for _, holds in MARKS]
+            cells = [f"`{row.name}`", str(row.claims.order), _kind(row.claims), *marks, str(row.claims.dense or "")]
+            lines.append(f"| {' | '.join([*cells, row.about])} |")
         return "\n".join(lines)
+
+
+MARKS: tuple[tuple[str, Callable[[Claims], bool]], ...] = (
+    ("symplectic", lambda claims: claims.symplectic),
+    ("symmetric", lambda claims: claims.symmetric),
+    ("energy", lambda claims: claims.energy),
+    ("A-stable", lambda claims: claims.a_stable),
+)
+"""The columns that say yes or nothing, and which claim each shows."""
+
+
+def _kind(claims: Claims) -> str:
+    return "adaptive" if claims.adaptive else "fixed"
 
 
 def names() -> list[str]:
     """Return the name of every method that is here."""
-    return [*BUILT_IN, *(name for name in sorted(_offered()) if name not in BUILT_IN)]
+    return [*BUILT_IN, *(name for name in sorted(_offered()) if name not in BUILT_IN), *_registered]
 
 
 def find(method: Any) -> Integrator:
@@ -139,6 +223,8 @@ def find(method: Any) -> Integrator:
         return instance
     if method in BUILT_IN:
         return BUILT_IN[method]()
+    if method in _registered:
+        return _registered[method]()
     if method in _offered():
         made: Integrator = _offered()[method].load()()
         return made
@@ -149,13 +235,23 @@ def find(method: Any) -> Integrator:
 
 def table() -> Table:
     """Return every method with its claims."""
-    rows = []
-    for name in names():
-        integrator = find(name)
-        summary = ((BUILT_IN[name] if name in BUILT_IN else type(integrator)).__doc__ or "").splitlines()
-        about = summary[0] if summary else ""
-        rows.append(Row(name, promises(integrator), about.removeprefix("Return ").rstrip(".")))
-    return Table(rows)
+    made = [(name, find(name)) for name in names()]
+    return Table(Row(name, promises(integrator), _about(name, integrator)) for name, integrator in made)
+
+
+def _about(name: str, integrator: Integrator) -> str:
+    """Return what a method is, in a line."""
+    described: Any = BUILT_IN[name] if name in BUILT_IN else type(integrator)
+    match integrator:
+        case StepMethod():
+            described = integrator.function
+        case RungeKutta() if name in _registered:
+            stages = integrator.tableau.stages
+            return integrator.tableau.source or f"an explicit Runge-Kutta method of {stages} stages"
+        case Splitting() if name in _registered:
+            return integrator.source or "a composition of kicks and drifts"
+    summary = next(iter((described.__doc__ or "").strip().splitlines()), "")
+    return summary.removeprefix("Return ").rstrip(".")
 
 
 @cache

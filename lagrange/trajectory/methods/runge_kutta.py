@@ -16,6 +16,10 @@ ROUND_OFF = 1e-12
 """By how much a sum may miss, per size of its terms, when a coefficient is a float; exact ones must not miss."""
 
 
+HIGHEST = 10
+"""The highest order that is checked: it has 1205 conditions, and each further one nearly three times as many."""
+
+
 def row(text: str) -> Row:
     """Read coefficients: ``"1/5 -3 0.25"``. Whole numbers and fractions stay exact, decimals become floats."""
     return tuple(float(word) if "." in word else Fraction(word) for word in text.split())
@@ -158,6 +162,8 @@ class ButcherTableau:
         s = len(self.b)
         if s == 0 or self.order < 1:
             raise self._refuse("a method has at least one stage and an order of at least 1")
+        if self.order > HIGHEST:
+            raise self._refuse(f"orders up to {HIGHEST} can be checked, not {self.order}")
         if len(self.A) != s:
             raise self._refuse(f"b has {s} weights and A has {len(self.A)} rows; both are one per stage")
         if self.c and len(self.c) != s:

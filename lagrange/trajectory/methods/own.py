@@ -1,0 +1,208 @@
+"""Methods of a user's own: a step as a plain Python function, tried out before it is compiled.
+
+The function runs first on combinations with plain numbers, which tell in words what it does besides combining. They
+also give the tableau of a Runge-Kutta step, whose order is then held by its conditions.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import lru_cache
+from numbers import Real
+from typing import Any
+
+from lagrange.errors import StatementError
+from lagrange.program.step import StepProgram, trace
+from lagrange.trajectory.dense import hermite_path
+from lagrange.trajectory.driver import drive
+from lagrange.trajectory.integrator import Claims, Problem
+from lagrange.trajectory.methods.rooted_trees import Number
+from lagrange.trajectory.methods.runge_kutta import ROUND_OFF, ButcherTableau
+from lagrange.trajectory.methods.settings import fixed_settings
+from lagrange.trajectory.methods.splitting import check_splits
+from lagrange.trajectory.methods.trial import Combination, kind_of, number, refusal
+from lagrange.trajectory.plan import StepPlan
+from lagrange.trajectory.trajectory import Trajectory
+
+FORMS = "step(f, t, y, h), or step(a, t, q, v, h) to move coordinates and velocities in turn"
+
+
+@dataclass(frozen=True)
+class StepMethod:
+    """A method with equal steps, from a step function; made by `step_method`."""
+
+    name: str
+    order: int
+    function: Callable[..., Any]
+    step: float | None = None
+
+    @property
+    def claims(self) -> Claims:
+        """The order that was stated, and that of the Hermite path between steps."""
+        return Claims(order=self.order, dense=max(3, self.order - 1))
+
+    def plan(self, problem: Problem) -> StepPlan:
+        """Return the plan; see `Planned`."""
+        program = _program(self.name, self.function)
+        if program.partitioned:
+            check_splits(self.name, problem)
+        return StepPlan(program, fixed_settings(self.name, problem, self.step, None, None), hermite_path(self.order))
+
+    def integrate(self, problem: Problem) -> Trajectory:
+        """Run the problem; see `Integrator`."""
+        return drive(problem, self.plan(problem), self.name)
+
+
+def step_method(function: Callable[..., Any], *, order: int, name: str = "", step: float | None = None) -> StepMethod:
+    """Return a method with equal steps from a step function, compiled for every system that it runs on.
+
+    `function` is `step(f, t, y, h)` and returns the state at t + h, with f(t, y) the slope of the state y = [q, v]; or
+    `step(a, t, q, v, h)`, returns (q, v), and has the accelerations a(t, q), where these do not depend on velocities.
+    It adds and subtracts vectors and multiplies them by numbers made of t and h, and does nothing else with them.
+    The order of a step of the first form is checked, as a tableau's is; of the second, that both move as they must
+    under a constant force. Raises StatementError in words.
+    """
+    if isinstance(order, bool) or not isinstance(order, int) or order < 1:
+        raise StatementError(f"order = {order!r}: give the order of the method, a whole number from 1 on.")
+    called = name or getattr(function, "__name__", "") or "step"
+    check_consistent(called, function, order)
+    _program(called, function)
+    return StepMethod(called, order, function, step)
+
+
+@lru_cache(maxsize=64)
+def _program(name: str, function: Callable[..., Any]) -> StepProgram:
+    """Return the step function as a program."""
+
+    def guarded(*arguments: Any) -> Any:
+        try:
+            return function(*arguments)
+        except TypeError as error:
+            raise refusal(
+                name, f"of t and h it takes more than sums, products, quotients and powers ({error})"
+            ) from error
+
+    program = trace(name, guarded, partitioned=_arguments(name, function) == 5)
+    return replace(program, function=function)
+
+
+def _arguments(name: str, function: Callable[..., Any]) -> int:
+    """Return the number of a step function's arguments, 4 or 5."""
+    if not callable(function):
+        raise StatementError(f"the step function {name} is {kind_of(function)}: give a function, {FORMS}.")
+    try:
+        parameters = inspect.signature(function).parameters.values()
+    except (TypeError, ValueError) as error:
+        raise StatementError(f"the step function {name} does not say what it takes: write {FORMS}.") from error
+    plain = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD) and p.default is p.empty]
+    if len(plain) not in (4, 5):
+        raise StatementError(
+            f"the step function {name} takes {len(plain)} arguments ({', '.join(p.name for p in plain)}): "
+            f"write {FORMS}."
+        )
+    return len(plain)
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """What a step function did: (time, argument) of each call, and the vectors that it returned."""
+
+    calls: tuple[tuple[Number, dict[int, Number]], ...]
+    results: tuple[dict[int, Number], ...]
+
+
+def _tried(name: str, function: Callable[..., Any], states: int, t: Fraction, h: Fraction) -> _Tried:
+    calls: list[tuple[Number, dict[int, Number]]] = []
+    what = "f(t, y)" if states == 1 else "a(t, q)"
+
+    def f(*arguments: Any) -> Combination:
+        if len(arguments) != 2:
+            raise refusal(name, f"it calls {what} with {len(arguments)} arguments")
+        at, y = arguments
+        if not isinstance(at, Real):
+            raise refusal(name, f"it calls {what} at a time that is {kind_of(at)}")
+        if not isinstance(y, Combination):
+            raise refusal(name, f"it calls {what} for {kind_of(y)} in place of a vector")
+        calls.append((number(at), y.terms))
+        return Combination(name, {states + len(calls) - 1: Fraction(1)})
+
+    given = [Combination(name, {i: Fraction(1)}) for i in range(states)]
+    try:
+        returned = function(f, t, *given, h)
+    except StatementError:
+        raise
+    except (TypeError, ValueError, ArithmeticError, LookupError, AttributeError, NameError) as error:
+        raise refusal(name, f"it fails with {type(error).__name__}: {error}") from error
+    found = returned if isinstance(returned, (tuple, list)) else (returned,)
+    wanted = "the new state" if states == 1 else "the new coordinates and velocities, q, v"
+    if len(found) != states or not all(isinstance(vector, Combination) for vector in found):
+        shown = ", ".join("a vector" if isinstance(vector, Combination) else kind_of(vector) for vector in found)
+        raise refusal(name, f"it returns {shown or 'nothing'} in place of {wanted}")
+    if not calls:
+        raise refusal(name, f"it never calls {what}")
+    return _Tried(tuple(calls), tuple(vector.terms for vector in found))
+
+
+def check_consistent(name: str, function: Callable[..., Any], order: int) -> None:
+    """Refuse a step function that is not one, or not of the order; see `step_method`."""
+    if _arguments(name, function) == 5:
+        _check_partitioned(name, order, _tried(name, function, 2, Fraction(0), Fraction(1)))
+        return
+    tried = _tried(name, function, 1, Fraction(0), Fraction(1))
+    doubled = _tried(name, function, 1, Fraction(2), Fraction(2))
+    for _, argument in tried.calls:
+        _check_whole(name, "a slope is taken at", argument)
+    _check_whole(name, "the new state holds", tried.results[0])
+    if not _scales(tried, doubled):
+        return
+    slopes = range(1, len(tried.calls) + 1)
+    vectors = [argument for _, argument in tried.calls]
+    ButcherTableau(
+        name=name,
+        order=order,
+        A=tuple(tuple(terms.get(j, Fraction(0)) for j in slopes[:i]) for i, terms in enumerate(vectors)),
+        b=tuple(tried.results[0].get(j, Fraction(0)) for j in slopes),
+        c=tuple(at for at, _ in tried.calls),
+    )
+
+
+def _check_whole(name: str, what: str, terms: dict[int, Number]) -> None:
+    if abs(float(terms.get(0, 0)) - 1) > ROUND_OFF:
+        raise refusal(name, f"{what} {float(terms.get(0, 0)):g} times the old state, which must be there once")
+
+
+def _scales(tried: _Tried, doubled: _Tried) -> bool:
+    """Return whether the step is a Runge-Kutta step: coefficients in proportion to h, times t + c h."""
+    if len(tried.calls) != len(doubled.calls):
+        return False
+    pairs = [(float(2 + 2 * at), float(later)) for (at, _), (later, _) in zip(tried.calls, doubled.calls, strict=True)]
+    once = [*(argument for _, argument in tried.calls), *tried.results]
+    twice = [*(argument for _, argument in doubled.calls), *doubled.results]
+    for terms, others in zip(once, twice, strict=True):
+        pairs += [(2 * float(terms.get(i, 0)), float(others.get(i, 0))) for i in sorted(terms | others) if i]
+    return all(abs(a - b) <= ROUND_OFF * max(1.0, abs(a)) for a, b in pairs)
+
+
+def _check_partitioned(name: str, order: int, tried: _Tried) -> None:
+    """Hold a step in q and v to what every such step satisfies, with h = 1: q + v + a/2 and v + a for a constant a."""
+    q, v = tried.results
+    sums = [sum(float(c) for i, c in terms.items() if i > 1) for terms in (q, v)]
+    found: list[tuple[str, str, Number, Number]] = [
+        ("the new q holds", "q", q.get(0, 0), 1),
+        ("the new q holds", "h v", q.get(1, 0), 1),
+        ("the new v holds", "q", v.get(0, 0), 0),
+        ("the new v holds", "v", v.get(1, 0), 1),
+        ("the new v holds, of a constant acceleration,", "h a", sums[1], 1),
+        *([("the new q holds, of a constant acceleration,", "h^2 a", sums[0], 0.5)] if order > 1 else []),
+    ]
+    for at, argument in tried.calls:
+        found += [
+            ("an acceleration is taken at", "q", argument.get(0, 0), 1),
+            (f"an acceleration is taken at t + {float(at):g} h and", "h v", argument.get(1, 0), at),
+        ]
+    for what, of, value, expected in found:
+        if not abs(float(value) - float(expected)) <= ROUND_OFF:
+            raise refusal(name, f"{what} {float(value):g} times {of} instead of {float(expected):g}")

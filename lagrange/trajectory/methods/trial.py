@@ -1,0 +1,159 @@
+"""What a step function is tried out on before it is compiled: a state that can be combined and nothing else."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Mapping
+from fractions import Fraction
+from numbers import Rational, Real
+from typing import Any, NoReturn
+
+import numpy as np
+
+from lagrange.errors import StatementError
+from lagrange.trajectory.methods.rooted_trees import Number
+
+ARITHMETIC = {
+    "add": operator.add,
+    "subtract": operator.sub,
+    "multiply": operator.mul,
+    "divide": operator.truediv,
+    "true_divide": operator.truediv,
+}
+"""What a NumPy number does to a vector, by NumPy's name for it."""
+
+BRANCH = "it compares a vector: a step cannot branch on the state"
+
+
+def refusal(name: str, what: str) -> StatementError:
+    """Return the error that says what a step function does and what it may do."""
+    return StatementError(
+        f"the step function {name} cannot be used: {what}. A step adds vectors and multiplies them by numbers made of "
+        "t and h."
+    )
+
+
+def kind_of(thing: object) -> str:
+    """Return what a thing is, in words."""
+    return f"the number {thing}" if isinstance(thing, Real) else f"a {type(thing).__name__}"
+
+
+def number(value: Real) -> Number:
+    """Return the number, exact where it is."""
+    return Fraction(value) if isinstance(value, Rational) else float(value)
+
+
+class Combination:
+    """A linear combination of the state and the slopes with plain numbers: what a step function is tried out on."""
+
+    def __init__(self, name: str, terms: Mapping[int, Number]) -> None:
+        self._name = name
+        self._terms = dict(terms)
+
+    @property
+    def terms(self) -> dict[int, Number]:
+        """The coefficients by the number of the vector, without those that are zero."""
+        return {i: c for i, c in self._terms.items() if c}
+
+    def __add__(self, other: Any) -> Combination:
+        if isinstance(other, Combination):
+            both = self._terms | other._terms
+            return self._made({i: self._terms.get(i, 0) + other._terms.get(i, 0) for i in both})
+        if isinstance(other, Real) and other == 0:
+            return self
+        raise self._refused(f"it adds {kind_of(other)} to a vector")
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Combination:
+        return self.__add__(other * -1)
+
+    def __rsub__(self, other: Any) -> Combination:
+        return self.__neg__().__add__(other)
+
+    def __neg__(self) -> Combination:
+        return self * -1
+
+    def __pos__(self) -> Combination:
+        return self
+
+    def __mul__(self, factor: Any) -> Combination:
+        if isinstance(factor, Combination):
+            raise self._refused("it multiplies two vectors")
+        if not isinstance(factor, Real):
+            raise self._refused(f"it multiplies a vector by {kind_of(factor)}")
+        return self._made({i: c * number(factor) for i, c in self._terms.items()})
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, divisor: Any) -> Combination:
+        if not isinstance(divisor, Real) or divisor == 0:
+            raise self._refused(f"it divides a vector by {'zero' if isinstance(divisor, Real) else kind_of(divisor)}")
+        return self._made({i: c / number(divisor) for i, c in self._terms.items()})
+
+    def _made(self, terms: Mapping[int, Number]) -> Combination:
+        return Combination(self._name, terms)
+
+    def _refused(self, what: str) -> StatementError:
+        return refusal(self._name, what)
+
+    def __eq__(self, other: object) -> bool:
+        raise self._refused(BRANCH)
+
+    def __lt__(self, other: object) -> bool:
+        raise self._refused(BRANCH)
+
+    def __le__(self, other: object) -> bool:
+        raise self._refused(BRANCH)
+
+    def __gt__(self, other: object) -> bool:
+        raise self._refused(BRANCH)
+
+    def __ge__(self, other: object) -> bool:
+        raise self._refused(BRANCH)
+
+    def __hash__(self) -> int:
+        return id(self)
+
+    def __bool__(self) -> bool:
+        raise self._refused("it asks whether a vector is true: a step cannot branch on the state")
+
+    def __getitem__(self, index: object) -> NoReturn:
+        raise self._refused(f"it takes entry {index!r} of a vector: a step treats all coordinates alike")
+
+    def __setitem__(self, index: object, value: object) -> None:
+        raise self._refused(f"it sets entry {index!r} of a vector: a step treats all coordinates alike")
+
+    def __iter__(self) -> NoReturn:
+        raise self._refused("it goes through the entries of a vector: a step treats all coordinates alike")
+
+    def __len__(self) -> int:
+        raise self._refused("it asks for the length of a vector: a step is the same for every system")
+
+    def __abs__(self) -> NoReturn:
+        raise self._refused("it takes the absolute value of a vector")
+
+    def __pow__(self, exponent: object) -> NoReturn:
+        raise self._refused("it raises a vector to a power")
+
+    def __rtruediv__(self, other: object) -> NoReturn:
+        raise self._refused("it divides by a vector")
+
+    def __float__(self) -> float:
+        raise self._refused("it takes a vector for a number")
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Combination:
+        numbers = all(isinstance(x, (Combination, np.generic)) for x in inputs)
+        if ufunc.__name__ in ARITHMETIC and method == "__call__" and numbers and not options:
+            plain = [x if isinstance(x, Combination) else x.item() for x in inputs]
+            made: Combination = ARITHMETIC[ufunc.__name__](*plain)
+            return made
+        raise self._refused(f"it takes numpy's {ufunc.__name__} of a vector")
+
+    def __array__(self, *arguments: object, **options: object) -> NoReturn:
+        raise self._refused("it makes an array of a vector")
+
+    def __getattr__(self, attribute: str) -> NoReturn:
+        if attribute.startswith("__"):
+            raise AttributeError(attribute)
+        raise self._refused(f"it uses .{attribute} of a vector")
