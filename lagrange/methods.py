@@ -1,6 +1,7 @@
 """Integration methods: `lg.methods.RK4(step=0.01)`, `lg.methods.table()`.
 
 The classes of SciPy's solvers carry its name: `lg.methods.ScipyRadau(max_step=0.1)`.
+`lg.methods.CVODE()` needs `pip install 'lagrange[sundials]'`.
 """
 
 from lagrange.trajectory.methods import scipy_solvers
@@ -44,6 +45,7 @@ from lagrange.trajectory.methods.splitting import (
     Yoshida6,
     composition,
 )
+from lagrange.trajectory.methods.sundials import CVODE
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.methods.variational import (
     DiscreteGradient,
@@ -63,6 +65,7 @@ ScipyLSODA = scipy_solvers.LSODA
 __all__ = [
     "BDF2",
     "BS3",
+    "CVODE",
     "DOP853",
     "RK4",
     "BackwardEuler",

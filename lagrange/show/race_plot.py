@@ -54,7 +54,7 @@ def plot(race: Race) -> Figure:
 def _draw(axis: Axes, name: str, entries: list[Entry], k: int) -> None:
     """Draw a method; errors below what the reference tells are open and joined by nothing."""
     colour, marker = _COLOURS[k % len(_COLOURS)], _MARKERS[k % len(_MARKERS)]
-    rival = name.startswith("scipy-")
+    rival = name.startswith(("scipy-", "cvode"))
     for resolved, group in groupby(entries, key=lambda entry: entry.resolved):
         part = list(group)
         axis.plot(

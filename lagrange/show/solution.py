@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from sympy.core.function import AppliedUndef
 
 from lagrange.errors import LagrangeError, RunError, StatementError, listing, suggestion
+from lagrange.evidence.stiffness import Stiffness, stiffness
 from lagrange.machine.model import Model
 from lagrange.show.drift import EnergyDrift, energy_drift
 from lagrange.show.files import write_atomically, write_csv
@@ -152,6 +153,11 @@ class Solution:
         except LagrangeError:
             return False
 
+    @cached_property
+    def stiff(self) -> Stiffness | None:
+        """What was found if the run was stiff, for an explicit method: its steps limited by stability, not accuracy."""
+        return stiffness(self.model, self.trajectory, self.parameters)
+
     def evaluate(self, expression: Any) -> FloatArray:
         """Return a SymPy expression along the run, (N,).
 
@@ -189,6 +195,7 @@ class Solution:
             "t_start": _finite(self.t[0]) if len(self.t) else None,
             "t_end": _finite(self.t[-1]) if len(self.t) else None,
             "energy": self._energy_card(),
+            "stiff": self.stiff.sentence() if self.stiff else None,
             "parameters": {_label(key): _finite(value) for key, value in self.parameters.items()},
         }
         for when, column in (("initial", 0), ("final", -1)):
@@ -261,6 +268,7 @@ class Solution:
                 self.drift.sentence() if self.has_energy else "not known: it has no value at some state of the run",
             ),
             *self._event_lines(),
+            *([("stiffness", self.stiff.sentence())] if self.stiff else []),
             ("wall time", _duration(self.wall)),
             ("message", self.message),
         ]

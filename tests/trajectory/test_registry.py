@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from fractions import Fraction
+from importlib.metadata import EntryPoint
 from typing import Any
 
 import numpy as np
@@ -11,8 +13,9 @@ import pytest
 import lagrange.methods
 from lagrange.errors import StatementError
 from lagrange.trajectory.integrator import Claims, Integrator
+from lagrange.trajectory.methods import registry
 from lagrange.trajectory.methods.explicit import RK4, explicit_method
-from lagrange.trajectory.methods.registry import DEFAULT, find, names, table
+from lagrange.trajectory.methods.registry import DEFAULT, GROUP, find, names, table
 from lagrange.trajectory.methods.splitting import Splitting, SymplecticEuler, Verlet
 from tests.models import model
 from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, STEPPED, exact, run
@@ -84,6 +87,31 @@ def test_the_table_of_methods() -> None:
     markdown = table().to_markdown()
     assert "| `verlet` | 2 | fixed | yes | yes |  |  | 3 |" in markdown
     assert all(row.about for row in table())
+
+
+def test_a_method_without_its_package_is_listed_and_refused_when_it_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    entry = EntryPoint("cvode", "lagrange.trajectory.methods.sundials:CVODE", GROUP)
+    monkeypatch.setattr(registry, "_offered", lambda: {"cvode": entry})
+    monkeypatch.setitem(sys.modules, "sksundae", None)
+    assert "cvode" in names() and find("cvode").claims == Claims(order=5, adaptive=True, explicit=False)
+    assert {row.name: row for row in table()}["cvode"].about.startswith("CVODE of SUNDIALS")
+    with pytest.raises(StatementError, match=r"needs scikit-sundae, .*: pip install 'lagrange\[sundials\]', or take"):
+        run(model("oscillator"), 1.0, "cvode")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"method": "bdf"}, "method = 'bdf' is no family of CVODE's formulas: give 'BDF' or 'Adams'"),
+        ({"max_step": 0.0}, "max_step = 0.0 cannot bound a step of cvode: give a positive time"),
+        ({"first_step": float("nan")}, "first_step = nan cannot bound a step of cvode"),
+        ({"max_order": 6}, "max_order = 6 is no order of BDF formulas: give a whole number from 1 to 5"),
+        ({"max_order": 2.5}, "max_order = 2.5 is no order of BDF formulas"),
+    ],
+)
+def test_options_of_cvode_that_cannot_be_meant(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(StatementError, match=words):
+        lagrange.methods.CVODE(**options)
 
 
 @pytest.mark.parametrize("name", [*FIXED, *ADAPTIVE])

@@ -1,0 +1,183 @@
+"""Whether a run was stiff: an explicit method whose steps were limited by stability, and not by accuracy."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from lagrange.machine.backend import SingularMassMatrix
+from lagrange.machine.model import Model
+from lagrange.machine.numpy import NumpyMachine
+from lagrange.program.catalogue import program_of
+from lagrange.trajectory.dense import RungeKuttaPath
+from lagrange.trajectory.methods.registry import names
+from lagrange.trajectory.methods.runge_kutta import ButcherTableau
+from lagrange.trajectory.series_path import SeriesPath
+from lagrange.trajectory.trajectory import FloatArray, Trajectory
+
+LOOKS = 20
+"""So many of the accepted steps are looked at, evenly spread; a run of fewer than three times as many is not."""
+
+GROWTH = 0.01
+"""By what part a step may enlarge a mode where its limit of stability is set. The formulas of Dormand and Prince are
+stable on the imaginary axis up to 1 only, and steps along it settle where the growth begins to show as an error."""
+
+NEAR = 0.6
+"""A step longer than this part of the limit is at the limit: of the library's scenes only those run at rtol = 1e-3 come
+so far, up to 0.7, and stiff runs swing about 0.7 to 1."""
+
+BEYOND = 1.5
+"""Step control does not let a step grow so many times beyond the limit; equal steps may be there, and the run fails."""
+
+SLOWER = 30.0
+"""So many times more slowly than the limiting mode must the solution change: a mode that is resolved is part of it."""
+
+NEGLIGIBLE = 1e-4
+"""A velocity that stays below this part of the speed, both weighted by the square roots of masses, is measured against
+that part: the stiff spring of a pendulum moves so little that its velocity is what the tolerance lets through."""
+
+REMEDIES = ("radau5", "scipy-radau")
+"""The methods to name, the first one that is here."""
+
+Polynomial = tuple[float, ...]
+"""Coefficients, that of the lowest power first."""
+
+
+@dataclass(frozen=True)
+class Stiffness:
+    """What was found at those steps of a stiff run that were at the limit of stability: the medians.
+
+    `share` is their part of the steps that were looked at. `rate` is the size of the eigenvalue of the Jacobian that
+    limits the step, per unit of time, `product` that times the step, `limit` the bound of the product in the direction
+    of the eigenvalue, and `slower` how many times more slowly the solution changes.
+    """
+
+    method: str
+    share: float
+    rate: float
+    product: float
+    limit: float
+    slower: float
+
+    def sentence(self) -> str:
+        """Return the finding and the remedy in words."""
+        there = names()
+        remedy = next((name for name in REMEDIES if name in there), REMEDIES[-1])
+        where = "near" if self.product < BEYOND * self.limit else "beyond"
+        return (
+            f"stiff: at {self.share:.0%} of the steps looked at, h * {self.rate:.2g} = {self.product:.2g} is {where} "
+            f"the stability limit {self.limit:.2g} of {self.method}, while the solution changes {self.slower:.2g} "
+            f"times more slowly; use {remedy}."
+        )
+
+
+def stiffness(model: Model, trajectory: Trajectory, parameters: Mapping[Any, Any]) -> Stiffness | None:
+    """Return how stiff a run was; None if it was not, is too short to tell, or if its method's limit is not known.
+
+    The limit is known for explicit Runge-Kutta methods and Taylor series. The Jacobian is evaluated at 20 accepted
+    steps, and only if the solution moves little over most of them.
+    """
+    path = trajectory.dense
+    if not isinstance(path, (RungeKuttaPath, SeriesPath)) or len(path.times) <= 3 * LOOKS:
+        return None
+    steps = np.linspace(0, len(path.times) - 2, LOOKS + 2).astype(int)[1:-1]
+    polynomial = taylor_polynomial(path.order) if isinstance(path, SeriesPath) else stability_polynomial(path.tableau)
+    values = model.parameter_array(dict(parameters))
+    h = path.times[steps + 1] - path.times[steps]
+    with np.errstate(all="ignore"):
+        try:
+            changes = _changes(_kernel(model, "mass_matrix", path, steps, values), path.states, steps) / np.abs(h)
+            longest = max(stability_limit(polynomial, angle) for angle in np.linspace(np.pi / 2, np.pi, 7))
+            if np.mean(np.abs(h) * changes * SLOWER < 2 * longest) <= 0.5:
+                return None
+            jacobians = _kernel(model, "jacobian", path, steps, values)
+        except SingularMassMatrix:
+            return None
+        return _found(trajectory.method, polynomial, h, changes, jacobians)
+
+
+def _kernel(
+    model: Model, name: str, path: RungeKuttaPath | SeriesPath, steps: FloatArray, values: FloatArray
+) -> FloatArray:
+    """Return a quantity at the begin of the steps, the step first; numpy needs no compiling for so few states."""
+    n = model.dimension
+    states = path.states[steps].T
+    kernel = NumpyMachine().load(program_of(name, model.equations))
+    found = kernel.columns(path.times[steps], states[:n], states[n:], values)
+    return np.moveaxis(np.broadcast_to(found, (*found.shape[:2], len(steps))), -1, 0)
+
+
+def _changes(masses: FloatArray, states: FloatArray, steps: FloatArray) -> FloatArray:
+    """Return by what part of its range the velocity changes over each of the steps: the largest of its entries."""
+    velocities = states[:, states.shape[1] // 2 :]
+    weights = np.abs(np.diagonal(masses, axis1=1, axis2=2)).mean(axis=0)
+    speed = math.sqrt(float(np.mean(np.sum(velocities[steps] ** 2 * weights, axis=1))))
+    ranges = np.maximum(np.abs(velocities).max(axis=0), NEGLIGIBLE * speed / np.sqrt(weights))
+    changes: FloatArray = np.max(np.abs(velocities[steps + 1] - velocities[steps]) / ranges, axis=1)
+    return changes
+
+
+def _found(
+    method: str, polynomial: Polynomial, h: FloatArray, changes: FloatArray, jacobians: FloatArray
+) -> Stiffness | None:
+    """Look at the steps one by one; see `Stiffness`."""
+    at_limit = []
+    for step, change, jacobian in zip(h, changes, jacobians, strict=True):
+        # On the way back a mode that grows in time is one that decays.
+        eigenvalues = np.sign(step) * (np.linalg.eigvals(jacobian) if np.isfinite(jacobian).all() else np.zeros(1))
+        sizes = np.abs(eigenvalues)
+        # A mode that grows is the solution's own business; round-off puts oscillations beside the imaginary axis.
+        kept = (eigenvalues.real <= 1e-6 * sizes) & (sizes > 0)
+        limits = np.array([stability_limit(polynomial, abs(float(np.angle(one)))) for one in eigenvalues[kept]])
+        near = abs(step) * sizes[kept] / limits
+        if near.size and near.max() > NEAR and sizes[kept][near.argmax()] > SLOWER * change:
+            rate = float(sizes[kept][near.argmax()])
+            at_limit.append((rate, abs(step) * rate, limits[near.argmax()], rate / max(change, 1e-12 * rate)))
+    share = len(at_limit) / len(h)
+    if share <= 0.5:
+        return None
+    return Stiffness(method, share, *map(float, np.median(at_limit, axis=0)))
+
+
+@lru_cache(maxsize=64)
+def stability_polynomial(tableau: ButcherTableau) -> Polynomial:
+    """Return the coefficients of R(z), by which a step multiplies y where y' = y z/h: 1, then b.A^k.1.
+
+    E. Hairer, G. Wanner, Solving ODE II, 2nd ed., 1996, IV.2, (2.7).
+    """
+    A = np.zeros((tableau.stages, tableau.stages))
+    for i, row in enumerate(tableau.A):
+        A[i, : len(row)] = [float(a) for a in row]
+    b, power = np.array([float(w) for w in tableau.b]), np.ones(tableau.stages)
+    coefficients = [1.0]
+    for _ in range(tableau.stages):
+        coefficients.append(float(b @ power))
+        power = A @ power
+    return tuple(coefficients)
+
+
+def taylor_polynomial(order: int) -> Polynomial:
+    """Return the coefficients of the stability polynomial of a series: those of the exponential function."""
+    return tuple(1 / math.factorial(k) for k in range(order + 1))
+
+
+@lru_cache(maxsize=4096)
+def _limit(polynomial: Polynomial, angle: float) -> float:
+    def grows(r: FloatArray) -> FloatArray:
+        return np.asarray(np.abs(np.polyval(polynomial[::-1], r * np.exp(1j * angle))) > 1 + GROWTH)
+
+    # |R| > 1 for certain beyond twice the degree, where the last term is larger than all others together.
+    r = np.linspace(0, 4.0 * len(polynomial), 4001)
+    first = int(grows(r).argmax())
+    fine = np.linspace(r[first - 1], r[first], 101)
+    return float(fine[grows(fine).argmax()])
+
+
+def stability_limit(polynomial: Polynomial, angle: float) -> float:
+    """Return the length |z| up to which |R(z)| stays 1 in the direction of an angle from pi/2 to pi, in radians."""
+    return _limit(polynomial, round(angle, 3))

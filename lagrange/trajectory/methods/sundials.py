@@ -1,0 +1,240 @@
+"""CVODE of the SUNDIALS suite as an integrator, driven step by step; it needs the package scikit-sundae."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, final
+
+import numpy as np
+
+from lagrange.errors import StatementError
+from lagrange.trajectory.integrator import Claims, Problem
+from lagrange.trajectory.methods.stepwise import Fault, Run, check_bounds, drive_stepwise
+from lagrange.trajectory.plan import Tolerances
+from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
+
+ORDERS = {"BDF": 5, "Adams": 12}
+"""The families of CVODE's formulas and the highest order of each."""
+
+SPACINGS = 4
+"""A step that is not longer than so many spacings of floating-point times is the last: CVODE would go on with t + h = t
+for ever (LLNL/sundials#44), and warn of it from C."""
+
+TINIEST = 1e-140
+"""A span below this is none: CVODE divides by squares of its parts."""
+
+_REACHED = 1
+"""CVODE's word for having come to the end."""
+
+
+@final
+@dataclass(frozen=True)
+class CVODE:
+    """CVODE of SUNDIALS: backward differentiation of variable order, at most 5 (the claim): for stiff systems.
+
+    `method` is 'BDF' or 'Adams', of order up to 12, for systems that are not stiff. `max_step` bounds the steps,
+    `first_step` sets the first, both positive times, and `max_order` bounds the order. CVODE gets the model's compiled
+    Jacobian. Between its steps the path is CVODE's own interpolant, read at as many points as its highest order wants
+    while the step is there: that takes about as long as the step, and a lower `max_order` makes it less.
+    """
+
+    method: str = "BDF"
+    max_step: float = np.inf
+    first_step: float | None = None
+    max_order: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.method not in ORDERS:
+            raise StatementError(f"method = {self.method!r} is no family of CVODE's formulas: give 'BDF' or 'Adams'.")
+        check_bounds(self.name, self.max_step, self.first_step)
+        highest = ORDERS[self.method]
+        if self.max_order is not None and self.max_order not in range(1, highest + 1):
+            raise StatementError(
+                f"max_order = {self.max_order} is no order of {self.method} formulas: give a whole number from 1 to "
+                f"{highest}."
+            )
+
+    @property
+    def name(self) -> str:
+        """The registered name."""
+        return "cvode"
+
+    @property
+    def claims(self) -> Claims:
+        """The highest order that is allowed, and step control."""
+        return Claims(order=self.max_order or ORDERS[self.method], adaptive=True, explicit=False)
+
+    def integrate(self, problem: Problem) -> Trajectory:
+        """Run the problem; see `Integrator`. Raises StatementError if scikit-sundae is not installed."""
+        solver = _solver()
+
+        def start(run: Run, tolerances: Tolerances) -> _Stepper:
+            return _Stepper(solver, self, run, tolerances)
+
+        return drive_stepwise(problem, self.name, "CVODE", start, nullcontext([]))
+
+
+def _solver() -> Callable[..., Any]:
+    try:
+        from sksundae import cvode
+    except ImportError as error:
+        raise StatementError(
+            f"method 'cvode' needs scikit-sundae, which is not here ({error}): pip install 'lagrange[sundials]', or "
+            "take scipy-bdf, which is of the same family."
+        ) from error
+    made: Callable[..., Any] = cvode.CVODE
+    return made
+
+
+class _Stepper:
+    """CVODE between two steps; see `Stepper`.
+
+    It runs in the time s since the start, t = t0 + s, or t0 - s on the way back: late first steps are not lost in the
+    spacing of large times, and the package takes no first step backwards.
+    """
+
+    def __init__(self, solver: Callable[..., Any], options: CVODE, run: Run, tolerances: Tolerances) -> None:
+        problem = run.problem
+        self.law = run.law
+        self.sign = 1.0 if problem.t1 > problem.t0 else -1.0
+        self.s, self.end = 0.0, abs(problem.t1 - problem.t0)
+        self.t0, self.t1 = problem.t0, problem.t1
+        self.state = problem.y0
+        self.reached = False
+        self.trials: list[float] = []
+        self.nodes, self.weights = _nodes(options.claims.order)
+        longest = min(options.max_step, tolerances.longest)
+        self.cvode = solver(
+            self.rhs,
+            method=options.method,
+            jacfn=self.jacobian,
+            rtol=tolerances.rtol,
+            atol=tolerances.atol,
+            max_step=0.0 if np.isinf(longest) else longest,
+            first_step=0.0 if options.first_step is None else min(options.first_step, self.end),
+            max_order=options.claims.order,
+        )
+        self.cvode.init_step(self.s, self.state)
+        self.begin, self.origin = self.s, self.state
+
+    @property
+    def running(self) -> bool:
+        return not self.reached
+
+    @property
+    def t(self) -> float:
+        return self.t1 if self.reached else self._time(self.s)
+
+    @property
+    def y(self) -> FloatArray:
+        return self.state
+
+    def _time(self, s: float) -> float:
+        return self.t0 + self.sign * s
+
+    def rhs(self, s: float, y: FloatArray, slope: FloatArray) -> None:
+        if not self.trials or s != self.trials[-1]:
+            self.trials.append(s)
+        slope[:] = self.sign * self.law.rhs(self._time(s), y)
+
+    def jacobian(self, s: float, y: FloatArray, slope: FloatArray, matrix: FloatArray) -> None:
+        matrix[:] = self.sign * self.law.jacobian(self._time(s), y)
+
+    def advance(self, run: Run) -> Fault | None:
+        self.begin, self.origin = self.s, self.state
+        self.trials.clear()
+        if self.end < TINIEST:
+            return Fault(Status.STEP_TOO_SMALL, run.t, run.y)
+        with _unprinted():
+            step = self.cvode.step(self.end, "onestep", self.end)
+        if step.status < 0:
+            return self.law.fault or Fault(Status.DIVERGED, run.t, run.y, detail=f"CVODE says: {step.message}")
+        self.reached = step.status == _REACHED
+        self.s, self.state = float(step.t), np.array(step.y, dtype=float)
+        if not self.reached and not self.s - self.begin > SPACINGS * float(np.spacing(abs(self.begin))):
+            return self.law.recent_fault() or Fault(Status.STEP_TOO_SMALL, run.t, run.y)
+        if run.steps:
+            # Before its first step CVODE looks around for a length, which is no trial of a step.
+            run.rejected += len(set(self.trials) - {self.begin}) - 1
+        return None
+
+    def path(self) -> Callable[[FloatArray], FloatArray]:
+        length = self.s - self.begin
+        inner = [self.cvode.step(self.begin + x * length, "normal").y for x in self.nodes[1:-1]]
+        if not self.reached:
+            # The next step starts from the time that was asked for last.
+            self.cvode.step(self.s, "normal")
+        values = np.array([self.origin, *inner, self.state])
+        begin = self._time(self.begin)
+        return _Piece(begin, self.t - begin, values, self.nodes, self.weights)
+
+
+@cache
+def _nodes(degree: int) -> tuple[FloatArray, FloatArray]:
+    """Return Chebyshev's points from 0 to 1, both included, and their barycentric weights.
+
+    J.-P. Berrut, L. N. Trefethen, Barycentric Lagrange interpolation, SIAM Review 46 (2004) 501, (5.4).
+    """
+    steps = np.arange(degree + 1)
+    weights = np.where(steps % 2, -1.0, 1.0)
+    weights[[0, -1]] /= 2
+    return (1 - np.cos(np.pi * steps / degree)) / 2, weights
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """The polynomial over one step that has the `values` (k, 2n) at the `nodes` (k,), which are parts of the step."""
+
+    begin: float
+    length: float
+    values: FloatArray
+    nodes: FloatArray
+    weights: FloatArray
+
+    def __call__(self, times: FloatArray) -> FloatArray:
+        away = ((times - self.begin) / self.length)[:, None] - self.nodes
+        hits = away == 0
+        shares = np.where(hits.any(axis=1)[:, None], hits, self.weights / np.where(hits, 1.0, away))
+        states: FloatArray = (shares @ self.values).T / shares.sum(axis=1)
+        return states
+
+
+class _OtherThreads:
+    """Standard output for all threads but `silent`, whose words are dropped.
+
+    One object serves for ever: Python's print keeps no reference to the sys.stdout that it writes to.
+    """
+
+    stream: Any = None
+    silent = 0
+
+    def write(self, text: str) -> int:
+        return len(text) if threading.get_ident() == self.silent else int(self.stream.write(text))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)
+
+
+_OUT: Any = _OtherThreads()
+_STEPPING = threading.RLock()
+"""Held for a step: keeping back what is printed replaces sys.stdout for that long."""
+
+
+@contextmanager
+def _unprinted() -> Iterator[None]:
+    """Keep back what scikit-sundae prints of a step that fails: the run's message says it."""
+    with _STEPPING:
+        if sys.stdout is None:
+            yield
+            return
+        _OUT.stream, _OUT.silent = sys.stdout, threading.get_ident()
+        sys.stdout = _OUT
+        try:
+            yield
+        finally:
+            sys.stdout, _OUT.silent = _OUT.stream, 0

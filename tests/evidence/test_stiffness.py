@@ -1,0 +1,150 @@
+"""A stiff run by an explicit method is said to be stiff, and no other run is."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lagrange as lg
+from lagrange.evidence import stiffness
+from lagrange.evidence.stiffness import stability_limit, stability_polynomial, taylor_polynomial
+from lagrange.statement.scene import library
+from lagrange.trajectory.methods import classical
+from lagrange.trajectory.methods.dop853 import DOP853
+from lagrange.trajectory.methods.dopri5 import DOPRI5
+from lagrange.trajectory.methods.explicit import RungeKutta
+from lagrange.trajectory.methods.runge_kutta import ButcherTableau, ErrorEstimate, row
+
+BOGACKI_SHAMPINE = ButcherTableau(
+    name="bogacki-shampine",
+    order=3,
+    A=((), row("1/2"), row("0 3/4"), row("2/9 1/3 4/9")),
+    b=row("2/9 1/3 4/9 0"),
+    error=ErrorEstimate(row("-5/72 1/12 1/9 -1/8"), 2),
+).hermite()
+EXPLICIT = ("dopri5", "dop853", "taylor", RungeKutta(BOGACKI_SHAMPINE))
+NAMES = ("dopri5", "dop853", "taylor", "bogacki-shampine")
+
+x = lg.coordinate("x")
+
+
+def oscillator(force: Any, k: float = 1.0) -> lg.System:
+    return lg.System(kinetic=x.dot**2 / 2, potential=k * x**2 / 2, forces={x: force}, initial={x: 2.0})
+
+
+def pendulum(k: float, stretch: float = 0.0, **options: Any) -> Any:
+    """A swing on a stiff spring from 1 rad at rest, the spring as long as gravity makes it, or a little longer."""
+    g, m, rest = math.pi**2, 1.0, 0.75
+    initial = {"r": rest + m * g * math.cos(1.0) / k + stretch, "theta": 1.0}
+    return lg.scene("elastic-pendulum").run(parameters={"k": k}, initial=initial, **options)
+
+
+# --- limits -----------------------------------------------------------------------------------------------------
+
+
+def test_limits_are_those_of_the_books() -> None:
+    # Hairer, Wanner, Solving ODE II, IV.2: 2 for Euler, 2.785 for four stages of order 4, 3.31 for Dormand-Prince 5.
+    # A growth of 1 % moves the real limits by less than 0.01.
+    for tableau, real in ((classical.EULER, 2.0), (classical.RK4, 2.785), (DOPRI5, 3.307), (BOGACKI_SHAMPINE, 2.513)):
+        assert stability_limit(stability_polynomial(tableau), math.pi) == pytest.approx(real, abs=0.015)
+    assert stability_limit(stability_polynomial(classical.RK4), math.pi / 2) == pytest.approx(2**1.5, abs=0.01)
+    assert stability_polynomial(classical.RK4) == pytest.approx(taylor_polynomial(4))
+
+
+@pytest.mark.parametrize("polynomial", [stability_polynomial(DOP853), taylor_polynomial(8), taylor_polynomial(30)])
+def test_a_limit_is_where_growth_begins(polynomial: tuple[float, ...]) -> None:
+    for angle in np.linspace(math.pi / 2, math.pi, 5):
+        limit = stability_limit(polynomial, angle)
+        growth = [abs(np.polyval(polynomial[::-1], r * np.exp(1j * angle))) for r in (0.99 * limit, 1.01 * limit)]
+        assert growth[0] < 1 + stiffness.GROWTH + 1e-6 and growth[1] > 1 + stiffness.GROWTH / 2
+
+
+# --- stiff runs -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", EXPLICIT, ids=NAMES)
+@pytest.mark.parametrize("rtol", [1e-6, 1e-9])
+@pytest.mark.parametrize(
+    ("system", "t_end", "rate"),
+    [
+        (oscillator(1e5 * (1 - x**2) * x.dot), 0.2, 3e5),
+        (oscillator(-1e4 * x.dot), 1.0, 1e4),
+        (oscillator(-300 * x.dot), 30.0, 300.0),
+    ],
+    ids=["van der Pol", "damped", "weakly damped"],
+)
+def test_stiff_decay_is_seen(method: Any, rtol: float, system: lg.System, t_end: float, rate: float) -> None:
+    found = system.run(t_end, method=method, rtol=rtol, atol=rtol / 1e3).stiff
+    assert found and found.share >= 0.8
+    assert found.rate == pytest.approx(rate, rel=0.1)
+    assert found.product == pytest.approx(found.limit, rel=0.3) and found.slower > 1e3
+
+
+@pytest.mark.parametrize("method", EXPLICIT, ids=NAMES)
+def test_a_stiff_spring_is_seen_where_it_hardly_moves(method: Any) -> None:
+    found = pendulum(1e8, t_end=0.3, method=method, rtol=1e-5, atol=1e-8).stiff
+    assert found and found.rate == pytest.approx(1e4, rel=0.05) and found.slower > 30
+
+
+def test_equal_steps_near_the_limit_are_seen() -> None:
+    system = oscillator(-1e3 * x.dot)
+    assert (found := system.run(1.0, method="rk4", step=2.5e-3).stiff) and found.limit == pytest.approx(2.785, abs=0.01)
+    assert system.run(1.0, method="rk4", step=1e-3).stiff is None
+    lost = system.run(2.0, method="euler", step=1e-2)
+    assert lost.stiff and "h * 1e+03 = 10 is beyond the stability limit 2 of euler" in repr(lost)
+
+
+def test_backwards_and_with_output_times_too() -> None:
+    grows = oscillator(1e4 * x.dot)
+    solution = grows.run(-1.0, method="dopri5", t_eval=[0.0, -1.0])
+    assert solution.stiff and len(solution.t) == 2
+
+
+# --- runs that are not ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", EXPLICIT, ids=NAMES)
+@pytest.mark.parametrize("scene", [scene.name for scene in library()])
+def test_no_scene_of_the_library_is_called_stiff(scene: str, method: Any) -> None:
+    system = lg.scene(scene)
+    for rtol in (1e-4, 1e-6, 1e-9) if isinstance(method, str) else (1e-4, 1e-6):
+        assert system.run(method=method, rtol=rtol, atol=rtol / 1e3).stiff is None, rtol
+
+
+@pytest.mark.parametrize("method", EXPLICIT, ids=NAMES)
+@pytest.mark.parametrize("rtol", [1e-3, 1e-6])
+def test_a_fast_oscillation_that_is_resolved_is_not_stiff(method: Any, rtol: float) -> None:
+    fast = oscillator(0 * x.dot, 1e8)
+    assert fast.run(0.02, method=method, rtol=rtol, atol=rtol / 1e3).stiff is None
+    assert pendulum(1e6, 1e-4, t_end=0.3, method=method, rtol=rtol, atol=rtol / 1e4).stiff is None
+
+
+def test_what_cannot_be_told_is_none() -> None:
+    stiff = oscillator(-1e4 * x.dot)
+    assert stiff.run(1.0, method="scipy-radau").stiff is None
+    assert stiff.run(1.0, method="dopri5", max_steps=30).stiff is None
+
+
+# --- the card ---------------------------------------------------------------------------------------------------
+
+
+def test_the_card_says_it_in_numbers_and_names_a_remedy() -> None:
+    solution = oscillator(-1e4 * x.dot).run(1.0, method="dopri5")
+    assert solution.stiff
+    words = solution.stiff.sentence()
+    assert words.startswith("stiff: at 100% of the steps looked at, h * 1e+04 = 3.3 is near the stability limit 3.3 ")
+    assert "the solution changes " in words and words.endswith(("use radau5.", "use scipy-radau."))
+    assert solution.card()["stiff"] == words and words in repr(solution) and "stability limit" in solution._repr_html_()
+    gentle = oscillator(-0.1 * x.dot).run(10.0, method="dopri5")
+    assert gentle.card()["stiff"] is None and "stiff" not in repr(gentle)
+
+
+def test_nothing_is_analysed_until_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    monkeypatch.setattr("lagrange.show.solution.stiffness", lambda *given: asked.append(1))
+    solution = oscillator(-1e4 * x.dot).run(1.0, method="dopri5")
+    assert solution.t[-1] == 1.0 and not asked
+    assert solution.stiff is None and solution.stiff is None and asked == [1]

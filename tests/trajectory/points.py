@@ -1,0 +1,87 @@
+"""A point on a line with an acceleration that may fail: what solvers of other packages are tried on."""
+
+from __future__ import annotations
+
+import re
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from lagrange.machine.backend import SingularMassMatrix
+from lagrange.trajectory.integrator import Problem
+
+
+class Point:
+    """A fake model: one coordinate x with the acceleration a(t, x, v)."""
+
+    statement = SimpleNamespace(names=("x",), parameters=())
+    equations = SimpleNamespace(structure=SimpleNamespace(brief=False))
+
+    def __init__(self, acceleration: Any) -> None:
+        self.acceleration = acceleration
+
+    def kernel(self, name: str) -> Any:
+        return self.rhs if name == "rhs" else self.jacobian
+
+    def parameter_array(self, parameters: Any) -> Any:
+        return np.array(list(parameters.values()))
+
+    def rhs(self, t: float, y: Any, parameters: Any = None) -> Any:
+        return np.array([y[1], self.acceleration(t, y[0], y[1])])
+
+    def jacobian(self, t: float, y: Any, parameters: Any = None) -> Any:
+        columns = []
+        for j in range(2):
+            h = 1e-6 * max(1.0, abs(y[j]))
+            e = np.eye(2)[j] * h
+            columns.append((self.rhs(t, y + e) - self.rhs(t, y - e)) / (2 * h))
+        return np.array(columns).T
+
+
+def stated_time(run: Any) -> float:
+    found = re.search(r" at t = (\S+)", run.message)
+    assert found
+    return float(found[1])
+
+
+def oscillator(t: float, x: float, v: float) -> float:
+    return -x
+
+
+def problem(acceleration: Any, t1: float = 2.0, y0: Any = (1.0, 0.0), **options: Any) -> Any:
+    model: Any = Point(acceleration)
+    given: dict[str, Any] = {"t0": 0.0, "max_wall": 20.0, "max_steps": 20_000, "rtol": 1e-8, "atol": 1e-10}
+    return Problem(model=model, parameters={}, t1=t1, y0=np.array(y0, dtype=float), **(given | options))
+
+
+def nan_later(t: float, x: float, v: float) -> float:
+    return np.nan if t > 0.5 else -x
+
+
+def inf_later(t: float, x: float, v: float) -> float:
+    return np.inf if t > 0.5 else -x
+
+
+def leaves_domain(t: float, x: float, v: float) -> float:
+    return float(-2.0 * np.sqrt(x + 0.5) - 1.0)
+
+
+def blow_up(t: float, x: float, v: float) -> float:
+    return v * v
+
+
+def double_pole(t: float, x: float, v: float) -> float:
+    return 6 * x * x
+
+
+class Singular(Point):
+    """Loses its mass matrix where x < 0.5."""
+
+    def rhs(self, t: float, y: Any, parameters: Any = None) -> Any:
+        if not y[0] >= 0.5:
+            raise SingularMassMatrix
+        return super().rhs(t, y)
+
+    def singular_message(self, t: float, y: Any) -> str:
+        return f"the mass matrix of the clock is singular at x = {y[0]:.1f}."

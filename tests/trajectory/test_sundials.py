@@ -1,0 +1,292 @@
+"""CVODE through the protocol: every run ends, says how, keeps what it has, and prints nothing."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import sys
+import threading
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lagrange as lg
+from lagrange.errors import StatementError
+from lagrange.trajectory.methods.sundials import CVODE
+from lagrange.trajectory.trajectory import Status
+from tests.models import model
+from tests.trajectory.points import (
+    Singular,
+    blow_up,
+    double_pole,
+    inf_later,
+    leaves_domain,
+    nan_later,
+    oscillator,
+    problem,
+    stated_time,
+)
+from tests.trajectory.runs import exact
+from tests.trajectory.runs import run as run_model
+
+pytest.importorskip("sksundae")
+
+
+@pytest.fixture(params=["BDF", "Adams"])
+def method(request: Any) -> CVODE:
+    return CVODE(request.param)
+
+
+@pytest.fixture(autouse=True)
+def silence(capfd: Any) -> Any:
+    """SUNDIALS prints from C and scikit-sundae from Python: a run leaves both streams empty."""
+    yield
+    assert tuple(capfd.readouterr()) == ("", "")
+
+
+@pytest.mark.parametrize("t1", [7.0, -7.0])
+def test_reaches_the_end_with_a_path_between_the_steps(method: CVODE, t1: float) -> None:
+    run = method.integrate(problem(oscillator, t1))
+    assert run.status is Status.SUCCESS and run.message == f"cvode reached t = {t1:g}."
+    assert run.t[0] == 0 and run.t[-1] == t1 and run.y.shape == (2, len(run.t)) and run.steps == len(run.t) - 1
+    assert (np.diff(run.t) * t1 > 0).all() and run.evaluations > run.steps > 5 and run.wall > 0
+    assert 0 < run.rejected < run.steps / 5  # of trials whose times CVODE does not tell, seen in its calls
+    times = np.linspace(t1, 0, 500)
+    # rtol = 1e-8 over 7 s left errors of 2e-7 (BDF); between the steps they are no larger.
+    for states, at in ((run.y, run.t), (run.dense(times), times)):
+        np.testing.assert_allclose(states, [np.cos(at), -np.sin(at)], atol=1e-6)
+    np.testing.assert_array_equal(run.dense(run.t), run.y)
+
+
+def test_the_path_is_of_the_order_of_the_steps(method: CVODE) -> None:
+    # A cubic through these steps would be off by up to 1e-3 (Adams): h reaches 0.7.
+    run = method.integrate(problem(oscillator, 30.0))
+    h = np.diff(run.t)
+    ends = np.abs(run.y[0] - np.cos(run.t)).max()
+    middles = run.t[:-1] + h / 2
+    assert np.abs(run.dense(middles)[0] - np.cos(middles)).max() < 1.5 * ends + 1e-8
+
+
+def test_output_times_are_met_and_do_not_change_the_steps(method: CVODE) -> None:
+    times = np.array([0.0, 0.3, 1.0, 2.0])
+    run = method.integrate(problem(oscillator, t_eval=times))
+    free = method.integrate(problem(oscillator))
+    assert run.steps == free.steps
+    np.testing.assert_array_equal(run.t, times)
+    np.testing.assert_array_equal(run.y, free.dense(times))
+
+
+def test_a_stiff_run_keeps_a_path_that_slopes_would_spoil() -> None:
+    def relaxing(t: float, x: float, v: float) -> float:
+        return -1e8 * (v + math.sin(t))  # v follows -sin(t) within 1e-8, whatever the initial one was
+
+    run = CVODE().integrate(problem(relaxing, 6.0, (1.0, 1.0)))
+    assert run.status is Status.SUCCESS and run.steps < 600
+    times = np.linspace(1e-3, 6.0, 997)
+    # A slope is a thousand million times the error of its v: a Hermite path would be off by more than 1.
+    np.testing.assert_allclose(run.dense(times)[1], -np.sin(times), atol=1e-6)
+    np.testing.assert_allclose(run.dense(times)[0], np.cos(times), atol=1e-6)
+
+
+@pytest.mark.parametrize("fault", [nan_later, inf_later])
+def test_a_derivative_that_turns_bad_stops_the_run_there(method: CVODE, fault: Any) -> None:
+    run = method.integrate(problem(fault))
+    assert run.status is Status.NON_FINITE
+    assert 0.3 < run.t[-1] <= 0.5000001 and np.isfinite(run.y).all() and run.steps > 0
+    assert stated_time(run) == pytest.approx(0.5, abs=1e-3)
+    assert "on the way from 0 to 2: the acceleration of x is " in run.message
+    assert "Look for a division by zero" in run.message
+
+
+def test_a_bad_derivative_never_ends_well_wherever_it_is_met(method: CVODE) -> None:
+    # llnl/sundials#258 loops for ever on NaN, and LLNL/sundials#82 breaks off with the word for success.
+    for begin in (0.0, 1e-13, 1e-9, 1e-3, 0.1, 1.0, 1.9, 1.999999):
+        run = method.integrate(problem(lambda t, x, v, begin=begin: np.nan if t > begin else -x))
+        assert run.status is Status.NON_FINITE and run.t[-1] <= begin, (begin, run.message)
+        assert np.isfinite(run.y).all() and np.isfinite(run.dense(np.linspace(0, run.t[-1], 50))).all()
+
+
+def test_what_cvode_gives_up_is_told_in_its_words_and_not_printed(method: CVODE) -> None:
+    signs = itertools.cycle((1e9, -1e9))
+    restless = problem(lambda t, x, v: next(signs) if t > 0 else -x)
+    run = replace(method, first_step=1.0).integrate(restless)
+    assert run.status is Status.DIVERGED and run.t.tolist() == [0.0]
+    assert "CVODE says: " in run.message and "failed too many times" in run.message
+
+
+def test_the_jacobian_is_the_models_own(method: CVODE) -> None:
+    asked = problem(oscillator)
+    calls: list[float] = []
+    jacobian = asked.model.jacobian
+
+    def counted(t: float, y: Any, parameters: Any) -> Any:
+        calls.append(t)
+        return jacobian(t, y)
+
+    asked.model.jacobian = counted
+    assert method.integrate(asked).status is Status.SUCCESS and calls
+
+
+def test_leaving_the_domain_stops_the_run_at_its_edge(method: CVODE) -> None:
+    run = method.integrate(problem(leaves_domain))
+    assert run.status is Status.NON_FINITE and "x" in run.message
+    assert np.isfinite(run.y).all() and -0.5 <= run.y[0, -1] < 0.5
+
+
+@pytest.mark.parametrize(("fault", "y0"), [(blow_up, (0.0, 1.0)), (double_pole, (1.0, 2.0))])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_singularity_of_the_solution_ends_the_run(method: CVODE, fault: Any, y0: Any, sign: int) -> None:
+    run = method.integrate(problem(lambda t, x, v: fault(sign * t, x, sign * v), 2.0 * sign, (y0[0], sign * y0[1])))
+    assert run.status in (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.DIVERGED), run.message
+    assert run.t[-1] == pytest.approx(sign, abs=1e-2) and np.isfinite(run.y).all()
+    assert stated_time(run) == pytest.approx(sign, abs=1e-2), run.message
+
+
+def test_steps_that_do_not_move_the_time_end_the_run(method: CVODE) -> None:
+    # LLNL/sundials#44: dy/dt = 1/(t - 1) from t = 1 + 1e-15. CVODE warns ten times, and then steps on in silence.
+    near = problem(lambda t, x, v: 1 / (t - 1), 1 + 1e-12, (0.0, 0.0), t0=1 + 1e-15, max_steps=10**7)
+    began = time.perf_counter()
+    run = method.integrate(near)
+    assert run.status is not Status.MAX_STEPS and time.perf_counter() - began < 5
+    assert (np.diff(run.t) > 0).all()
+    blown = method.integrate(problem(double_pole, 1.0, (1.0, 2.0), max_steps=10**7))
+    assert blown.status is Status.STEP_TOO_SMALL, blown.message
+    far = method.integrate(problem(oscillator, 1e17, t0=1e17 - 1024, max_steps=10**7))
+    assert far.status is Status.STEP_TOO_SMALL and "below the spacing of floating-point times" in far.message
+
+
+@pytest.mark.parametrize(("t0", "t1"), [(1e9, float(np.nextafter(1e9, 2e9))), (1.0, 1 - 1e-15), (0.0, 1e-130)])
+def test_a_span_of_a_few_spacings_is_run(method: CVODE, t0: float, t1: float) -> None:
+    run = method.integrate(problem(lambda t, x, v: 1.0, t1, (0.0, 1.0), t0=t0))
+    assert run.status is Status.SUCCESS and run.t[-1] == t1 and run.y[0, -1] == pytest.approx(t1 - t0)
+    assert method.integrate(problem(oscillator, 5e-324)).status is Status.STEP_TOO_SMALL
+
+
+@pytest.mark.parametrize("t0", [0.0, 1e9, -1e9])
+@pytest.mark.parametrize("span", [1e-3, 3.0, -3.0])
+def test_nothing_is_asked_for_beyond_the_end(method: CVODE, t0: float, span: float) -> None:
+    end = t0 + span
+
+    def until(t: float, x: float, v: float) -> float:
+        assert (end - t) * span >= 0
+        return -x
+
+    run = method.integrate(problem(until, end, t0=t0))
+    assert run.status is Status.SUCCESS and run.t[-1] == end and (np.diff(run.t) * span > 0).all()
+
+
+def test_a_singular_mass_matrix_is_reported_in_the_models_words(method: CVODE) -> None:
+    run = method.integrate(replace(problem(oscillator), model=Singular(oscillator)))
+    assert run.status is Status.SINGULAR
+    assert 0.5 <= run.y[0, -1] < 0.6
+    assert "on the way from 0 to 2: the mass matrix of the clock is singular at x = 0." in run.message
+
+
+def test_step_and_time_limits_keep_what_was_computed(method: CVODE) -> None:
+    run = method.integrate(problem(oscillator, 1e6, max_steps=5))
+    assert run.status is Status.MAX_STEPS and run.steps + run.rejected == 5 and len(run.t) == run.steps + 1
+    many = method.integrate(problem(oscillator, 200.0))
+    assert many.status is Status.SUCCESS and many.steps > 500, "CVODE's own limit of 500 steps does not hold"
+
+    def slow(t: float, x: float, v: float) -> float:
+        time.sleep(1e-3)
+        return -x
+
+    run = method.integrate(problem(slow, 1e6, max_wall=0.1))
+    assert run.status is Status.MAX_WALL and run.wall < 1 and run.steps > 0
+    assert "used up max_wall = 0.1 s at t = " in run.message
+
+
+def test_an_interruption_keeps_what_was_computed(method: CVODE) -> None:
+    def interrupted(t: float, x: float, v: float) -> float:
+        if t > 1:
+            raise KeyboardInterrupt
+        return -x
+
+    run = method.integrate(problem(interrupted))
+    assert run.status is Status.INTERRUPTED and 0.3 < run.t[-1] <= 1 and run.steps == len(run.t) - 1
+    assert method.integrate(problem(oscillator)).status is Status.SUCCESS, "the next run is a run of its own"
+
+
+def test_errors_of_the_model_are_not_swallowed(method: CVODE) -> None:
+    def broken(t: float, x: float, v: float) -> float:
+        if t > 0.5:
+            raise ValueError("a bug in the model")
+        return -x
+
+    with pytest.raises(ValueError, match="a bug in the model"):
+        method.integrate(problem(broken))
+
+
+def test_what_cvode_would_bend_is_refused_or_said(method: CVODE) -> None:
+    with pytest.raises(StatementError, match="cvode chooses its steps by itself: give rtol and atol"):
+        method.integrate(problem(oscillator, step=0.1))
+    run = method.integrate(problem(oscillator, rtol=0.0, atol=0.0, max_steps=300))
+    assert "rtol = 0 is below round-off and was raised to" in run.message
+
+
+@pytest.mark.parametrize("t1", [2.0, -2.0])
+def test_options_bound_the_steps(method: CVODE, t1: float) -> None:
+    bounded = replace(method, max_step=0.01).integrate(problem(oscillator, t1))
+    assert np.abs(np.diff(bounded.t)).max() <= 0.01 * (1 + 1e-9)
+    first = replace(method, first_step=1e-7).integrate(problem(oscillator, t1))
+    assert abs(first.t[1]) == pytest.approx(1e-7)
+    low = replace(method, max_order=2)
+    assert low.claims.order == 2 and low.integrate(problem(oscillator, t1)).steps > 2 * first.steps
+    assert replace(method, first_step=1e9).integrate(problem(oscillator, t1)).status is Status.SUCCESS
+
+
+def test_threads_do_not_disturb_each_other(method: CVODE, capfd: Any) -> None:
+    expected = method.integrate(problem(oscillator)).y[:, -1]
+    found: list[Any] = []
+    threads = [threading.Thread(target=lambda: found.append(method.integrate(problem(oscillator)))) for _ in range(4)]
+    before = sys.stdout
+    for thread in threads:
+        thread.start()
+    while any(thread.is_alive() for thread in threads):
+        sys.stdout.write("x")
+    for thread in threads:
+        thread.join()
+    assert sys.stdout is before and set(capfd.readouterr().out) == {"x"}, "what others print is let through"
+    assert [run.status for run in found] == [Status.SUCCESS] * 4
+    assert all((run.y[:, -1] == expected).all() for run in found)
+
+
+def test_progress_is_told_the_time_reached(method: CVODE) -> None:
+    times: list[float] = []
+
+    def slow(t: float, x: float, v: float) -> float:
+        time.sleep(2e-3)
+        return -x
+
+    run = method.integrate(problem(slow, progress=times.append))
+    assert times and times == sorted(times) and times[-1] <= run.t[-1]
+
+
+def test_an_empty_span_is_one_state(method: CVODE) -> None:
+    run = method.integrate(problem(oscillator, 0.0))
+    assert run.status is Status.SUCCESS and run.t.tolist() == [0.0] and run.y.tolist() == [[1.0], [0.0]]
+
+
+def test_van_der_pol_is_for_it() -> None:
+    def van_der_pol(t: float, x: float, v: float) -> float:
+        return 1e5 * (1 - x * x) * v - x
+
+    run = CVODE().integrate(problem(van_der_pol, 1e3, (2.0, 0.0), rtol=1e-5, atol=1e-8, max_steps=3000))
+    assert run.status is Status.SUCCESS and run.y[0, -1] == pytest.approx(1.9933, abs=1e-3)
+
+
+@pytest.mark.parametrize("rtol", [1e-5, 1e-8])
+def test_on_a_compiled_model_the_error_follows_the_tolerance(method: CVODE, rtol: float) -> None:
+    compiled = model("cart and pole")
+    run = run_model(compiled, 3.0, method, rtol=rtol, atol=rtol)
+    assert np.abs(run.y[:, -1] - exact(compiled, 3.0).y[:, -1]).max() < 300 * rtol
+
+
+def test_a_system_runs_by_it() -> None:
+    solution = lg.scene("elastic-pendulum").run(2.0, method=CVODE(), parameters={"k": 1e6}, rtol=1e-6)
+    assert solution.status is Status.SUCCESS and solution.method == "cvode"
+    assert np.isfinite(solution.at(np.linspace(0, 2, 100))).all()
