@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from lagrange import methods as methods
     from lagrange.errors import LagrangeError, RunError, SceneError, StatementError
+    from lagrange.evidence.trust import TrustHorizon, trust_horizon
     from lagrange.machine.model import Model
     from lagrange.racing import race
     from lagrange.run import flow, integrate
@@ -27,6 +28,7 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "lagrange.errors": ("LagrangeError", "RunError", "SceneError", "StatementError"),
+    "lagrange.evidence.trust": ("TrustHorizon", "trust_horizon"),
     "lagrange.machine.model": ("Model",),
     "lagrange.racing": ("race",),
     "lagrange.run": ("flow", "integrate"),
@@ -57,6 +59,7 @@ __all__ = [
     "Status",
     "System",
     "Trajectory",
+    "TrustHorizon",
     "__version__",
     "coordinate",
     "coordinates",
@@ -73,6 +76,7 @@ __all__ = [
     "scenes",
     "spring",
     "t",
+    "trust_horizon",
 ]
 
 

@@ -11,7 +11,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from examples import double_pendulum, euler_against_rk4, pendulum_period
+from examples import double_pendulum, euler_against_rk4, pendulum_period, phase_portraits
 
 
 def assert_is_a_picture(path: Path) -> None:
@@ -76,3 +76,25 @@ def test_double_pendulum(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert "Everything holds." in out
     assert "double pendulum: success" in out
     assert_is_a_picture(tmp_path / "double_pendulum.png")
+
+
+def test_phase_portraits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = phase_portraits.main(tmp_path)
+    for (method, step), row in found.items():
+        assert row["order"] == pytest.approx(4 if method == "RK4" else 2, abs=0.05)
+        if method != "RK4":
+            # 3000 steps with angles up to 7000, whose spacing is 1e-12: two roundings of each are seen.
+            assert row["recursion"] < 1e-11
+        exact = method == "integrable"
+        assert (row["invariant"] < 1e-9) is exact, (method, step)
+        assert row["energy"] > 1e-5
+    assert found["variational", 0.9]["invariant"] > 0.1
+    assert found["RK4", 0.9]["energy"] > 1.0
+    # With the other sign the map is that of the inverted pendulum, off by twice the force.
+    theta, _ = phase_portraits.orbit("integrable", 0.1, 100, 1.0, 0.0)
+    middle = theta[1:-1]
+    kick = theta[:-2] - 2 * middle + theta[2:]
+    assert np.abs(kick + 0.1**2 * np.sin(middle)).max() < 0.1**4 / 4
+    assert phase_portraits.residual("variational", 0.1, theta) > 1e-6
+    assert "integrable" in capsys.readouterr().out
+    assert_is_a_picture(tmp_path / "phase_portraits.png")

@@ -116,9 +116,10 @@ class Page:
         lines.insert(1, "|" + "|".join("-" * (w + 2) for w in widths) + "|")
         self.text("\n".join(lines))
 
-    def write(self) -> None:
-        """Write the page beside its script."""
+    def write(self, name: str = "") -> None:
+        """Write the page beside its script, under its name or another."""
         path = self.script.resolve().with_suffix(".md")
+        path = path.with_name(name) if name else path
         made = f"Made by `{self.script.name}`; run it again to measure your machine."
         path.write_text("\n\n".join([*self.parts, made]) + "\n", encoding="utf-8")
         print(f"wrote {path.name}", file=sys.stderr)

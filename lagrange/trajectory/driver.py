@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 
 import numpy as np
 
 from lagrange.machine.backend import Driver, SingularMassMatrix
 from lagrange.machine.driver import DriverState, Outcome
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.messages import message, unsolved
+from lagrange.trajectory.messages import message, small_state, unsolved
 from lagrange.trajectory.plan import Plan, Watcher
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 from lagrange.trajectory.verdict import Verdict
@@ -87,7 +86,7 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
         t=t,
         y=y,
         status=status,
-        message=" ".join([sentence, *tolerances.notes, *_small_state(states, tolerances.atol)]),
+        message=" ".join([sentence, *tolerances.notes, *small_state(states, tolerances.atol)]),
         method=name,
         steps=state.count(DriverState.STEPS),
         rejected=state.count(DriverState.REJECTED),
@@ -99,17 +98,6 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
         t_events=() if watch is None else watch.t_events[: len(problem.events)],
         y_events=() if watch is None else watch.y_events[: len(problem.events)],
     )
-
-
-def _small_state(states: FloatArray, atol: float) -> Iterator[str]:
-    """Yield a note if the whole run stays so small that the absolute tolerance leaves it few digits, or none."""
-    largest = float(np.max(np.abs(states)))
-    if 0 < largest < 1e4 * atol:
-        yield (
-            f"No entry of the state exceeds {largest:.3g}, so atol = {atol:g} leaves it few digits, or none: lower "
-            "atol to "
-            f"some {1e-9 * largest:.0e}."
-        )
 
 
 def _first_look(problem: Problem, name: str, parameters: FloatArray) -> tuple[Status | None, str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,9 @@ from lagrange.trajectory.trajectory import FloatArray, Trajectory
 MAX_STEPS = 10_000_000
 """Steps tried, accepted or not, before a run gives up: the states of a double pendulum then take 0.4 GB."""
 
+
+LOST = 0.1
+"""Part of the energy, or of the kinetic energy where that is larger, whose loss or gain the message of a run tells."""
 
 ROUND_OFF = 1e-12
 """Output times beyond an end by less than this part of the span are that end, written with other round-off."""
@@ -77,7 +81,31 @@ def integrate(
         raise StatementError(
             f"method {integrator.name} returned {trajectory!r}: integrate() must return an lg.Trajectory."
         )
-    return trajectory, values
+    return _with_energy(problem, trajectory), values
+
+
+def _with_energy(problem: Problem, trajectory: Trajectory) -> Trajectory:
+    """Return the trajectory, with a note if it did not keep the energy that the equations conserve.
+
+    Equal steps jump over a collision or through a singular configuration and know nothing of it.
+    """
+    model, states = problem.model, trajectory.y
+    if not trajectory.status.complete or not model.conservative or not states.size:
+        return trajectory
+    if any(event.reset for event in problem.events):
+        return trajectory
+    n, p = model.dimension, problem.parameter_array
+    ends = [np.split(y, [n]) for y in (problem.y0, states[:, -1])]
+    with np.errstate(all="ignore"):
+        before, after = (model.energy(q, v, problem.t0, p) for q, v in ends)
+        moving = max(abs(float(v @ model.momenta(q, v, problem.t0, p))) for q, v in ends) / 2
+    if math.isfinite(after) and abs(after - before) <= LOST * max(abs(before), moving):
+        return trajectory
+    note = (
+        f"The energy, which the equations of motion conserve, went from {before:.6g} to {after:.6g}: the run does not "
+        "follow the motion. Shorten the step, or take an adaptive method such as dop853."
+    )
+    return replace(trajectory, message=f"{trajectory.message} {note}")
 
 
 def _check_events(problem: Problem, integrator: Integrator) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from lagrange.errors import listing
@@ -68,7 +70,8 @@ def message(
         "max_steps": problem.max_steps,
         "max_wall": "its time" if problem.max_wall is None else f"max_wall = {number(problem.max_wall)} s",
         "largest": largest(problem, y),
-        "non_finite": non_finite(problem, y, slope) or "the derivative of the state is nan or infinite",
+        "non_finite": non_finite(problem, y, slope)
+        or f"the derivative of the state is nan or infinite, soon after {largest(problem, y)}",
     }
     if cause:
         return f"{method} stopped {fields['where']}. {cause}"
@@ -84,6 +87,17 @@ def unsolved(residual: float) -> str:
         f"The last correction of its unknowns was still {residual:.2g} of their size, and Newton's method needs it to "
         "vanish."
     )
+
+
+def small_state(states: FloatArray, atol: float) -> Iterator[str]:
+    """Yield a note if the whole run stays so small that the absolute tolerance leaves it few digits, or none."""
+    largest = float(np.max(np.abs(states)))
+    if 0 < largest < 1e4 * atol:
+        yield (
+            f"No entry of the state exceeds {largest:.3g}, so atol = {atol:g} leaves it few digits, or none: lower "
+            "atol to "
+            f"some {1e-9 * largest:.0e}."
+        )
 
 
 def row_names(problem: Problem) -> tuple[str, ...]:

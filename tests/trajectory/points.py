@@ -30,6 +30,9 @@ class Point:
     def rhs(self, t: float, y: Any, parameters: Any = None) -> Any:
         return np.array([y[1], self.acceleration(t, y[0], y[1])])
 
+    def column_without_inertia(self, t: float, q: Any, v: Any, parameters: Any) -> None:
+        """A point has a mass."""
+
     def jacobian(self, t: float, y: Any, parameters: Any = None) -> Any:
         columns = []
         for j in range(2):

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
 import pytest
+import sympy as sp
 
+import lagrange as lg
 from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.methods.registry import DEFAULT
 from lagrange.trajectory.trajectory import Status
@@ -69,3 +72,47 @@ def test_runs_do_not_share_their_arrays() -> None:
     first.y[:] = 0.0
     first.t[:] = 0.0
     assert (second.y == kept).all() and second.t[-1] == 1.0
+
+
+def falling(potential: Any, **given: Any) -> Any:
+    return build(kinetic=x.dot**2 / 2, potential=potential, initial={x: 1.0}, **given)
+
+
+LOST = r"The energy, which the equations of motion conserve, went from -1 to \S+: the run does not follow the motion\. "
+
+
+def test_a_run_that_loses_the_energy_says_so() -> None:
+    """Equal steps jump through the centre of an attraction, and come out with an energy of their own."""
+    found = run(falling(-1 / x), 3.0, "verlet", step=1e-3)
+    assert found.status is Status.SUCCESS
+    assert re.search(LOST, found.message)
+    assert not re.search("energy", run(falling(-1 / x), 1.0, "verlet", step=1e-3).message)
+
+
+def test_an_energy_that_is_free_to_change_is_not_spoken_of() -> None:
+    pushed = build(kinetic=x.dot**2 / 2, forces={x: 1}, coordinates=[x], initial={x.dot: 1.0})
+    assert "energy" not in run(pushed, 10.0, "euler", step=0.1).message
+    bounced = lg.event(x, direction=-1, reset={x.dot: -x.dot / 2})
+    stopped = run(falling(x), 2.0, "taylor", events=[bounced])
+    assert len(stopped.t_events[0]) == 1 and "energy" not in stopped.message
+
+
+def test_an_energy_without_a_value_at_the_end_is_spoken_of() -> None:
+    """Two steps jump from x = 1 over the edge of log(x), whose force 1/x has values on both sides."""
+    found = run(falling(sp.log(x)), 4.0, "euler", step=2.0, initial={x: 1.0, x.dot: -3.0})
+    assert re.search("went from 4.5 to nan: the run does not follow the motion", found.message)
+
+
+def test_an_energy_that_overflows_at_the_end_is_spoken_of() -> None:
+    """A method that leaves for 1e98 at a speed of 1e99: T = x^2 v^2/2 has no double, and its parts are infinite."""
+
+    class Leaving:
+        name, claims = "leaving", lg.Claims(order=2)
+
+        def integrate(self, problem: lg.Problem) -> lg.Trajectory:
+            ends = np.array([problem.t0, problem.t1])
+            y = np.stack([problem.y0, [1e98, 7e99]], axis=1)
+            return lg.Trajectory(ends, y, Status.SUCCESS, "leaving.", "leaving", 1, 0, 1, 0.1, (0.0, 1.0), lambda t: y)
+
+    heavy = build(kinetic=x**2 * x.dot**2 / 2, coordinates=[x], initial={x: 1.0, x.dot: -1.0})
+    assert "went from 0.5 to inf: the run does not follow" in run(heavy, 1.0, Leaving()).message

@@ -25,7 +25,7 @@ WHERE = "at t = 0.25 on the way from 1 to -3"
         (Status.EVENT, "rk4 stopped at an event at t = 0.25."),
         (Status.MAX_STEPS, f"rk4 used up max_steps = 7 {WHERE}, where r_dot is 3e+09. Raise max_steps, or "),
         (Status.MAX_WALL, f"rk4 used up max_wall = 0.5 s {WHERE}, where r_dot is 3e+09. Raise max_wall, or "),
-        (Status.NON_FINITE, f"rk4 stopped {WHERE}: the derivative of the state is nan or infinite. Look"),
+        (Status.NON_FINITE, f"rk4 stopped {WHERE}: the derivative of the state is nan or infinite, soon after "),
         (Status.SINGULAR, f"rk4 stopped {WHERE}: the mass matrix is singular there, so "),
         (Status.STEP_TOO_SMALL, f"rk4 stopped {WHERE}: the step that the tolerances ask for is below "),
         (Status.DIVERGED, f"rk4 stopped {WHERE}: the step did not converge. The largest entry of the state: r_dot is "),

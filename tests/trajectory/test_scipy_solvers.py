@@ -229,3 +229,29 @@ def test_progress_is_told_the_time_reached() -> None:
 def test_an_empty_span_is_one_state(method: Any) -> None:
     run = method.integrate(problem(oscillator, 0.0))
     assert run.status is Status.SUCCESS and run.t.tolist() == [0.0] and run.y.tolist() == [[1.0], [0.0]]
+
+
+def test_a_large_time_is_kept_track_of(method: Any) -> None:
+    """From t = 1e12, where doubles are 1e-4 apart; LSODA added its steps to that time, and lost them there."""
+    run = method.integrate(problem(oscillator, 1e12 + 8.0, t0=1e12))
+    assert (np.diff(run.t) > 0).all()
+    if run.status is Status.STEP_TOO_SMALL:
+        assert method.name == "scipy-bdf" and run.t[-1] < 1e12 + 8.0  # its first steps are shorter than that
+        return
+    assert run.status is Status.SUCCESS and run.t[-1] == 1e12 + 8.0
+    assert run.y[:, -1] == pytest.approx([np.cos(8.0), -np.sin(8.0)], abs=2e-4)
+    assert run.dense(np.array([1e12 + 4.0]))[:, 0] == pytest.approx([np.cos(4.0), -np.sin(4.0)], abs=5e-4)
+
+
+def test_a_state_below_atol_is_spoken_of(method: Any) -> None:
+    run = method.integrate(problem(oscillator, y0=(1e-20, 0.0)))
+    assert "atol = 1e-10 leaves it few digits, or none" in run.message
+    assert "atol" not in method.integrate(problem(oscillator)).message
+
+
+def test_a_start_without_inertia_is_singular(method: Any) -> None:
+    given = problem(oscillator)
+    given.model.column_without_inertia = lambda *_: 0
+    given.model.singular_message = lambda t, y: "x has no inertia there."
+    run = method.integrate(given)
+    assert run.status is Status.SINGULAR and "x has no inertia there" in run.message and len(run.t) == 1

@@ -25,10 +25,15 @@ _ONE_AT_A_TIME = threading.RLock()
 
 @dataclass(frozen=True, eq=False)
 class _Stepper:
-    """A solver of SciPy's between two steps; see `Stepper`. `stages` are those of one trial step, 0 if not fixed."""
+    """A solver of SciPy's between two steps; see `Stepper`.
+
+    `stages` are those of one trial step, 0 if not fixed. The solver's time counts from `origin`.
+    """
 
     solver: OdeSolver
     stages: int
+    origin: float
+    end: float
 
     @property
     def running(self) -> bool:
@@ -36,7 +41,7 @@ class _Stepper:
 
     @property
     def t(self) -> float:
-        return float(self.solver.t)
+        return self.end if self.solver.status == "finished" else self.origin + float(self.solver.t)
 
     @property
     def y(self) -> FloatArray:
@@ -59,7 +64,7 @@ class _Stepper:
 
     def path(self) -> Callable[[FloatArray], FloatArray]:
         interpolant: Callable[[FloatArray], FloatArray] = self.solver.dense_output()
-        return interpolant
+        return lambda times: interpolant(times - self.origin)
 
 
 @dataclass(frozen=True)
@@ -76,6 +81,8 @@ class ScipyMethod(ABC):
     claims: ClassVar[Claims]
     solver: ClassVar[Callable[..., OdeSolver]]
     stages: ClassVar[int] = 0
+    from_zero: ClassVar[bool] = False
+    """Whether the solver is told the time since the start, because it loses track of a large one."""
 
     def __post_init__(self) -> None:
         check_bounds(self.name, self.max_step, self.first_step)
@@ -88,11 +95,15 @@ class ScipyMethod(ABC):
         problem, span = run.problem, abs(run.problem.t1 - run.problem.t0)
         longest = min(self.max_step, tolerances.longest)
         options: dict[str, Any] = {"rtol": tolerances.rtol, "atol": tolerances.atol, "max_step": longest}
+        law, origin = run.law, problem.t0 if self.from_zero else 0.0
         if not self.claims.explicit:
-            options["jac"] = run.law.jacobian
+            options["jac"] = lambda t, y: law.jacobian(origin + t, y)
         first = None if self.first_step is None else min(self.first_step, span)
-        solver = self.solver(run.law.rhs, problem.t0, problem.y0.copy(), problem.t1, first_step=first, **options)
-        return _Stepper(solver, self.stages)
+        begin, end = problem.t0 - origin, problem.t1 - origin
+        solver = self.solver(
+            lambda t, y: law.rhs(origin + t, y), begin, problem.y0.copy(), end, first_step=first, **options
+        )
+        return _Stepper(solver, self.stages, origin, problem.t1)
 
 
 @contextmanager
@@ -113,7 +124,7 @@ class RK45(ScipyMethod):
     """Dormand-Prince 5(4), SciPy's implementation."""
 
     name: ClassVar[str] = "scipy-rk45"
-    claims: ClassVar[Claims] = Claims(order=5, adaptive=True, dense=4)
+    claims: ClassVar[Claims] = Claims(order=5, adaptive=True)
     solver: ClassVar[Callable[..., OdeSolver]] = scipy.integrate.RK45
     stages: ClassVar[int] = scipy.integrate.RK45.n_stages
 
@@ -168,3 +179,4 @@ class LSODA(ScipyMethod):
     name: ClassVar[str] = "scipy-lsoda"
     claims: ClassVar[Claims] = Claims(order=12, adaptive=True, explicit=False)
     solver: ClassVar[Callable[..., OdeSolver]] = scipy.integrate.LSODA
+    from_zero: ClassVar[bool] = True

@@ -13,7 +13,7 @@ import numpy as np
 from lagrange.errors import StatementError
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.messages import message
+from lagrange.trajectory.messages import message, small_state
 from lagrange.trajectory.methods.settings import adaptive_settings
 from lagrange.trajectory.piecewise import PiecewisePath
 from lagrange.trajectory.plan import Tolerances
@@ -156,18 +156,19 @@ class Run:
         """The state there, (2n,)."""
         return self.steps[-1].y if self.steps else self.problem.y0
 
-    def end(self, fault: Fault, notes: tuple[str, ...]) -> Trajectory:
+    def end(self, fault: Fault, tolerances: Tolerances) -> Trajectory:
         """Return the trajectory of the accepted steps."""
         problem = self.problem
         edges = np.array([problem.t0, *(step.t for step in self.steps)])
+        states = np.stack([problem.y0, *(step.y for step in self.steps)], axis=1)
         path = PiecewisePath(edges, problem.y0, tuple(step.path for step in self.steps))
         if problem.t_eval is None:
-            t, y = edges, np.stack([problem.y0, *(step.y for step in self.steps)], axis=1)
+            t, y = edges, states
         else:
             t = problem.t_eval[np.abs(problem.t_eval - problem.t0) <= abs(self.t - problem.t0)]
             y = path(t)
         text = message(fault.status, problem, fault.t, fault.y, self.method, slope=fault.slope, detail=fault.detail)
-        text = " ".join([text, *notes])
+        text = " ".join([text, *tolerances.notes, *small_state(states, tolerances.atol)])
         wall = time.perf_counter() - self.began
         evaluations = self.law.evaluations
         return Trajectory(
@@ -241,7 +242,7 @@ def drive_stepwise(
             fault = Fault(Status.INTERRUPTED, run.t, run.y)
     if fault.status is Status.DIVERGED and said:
         fault = Fault(fault.status, fault.t, fault.y, detail=f"{package} says: {said[-1]}")
-    return run.end(fault, tolerances.notes)
+    return run.end(fault, tolerances)
 
 
 def _steps(run: Run, tolerances: Tolerances, start: Callable[[Run, Tolerances], Stepper]) -> Fault:
@@ -249,6 +250,10 @@ def _steps(run: Run, tolerances: Tolerances, start: Callable[[Run, Tolerances], 
     problem, law = run.problem, run.law
     if not np.isfinite(run.y).all():
         return Fault(Status.NON_FINITE, run.t, run.y)
+    q, v = np.split(run.y, 2)
+    if problem.model.column_without_inertia(run.t, q, v, law.parameters) is not None:
+        detail = problem.model.singular_message(run.t, run.y)
+        return Fault(Status.SINGULAR, run.t, run.y, detail=detail)
     law.rhs(run.t, run.y)
     if law.fault or problem.t1 == problem.t0:
         return law.fault or Fault(Status.SUCCESS, run.t, run.y)

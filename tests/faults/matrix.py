@@ -1,0 +1,19 @@
+"""The faults, all of them, and the cells that they make with the methods."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from tests.faults.fault import Cell, Fault, take
+from tests.faults.motions import MOTIONS
+from tests.faults.occurrences import EVENTS
+from tests.faults.requests import REQUESTS
+
+FAULTS: tuple[Fault, ...] = (*MOTIONS, *EVENTS, *REQUESTS)
+
+
+def cells(methods: Sequence[str], faults: Sequence[Fault] = FAULTS) -> Iterator[Cell]:
+    """Yield what comes of each method on each fault, fault by fault."""
+    for fault in faults:
+        for method in methods:
+            yield take(fault, method)

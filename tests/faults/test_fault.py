@@ -1,0 +1,124 @@
+"""The judge of the matrix, on methods that lie, hang, fall over and keep what they should not."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lagrange.errors import StatementError
+from lagrange.trajectory.integrator import Claims, Problem
+from lagrange.trajectory.methods.explicit import DOP853
+from lagrange.trajectory.trajectory import Status, Trajectory
+from tests.faults import fault as judge
+from tests.faults.fault import Fault, take
+from tests.faults.matrix import FAULTS
+from tests.faults.motions import cosine, particle, x
+from tests.faults.requests import bob
+
+PLAIN = Fault("plain", "no fault", bob, truth=cosine, step=None)
+POLE = next(fault for fault in FAULTS if fault.name == "double pole")
+
+
+class Changed:
+    """DOP853, with something done to what it returns."""
+
+    name, claims = "changed", Claims(order=8, adaptive=True)
+
+    def __init__(self, change: Callable[[Trajectory], Trajectory]) -> None:
+        self.change = change
+
+    def integrate(self, problem: Problem) -> Trajectory:
+        found = DOP853().integrate(problem)
+        return self.change(replace(found, message=found.message.replace("dop853", "changed")))
+
+
+def off(found: Trajectory) -> Trajectory:
+    return replace(found, y=found.y * 1.001)
+
+
+def hopeful(found: Trajectory) -> Trajectory:
+    return replace(found, status=Status.SUCCESS)
+
+
+def hang(found: Trajectory) -> Trajectory:
+    while True:
+        time.sleep(0.01)
+
+
+def fall(found: Trajectory) -> Trajectory:
+    raise RuntimeError("no idea")
+
+
+def refuse(found: Trajectory) -> Trajectory:
+    raise StatementError("changed is not made for particles.")
+
+
+def tire(found: Trajectory) -> Trajectory:
+    return refuse(found) if found.span[1] > found.span[0] else found
+
+
+def infinite(found: Trajectory) -> Trajectory:
+    return replace(found, y=np.append(found.y[:, :-1], [[math.inf], [0.0]], axis=1))
+
+
+def mute(found: Trajectory) -> Trajectory:
+    return replace(found, message="changed stopped.")
+
+
+def other(found: Trajectory) -> Trajectory:
+    return replace(found, status=Status.DIVERGED if found.status is Status.SUCCESS else Status.INTERRUPTED)
+
+
+@pytest.mark.parametrize(
+    ("fault", "change", "verdict"),
+    [
+        (PLAIN, lambda found: found, "right"),
+        (PLAIN, off, "silent"),
+        (PLAIN, infinite, "silent"),
+        (PLAIN, fall, "wrong"),
+        (PLAIN, refuse, "refused"),
+        (PLAIN, tire, "wrong"),
+        (PLAIN, other, "wrong"),
+        (POLE, lambda found: found, "ended"),
+        (POLE, hopeful, "silent"),
+        (POLE, mute, "wrong"),
+        (POLE, other, "wrong"),
+        (POLE, off, "wrong"),
+        (POLE, infinite, "wrong"),
+    ],
+)
+def test_the_verdict(fault: Fault, change: Callable[[Trajectory], Trajectory], verdict: str) -> None:
+    cell = take(fault, Changed(change))
+    assert cell.verdict == verdict, cell.detail
+    assert cell.sound == (verdict in ("right", "ended", "refused"))
+
+
+def test_a_run_without_an_end_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(judge, "ENDLESS", 0.1)
+    cell = take(PLAIN, Changed(hang))
+    assert cell.verdict == "endless" and cell.wall < 1.0
+
+
+def test_a_missed_event_is_silent() -> None:
+    class Blind(Changed):
+        claims = Claims(order=8, adaptive=True, events=True)
+
+        def integrate(self, problem: Problem) -> Trajectory:
+            found = super().integrate(replace(problem, events=()))
+            return replace(found, t_events=(np.array([]),), y_events=(np.empty((0, 2)),))
+
+    crossing: dict[str, Any] = {"options": {"events": [x]}, "events": ((1.0,),)}
+    passing = Fault("passing", "", lambda: particle(0, -1.0, 1.0), end=2.0, **crossing)
+    cell = take(replace(passing, truth=lambda t: np.array([t - 1, np.ones_like(t)])), Blind(lambda found: found))
+    assert cell.verdict == "silent" and "found 0 times" in cell.detail
+
+
+def test_there_are_faults_enough() -> None:
+    names = [fault.name for fault in FAULTS]
+    assert len(set(names)) == len(names) >= 50

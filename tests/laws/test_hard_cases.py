@@ -1,0 +1,200 @@
+"""Hard cases with a closed form or a published fact, on every explicit adaptive method of order 5 or more."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import combinations
+from typing import Any
+
+import mpmath
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.special import ellipj, ellipk, mathieu_a
+from sympy import cos, sin, sqrt
+
+import lagrange as lg
+
+METHODS = [
+    row.name
+    for row in lg.methods.table()
+    if row.claims.adaptive and row.claims.explicit and row.claims.order >= 5 and not row.name.startswith("scipy-")
+]
+SYMPLECTIC = [row.name for row in lg.methods.table() if row.claims.symplectic and not row.claims.adaptive]
+TIGHT: dict[str, Any] = {"rtol": 1e-13, "atol": 1e-16}
+
+x, y, theta, phi, psi = lg.coordinates("x y theta phi psi")
+
+
+def kepler_state(r: float, v: float, end: float) -> list[float]:
+    """The state after a start at the pericentre, mu = 1, by Kepler's equation from the very doubles of the start."""
+    with mpmath.workdps(40):
+        axis = 1 / (2 / mpmath.mpf(r) - mpmath.mpf(v) ** 2)
+        e, motion = 1 - r / axis, axis ** mpmath.mpf("-1.5")
+        low, high = motion * end - e, motion * end + e
+        for _ in range(140):
+            middle = (low + high) / 2
+            low, high = (middle, high) if middle - e * mpmath.sin(middle) < motion * end else (low, middle)
+        return [float(axis * (mpmath.cos(low) - e)), float(axis * mpmath.sqrt(1 - e * e) * mpmath.sin(low))]
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(("e", "allowed"), [(0.99, 1e-8), (0.9999, 1e-6)])
+def test_an_orbit_that_is_nearly_a_fall(method: str, e: float, allowed: float) -> None:
+    """Three revolutions. Round-off at the pericentre moves the period by 1e-16/(1 - e), and the place by some times
+    that; a tolerance of 1e-13 may do a thousand times as much.
+    """
+    orbit = lg.System(kinetic=(x.dot**2 + y.dot**2) / 2, potential=-1 / sqrt(x**2 + y**2), name="orbit")
+    r, v = 1 - e, math.sqrt((1 + e) / (1 - e))
+    run = orbit.run(20.0, {x: r, y.dot: v}, method=method, **TIGHT).require()
+    assert run.y[:2, -1] == pytest.approx(kepler_state(r, v, 20.0), abs=allowed)
+
+
+def attracting(masses: Sequence[float], places: Any, velocities: Any) -> lg.System:
+    """Point masses in the plane, G = 1."""
+    points = [lg.coordinates(f"x{i} y{i}") for i in range(len(masses))]
+    initial: dict[Any, float] = {}
+    for point, place, velocity in zip(points, places, velocities, strict=True):
+        initial |= dict(zip((*point, *(q.dot for q in point)), (*place, *velocity), strict=True))
+    potential = sum(
+        -masses[i] * masses[j] / sqrt(sum((a - b) ** 2 for a, b in zip(points[i], points[j], strict=True)))
+        for i, j in combinations(range(len(masses)), 2)
+    )
+    return lg.System(
+        kinetic=sum(lg.kinetic_energy(m, point) for m, point in zip(masses, points, strict=True)),
+        potential=potential,
+        coordinates=[q for point in points for q in point],
+        initial=initial,
+        name="bodies",
+    )
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_figure_eight_returns(method: str) -> None:
+    """Start and period as published to 14 digits (A. Chenciner, R. Montgomery, 2000, after C. Simo)."""
+    place, speed = (0.97000435669734, -0.24308753153583), (-0.93240737144104, -0.86473146092102)
+    half = (-speed[0] / 2, -speed[1] / 2)
+    eight = attracting((1, 1, 1), (place, (-place[0], -place[1]), (0, 0)), (half, half, speed))
+    run = eight.run(6.32591398292621, method=method, **TIGHT).require()
+    assert run.y[:, -1] == pytest.approx(run.y[:, 0], abs=2e-11)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_burraus_bodies_part_as_published(method: str) -> None:
+    """The mass of 3 leaves the other two, which are bound (V. Szebehely, C. F. Peters, Astron. J. 72, 1967)."""
+    places = np.array([(1, 3), (-2, -1), (1, -1)])
+    run = attracting((3, 4, 5), places, ((0, 0),) * 3).run(80.0, method=method, **TIGHT).require()
+    where, moving = (part.reshape(3, 2) for part in np.split(run.y[:, -1], 2))
+    bound = [
+        (i, j)
+        for i, j in combinations(range(3), 2)
+        if (((moving[i] - moving[j]) ** 2).sum() / 2 < (7 + i + j - 1) / np.linalg.norm(where[i] - where[j]))
+    ]
+    assert run.energy[0] == pytest.approx(-769 / 60, rel=1e-15)
+    assert bound == [(1, 2)]
+    assert np.linalg.norm(where[0]) > 10.0
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_threshold_of_kapitzas_pendulum(method: str) -> None:
+    """theta'' = (g - a omega^2 cos(omega t)) theta/l is stable from where -4 g/(l omega^2) is Mathieu's a_0(2 a/l)."""
+    a = lg.parameters("a")
+    omega, g = 20.0, 9.81
+    place = (sin(theta), a * cos(omega * lg.t) + cos(theta))
+    shaken = lg.System(kinetic=lg.kinetic_energy(1, place), potential=g * place[1], parameters={a: 0.2}, name="shaken")
+    flow, tiny, period = lg.flow(shaken.compile(), method=method, rtol=1e-12, atol=1e-24), 1e-9, 2 * math.pi / omega
+
+    def trace(amplitude: float) -> float:
+        ends = [flow(np.array(start) * tiny, 0.0, period, {a: amplitude}) for start in ([1.0, 0.0], [0.0, 1.0])]
+        return float((ends[0][0] + ends[1][1]) / tiny - 2)
+
+    threshold = brentq(lambda q: mathieu_a(0, q) + 4 * g / omega**2, 1e-3, 0.8, xtol=1e-15) / 2
+    assert brentq(trace, 0.1, 0.4, xtol=1e-15) == pytest.approx(threshold, rel=1e-10)
+    assert threshold == pytest.approx(math.sqrt(2 * g) / omega, rel=0.02)  # a^2 omega^2 = 2 g l, to leading order
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_free_body_flips_about_its_middle_axis(method: str) -> None:
+    """Jacobi's functions (L. D. Landau, E. M. Lifshitz, Mechanics, section 37) near the separatrix: errors grow."""
+    moments, start = (1.0, 2.0, 3.0), (1.0, math.sqrt((1 + 1e-4) / 3))
+    rates = (
+        phi.dot * sin(theta) * sin(psi) + theta.dot * cos(psi),
+        phi.dot * sin(theta) * cos(psi) - theta.dot * sin(psi),
+        phi.dot * cos(theta) + psi.dot,
+    )
+    body = lg.System(kinetic=lg.rotational_energy(moments, rates), coordinates=[phi, theta, psi], name="body")
+    initial = {theta: math.pi / 2, theta.dot: start[0], psi.dot: start[1]}
+    run = body.run(40.0, initial, method=method, **TIGHT).require()
+    twice = start[0] ** 2 + 3 * start[1] ** 2
+    square = start[0] ** 2 + 9 * start[1] ** 2
+    high, low = 3 * twice - square, square - twice
+    sn, cn, dn, _ = ellipj(math.sqrt(low / 6) * run.t, high / low)
+    expected = np.sqrt([[high / 2], [high / 2], [low / 6]]) * np.array([cn, sn, dn])
+    found = np.array([run.evaluate(rate) for rate in rates])
+    assert sn.min() < -0.9999 and sn.max() > 0.9999
+    assert np.abs(found - expected).max() < 1e-7
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_lower_bob_that_weighs_nothing_is_not_felt(method: str) -> None:
+    chain = lg.scene("double-pendulum")
+    run = chain.run(10.0, {"theta1": 1.0, "theta2": 2.0}, parameters={"m2": 1e-12}, method=method, **TIGHT).require()
+    k2 = math.sin(0.5) ** 2
+    alone = 2 * math.asin(math.sqrt(k2) * ellipj(float(ellipk(k2)) - math.sqrt(9.81) * 10.0, k2)[0])
+    assert run["theta1"][-1] == pytest.approx(alone, abs=1e-9)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("turn", [1e-3, 1e-6])
+def test_a_spherical_pendulum_passes_its_pole(method: str, turn: float) -> None:
+    """The azimuth changes by pi within a moment; for small turns the place is that of a plane pendulum."""
+    swing = lg.System(
+        kinetic=(theta.dot**2 + sin(theta) ** 2 * phi.dot**2) / 2, potential=-cos(theta), coordinates=[theta, phi]
+    )
+    run = swing.run(20.0, {theta: 1.0, phi.dot: turn}, method=method, **TIGHT).require()
+    k2 = math.sin(0.5) ** 2
+    alone = 2 * np.arcsin(math.sqrt(k2) * ellipj(ellipk(k2) - run.t, k2)[0])
+    place = np.array([np.sin(run["theta"]) * np.cos(run["phi"]), -np.cos(run["theta"])])
+    assert np.abs(place - [np.sin(alone), -np.cos(alone)]).max() < 20 * turn**2 + 1e-10
+    assert np.abs(np.sin(run["theta"])).min() < 0.1
+    momentum = run.evaluate(sin(theta) ** 2 * phi.dot)
+    assert momentum == pytest.approx(math.sin(1.0) ** 2 * turn, rel=1e-9)
+
+
+def orbit_in(length: float, time: float, method: str) -> NDArray[np.float64]:
+    """An orbit in units of `length` and `time`, told in those."""
+    mu = lg.parameters("mu")
+    orbit = lg.System(kinetic=(x.dot**2 + y.dot**2) / 2, potential=-mu / sqrt(x**2 + y**2), parameters={mu: 1.0})
+    speed = length / time
+    flow = lg.flow(orbit.compile(), method=method, rtol=1e-13, atol=1e-16 * speed)
+    start = np.array([length, 0.0, 0.0, 0.8 * speed])
+    found = flow(start, 0.0, 6.0 * time, {mu: length**3 / time**2})
+    return np.asarray(found / [length, length, speed, speed])
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("size", [1e-30, 1e-15, 1e15, 1e30])
+def test_units_do_not_matter(method: str, size: float) -> None:
+    """Taylor's steps scale with the units, so that only rounding differs: of mu, by 3e-16, and a hundred times that at
+    the end. Others begin with another step and differ by their errors.
+    """
+    natural, scaled = orbit_in(1.0, 1.0, method), orbit_in(size, math.sqrt(size), method)
+    assert scaled == pytest.approx(natural, abs=2e-13 if method == "taylor" else 1e-10)
+
+
+@pytest.mark.parametrize("method", SYMPLECTIC)
+def test_the_energy_of_a_symplectic_method_does_not_drift(method: str) -> None:
+    """4e5 steps in 40 blocks: the mean of the increments of the block means is zero, by Student's test."""
+    stars = lg.scene("henon-heiles").compile()
+    initial: dict[str, Any] = {"x": 0.1, "y": 0.2, "x_dot": 0.3, "y_dot": 0.2}
+    rows, means, first = tuple(initial), [], math.nan
+    for _ in range(40):
+        block = lg.integrate(stars, (0.0, 1000.0), initial, method=method, step=0.1).require()
+        first = block.energy[0] if math.isnan(first) else first
+        means.append(float(block.energy.mean()) - first)
+        initial = dict(zip(rows, block.y[:, -1].tolist(), strict=True))
+    steps = np.diff(means)
+    assert abs(steps.mean()) < 2.71 * steps.std(ddof=1) / math.sqrt(len(steps))  # 99 %, 38 degrees of freedom
+    assert abs(means[-1] - means[0]) < 0.02 * abs(first)
