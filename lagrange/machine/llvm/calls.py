@@ -4,7 +4,17 @@ from __future__ import annotations
 
 from lagrange.machine.driver import DriverState, Outcome
 from lagrange.machine.llvm.emitter import Emitter
-from lagrange.machine.llvm.vectors import KIND, Layout, Scalars, blocks, combine, in_work
+from lagrange.machine.llvm.vectors import (
+    BLOCK,
+    KIND,
+    UNROLLED_BLOCKS,
+    Layout,
+    Scalars,
+    blocks,
+    combine,
+    in_work,
+    pieces,
+)
 from lagrange.program.actions import LAWS, Call
 
 LAW = "ptr %rhs, ptr %p, ptr %jacobian, ptr %jp"
@@ -21,15 +31,44 @@ def place_arguments(e: Emitter, layout: Layout, scalars: Scalars, call: Call) ->
     return e.address("%work", layout.argument)
 
 
-def evaluate(e: Emitter, layout: Layout, scalars: Scalars, call: Call, status: str) -> None:
-    """Evaluate the law, keep its results as vectors, and note in the memory `status` if a matrix was singular."""
+def evaluate(e: Emitter, layout: Layout, scalars: Scalars, call: Call, status: str, *, always: bool = False) -> None:
+    """Evaluate the law, keep its results as vectors, and note in the memory `status` if a matrix was singular.
+
+    What is computed `always` stays in registers, too.
+    """
     where, out = place_arguments(e, layout, scalars, call), e.address("%work", layout.result)
     failed = e.value(f"call i32 %rhs(double {scalars.names[call.time]}, ptr {where}, ptr %p, ptr {out})")
     e.store(e.value(f"or i32 {e.load(status, 'i32')}, {failed}"), status, "i32")
     law = LAWS[layout.step.law]
     first = layout.result + (layout.length if layout.step.law == "accelerations" else 0)
     for i in range(law.results):
-        copy(e, layout, first + i * layout.length, layout.place(call.first + i))
+        found = fetch(e, layout, first + i * layout.length, layout.place(call.first + i))
+        if always:
+            scalars.fresh.update({(call.first + i, block): value for block, value in found.items()})
+
+
+def fetch(e: Emitter, layout: Layout, source: int, target: int) -> dict[int, str]:
+    """Copy a result of the law, in the pieces in which a small kernel stores it; return the blocks of a small one.
+
+    See `kernel.FEW`.
+    """
+    if layout.width > UNROLLED_BLOCKS * BLOCK:
+        copy(e, layout, source, target)
+        return {}
+    found = dict.fromkeys(range(0, layout.width, BLOCK), "zeroinitializer")
+    for begin, width in pieces(layout.length):
+        part = e.load(in_work(e, source, begin), f"<{width} x double>")
+        block, first = begin // BLOCK * BLOCK, begin % BLOCK
+        if width == BLOCK:
+            found[block] = part
+            continue
+        lanes = ", ".join(f"i32 {i if i < width else 'poison'}" for i in range(BLOCK))
+        wide = e.value(f"shufflevector <{width} x double> {part}, <{width} x double> poison, <{BLOCK} x i32> <{lanes}>")
+        chosen = ", ".join(f"i32 {BLOCK + i - first if first <= i < first + width else i}" for i in range(BLOCK))
+        found[block] = e.value(f"shufflevector {KIND} {found[block]}, {KIND} {wide}, <{BLOCK} x i32> <{chosen}>")
+    for block, value in found.items():
+        e.store(value, in_work(e, target, block), KIND)
+    return found
 
 
 def copy(e: Emitter, layout: Layout, source: int, target: int) -> None:

@@ -17,7 +17,12 @@ from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.linear_solver import factor_size
 from lagrange.machine.llvm.spelling import BOOLEAN, declaration, intrinsics, library_functions, number, spell
 from lagrange.machine.llvm.trigonometry import angle_function
+from lagrange.machine.llvm.vectors import pieces
 from lagrange.program.program import Program
+
+FEW = 16
+"""Up to so many results of a scalar kernel are stored four or two at a time. A step loads them four at a time, and a
+processor hands a value on from a store to a load only if one store has it all: it doubles the time of a small step."""
 
 MANY_ZEROS = 32
 """From this many outputs that are always zero they are cleared in a loop; LLVM takes long over so many stores."""
@@ -98,16 +103,33 @@ def _finish(body: Body, stride: str = "") -> None:
         with e.loop(0, len(program.outputs)) as i:
             place = e.value(f"mul nsw i64 {stride}, {i}") if stride else i
             e.store("zeroinitializer" if body.lanes > 1 else number(0.0, 1), e.address("%out", place), body.kind)
+    together = not stride and len(program.outputs) <= FEW
+    if together:
+        _store_together(body)
     for k, ref in enumerate(program.outputs):
-        if k in zeros:
+        if k in zeros or together:
             continue
         place = e.value(f"mul nsw i64 {stride}, {k}") if stride and k else str(k)
-        op = program.instructions[ref].op
-        value = body.ref(ref)
-        if op in BOOLEAN:
-            value = spell(e, "select", [value, number(1.0, body.lanes), number(0.0, body.lanes)], body.lanes)
-        e.store(value, e.address("%out", place), body.kind)
+        e.store(_result(body, ref), e.address("%out", place), body.kind)
     e.do(f"ret i32 {body.status()}")
+
+
+def _result(body: Body, ref: int) -> str:
+    """Return an output as a number."""
+    value = body.ref(ref)
+    if body.program.instructions[ref].op not in BOOLEAN:
+        return value
+    return spell(body.e, "select", [value, number(1.0, body.lanes), number(0.0, body.lanes)], body.lanes)
+
+
+def _store_together(body: Body) -> None:
+    """Store the outputs of a scalar kernel four or two at a time; see `FEW`."""
+    e, values = body.e, [_result(body, ref) for ref in body.program.outputs]
+    for begin, width in pieces(len(values)):
+        kind, total = f"<{width} x double>", "poison"
+        for lane, value in enumerate(values[begin : begin + width]):
+            total = e.value(f"insertelement {kind} {total}, double {value}, i64 {lane}")
+        e.store(total, e.address("%out", begin), kind)
 
 
 def _block(program: Program, lanes: int, vector_names: dict[str, str]) -> str:

@@ -29,7 +29,7 @@ def step_function(layout: Layout, prefix: str = "") -> str:
             with e.when(e.value("icmp eq i64 %slope_known, 0")):
                 evaluate(e, layout, scalars, action, status)
         elif isinstance(action, Call):
-            evaluate(e, layout, scalars, action, status)
+            evaluate(e, layout, scalars, action, status, always=True)
         elif isinstance(action, Damp):
             newton = layout.solves[action.of]
             combine(e, layout, scalars, action.vector, newton.residual)

@@ -90,7 +90,11 @@ class Newton:
 
 
 class Scalars:
-    """The numbers of a step, made of t, h and the ratio of steps, emitted once each, in blocks as well."""
+    """The numbers of a step, made of t, h and the ratio of steps, emitted once each, in blocks as well.
+
+    `fresh` has the blocks of vectors that are in registers already, by vector and offset: what has just been computed
+    comes back from memory some 5 cycles later.
+    """
 
     def __init__(
         self, e: Emitter, step: StepProgram, combinations: Iterable[Combination], nodes: Iterable[Node] = ()
@@ -110,6 +114,7 @@ class Scalars:
                 values.append(spell(e, op, [values[arg] for arg in args], 1))
         self.names = {node: values[ref] for node, ref in zip(wanted, program.outputs, strict=True)}
         self.splats: dict[Node, str] = {}
+        self.fresh: dict[tuple[int, str | int], str] = {}
         for node in factors:
             if node is not step.graph.one:
                 self.splat(e, node)
@@ -130,6 +135,15 @@ def blocks(e: Emitter, width: int) -> Iterator[str | int]:
             yield i
 
 
+def pieces(length: int) -> Iterator[tuple[int, int]]:
+    """Yield (first, width) of the blocks of a vector and of the pieces of two and one that are left."""
+    begin = 0
+    for width in (BLOCK, 2, 1):
+        while begin + width <= length:
+            yield begin, width
+            begin += width
+
+
 def in_work(e: Emitter, place: int, offset: str | int) -> str:
     """Return the address of a block: `offset` doubles behind a place of the work array."""
     return e.address(e.address("%work", place), offset)
@@ -146,7 +160,8 @@ def combine(
     for offset in blocks(e, layout.width):
         total = ""
         for vector, coefficient in sorted(combination, key=lambda term: term[1] is not one):
-            value = e.load(in_work(e, layout.place(vector), offset), KIND)
+            known = scalars.fresh.get((vector, offset))
+            value = known or e.load(in_work(e, layout.place(vector), offset), KIND)
             value = e.fabs(value, KIND) if sizes else value
             if coefficient is one:
                 total = value if not total else e.value(f"fadd {KIND} {total}, {value}")
