@@ -46,6 +46,8 @@ def main() -> None:
         path = DOCS / name
         path.write_text(filled(path.read_text("utf-8"), marker, make()), "utf-8")
         print(f"wrote {name}")
+    regions = lg.methods.plot_stability("euler", "rk4", "dopri5", "dop853", "radau5", "bdf2")
+    regions.savefig(DOCS / "stability.png", dpi=110)
     lg.scene("double-pendulum").run(rtol=1e-12).plot().savefig(DOCS / "double-pendulum.png", dpi=110)
     print("wrote double-pendulum.png")
 

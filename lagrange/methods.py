@@ -4,6 +4,8 @@ The classes of SciPy's solvers carry its name: `lg.methods.ScipyRadau(max_step=0
 `lg.methods.CVODE()` needs `pip install 'lagrange[sundials]'`.
 """
 
+from lagrange.evidence.stability import Stability, growth, stability
+from lagrange.show.stability_plot import plot_stability
 from lagrange.trajectory.methods import scipy_solvers
 from lagrange.trajectory.methods.explicit import (
     BS3,
@@ -95,6 +97,7 @@ __all__ = [
     "ScipyRK45",
     "ScipyRadau",
     "Splitting",
+    "Stability",
     "StepMethod",
     "SymplecticEuler",
     "SymplecticEulerB",
@@ -109,8 +112,11 @@ __all__ = [
     "Yoshida6",
     "composition",
     "explicit_method",
+    "growth",
     "names",
+    "plot_stability",
     "register",
+    "stability",
     "step_method",
     "table",
     "tableau",

@@ -93,7 +93,7 @@ def _method(name: str, order: int, function: Callable[..., Any], step: float | N
 
 def VariationalMidpoint(step: float | None = None) -> ImplicitMethod:
     """Return the variational midpoint rule, order 2, symplectic for any mass matrix."""
-    return _method("variational-midpoint", 2, variational_midpoint, step, symplectic=True)
+    return _method("variational-midpoint", 2, variational_midpoint, step, symplectic=True, a_stable=True)
 
 
 def VariationalTrapezoid(step: float | None = None) -> ImplicitMethod:
@@ -103,14 +103,14 @@ def VariationalTrapezoid(step: float | None = None) -> ImplicitMethod:
 
 def Galerkin4(step: float | None = None) -> ImplicitMethod:
     """Return the Galerkin variational integrator in 2 Gauss points, order 4, symplectic for any mass matrix."""
-    return _method("galerkin4", 4, GALERKIN4, step, symplectic=True)
+    return _method("galerkin4", 4, GALERKIN4, step, symplectic=True, a_stable=True)
 
 
 def Galerkin6(step: float | None = None) -> ImplicitMethod:
     """Return the Galerkin variational integrator in 3 Gauss points, order 6, symplectic for any mass matrix."""
-    return _method("galerkin6", 6, GALERKIN6, step, symplectic=True)
+    return _method("galerkin6", 6, GALERKIN6, step, symplectic=True, a_stable=True)
 
 
 def DiscreteGradient(step: float | None = None) -> ImplicitMethod:
     """Return the mean value discrete gradient method, order 2, which conserves the energy to round-off."""
-    return _method("discrete-gradient", 2, DISCRETE_GRADIENT, step, energy=True)
+    return _method("discrete-gradient", 2, DISCRETE_GRADIENT, step, energy=True, a_stable=True)

@@ -1,0 +1,197 @@
+"""Linear stability, from the step itself: what one step does to an oscillation whose rates are z and its conjugate.
+
+A step program only combines vectors and calls the right-hand side, so on a linear system it is a matrix, and an
+unknown of an implicit step the solution of linear equations. Nothing is known here of tableaus or formulas.
+
+Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, IV.2, IV.3 and V.1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lagrange.equations.euler_lagrange import euler_lagrange
+from lagrange.errors import StatementError
+from lagrange.graph.node import Node
+from lagrange.machine.arithmetic import FLOATS
+from lagrange.machine.model import Model
+from lagrange.machine.numpy import NumpyMachine
+from lagrange.program.actions import LAWS, Call, Combination, Solve
+from lagrange.program.lower import lower
+from lagrange.program.step import StepProgram
+from lagrange.statement.coordinate import coordinate
+from lagrange.statement.declare import declare
+from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.methods.registry import find
+from lagrange.trajectory.plan import Planned, StepPlan
+
+FloatArray = NDArray[np.float64]
+
+ROUND_OFF = 1e-9
+"""A growth by less than this is none, per step: eigenvalues of matrices that are not normal lose some digits."""
+
+FARTHEST, HALVINGS = 1e4, 60
+"""How far out a limit is looked for, in units of one over the step, and how often the place is halved."""
+
+
+@dataclass(frozen=True)
+class Stability:
+    """Where a step does not amplify an oscillation or a decay.
+
+    `real` and `imaginary` are the lengths of the stable parts of the negative real and of the imaginary axis, in units
+    of one over the step, infinite if they do not end. A symplectic splitting has no real axis, and NaN there.
+    """
+
+    real: float
+    imaginary: float
+
+
+class _Map:
+    """The vectors of a step as linear maps of the state that it starts from: arrays (Z, n, m) of Z systems at once.
+
+    The system is q'' = -k q - c v with the rates z and its conjugate, and a step of 1; n is 2 for a step of y = [q, v],
+    else 1, and m the size of the state.
+    """
+
+    def __init__(self, step: StepProgram, z: NDArray[np.complex128]) -> None:
+        self.step, self.law = step, LAWS[step.law]
+        # A real rate comes with another, a little smaller: a double one would be known to half of the digits.
+        other = np.where(z.imag == 0, 0.99 * z, z.conj())
+        self.k, self.c = (z * other).real, -(z + other).real
+        self.length = 2 // self.law.states
+        states = self.law.states * (1 if step.starter is None else 2)
+        self.size = states * self.length
+        self.vectors: dict[int, FloatArray] = {}
+        for i in range(states):
+            unit = np.zeros((len(z), self.length, self.size))
+            unit[:, range(self.length), range(i * self.length, (i + 1) * self.length)] = 1.0
+            self.vectors[i] = unit
+        self.numbers = _numbers(step)
+
+    def whole(self) -> FloatArray:
+        """Return the matrix of the step (Z, m, m); with memory, the state that it starts from comes second."""
+        for action in self.step.actions:
+            if isinstance(action, Call):
+                self.call(action)
+            elif isinstance(action, Solve):
+                self.solve(action)
+        results = [self.combined(result) for result in self.step.results]
+        if self.step.starter is not None:
+            results += [self.vectors[i] for i in range(self.law.states)]
+        return np.concatenate(results, axis=1)
+
+    def combined(self, combination: Combination) -> FloatArray:
+        """Return a combination of vectors."""
+        zero = np.zeros((len(self.k), self.length, self.vectors[0].shape[2]))
+        return sum((self.numbers[c] * self.vectors[i] for i, c in combination), zero)
+
+    def call(self, call: Call) -> None:
+        """Evaluate the law."""
+        k, c = self.k[:, None], self.c[:, None]
+        arguments = [self.combined(argument) for argument in call.arguments]
+        if self.step.law == "rhs":
+            q, v = arguments[0][:, 0], arguments[0][:, 1]
+            self.vectors[call.first] = np.stack([v, -k * q - c * v], axis=1)
+        elif self.step.law == "accelerations":
+            self.vectors[call.first] = -k[:, None] * arguments[0]
+        else:
+            q, v = arguments
+            self.vectors[call.first] = v
+            self.vectors[call.first + 1] = -k[:, None] * q - c[:, None] * v
+
+    def solve(self, solve: Solve) -> None:
+        """Find the unknowns: the residuals are linear in columns that stand for them, added to those of the state."""
+        given, fresh = self.vectors[0].shape[2], solve.count * self.length
+        before = dict(self.vectors)
+        for i, vector in before.items():
+            self.vectors[i] = np.concatenate([vector, np.zeros((*vector.shape[:2], fresh))], axis=2)
+        for j in range(solve.count):
+            unknown = np.zeros((len(self.k), self.length, given + fresh))
+            columns = range(given + j * self.length, given + (j + 1) * self.length)
+            unknown[:, range(self.length), columns] = 1.0
+            self.vectors[solve.first + j] = unknown
+        for call in solve.calls:
+            self.call(call)
+        residual = np.concatenate([self.combined(one) for one in solve.residuals], axis=1)
+        found = -np.linalg.solve(residual[:, :, given:], residual[:, :, :given])
+        self.vectors = before
+        for j in range(solve.count):
+            self.vectors[solve.first + j] = found[:, j * self.length : (j + 1) * self.length]
+
+
+def _numbers(step: StepProgram) -> dict[Node, float]:
+    """Return the coefficients of a step of length 1 at t = 0 behind one of the same length."""
+    combinations: list[Combination] = [*step.results]
+    for action in step.actions:
+        if isinstance(action, Call):
+            combinations += action.arguments
+        elif isinstance(action, Solve):
+            combinations += [*action.residuals, *(one for call in action.calls for one in call.arguments)]
+    nodes = list(dict.fromkeys(node for combination in combinations for _, node in combination))
+    program = lower("scalars", nodes, (len(nodes),), [step.h, step.ratio], step.time, [])
+    values: Sequence[Any] = FLOATS.evaluate(program, 0.0, [1.0, 1.0], [])
+    return dict(zip(nodes, map(float, values), strict=True))
+
+
+def growth(method: Any, z: ArrayLike) -> FloatArray:
+    """Return the factor by which a step of a method grows the oscillation of rates z times its length, in z's shape.
+
+    `method` is a registered name, an instance, or its step program; `z` are complex numbers, and one with its conjugate
+    is what counts. The factor is the spectral radius of the step's matrix. A splitting knows no damping: its z must be
+    imaginary, or a StatementError is raised.
+    """
+    step = method if isinstance(method, StepProgram) else step_of(method)
+    rates = np.asarray(z, dtype=complex)
+    if step.law == "accelerations" and (np.abs(rates.real) > 1e-12 * np.abs(rates)).any():
+        raise StatementError(f"{step.name} takes no damping: its stability is a matter of imaginary rates alone.")
+    radii = np.abs(np.linalg.eigvals(_Map(step, rates.ravel()).whole())).max(axis=1)
+    return np.asarray(radii.reshape(rates.shape))
+
+
+def stability(method: Any) -> Stability:
+    """Return how far along the negative real and the imaginary axis the step of a method is stable; see `growth`."""
+    step = method if isinstance(method, StepProgram) else step_of(method)
+    real = np.nan if step.law == "accelerations" else _extent(step, -1.0 + 0.0j)
+    return Stability(real, _extent(step, 1.0j))
+
+
+def _extent(step: StepProgram, direction: complex) -> float:
+    """Return the first place along a direction behind which a step amplifies."""
+    grid = np.concatenate([np.linspace(0.01, 20.0, 2000), np.geomspace(20.0, FARTHEST, 400)])
+    unstable = growth(step, direction * grid) > 1.0 + ROUND_OFF * np.maximum(1.0, grid)
+    if not unstable.any():
+        return np.inf
+    first = int(np.argmax(unstable))
+    low, high = (grid[first - 1] if first else 0.0), grid[first]
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        bad = growth(step, [direction * middle])[0] > 1.0 + ROUND_OFF * max(1.0, middle)
+        low, high = (low, middle) if bad else (middle, high)
+    return float(low)
+
+
+def step_of(method: Any) -> StepProgram:
+    """Return the step of a registered method or an instance. Raises StatementError for one that is no step program."""
+    integrator = find(method)
+    oscillator = _oscillator()
+    problem = Problem(oscillator, oscillator.parameter_values(), 0.0, 1.0, np.array([1.0, 0.0]))
+    plan = integrator.plan(problem) if isinstance(integrator, Planned) else None
+    if not isinstance(plan, StepPlan):
+        raise StatementError(
+            f"{integrator.name} has no step of its own that could be looked at: the series of taylor and the solvers "
+            "of SciPy and SUNDIALS change their orders on the way. Give a method such as rk4 or radau5."
+        )
+    return plan.step
+
+
+@cache
+def _oscillator() -> Model:
+    x = coordinate("x")
+    statement = declare(kinetic=x.dot**2 / 2, potential=x**2 / 2)
+    return Model(statement, euler_lagrange(statement), NumpyMachine())

@@ -1,0 +1,56 @@
+"""The picture of stability regions: where a step does not amplify, in the plane of rate times step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lagrange.errors import StatementError
+from lagrange.evidence.stability import ROUND_OFF, growth, step_of
+from lagrange.trajectory.methods.registry import find
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_COLOURS = ("#0b6e99", "#d1495b", "#3c7d45", "#a35c00", "#6a4c93", "#4a5568", "#00798c", "#8d5b4c")
+_POINTS = 401
+
+
+def plot_stability(*methods: Any, left: float = -8.0, right: float = 4.0, top: float = 7.0) -> Figure:
+    """Return a figure of the borders of stability of methods, named or given, for rates between left and right.
+
+    A step is stable on the left of, or inside, its line; shaded is where every method is. Raises StatementError for a
+    splitting, which knows no damping and is stable on a part of the imaginary axis alone (see
+    `lg.methods.stability`), and for a method without a step of its own.
+    """
+    from matplotlib.figure import Figure
+
+    if not methods:
+        raise StatementError("name at least one method, such as lg.methods.plot_stability('rk4', 'radau5').")
+    x, y = np.linspace(left, right, _POINTS), np.linspace(-top, top, _POINTS | 1)
+    grid = x + 1j * y[:, None]
+    # On the real axis a rate has no conjugate: the row next to it stands for it.
+    plane = np.where(grid.imag == 0, grid + 1e-6j, grid)
+    figure = Figure(figsize=(7.2, 6.4), layout="constrained")
+    axis = figure.add_subplot()
+    lines, names = [], []
+    everywhere = np.ones(grid.shape, dtype=bool)
+    for method, colour in zip(methods, _cycled(len(methods)), strict=True):
+        sizes = growth(step_of(method), plane)
+        axis.contour(x, y, sizes, levels=[1.0 + ROUND_OFF], colors=[colour], linewidths=1.6)
+        everywhere &= sizes <= 1.0 + ROUND_OFF
+        lines.append(axis.plot([], [], color=colour, linewidth=1.6)[0])
+        names.append(find(method).name)
+    axis.contourf(x, y, everywhere, levels=[0.5, 1.5], colors=["#dfe7ee"], alpha=0.7)
+    axis.axhline(0.0, color="#8a8a8a", linewidth=0.7)
+    axis.axvline(0.0, color="#8a8a8a", linewidth=0.7)
+    axis.set(xlabel="real part of rate times step", ylabel="imaginary part", aspect="equal")
+    axis.legend(lines, names, loc="upper left", frameon=False)
+    axis.set_title("A step does not amplify on the left of, or inside, its line")
+    return figure
+
+
+def _cycled(count: int) -> Sequence[str]:
+    return [_COLOURS[i % len(_COLOURS)] for i in range(count)]
