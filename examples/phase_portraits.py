@@ -60,7 +60,7 @@ def pendulum(method: str, h: float) -> lg.System:
 def orbit(method: str, h: float, count: int, theta: float, speed: float) -> tuple[Array, Array]:
     """Return the angles and the speeds after each of the steps, (count + 1,) each."""
     run = pendulum(method, h).run(
-        h * count, {"theta": theta, "theta_dot": speed}, method="rk4" if method == "RK4" else "verlet", step=h
+        h * count, {"theta": theta, "theta_dot": speed}, method="rk4" if method == "RK4" else "velocity-verlet", step=h
     )
     return run["theta"], run["theta_dot"]
 

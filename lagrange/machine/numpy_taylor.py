@@ -116,7 +116,7 @@ class NumpyTaylorDriver:
         """Advance a run; see `Driver`."""
         state.counts[S.ROWS] = 0
         if not state.count(S.STEPS):
-            self._low[:] = 0.0
+            self._low[:], self._before = 0.0, 0.0
             state.reals[S.LOW] = 0.0
             state.reals[S.SCALE] = math.copysign(state.reals[S.SCALE], state.reals[S.END] - state.t)
         with np.errstate(all="ignore"):

@@ -19,6 +19,9 @@ BURST = 0.02
 
 LARGEST_BURST = 16384
 
+AHEAD = 1e-6
+"""The part of a run beyond a step that shrank to nothing in which the equations may turn out to have no value."""
+
 _STATUS = {
     Outcome.DONE: Status.SUCCESS,
     Outcome.NON_FINITE: Status.NON_FINITE,
@@ -129,6 +132,12 @@ def _bursts(
             while verdict.smooth and watch is not None and (onwards := watch.leap(state)) is not None:
                 verdict = onwards
                 rows.add(state.t, state.y)
+            if (
+                verdict.status is Status.STEP_TOO_SMALL
+                and verdict.smooth
+                and not np.isfinite(_ahead(problem, state)).all()
+            ):
+                return Status.NON_FINITE, ""
             if verdict.status is not None:
                 return verdict.status, verdict.detail
             left = problem.max_steps - state.count(DriverState.STEPS) - state.count(DriverState.REJECTED)
@@ -170,4 +179,18 @@ def _closing(problem: Problem, plan: Plan, name: str, state: DriverState, status
         return message(status, problem, state.t, state.y, name, detail=unsolved(state.reals[DriverState.RESIDUAL]))
     if status is not Status.NON_FINITE or cause:
         return message(status, problem, state.t, state.y, name, cause=cause)
-    return message(status, problem, state.t, plan.failed(problem, state), name)
+    return message(status, problem, state.t, plan.failed(problem, state), name, slope=_ahead(problem, state))
+
+
+def _ahead(problem: Problem, state: DriverState) -> FloatArray:
+    """Return the right-hand side a little farther on, or ones if the mass matrix is singular there.
+
+    Towards the end of what a root or a logarithm can take, steps shrink before anything is nan.
+    """
+    kernel, parameters = problem.model.kernel("rhs"), problem.parameter_array
+    h = AHEAD * (float(state.reals[DriverState.END]) - problem.t0)
+    with np.errstate(all="ignore"):
+        try:
+            return kernel(state.t + h, state.y + h * kernel(state.t, state.y, parameters), parameters)
+        except SingularMassMatrix:
+            return np.ones_like(state.y)

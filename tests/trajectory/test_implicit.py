@@ -75,7 +75,7 @@ def test_bdf2_is_a_parabola_through_three_states(target: str) -> None:
 
 TWINS = {
     "variational-midpoint": "implicit-midpoint",
-    "variational-trapezoid": "verlet",
+    "variational-trapezoid": "velocity-verlet",
     "galerkin4": "gauss2",
     "galerkin6": "gauss3",
 }

@@ -20,7 +20,9 @@ from tests.trajectory.runs import FIXED, NAMES, STEPPED, run
 from tests.trajectory.watched import FALL, G, ball, floor, free, harmonic
 
 TIGHT: dict[str, dict[str, Any]] = {
-    name: {"rtol": 1e-12, "atol": 1e-14} if find(name).claims.adaptive else {"step": 1e-3} for name in STEPPED
+    name: {"rtol": 1e-12, "atol": 1e-14} if find(name).claims.adaptive else {"step": 1e-3}
+    for name in NAMES
+    if name != "taylor"
 }
 SHARP = [name for name in ("rk4", "dopri5", "tsit5", "verner9", "dop853", "gauss2", "gauss3") if name in NAMES]
 """Methods whose errors at the settings above stay below 1e-9 over some tens of time units."""
@@ -103,7 +105,8 @@ def test_a_terminal_event_ends_the_run(terminal: int, direction: int, turns: int
     assert found.t[-1] == found.t_events[0][-1] == found.span[1] == pytest.approx(turns * math.pi, abs=off)
     assert found.y[:, -1].tolist() == found.y_events[0][-1].tolist() and found.steps == len(found.t) - 1
     assert found.message.startswith(f"{name} stopped at an event at t = ")
-    assert found.dense(found.t[-1:])[:, 0] == pytest.approx(found.y[:, -1], abs=1e-14)
+    # The dense weights of verner9 reach 13,293 and cancel.
+    assert found.dense(found.t[-1:])[:, 0] == pytest.approx(found.y[:, -1], abs=2e-12 if name == "verner9" else 1e-14)
 
 
 def bounces(restitution: float, count: int) -> Any:
