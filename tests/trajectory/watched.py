@@ -23,7 +23,7 @@ def go(model: Model, end: float, events: Any = None, start: float = 0.0, **optio
     """Run with events, within seconds, and hold the result to what every result must be."""
     began = time.perf_counter()
     found = run(model, end, "taylor", start, events=events, **options)
-    assert time.perf_counter() - began < 20.0
+    assert time.perf_counter() - began < 60.0
     forward = 1.0 if end >= start else -1.0
     assert (forward * np.diff(found.t) >= 0).all() and np.isfinite(found.y).all()
     for times, states in zip(found.t_events, found.y_events, strict=True):
