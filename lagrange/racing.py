@@ -34,7 +34,8 @@ def race(
 ) -> Race:
     """Measure error against time for integration methods, and return the Race: a table, a plot, a CSV file.
 
-    `methods` are registered names or instances; without them our own of higher order and two of SciPy's take part.
+    `methods` are registered names or instances; without them ten of our own
+    and two of SciPy's take part, one or two of a kind; those that the system does not suit are left out with a note.
     Adaptive ones run at each of `tolerances` (rtol = atol), others at each of `steps`, whose default fits the motion.
     An error is the largest of the final state, in the units of its entries; `relative` divides each entry by its
     largest magnitude along the run, and `outputs` looks at that many equally spaced times instead of the end, as a

@@ -212,8 +212,8 @@ class _Run:
             raise RunError(f"the precise run took longer than its time limit: it was at t = {t:.6g}.")
         if abs(length) < SHORTEST * whole:
             raise RunError(
-                f"no precise run of {self.model.statement.name} passes t = {t:.6g}: the energies or forces jump "
-                "there, or the accelerations have no value."
+                f"no precise run of {self.model.statement.name} passes t = {t:.6g}: the energies or forces, or "
+                "their derivatives, jump there, or the accelerations have no value."
             )
 
     def _guess(self, t: float, h: float, state: Numbers) -> _Interval:

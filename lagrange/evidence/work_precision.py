@@ -18,7 +18,7 @@ from lagrange.statement.number import real_number
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.integrator import Integrator, Problem
-from lagrange.trajectory.methods.registry import BUILT_IN, find, names
+from lagrange.trajectory.methods.registry import find, names
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 14))
@@ -35,11 +35,22 @@ PER_STEP = 4
 ROUGH, FINE = 1e-6, 1e-11
 """Tolerances of the scout's runs from which the ladder comes, and from which sizes and growth of errors come."""
 
-RIVALS = ("scipy-dop853", "scipy-lsoda")
-"""Raced by default with the methods of our own; the other solvers of SciPy take seconds at small errors."""
-
-LEAST_ORDER, LEAST_SYMPLECTIC = 4, 2
-"""Orders from which methods, and symplectic ones, are raced by default."""
+RACED = (
+    "taylor",
+    "dop853",
+    "verner9",
+    "tsit5",
+    "rk4",
+    "velocity-verlet",
+    "yoshida6",
+    "composition8",
+    "gauss3",
+    "radau5",
+    "scipy-dop853",
+    "scipy-lsoda",
+)
+"""Raced by default, one or two of a kind: the series, explicit with and without step control, symplectic, implicit, and
+SciPy's best. All that are here would take minutes, and lie close to one of these."""
 
 FEWEST = 16
 """Steps of the longest ones at least."""
@@ -142,15 +153,17 @@ def race(
         )
     heat = _Heat(problem, chosen, right, unit)
     entries: list[Entry] = []
-    notes = list(_omens(growth, size, unit))
+    refused: dict[str, list[str]] = {}
     for label, method in contestants:
         settings = chosen.tolerances if method.claims.adaptive else chosen.steps or _ladder(problem)
         found = list(heat.run(label, method, settings))
         if methods is None and all(entry.status == REFUSED for entry in found):
-            notes.append(f"{label} does not take part: {found[0].message}")
+            refused.setdefault(found[0].message.removeprefix(label), []).append(label)
         else:
             entries += found
-    return Result(tuple(entries), right, growth, tuple(size.tolist()), tuple(unit.tolist()), tuple(notes))
+    absent = (f"Left out: {listing(labels)}. {labels[0]}{why}" for why, labels in refused.items())
+    notes = (*_omens(growth, size, unit), *absent)
+    return Result(tuple(entries), right, growth, tuple(size.tolist()), tuple(unit.tolist()), notes)
 
 
 class _Heat:
@@ -267,8 +280,7 @@ def _sizes(what: str, given: Any) -> tuple[float, ...]:
 def _contestants(methods: Any) -> list[tuple[str, Integrator]]:
     """Return the methods with the names that tell them apart."""
     if methods is None:
-        chosen: list[Any] = [name for name in BUILT_IN if _races_by_default(find(name))]
-        chosen += [name for name in RIVALS if name in names()]
+        chosen: list[Any] = list(RACED)
     elif isinstance(methods, str) or not isinstance(methods, Iterable):
         chosen = [methods]
     else:
@@ -283,10 +295,6 @@ def _contestants(methods: Any) -> list[tuple[str, Integrator]]:
             label = f"{method.name} ({number})"
         found[label] = method
     return list(found.items())
-
-
-def _races_by_default(method: Integrator) -> bool:
-    return method.claims.order >= (LEAST_SYMPLECTIC if method.claims.symplectic else LEAST_ORDER)
 
 
 def _fine_run(

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lagrange.errors import StatementError
+from lagrange.errors import StatementError, listing
 from lagrange.evidence.work_precision import Entry, Result
 from lagrange.show.files import write_atomically, write_csv
 from lagrange.show.race_plot import plot
@@ -162,8 +162,11 @@ class Race:
             *(self._winner(goal) for goal in GOALS),
             *self.notes,
         ]
-        failed = (entry for entry in self if not entry.complete)
-        return [*lines, *(f"{entry.method} at {setting(entry)}: {entry.message}" for entry in failed)]
+        failed: dict[tuple[str, str], list[str]] = {}
+        for entry in self:
+            if not entry.complete:
+                failed.setdefault((entry.method, entry.message), []).append(setting(entry))
+        return [*lines, *(f"{method} at {_few(where)}: {message}" for (method, message), where in failed.items())]
 
     def _winner(self, goal: float) -> str:
         best = self.fastest(goal)
@@ -175,6 +178,11 @@ class Race:
 def setting(entry: Entry) -> str:
     """Return the setting of an entry as people write it."""
     return f"{'tol' if entry.adaptive else 'h'} = {entry.setting:.3g}"
+
+
+def _few(settings: Sequence[str]) -> str:
+    """Return some settings as people write them, from the first to the last where there are many."""
+    return listing(settings) if len(settings) < 3 else f"{settings[0]} to {settings[-1]}"
 
 
 def _cells(entry: Entry) -> tuple[str, ...]:

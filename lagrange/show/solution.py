@@ -192,8 +192,8 @@ class Solution:
             "wall": _finite(self.wall),
             "events": [len(times) for times in self.t_events],
             "outputs": len(self.t),
-            "t_start": _finite(self.t[0]) if len(self.t) else None,
-            "t_end": _finite(self.t[-1]) if len(self.t) else None,
+            "t_start": _finite(self.trajectory.span[0]),
+            "t_end": _finite(self.trajectory.span[1]),
             "energy": self._energy_card(),
             "stiff": self.stiff.sentence() if self.stiff else None,
             "parameters": {_label(key): _finite(value) for key, value in self.parameters.items()},
@@ -258,10 +258,10 @@ class Solution:
         return f"<table><caption style='text-align:left'>{heading}</caption>{rows}</table>"
 
     def _lines(self) -> list[tuple[str, str]]:
-        span = f"{self.t[0]:.6g} to {self.t[-1]:.6g}, " if len(self.t) else ""
+        begun, reached = self.trajectory.span
         return [
             ("method", ", ".join(part for part in (self.method, self.trajectory.form) if part)),
-            ("time", f"{span}{len(self.t)} outputs"),
+            ("time", f"{begun:.6g} to {reached:.6g}, {len(self.t) or 'no'} outputs"),
             ("steps", f"{self.steps} ({self.trajectory.rejected} rejected), {self.evaluations} evaluations"),
             (
                 "energy drift" if self.model.conservative else "energy",
@@ -276,7 +276,8 @@ class Solution:
     def _event_lines(self) -> list[tuple[str, str]]:
         if not self.t_events:
             return []
-        return [("events", ", ".join(f"{len(times)} of event {i}" for i, times in enumerate(self.t_events)))]
+        counts = (f"event {i}: {len(times)} time{'s' * (len(times) != 1)}" for i, times in enumerate(self.t_events))
+        return [("events", ", ".join(counts))]
 
     def _check_output(self) -> None:
         if not len(self.t):
@@ -309,4 +310,7 @@ def _duration(seconds: float) -> str:
 
 
 def _needs_data(method: str, package: str) -> StatementError:
-    return StatementError(f"{method}() needs {package}, which is not installed: pip install 'lagrange[data]'.")
+    return StatementError(
+        f"{method}() needs {package}, which is not installed: pip install {package}, or install lagrange with its "
+        "extra 'data', as '.[data]' from a checkout."
+    )

@@ -50,10 +50,7 @@ def event(
     if isinstance(expression, sympy.Eq):
         expression = expression.lhs - expression.rhs
     if not isinstance(expression, sympy.Expr):
-        raise StatementError(
-            f"the event is {str(expression)[:80]!r}: give a SymPy expression whose zero is the event, such as theta - "
-            "1. A Python function hides its formula, and its roots could be missed."
-        )
+        raise StatementError(f"the event is {_instead_of(expression)}")
     if not isinstance(terminal, (numbers.Integral, bool, np.bool_)) or terminal < 0:
         raise StatementError(f"terminal = {terminal!r}: give True, or the number of the occurrence that ends the run.")
     count, side = int(terminal), real_number(direction, "direction")
@@ -66,10 +63,37 @@ def event(
     return Event(expression, (side > 0) - (side < 0), count, MappingProxyType(chosen))
 
 
+def _instead_of(given: Any) -> str:
+    """Return what was given for the expression of an event, and what to write in its place."""
+    shown = str(given)[:80]
+    match given:
+        case str() | bytes():
+            return f"{shown!r}, a text: give the symbol or the expression itself, such as theta or theta.dot - 1."
+        case bool() | np.bool_() | sympy.logic.boolalg.BooleanAtom():
+            return f"{shown}, which Python makes of a comparison such as theta.dot == 0: give theta.dot alone."
+        case sympy.core.relational.Relational():
+            zero = str(given.lhs - given.rhs)[:80]
+            return (
+                f"{shown!r}, a relation: give the difference of its sides, {zero}, whose zero is the event, and "
+                "direction=1 or -1 for the side to which it goes."
+            )
+        case numbers.Number() | np.ndarray():
+            return (
+                f"{shown}, a number, which stays as it is along a run: give an expression in coordinates or velocities."
+            )
+    hidden = " A Python function hides its formula, and its roots could be missed." if callable(given) else ""
+    return f"{shown!r}: give a SymPy expression whose zero is the event, such as theta - 1.{hidden}"
+
+
 def _expression(value: Any) -> Any:
     """Return a number as SymPy, and anything else as it is."""
     if isinstance(value, sympy.Basic):
         return value
+    if not isinstance(value, (numbers.Number, np.ndarray)):
+        raise StatementError(
+            f"the value of a reset is {str(value)[:80]!r} ({type(value).__name__}): give an expression of the state "
+            "before, such as -0.9*y.dot, or a number."
+        )
     return sympy.Float(real_number(value, "the value of a reset"))
 
 
@@ -77,9 +101,10 @@ def declare_events(events: Any, statement: Statement) -> tuple[Event, ...]:
     """Return the events of a run, checked against a statement; a bare expression is an event of either direction."""
     if events is None:
         return ()
-    if isinstance(events, (Event, sympy.Basic)) or callable(events):
+    alone = (Event, sympy.Basic, str, bytes, numbers.Number, np.bool_)
+    if isinstance(events, alone) or callable(events):
         events = [events]
-    if isinstance(events, (str, bytes)) or not isinstance(events, Iterable):
+    if not isinstance(events, Iterable):
         raise StatementError(f"events is {str(events)[:80]!r}: give a list of expressions, or of lg.event(...).")
     found = tuple(given if isinstance(given, Event) else event(given) for given in events)
     for place, one in enumerate(found):

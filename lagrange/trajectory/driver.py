@@ -89,7 +89,7 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
         t=t,
         y=y,
         status=status,
-        message=" ".join([sentence, *tolerances.notes, *small_state(states, tolerances.atol)]),
+        message=" ".join([sentence, *tolerances.notes, *small_state(status, states, tolerances.atol)]),
         method=name,
         steps=state.count(DriverState.STEPS),
         rejected=state.count(DriverState.REJECTED),

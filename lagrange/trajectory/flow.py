@@ -71,8 +71,16 @@ class Flow:
         # Where something is watched the driver comes back on the way, and a run is what deals with that.
         self._plan: Plan | None = None if plan is None or plan.watched else plan
 
-    def __call__(self, y0: ArrayLike, t0: float, t1: float, parameters: Mapping[Any, Any] | None = None) -> FloatArray:
-        """Return the state at t1, (2n,). Raises RunError with the sentence of a run that does not get there."""
+    def __call__(
+        self, y0: ArrayLike, t0: float, t1: float, parameters: Mapping[Any, Any] | FloatArray | None = None
+    ) -> FloatArray:
+        """Return the state at t1, (2n,). Raises RunError with the sentence of a run that does not get there.
+
+        `parameters` is a dict from parameter to value, or an array (k,) of all values in the statement's order.
+        """
+        if isinstance(parameters, np.ndarray):
+            values = self._model.parameter_array(parameters).tolist()
+            parameters = dict(zip(self._model.statement.parameters, values, strict=True))
         known = isinstance(y0, np.ndarray) and y0.dtype is _DOUBLE
         start: FloatArray = np.asarray(y0) if known else real_array(y0, "y0")
         if start.shape != (self._dimension,):

@@ -14,6 +14,9 @@ from lagrange.statement.declare import state_rows
 from lagrange.statement.event import Event
 from lagrange.trajectory.trajectory import FloatArray
 
+ALIKE = 1e-9
+"""Two resets of one entry at one time agree to this part: they are rounded, and so is the time."""
+
 
 @dataclass(frozen=True, eq=False)
 class Impact:
@@ -40,10 +43,16 @@ class Impact:
         return self.direction in (0, rising)
 
     def apply(self, t: float, before: FloatArray, state: FloatArray) -> None:
-        """Enter the reset entries of the state (2n,), computed from the state before."""
+        """Enter the reset entries of the state (2n,), computed from the state before.
+
+        An entry that another event at the same time has reset to another value becomes nan: there is none to prefer.
+        """
         if self.kernel is not None:
+            rows = list(self.rows)
             with np.errstate(all="ignore"):
-                state[list(self.rows)] = self.kernel(t, before, self.parameters)
+                given = self.kernel(t, before, self.parameters)
+            agreed = np.isclose(given, state[rows], rtol=ALIKE, atol=0.0)
+            state[rows] = np.where((state[rows] == before[rows]) | agreed, given, np.nan)
 
 
 def root_of(node: Node) -> Impact:

@@ -40,6 +40,15 @@ _REMEDIES: dict[Status, str] = {
     Status.INTERRUPTED: "",
 }
 
+_WITH_EVENTS = (
+    "Raise {limit}, or loosen rtol (with equal steps: lengthen them), or end the run at an event with terminal=True; a "
+    "stiff system with events wants an implicit method that locates them, such as radau5."
+)
+"""The remedy for a run with events that used up its limit: SciPy's solvers and CVODE would refuse them."""
+
+FEW = 10.0
+"""A state below so many absolute tolerances has one digit, or none."""
+
 _SINGULAR = (
     "the mass matrix is singular there, so the accelerations are not determined. Start elsewhere, or choose "
     "coordinates that are regular at this configuration."
@@ -77,7 +86,10 @@ def message(
         return f"{method} stopped {fields['where']}. {cause}"
     if status is Status.SINGULAR:
         fields["singular"], detail = detail or _SINGULAR, ""
-    parts = (method, _SENTENCES[status].format(**fields), detail, _REMEDIES[status])
+    remedy = _REMEDIES[status]
+    if problem.events and status in (Status.MAX_STEPS, Status.MAX_WALL):
+        remedy = _WITH_EVENTS.format(limit="max_steps" if status is Status.MAX_STEPS else "max_wall")
+    parts = (method, _SENTENCES[status].format(**fields), detail, remedy)
     return " ".join(part for part in parts if part)
 
 
@@ -89,14 +101,13 @@ def unsolved(residual: float) -> str:
     )
 
 
-def small_state(states: FloatArray, atol: float) -> Iterator[str]:
-    """Yield a note if the whole run stays so small that the absolute tolerance leaves it few digits, or none."""
+def small_state(status: Status, states: FloatArray, atol: float) -> Iterator[str]:
+    """Yield a note if a complete run stays so small that the absolute tolerance leaves it few digits, or none."""
     largest = float(np.max(np.abs(states)))
-    if 0 < largest < 1e4 * atol:
+    if status.complete and 0 < largest < FEW * atol:
         yield (
             f"No entry of the state exceeds {largest:.3g}, so atol = {atol:g} leaves it few digits, or none: lower "
-            "atol to "
-            f"some {1e-9 * largest:.0e}."
+            f"atol to some {1e-9 * largest:.0e}."
         )
 
 

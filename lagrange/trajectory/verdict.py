@@ -58,7 +58,8 @@ def nowhere(name: str) -> Verdict:
     return Verdict(
         Status.NON_FINITE,
         f"The reset where {name} is zero gives a state that is nan or infinite: look for a division by zero, or a "
-        "root or logarithm outside its domain.",
+        "root or logarithm outside its domain, or for two events at this time that reset one entry to different "
+        "values: state what happens to it in one of them.",
     )
 
 

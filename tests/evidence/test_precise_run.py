@@ -98,7 +98,7 @@ def test_the_start_is_there_at_its_own_time() -> None:
 
 
 def test_a_jump_of_the_forces_is_not_passed() -> None:
-    with pytest.raises(RunError, match=r"passes t = 1\.4142.*forces jump there"):
+    with pytest.raises(RunError, match=r"passes t = 1\.4142.*derivatives, jump there"):
         run(oscillator(potential=Abs(x)), [3.0], digits=20)
 
 

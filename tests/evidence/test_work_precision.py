@@ -12,9 +12,10 @@ from sympy import exp, sign
 
 import lagrange as lg
 from lagrange.errors import RunError, StatementError
-from lagrange.evidence import truth
+from lagrange.evidence import truth, work_precision
 from lagrange.evidence.sensitivity import sensitivity
 from lagrange.trajectory.integrator import Claims, Problem
+from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.trajectory import Status, Trajectory
 from tests.models import k, m, x, y
 
@@ -115,14 +116,18 @@ def test_a_method_that_is_not_legal_is_refused_in_the_table() -> None:
     assert (entry.status, entry.complete, math.isnan(entry.error)) == ("refused", False, True)
     assert "mass matrix changes" in entry.message
     default = race(elastic, 1.0, methods=None)
-    assert "verlet" not in default.methods
-    assert any(note.startswith("verlet does not take part") for note in default.notes)
+    assert not {"velocity-verlet", "yoshida6", "composition8"} & set(default.methods)
+    left_out = [note for note in default.notes if "Left out" in note]
+    assert len(left_out) == 1, "one reason is told once"
+    assert left_out[0].startswith("Left out: velocity-verlet, yoshida6 and composition8. velocity-verlet moves ")
 
 
 def test_the_default_choice() -> None:
     methods = race(methods=None, end=1.0).methods
-    assert {"rk4", "verlet", "dopri5", "dop853", "taylor", "scipy-dop853", "scipy-lsoda"} <= set(methods)
-    assert not {"euler", "midpoint", "symplectic-euler", "scipy-rk23"} & set(methods)
+    assert methods == work_precision.RACED
+    assert set(methods) <= set(lg.methods.names()) and len(methods) == 12
+    kinds = [find(name).claims for name in methods]
+    assert {claim.adaptive for claim in kinds} == {claim.symplectic for claim in kinds} == {True, False}
 
 
 def test_a_run_out_of_time_is_kept_and_finer_ones_are_skipped() -> None:
@@ -186,7 +191,7 @@ def test_a_system_that_no_digits_follow_points_to_another_reference() -> None:
         parameters={m: 1, k: 4},
         initial={x: 1.0},
     )
-    with pytest.raises(RunError, match=r"forces jump there.* reference="):
+    with pytest.raises(RunError, match=r"derivatives, jump there.* reference="):
         race(brake, 2.0)
     assert race(brake, 2.0, reference="dop853").uncertainty < 1e-6
 

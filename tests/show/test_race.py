@@ -63,6 +63,14 @@ def test_it_prints_as_a_table_with_its_remarks() -> None:
     ]
 
 
+def test_a_refusal_is_printed_once_for_all_settings() -> None:
+    refused = [Entry("verlet", adaptive=False, setting=2.0**-k, message="verlet refuses.") for k in range(1, 10)]
+    lines = repr(made([ENTRIES[0], *refused, Entry("rk4", adaptive=False, setting=0.5, message="no")])).splitlines()
+    assert [line for line in lines if "refuses" in line] == ["verlet at h = 0.5 to h = 0.00195: verlet refuses."]
+    assert lines[-1] == "rk4 at h = 0.5: no"
+    assert repr(made(refused[:2])).splitlines()[-1] == "verlet at h = 0.5 and h = 0.25: verlet refuses."
+
+
 def test_the_measure_is_said() -> None:
     assert made(relative=True).measure() == "largest error of the state at t = 20, relative to each entry's size"
     assert made(times=(10.0, 20.0)).measure() == "largest error of the state at 2 times"

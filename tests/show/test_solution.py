@@ -18,6 +18,8 @@ from lagrange.errors import RunError, StatementError
 from lagrange.show.solution import Solution
 from lagrange.statement.coordinate import coordinate, t
 from lagrange.statement.declare import declare
+from lagrange.statement.event import event
+from lagrange.system import System
 from lagrange.trajectory.trajectory import Status
 from tests.show.examples import k, m, oscillator, solved, x
 
@@ -176,7 +178,8 @@ def test_a_state_that_is_not_finite_still_has_a_card() -> None:
 
 def test_a_run_without_output_still_has_a_card() -> None:
     run = oscillator([])
-    assert "0 outputs" in repr(run) and run.card()["t_end"] is None and run.card()["initial"] == {}
+    assert "no outputs" in repr(run) and run.card()["outputs"] == 0 and run.card()["initial"] == {}
+    assert run.card()["t_end"] == run.trajectory.span[1]
     with pytest.raises(StatementError, match="no output"):
         _ = run.drift
 
@@ -218,8 +221,10 @@ def test_a_missing_package_is_named_with_its_extra(monkeypatch: pytest.MonkeyPat
     monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(StatementError) as refusal:
         getattr(HARMONIC, method)()
-    expected = f"{method}() needs {package}, which is not installed: pip install 'lagrange[data]'."
-    assert str(refusal.value) == expected
+    expected = (
+        f"{method}() needs {package}, which is not installed: pip install {package}, or install lagrange with its "
+    )
+    assert str(refusal.value) == expected + "extra 'data', as '.[data]' from a checkout."
 
 
 @pytest.mark.parametrize("method", ["to_csv", "to_npz", "to_png"])
@@ -236,3 +241,12 @@ def test_solutions_are_frozen() -> None:
     for field in fields(Solution):
         with pytest.raises(FrozenInstanceError):
             setattr(HARMONIC, field.name, None)
+
+
+@pytest.mark.parametrize(("t_eval", "outputs"), [([0.0, 0.4, 0.9, 1.3, 1.7], "4 outputs"), ([], "no outputs")])
+def test_the_card_shows_the_time_reached_and_not_that_of_the_last_output(t_eval: list[float], outputs: str) -> None:
+    fall = System(kinetic=x.dot**2 / 2, potential=10 * x, initial={x: 9.0})
+    run = fall.run(3.0, t_eval=t_eval, events=[event(x, terminal=True), x.dot, x - 100])
+    assert f"0 to 1.34164, {outputs}" in repr(run) and "at t = 1.34164" in run.message
+    assert run.card()["t_end"] == pytest.approx(1.8**0.5)
+    assert "event 0: 1 time, event 1: 0 times, event 2: 0 times" in repr(run)

@@ -55,17 +55,28 @@ def test_a_reset_is_by_symbol_or_by_name() -> None:
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"expression": "x - 1"}, "the event is 'x - 1': give a SymPy expression whose zero is the event"),
+        ({"expression": "x - 1"}, "the event is 'x - 1', a text: give the symbol or the expression itself, such as"),
         ({"expression": lambda t, y: y[0]}, "A Python function hides its formula, and its roots could be missed"),
-        ({"expression": x > 0}, "give a SymPy expression whose zero is the event"),
-        ({"expression": 3}, "give a SymPy expression whose zero is the event"),
+        (
+            {"expression": x > 1},
+            "the event is 'x(t) > 1', a relation: give the difference of its sides, x(t) - 1, whose ",
+        ),
+        ({"expression": sp.Ne(x, y)}, "a relation: give the difference of its sides, x(t) - y(t)"),
+        ({"expression": x.dot == 0}, "the event is False, which Python makes of a comparison such as theta.dot == 0: "),
+        ({"expression": sp.true}, "the event is True, which Python makes of a comparison"),
+        ({"expression": 3}, "the event is 3, a number, which stays as it is along a run: give an expression"),
+        ({"expression": object}, "give a SymPy expression whose zero is the event, such as theta - 1."),
         ({"terminal": -1}, "terminal = -1: give True, or the number of the occurrence that ends the run"),
         ({"terminal": 1.5}, "terminal = 1.5: give True"),
         ({"terminal": "yes"}, "terminal = 'yes': give True"),
         ({"direction": "up"}, "direction is 'up' (str): give a number"),
         ({"direction": float("nan")}, "direction is nan: give a finite number"),
         ({"reset": [x]}, "reset is '[x(t)]': give a dict from coordinates and velocities to expressions"),
-        ({"reset": {x: "0"}}, "the value of a reset is '0' (str): give a number"),
+        (
+            {"reset": {x: "-x_dot"}},
+            "the value of a reset is '-x_dot' (str): give an expression of the state before, such",
+        ),
+        ({"reset": {x: True}}, "the value of a reset is True (bool): give a number"),
         ({"reset": {x: float("inf")}}, "the value of a reset is inf: give a finite number"),
     ],
 )
@@ -78,9 +89,11 @@ def test_what_cannot_be_meant_is_refused_when_it_is_written(given: dict[str, Any
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        (7, "events is '7': give a list of expressions, or of lg.event(...)"),
-        ("x", "events is 'x': give a list of expressions"),
-        ([x, "y"], "the event is 'y': give a SymPy expression"),
+        (7, "the event is 7, a number, which stays as it is along a run"),
+        (x.dot == 0, "the event is False, which Python makes of a comparison"),
+        ("x", "the event is 'x', a text: give the symbol or the expression itself"),
+        (Ellipsis, "events is 'Ellipsis': give a list of expressions, or of lg.event(...)"),
+        ([x, "y"], "the event is 'y', a text: give the symbol"),
         ([x, z - 1], "event 1 contains z(t), which this system does not have"),
         ([x - b], "event 0 contains b, which this system does not have; it may contain its coordinates, their "),
         ([sp.nan], "event 0 contains nan, which is not a finite number"),

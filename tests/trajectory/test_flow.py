@@ -75,6 +75,21 @@ def test_parameters_of_each_call(target: str) -> None:
     assert flow([1.0, 0.0], 0.0, 1.0)[0] == pytest.approx(math.cos(omega))
 
 
+@pytest.mark.parametrize("method", ["dop853", "scipy-dop853"])
+def test_parameters_as_an_array_with_any_method(method: str) -> None:
+    compiled = build("llvm", kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2)
+    flow = Flow(compiled, method=method)
+    values = np.array([{m: 1.0, k: 4.0}[symbol] for symbol in compiled.statement.parameters])
+    for stiffness in (4.0, 9.0):
+        values[compiled.statement.parameters.index(k)] = stiffness  # the caller's own array, changed between calls
+        expected = flow([1.0, 0.0], 0.0, 1.0, {m: 1.0, k: stiffness})
+        assert (flow([1.0, 0.0], 0.0, 1.0, values) == expected).all()
+        assert expected[0] == pytest.approx(math.cos(math.sqrt(stiffness)), abs=1e-7)
+    for wrong, words in ((np.ones(3), "parameters has shape"), (np.array([1.0, np.nan]), "is nan: give a finite")):
+        with pytest.raises(StatementError, match=words):
+            flow([1.0, 0.0], 0.0, 1.0, wrong)
+
+
 @pytest.mark.parametrize("target", TARGETS)
 def test_there_and_back_and_in_pieces(target: str) -> None:
     flow = Flow(model("double pendulum", target), rtol=1e-13, atol=1e-14)

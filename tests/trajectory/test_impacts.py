@@ -15,6 +15,7 @@ from lagrange.statement.event import event
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.trajectory import FloatArray, Status
 from tests.models import TARGETS, build, x, y
+from tests.trajectory.runs import run
 from tests.trajectory.watched import FALL, G, ball, floor, free, go
 
 
@@ -126,6 +127,19 @@ def test_both_walls_of_a_corner_at_once() -> None:
     # Both resets are computed from the state before.
     swap = [event(x - 1, reset={x.dot: -y.dot}), event(y - 1, reset={y.dot: 3 * x.dot})]
     assert go(model, 0.6, swap).y[2:, -1].tolist() == [-1.0, 3.0]
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_two_resets_of_one_entry_at_one_time_are_not_settled_by_their_order(method: str) -> None:
+    model = build(
+        kinetic=(x.dot**2 + y.dot**2) / 2, coordinates=[x, y], initial={x: 0.5, y: 0.5, x.dot: 1.0, y.dot: 1.0}
+    )
+    one, other = event(x - 1, reset={x.dot: -x.dot}), event(y - 1, reset={x.dot: 2.0})
+    found = run(model, 1.0, method, events=[one, other])
+    assert found.status is Status.NON_FINITE and found.t[-1] == pytest.approx(0.5, rel=1e-12)
+    assert "two events at this time that reset one entry to different values" in found.message
+    alike = run(model, 0.8, method, events=[one, event(y - 1, reset={x.dot: -y.dot})])
+    assert alike.status is Status.SUCCESS and alike.y[2, -1] == pytest.approx(-1.0, rel=1e-12)
 
 
 def test_a_trap_closes_in_words() -> None:

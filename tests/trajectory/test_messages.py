@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.messages import message, unsolved
+from lagrange.trajectory.messages import message, small_state, unsolved
 from lagrange.trajectory.trajectory import Status
 
 MODEL: Any = SimpleNamespace(statement=SimpleNamespace(names=("r", "phi")))
@@ -67,3 +68,22 @@ def test_an_unsolved_step_says_how_far_it_was() -> None:
 def test_without_a_limit_there_is_no_number_to_quote() -> None:
     endless = Problem(MODEL, {}, 0.0, 1.0, np.zeros(4))
     assert "used up its time at t = 0.5" in message(Status.MAX_WALL, endless, 0.5, STATE, "rk4")
+
+
+@pytest.mark.parametrize(
+    ("status", "limit"), [(Status.MAX_STEPS, "Raise max_steps, or"), (Status.MAX_WALL, "Raise max_wall, or")]
+)
+def test_a_run_with_events_is_not_sent_to_a_solver_that_refuses_them(status: Status, limit: str) -> None:
+    event: Any = SimpleNamespace()
+    text = message(status, replace(PROBLEM, events=(event,)), 0.25, STATE, "rk4")
+    assert limit in text and "at an event with terminal=True" in text and "such as radau5" in text
+    assert "scipy" not in text and "cvode" not in text
+
+
+def test_a_tolerance_that_leaves_no_digit_is_spoken_of_where_the_run_has_an_end() -> None:
+    states = np.array([[1.0, -3.7], [0.5, 0.0]])
+    assert "exceeds 3.7, so atol = 0.5 leaves it few digits, or none" in "".join(
+        small_state(Status.SUCCESS, states, 0.5)
+    )
+    assert not [*small_state(Status.SUCCESS, states, 1e-3)]  # three digits are no reason to speak
+    assert not [*small_state(Status.MAX_STEPS, states, 0.5)]  # what ended the run is said, and nothing beside it

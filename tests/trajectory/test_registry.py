@@ -12,6 +12,7 @@ import pytest
 
 import lagrange.methods
 from lagrange.errors import StatementError
+from lagrange.machine.taylor import HIGHEST, LOWEST
 from lagrange.trajectory.integrator import Claims, Integrator
 from lagrange.trajectory.methods import registry
 from lagrange.trajectory.methods.explicit import RK4, explicit_method
@@ -121,3 +122,8 @@ def test_claims_are_those_of_the_step(name: str) -> None:
     assert claims.symplectic or not isinstance(find(name), Splitting)
     assert claims.dense > 0 or name not in STEPPED
     assert SymplecticEuler().claims.order == 1 and not SymplecticEuler().claims.symmetric
+
+
+def test_the_row_of_taylor_says_what_its_order_means() -> None:
+    row = next(row for row in table() if row.name == "taylor")
+    assert f"order by cost, {LOWEST} to {HIGHEST} ({row.claims.order} stands for it)" in row.about

@@ -48,6 +48,22 @@ def coupled() -> lg.System:
         ({"method": "rk4", "step": 1e-30}, "step = 1e-30 is below the spacing of floating-point times"),
         ({"rtol": -1e-3}, "rtol = -0.001: give a finite tolerance that is not negative"),
         ({"atol": float("nan")}, "atol = nan: give a finite tolerance that is not negative"),
+        (
+            {"rtol": [1e-9, 1e-9]},
+            "rtol is [1e-09, 1e-09]: give one number. It is the same for all entries of the state",
+        ),
+        ({"atol": np.array([1e-9])}, "atol is [1.e-09]: give one number. It is the same for all entries"),
+        ({"atol": "a", "method": "dop853"}, "atol is 'a' (str): give a number"),
+        ({"rtol": True}, "rtol is True (bool): give a number"),
+        ({"rtol": 2, "method": "scipy-rk45"}, "rtol = 2: errors as large as the state itself leave no digit of it."),
+        (
+            {"rtol": 1e-12, "method": lg.methods.Taylor(rtol=1e-3)},
+            "rtol is given twice, 1e-12 for the run and 0.001 for taylor itself: give it in one place.",
+        ),
+        (
+            {"step": 0.1, "method": lg.methods.RK4(step=0.2)},
+            "step is given twice, 0.1 for the run and 0.2 for rk4 itself: give it in one place.",
+        ),
         ({"t_eval": [0.0, 2.0]}, "t_eval contains 2, outside the time span from 0 to 1"),
         ({"t_eval": [0.5, 0.2]}, "t_eval is not sorted in the direction of the run: sort it"),
         ({"t_eval": [0.5, float("nan")]}, "t_eval contains nan, outside the time span"),
@@ -58,7 +74,7 @@ def coupled() -> lg.System:
             "scipy-rk45 does not locate events: use taylor or another method",
         ),
         ({"events": lambda t, y: y[0]}, "give a SymPy expression whose zero is the event, such as theta - 1"),
-        ({"events": "theta"}, "events is 'theta': give a list of expressions, or of lg.event(...)"),
+        ({"events": "theta"}, "the event is 'theta', a text: give the symbol or the expression itself"),
         ({"events": [g - 9]}, "event 0 is g - 9, which stays as it is along a run"),
         ({"max_steps": 0}, "max_steps = 0: give a whole number of at least 1"),
         ({"max_steps": 1.5}, "max_steps = 1.5: give a whole number of at least 1"),
@@ -125,6 +141,11 @@ def test_a_splitting_is_refused_where_it_is_not_symplectic(coupled: lg.System, n
 def test_no_step_means_a_thousand_and_says_so(pendulum: lg.System) -> None:
     solution = pendulum.run(2.0, method="rk4")
     assert solution.steps == 1000 and "No step was given: 1000 equal steps of 0.002 were taken." in solution.message
+
+
+def test_the_same_tolerance_given_twice_is_given_once(pendulum: lg.System) -> None:
+    method = lg.methods.DOP853(rtol=1e-6, atol=1e-8)
+    assert (pendulum.run(1.0, method=method, rtol=1e-6).y == pendulum.run(1.0, method=method).y).all()
 
 
 def test_tolerances_of_zero_are_raised_and_said(pendulum: lg.System) -> None:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from typing import Any
+
+import numpy as np
 
 from lagrange.errors import StatementError
 from lagrange.statement.number import real_number
@@ -39,14 +42,14 @@ def adaptive_settings(
 ) -> Tolerances:
     """Return the tolerances of an adaptive method: the run's, else the method's own, else the defaults.
 
-    `least` is the smallest relative tolerance that the method can use.
+    What both give must be the same. `least` is the smallest relative tolerance that the method can use.
     """
     if problem.step is not None or step is not None:
         raise StatementError(
             f"{name} chooses its steps by itself: give rtol and atol, or a fixed-step method such as rk4."
         )
-    relative = _tolerance("rtol", problem.rtol, rtol, RTOL)
-    absolute = _tolerance("atol", problem.atol, atol, ATOL)
+    relative = _tolerance(name, "rtol", problem.rtol, rtol, RTOL)
+    absolute = _tolerance(name, "atol", problem.atol, atol, ATOL)
     notes: tuple[str, ...] = ()
     if relative < least:
         notes = (f"rtol = {relative:g} is below round-off and was raised to {least:.3g}.",)
@@ -65,11 +68,15 @@ def fixed_settings(
             "adaptive method such as dop853."
         )
     span = abs(problem.t1 - problem.t0)
-    chosen = problem.step if problem.step is not None else step
-    if chosen is None:
+    given = [real_number(size, "step") for size in (problem.step, step) if size is not None]
+    if len(given) == 2 and given[0] != given[1]:
+        raise StatementError(
+            f"step is given twice, {given[0]:g} for the run and {given[1]:g} for {name} itself: give it in one place."
+        )
+    if not given:
         note = f"No step was given: {EQUAL_STEPS} equal steps of {span / EQUAL_STEPS:.6g} were taken."
         return Tolerances(step=span / EQUAL_STEPS, notes=(note,))
-    size = real_number(chosen, "step")
+    size = given[0]
     if size <= 0:
         raise StatementError(f"step = {size:g}: give a positive size; the direction follows from the time span.")
     if span / size > 1e15 or problem.t0 + size == problem.t0:
@@ -77,9 +84,32 @@ def fixed_settings(
     return Tolerances(step=size)
 
 
-def _tolerance(what: str, asked: float | None, own: float | None, default: float) -> float:
-    value = asked if asked is not None else own if own is not None else default
-    number = float(value)
-    if math.isnan(number) or number < 0 or math.isinf(number):
-        raise StatementError(f"{what} = {value}: give a finite tolerance that is not negative.")
+def _tolerance(name: str, what: str, asked: Any, own: Any, default: float) -> float:
+    """Return the run's tolerance, else the method's own, else the default."""
+    given = [_number(what, value) for value in (asked, own) if value is not None]
+    if len(given) == 2 and given[0] != given[1]:
+        raise StatementError(
+            f"{what} is given twice, {given[0]:g} for the run and {given[1]:g} for {name} itself: give it in one place."
+        )
+    return given[0] if given else default
+
+
+def _number(what: str, value: Any) -> float:
+    """Return a tolerance. Raises StatementError for what is none, in words."""
+    if np.ndim(value) and not isinstance(value, str):
+        raise StatementError(
+            f"{what} is {str(value)[:80]}: give one number. It is the same for all entries of the state; choose units "
+            "in which these are of like size."
+        )
+    wrong = f"{what} = {str(value)[:80]}: give a finite tolerance that is not negative."
+    if isinstance(value, (float, np.floating)) and not math.isfinite(value):
+        raise StatementError(wrong)
+    number = real_number(value, what)
+    if number < 0:
+        raise StatementError(wrong)
+    if what == "rtol" and number >= 1:
+        raise StatementError(
+            f"rtol = {number:g}: errors as large as the state itself leave no digit of it. Give a part of it, such as "
+            f"{RTOL:g}."
+        )
     return number

@@ -168,7 +168,7 @@ class Run:
             t = problem.t_eval[np.abs(problem.t_eval - problem.t0) <= abs(self.t - problem.t0)]
             y = path(t)
         text = message(fault.status, problem, fault.t, fault.y, self.method, slope=fault.slope, detail=fault.detail)
-        text = " ".join([text, *tolerances.notes, *small_state(states, tolerances.atol)])
+        text = " ".join([text, *tolerances.notes, *small_state(fault.status, states, tolerances.atol)])
         wall = time.perf_counter() - self.began
         evaluations = self.law.evaluations
         return Trajectory(

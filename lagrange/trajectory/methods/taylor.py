@@ -42,7 +42,7 @@ LEAST_RTOL = 2.0**-53
 
 @dataclass(frozen=True)
 class Taylor:
-    """The adaptive Taylor series method, compiled from the energies; order by cost.
+    """The adaptive Taylor series method, compiled from the energies; order by cost, 4 to 32 (20 stands for it).
 
     `rtol` and `atol` are tolerances, `order` a fixed order from 4 to 64; what is None is taken from the run, or chosen.
     """
