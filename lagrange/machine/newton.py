@@ -38,3 +38,8 @@ LARGEST = 1e150
 
 ASTRAY = 0.25
 """A law that is no number after a correction of more than this part of the unknowns says nothing about the motion."""
+
+FARTHEST = 8.0
+"""Corrections of a step with equal steps may add up to so many times the size of what the residuals are made of, taken
+to the unknowns. Newton's first correction from the guess is at most that size, and those of a step that converges
+shrink: what goes farther ends at another root, or at none."""

@@ -15,6 +15,7 @@ from lagrange.machine.driver import DriverState, Outcome
 from lagrange.machine.newton import (
     AGING,
     ASTRAY,
+    FARTHEST,
     FRACTION,
     HISTORY,
     LARGEST,
@@ -166,7 +167,7 @@ class Newton:
     def iterate(self) -> None:
         """Correct the unknowns until what is left is too small to matter. Raises Failure."""
         record, problem = self.record, self.problem
-        previous, since = 0.0, OLD
+        previous, since, moved = 0.0, OLD, 0.0
         for turn in range(MOST_TIMES if self.adaptive else MOST):
             for call in problem.calls:
                 record.call(call)
@@ -183,6 +184,9 @@ class Newton:
             if not norm < LARGEST:
                 # The law is no number there, unless a large correction before has gone astray.
                 raise Failure(Outcome.NON_FINITE if previous * unit < ASTRAY else Outcome.DIVERGED)
+            moved += norm * unit
+            if moved > FARTHEST and not self.adaptive:
+                raise Failure(Outcome.DIVERGED)
             if self.enough(turn, norm, previous, since):
                 return
             previous, since = norm, since + 1

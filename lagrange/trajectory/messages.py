@@ -27,9 +27,9 @@ _REMEDIES: dict[Status, str] = {
     Status.SUCCESS: "",
     Status.EVENT: "",
     Status.MAX_STEPS: "Raise max_steps, or loosen rtol (with equal steps: lengthen them); a stiff system wants an "
-    "implicit method such as scipy-radau.",
+    "implicit method such as radau5.",
     Status.MAX_WALL: "Raise max_wall, or loosen rtol (with equal steps: lengthen them); a stiff system wants an "
-    "implicit method such as scipy-radau.",
+    "implicit method such as radau5.",
     Status.NON_FINITE: "Look for a division by zero, an overflow, or a sqrt, log or power outside its domain in the "
     "energies and forces near that state, and check the initial state and the parameters.",
     Status.SINGULAR: "",

@@ -29,13 +29,15 @@ from lagrange.trajectory.roots import Root, Side
 from lagrange.trajectory.step_events import Cut, EventDriver
 from lagrange.trajectory.trace import Trace, ended, trace
 from lagrange.trajectory.trajectory import FloatArray, Status
-from lagrange.trajectory.verdict import Verdict, accumulating, at_rest, nowhere, undefined, without_value
+from lagrange.trajectory.verdict import Verdict, accumulating, at_rest, nowhere, undefined, unresolved, without_value
 
 S = DriverState
 
 SLIGHT = 2.0**-26
 """The part of a step over which the slope of an event is measured where the motion starts, and a slope that is none."""
 
+HALVES = 8.0
+"""So many halves of a spacing are in the noise of one state."""
 
 CLEAR = 16.0
 """An event that starts at zero but for rounding is compared with its value there until it is so many times as large:
@@ -191,6 +193,8 @@ class StepWatch:
         traces = {}
         for i in watched:
             level, noise = self._levels.get(i, 0.0), float(burst.noise[i, step])
+            # What the steps have rounded adds up, half a spacing each; no step follows that could still tell.
+            noise = max(noise, float(burst.edge[i, step + 1]) / HALVES * (taken + step)) if last else noise
             traces[i] = trace(sample, i, noise, self._relay[i], level=level, zero=i in zero, last=last)
         if begun is not None and self._changes_at_once(begun, {i: traces[i] for i in zero}, sample):
             return _cut(burst, step, sample, 0.0)
@@ -274,6 +278,18 @@ class StepWatch:
                 s = m.root.time
                 self.occurrences[m.place].append(Occurrence(sample.t + s * sample.h, sample.state(s), taken + 1))
 
+    def _through(self, met: Sequence[_Meeting], t: float, before: FloatArray, after: FloatArray) -> _Meeting | None:
+        """Return a zero that is met against the motion there, where its reset would send the motion on through it.
+
+        The path of a long step may come down to the floor with a velocity that rises already: reset, it would fall.
+        """
+        states = np.column_stack([before, after])
+        coming, going = self._rates()(np.full(2, t), states, self.parameters).T
+        for m in met:
+            if coming[m.place] * m.root.rising < 0 < going[m.place] * m.root.rising:
+                return m
+        return None
+
     def _jump(self, met: Sequence[_Meeting], state: DriverState) -> Verdict:
         """Reset the state, every event from the state before, and start the motion anew."""
         before, after = state.y.copy(), state.y.copy()
@@ -282,6 +298,9 @@ class StepWatch:
             self.impacts[m.place].apply(state.t, before, after)
         if not np.isfinite(after).all():
             return nowhere(self.names()[met[0].place])
+        through = self._through(met, state.t, before, after)
+        if through is not None:
+            return unresolved(self.names()[through.place])
         state.y[:] = after
         self.jumps += 1
         self.changed = state.t

@@ -65,6 +65,12 @@ def test_an_unsolved_step_says_how_far_it_was() -> None:
     assert "Take a shorter step, or a method with step control such as radau5" in text
 
 
+def test_what_runs_out_of_steps_or_time_may_be_stiff() -> None:
+    for status in (Status.MAX_STEPS, Status.MAX_WALL):
+        text = message(status, PROBLEM, 0.25, STATE, "rk4")
+        assert text.endswith("a stiff system wants an implicit method such as radau5.")
+
+
 def test_without_a_limit_there_is_no_number_to_quote() -> None:
     endless = Problem(MODEL, {}, 0.0, 1.0, np.zeros(4))
     assert "used up its time at t = 0.5" in message(Status.MAX_WALL, endless, 0.5, STATE, "rk4")

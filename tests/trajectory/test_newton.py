@@ -11,7 +11,7 @@ import sympy as sp
 
 from lagrange.machine.driver import DriverState, Outcome
 from lagrange.machine.model import Model
-from lagrange.statement.coordinate import coordinates
+from lagrange.statement.coordinate import coordinates, t
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.implicit import ImplicitMethod
 from lagrange.trajectory.methods.registry import find
@@ -158,6 +158,43 @@ def test_leaving_the_domain_is_told(name: str, target: str) -> None:
     found = run(compiled, 5.0, name, **o)
     assert found.status in (Status.NON_FINITE, Status.DIVERGED, Status.STEP_TOO_SMALL), found.message
     assert np.isfinite(found.y).all() and 0.2 < found.t[-1] < 0.5
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("force", [-sp.sqrt(1 - x) / 100, sp.log(1 - x) / 100])
+@pytest.mark.parametrize("name", CONTROLLED)
+def test_a_force_without_a_value_is_no_number(name: str, force: Any, target: str) -> None:
+    """However short the step, the corrections behind x = 1 are no number, and that is what is said."""
+    compiled = build(target, kinetic=x.dot**2 / 2, forces={x: force}, initial={x: 0.0, x.dot: 1.0})
+    for tolerance in (1e-3, 1e-6, 1e-9):
+        found = run(compiled, 5.0, name, rtol=tolerance, atol=tolerance)
+        assert found.status is Status.NON_FINITE, found.message
+        assert found.y[0, -1] == pytest.approx(1.0, abs=1e-3) and "nan of their size" not in found.message
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", EQUAL)
+def test_newton_does_not_leap_to_another_root(name: str, target: str) -> None:
+    """v' = v^2 and x'' = 6x^2 have a pole at t = 1, and the mass x^2 vanishes at x = 0, which is met at t = 0.5."""
+    pole = build(target, kinetic=x.dot**2 / 2, forces={x: x.dot**2}, initial={x: 0.0, x.dot: 1.0})
+    double = build(target, kinetic=x.dot**2 / 2, forces={x: 6 * x**2}, initial={x: 1.0, x.dot: 2.0})
+    shrinking = build(target, kinetic=x**2 * x.dot**2 / 2, initial={x: 1.0, x.dot: -1.0})
+    for compiled, step, end in ((pole, 0.01, 1.0), (double, 0.01, 1.0), (shrinking, 1e-3, 0.5)):
+        if compiled is double and name == "variational-trapezoid":
+            continue  # Its equations are linear here, as Verlet's: they have one root.
+        found = run(compiled, 3.0, name, step=step)
+        assert found.status is Status.DIVERGED, found.message
+        assert 0.9 * end <= found.t[-1] <= end and np.abs(found.y).max() < 3e6
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", EQUAL)
+def test_a_start_from_rest_at_zero_is_no_leap(name: str, target: str) -> None:
+    """There is no size to measure a correction against where all is zero, and the force only begins."""
+    for force in (sp.sin(t), t**3, 1 - sp.cos(t), sp.Piecewise((0, t < 0.105), (1e6, True))):
+        compiled = build(target, kinetic=x.dot**2 / 2, forces={x: force}, initial={x: 0.0})
+        found = run(compiled, 0.2, name, step=0.01)
+        assert found.status is Status.SUCCESS, found.message
 
 
 @pytest.mark.parametrize("target", TARGETS)

@@ -133,9 +133,24 @@ def test_energies_must_be_finite_at_the_start() -> None:
 @pytest.mark.parametrize("name", ["verlet", "symplectic-euler"])
 def test_a_splitting_is_refused_where_it_is_not_symplectic(coupled: lg.System, name: str) -> None:
     with pytest.raises(
-        lg.StatementError, match=r"its mass matrix changes along the motion\. Use rk4, dopri5 or dop853"
+        lg.StatementError,
+        match=r"its mass matrix changes along the motion\. Use variational-midpoint or galerkin4, which are symplectic "
+        r"for any mass matrix, or rk4 or dop853\.$",
     ):
         coupled.run(1.0, method=name)
+    for remedy in ("variational-midpoint", "galerkin4", "rk4", "dop853"):
+        assert coupled.run(0.1, method=remedy).status is lg.Status.SUCCESS
+
+
+def test_a_splitting_is_refused_where_accelerations_depend_on_velocities() -> None:
+    x = lg.coordinate("x")
+    damped = lg.System(kinetic=x.dot**2 / 2, dissipation=x.dot**2 / 2, initial={x: 1.0})
+    with pytest.raises(
+        lg.StatementError,
+        match=r"depend on velocities, as with friction or a magnetic field\. With friction use rk4 or dop853; without, "
+        r"variational-midpoint or galerkin4, which are symplectic\.$",
+    ):
+        damped.run(1.0, method="verlet")
 
 
 def test_no_step_means_a_thousand_and_says_so(pendulum: lg.System) -> None:

@@ -29,6 +29,7 @@ from lagrange.machine.llvm.vectors import (
 from lagrange.machine.newton import (
     AGING,
     ASTRAY,
+    FARTHEST,
     FRACTION,
     HISTORY,
     LARGEST,
@@ -176,8 +177,9 @@ def _iterate(layout: Layout, newton: Newton, prefix: str) -> str:
     scalars = Scalars(e, layout.step, [*calls, *solve.residuals], [call.time for call in solve.calls])
     flags = e.address("%work", newton.flags)
     status = e.reserve("i32")
-    previous, since = e.reserve("double"), e.reserve("double")
+    previous, since, moved = e.reserve("double"), e.reserve("double"), e.reserve("double")
     e.store(literal(0.0), previous)
+    e.store(literal(0.0), moved)
     e.store(literal(float(OLD)), since)
     most = MOST_TIMES if newton.adaptive else MOST
     with e.loop(0, most) as turn:
@@ -196,6 +198,9 @@ def _iterate(layout: Layout, newton: Newton, prefix: str) -> str:
         unit = e.get("%reals", DriverState.RTOL) if newton.adaptive else literal(2.0**-52)
         e.put(e.real("fmul", norm, unit), "%reals", DriverState.RESIDUAL)
         _leave_broken(e, norm, e.load(previous), unit)
+        if not newton.adaptive:
+            e.store(e.fma(norm, unit, e.load(moved)), moved)
+            leave_if(e, e.real("fcmp ogt", e.load(moved), literal(FARTHEST)), Outcome.DIVERGED)
         _judge(e, newton, turn, norm, e.load(previous), since)
         e.store(norm, previous)
         e.store(e.real("fadd", e.load(since), literal(1.0)), since)

@@ -98,13 +98,15 @@ def check_splits(name: str, problem: Problem) -> None:
     structure = problem.model.equations.structure
     if not structure.constant_mass:
         reason = "its mass matrix changes along the motion"
+        remedy = "Use variational-midpoint or galerkin4, which are symplectic for any mass matrix, or rk4 or dop853"
     elif not structure.position_only:
         reason = "its accelerations depend on velocities, as with friction or a magnetic field"
+        remedy = "With friction use rk4 or dop853; without, variational-midpoint or galerkin4, which are symplectic"
     else:
         return
     raise StatementError(
         f"{name} moves coordinates and velocities in turn, which is not symplectic, and not of its order, for "
-        f"{problem.model.statement.name}: {reason}. Use rk4, dopri5 or dop853."
+        f"{problem.model.statement.name}: {reason}. {remedy}."
     )
 
 
