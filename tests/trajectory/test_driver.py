@@ -209,7 +209,9 @@ def test_a_driver_starts_from_the_state_and_nothing_else(name: str, system: str)
 
     (first, one), (second, other) = go(10_000, poison=False), go(1, poison=True)
     assert (first == second).all()
-    assert (one.counts[:3] == other.counts[:3]).all() and one.t == other.t == 0.3
+    # A burst of Taylor steps ends with the series that proves the last one, which the next burst computes again.
+    same = 2 if name == "taylor" else 3
+    assert (one.counts[:same] == other.counts[:same]).all() and one.t == other.t == 0.3
 
 
 def dirty(driver: Any, dimension: int, *, series: bool) -> None:

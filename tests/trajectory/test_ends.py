@@ -163,7 +163,10 @@ def test_a_mass_matrix_that_becomes_singular_on_the_way(name: str, target: str) 
     found = run(fading(target), 5.0, name, **({"step": 0.01} if name in FIXED else {"rtol": 1e-5, "atol": 1e-5}))
     assert found.status in (Status.SINGULAR, Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.DIVERGED), found.message
     assert found.t[-1] < 5.0 and np.isfinite(found.y).all() and len(found.t) > 1
-    if name in FIXED:
+    if name == "discrete-gradient":
+        # Its unknowns reach over the step, and Newton's method may fail before the matrix at any of them does.
+        assert found.status in (Status.SINGULAR, Status.DIVERGED)
+    elif name in FIXED:
         assert found.status is Status.SINGULAR
         assert f"{name} stopped at t = " in found.message and "the mass matrix is singular" in found.message
 
