@@ -50,8 +50,8 @@ class Burst:
     """Accepted steps of a burst behind the state that it began with: their path, and the events (E, ...) along it.
 
     `rates` makes the derivatives of the events by time. `ends` are the events at the states (E, S+1), `edge` is by how
-    much they may be wrong, `noise` (E, S) by how much those on a step may be, and `certain` (E, S) says which keep
-    their sign on a step.
+    much they may be wrong, `noise` (E, S) by how much those on a step may be, `owed` (E, S) the part of it that comes
+    of the motion there, and `certain` (E, S) says which keep their sign on a step.
     """
 
     kernel: Kernel
@@ -61,6 +61,7 @@ class Burst:
     ends: FloatArray
     edge: FloatArray
     noise: FloatArray
+    owed: FloatArray
     certain: NDArray[np.bool_]
     samples: dict[int, Sample] = field(default_factory=dict)
 
@@ -83,11 +84,12 @@ class Burst:
             noise = np.maximum(edge[:, 1:], edge[:, :-1])
             # What the event owes to the motion of the state: x**2 + v**2 may stay as it is while x and v do not.
             moves = states[:, :-1] + TILT * np.ptp(found, axis=-1) * tilt[:-1, None]
-            owed = np.abs(kernel(times[:-1], moves, parameters) - ends[:, :-1]) / TILT
-            spread = np.fmax(np.ptp(values, axis=-1), owed)
-            noise = noise + ROUND_OFF * np.where(np.isfinite(spread), spread, 0.0)
+            gain = np.abs(kernel(times[:-1], moves, parameters) - ends[:, :-1]) / TILT
+            spread = np.fmax(np.ptp(values, axis=-1), gain)
+            owed = ROUND_OFF * np.where(np.isfinite(spread), spread, 0.0)
+            noise = noise + owed
             sure = certain(values @ to_chebyshev(degree).T, noise)
-        burst = cls(kernel, rates, parameters, path, ends, edge, noise, sure)
+        burst = cls(kernel, rates, parameters, path, ends, edge, noise, owed, sure)
         if degree == DEGREE:
             burst._keep(steps, found, values)
         elif not sure.all():

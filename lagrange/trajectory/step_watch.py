@@ -22,6 +22,7 @@ from lagrange.machine.numpy import NumpyMachine
 from lagrange.program.catalogue import lower_nodes
 from lagrange.trajectory.burst import Burst, Sample
 from lagrange.trajectory.dense import StepPath
+from lagrange.trajectory.expansion import nodes
 from lagrange.trajectory.impact import impact
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.occurrence import TOGETHER, Crowd, Occurrence, states_of, times_of
@@ -88,6 +89,7 @@ class StepWatch:
         self.state: DriverState | None = None
         self._relay = [Side()] * len(impacts)
         self._levels: dict[int, float] = {}
+        self._resting: frozenset[int] = frozenset()
         self._start: _Start | None = _Start(first=True)
         self._pending: list[_Meeting] = []
         self._whole: tuple[float, FloatArray] | None = None
@@ -190,19 +192,23 @@ class StepWatch:
             sizes = [max(float(burst.edge[i, step]), 4 * begun.stayed.get(i, 0.0)) for i in watched]
             zero = [i for i, size in zip(watched, sizes, strict=True) if abs(burst.ends[i, step]) <= size]
             self._levels = {i: float(burst.ends[i, step]) for i in zero}
+        candidates = self._resting if begun is None else zero
+        self._resting = frozenset(i for i in candidates if _rests(burst, step, sample, i))
         traces = {}
         for i in watched:
+            if i in self._resting:
+                continue
             level, noise = self._levels.get(i, 0.0), float(burst.noise[i, step])
             # What the steps have rounded adds up, half a spacing each; no step follows that could still tell.
             noise = max(noise, float(burst.edge[i, step + 1]) / HALVES * (taken + step)) if last else noise
             traces[i] = trace(sample, i, noise, self._relay[i], level=level, zero=i in zero, last=last)
-        if begun is not None and self._changes_at_once(begun, {i: traces[i] for i in zero}, sample):
+        if begun is not None and self._changes_at_once(begun, {i: traces[i] for i in zero if i in traces}, sample):
             return _cut(burst, step, sample, 0.0)
         self._start = None
         found = [_Meeting(i, root) for i, one in traces.items() for root in one.found]
         found.sort(key=lambda m: m.root.time)
-        without = min(traces, key=lambda i: traces[i].until)
-        until = traces[without].until
+        without = min(traces, key=lambda i: traces[i].until, default=0)
+        until = traces[without].until if traces else math.inf
         first = self._first_change(m for m in found if m.root.time < until)
         if first is not None:
             self._part(first, found, traces, sample, taken + step)
@@ -324,6 +330,14 @@ def _rates(equations: Equations, nodes: tuple[Node, ...]) -> Kernel:
     ahead = dict(zip((*equations.q, *equations.v), (*equations.v, *equations.accelerations), strict=True))
     along = tangents(nodes, {**ahead, equations.time: equations.graph.one})
     return NumpyMachine().load(lower_nodes("rates", [along(node) for node in nodes], (len(nodes),), equations))
+
+
+def _rests(burst: Burst, step: int, sample: Sample, place: int) -> bool:
+    """Whether an event that started at zero stays there on a step, as a conserved quantity less its value does.
+
+    Its derivative along the motion tells: the path itself strays from the motion by more than round-off, to and fro.
+    """
+    return bool((np.abs(sample.rates(nodes())[place]) <= burst.owed[place, step]).all())
 
 
 def _cut(burst: Burst, step: int, sample: Sample, s: float) -> Cut:

@@ -117,6 +117,26 @@ def test_what_steps_round_hides_no_event_at_the_end(name: str) -> None:
     assert at == pytest.approx([3.0], abs=1e-13) and not len(beyond)
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_what_stays_zero_is_no_event(name: str) -> None:
+    """A conserved quantity less its value: the path of a step strays from it to and fro, hundreds of times here."""
+    model = build(kinetic=x.dot**2 / 2, potential=-cos(x), initial={x: 1.0})
+    energy = x.dot**2 / 2 - cos(x) + cos(sp.Integer(1))
+    options: dict[str, Any] = {} if find(name).claims.adaptive else {"step": 0.01}
+    found = run(model, 10.0, name, events=[energy, event(energy, direction=1, terminal=True)], **options)
+    assert found.status is Status.SUCCESS and [len(times) for times in found.t_events] == [0, 0]
+
+
+def test_what_rests_at_zero_first_is_an_event_later() -> None:
+    """Nothing moves until t = 1.05; then x oscillates, and leaves zero without an event."""
+    model = build(kinetic=x.dot**2 / 2, potential=x**2 / 2, forces={x: sp.Piecewise((0, t < 1.05), (1, True))})
+    for name in ("rk4", "gauss2"):
+        found = run(model, 20.0, name, events=[x - 1, x.dot], step=0.1)
+        first = 1.05 + math.pi * np.arange(1, 7)
+        assert found.t_events[1] == pytest.approx(first, abs=0.1), name
+        assert len(found.t_events[0]) == 6
+
+
 def bounces(restitution: float, count: int) -> Any:
     flights = 2 * FALL * restitution ** np.arange(1, count)
     return FALL + np.concatenate([[0.0], np.cumsum(flights)])
