@@ -160,6 +160,12 @@ def test_a_ball_comes_to_rest_in_words(name: str, restitution: float, level: flo
     assert len(times) > 30 and times == pytest.approx(bounces(restitution, len(times)), abs=1e-11 + flight)
 
 
+def test_a_start_below_zero_by_rounding_is_the_level_to_come_back_to() -> None:
+    """At a height of 1e12 a ball stands up to 1e-4 below the floor after a bounce, and would meet it as it rises."""
+    found = go(ball(height=1e12 + 1), 3.0, [floor(0.5, 1e12)], "rk4", step=1e-3)
+    assert len(found.t_events[0]) > 20
+
+
 @pytest.mark.parametrize("name", [name for name in STEPPED if name in FIXED])
 def test_no_ball_falls_through_the_floor(name: str) -> None:
     """Where the flights are shorter than the step, the path may come down with a velocity that rises already."""
