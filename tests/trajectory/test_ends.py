@@ -21,10 +21,14 @@ from lagrange.trajectory.trajectory import Status
 from tests.models import TARGETS, M, build, k, m, model, x, y, z
 from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, planned, run
 
+SLOW = "thousands of interpreted Newton steps, the same as on llvm"
+
 
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", NAMES)
 def test_max_steps(name: str, target: str) -> None:
+    if target == "numpy" and name.startswith("radau"):
+        pytest.skip(SLOW)
     compiled = model("Henon-Heiles", target)
     options = {"step": 0.02} if name in FIXED else {}
     whole = run(compiled, 8.0, name, **options)
@@ -175,6 +179,8 @@ def test_a_mass_matrix_that_becomes_singular_on_the_way(name: str, target: str) 
 @pytest.mark.parametrize("name", ADAPTIVE)
 def test_a_singularity_in_time(name: str, target: str) -> None:
     """x'' = 6 x^2 blows up like 1/(t* - t)^2."""
+    if target == "numpy" and name.startswith("radau"):
+        pytest.skip(SLOW)
     compiled = build(target, kinetic=x.dot**2 / 2, potential=-2 * x**3, initial={x: 1.0, x.dot: 2.0})
     found = run(compiled, 5.0, name)
     assert found.status in (Status.STEP_TOO_SMALL, Status.NON_FINITE)

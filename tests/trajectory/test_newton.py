@@ -49,6 +49,8 @@ def test_a_stage_costs_few_evaluations(name: str, step: float, target: str) -> N
 @pytest.mark.parametrize("name", IMPLICIT)
 def test_bursts_of_one_step_are_one_burst(name: str, target: str) -> None:
     """What is kept from step to step stays with the driver, and a run begins without what another one left there."""
+    if target == "numpy" and name not in ("implicit-midpoint", "bdf2"):
+        pytest.skip("interpreted Newton steps are slow, and the same for all")
     compiled = model("double pendulum", target)
     start = np.array(compiled.statement.initial)
     problem = Problem(compiled, compiled.parameter_values(), 0.0, 0.3, start)
