@@ -35,8 +35,10 @@ def go(model: Model, end: float, name: str, step: float = 0.01, **options: Any) 
     began = time.perf_counter()
     if name in FIXED:
         options["step"] = step
-    found = run(model, end, name, max_wall=5.0, max_steps=300_000, **options)
-    assert time.perf_counter() - began < 10.0
+    # An interpreted Taylor step takes some milliseconds, and a brief force a thousand steps.
+    patience = 60.0 if model.target == "numpy" else 5.0
+    found = run(model, end, name, max_wall=patience, max_steps=300_000, **options)
+    assert time.perf_counter() - began < 2 * patience
     assert np.isfinite(found.t).all() and np.isfinite(found.y).all()
     assert found.y.shape == (2, len(found.t)) and len(found.t) == found.steps + 1
     assert found.span == (found.t[0], found.t[-1]) and found.t[-1] <= end
