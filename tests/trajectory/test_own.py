@@ -93,7 +93,9 @@ def test_instances_classes_and_factories_are_registered() -> None:
 
 def test_a_step_in_turn_is_refused_where_it_is_not_legal() -> None:
     method = step_method(kicked, order=2)
-    with pytest.raises(lg.StatementError, match=r"kicked moves coordinates and velocities in turn.*\. Use variational-midpoint"):
+    with pytest.raises(
+        lg.StatementError, match=r"kicked moves coordinates and velocities in turn.*\. Use variational-"
+    ):
         run(model("double pendulum"), 1.0, method)
 
 
