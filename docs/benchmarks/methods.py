@@ -23,7 +23,7 @@ import lagrange as lg
 
 GOALS = (1e-3, 1e-6, 1e-9, 1e-12)
 TOLERANCES = tuple(10.0**-k for k in range(3, 15))
-LIMIT = 0.5
+LIMIT = 0.15
 """Seconds of one run, beyond which finer ones of a method are left out."""
 REPEATS = 3
 FASTEST = 6
