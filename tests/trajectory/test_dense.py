@@ -97,13 +97,13 @@ def test_a_hermite_path_of_a_stiff_step_stays_the_cubic() -> None:
 
 
 def test_a_thousand_times_are_no_burden() -> None:
-    """Measured: 4 ms at order 8 on a quiet machine, for a thousand steps. Thirty times that, to bear a busy one."""
+    """Measured: 4 ms at order 8 on a quiet machine, for a thousand steps; a loop over them in Python would take seconds."""
     compiled, grid = model("Henon-Heiles"), np.linspace(0.0, 3.0, 1001)
     path = hermite(compiled, grid, exact(compiled, 3.0, t_eval=grid).y.T, 8)
     path(grid)
     began = time.process_time()
     path(np.linspace(0.0, 3.0, 1000))
-    assert time.process_time() - began < 0.12
+    assert time.process_time() - began < 1.5
 
 
 @pytest.mark.parametrize("target", TARGETS)
