@@ -97,7 +97,7 @@ def test_a_hermite_path_of_a_stiff_step_stays_the_cubic() -> None:
 
 
 def test_a_thousand_times_are_no_burden() -> None:
-    """Measured: 4 ms at order 8 on a quiet machine, for a thousand steps; a loop over them in Python would take seconds."""
+    """Measured: 4 ms at order 8 on a quiet machine, for a thousand steps; a loop in Python would take seconds."""
     compiled, grid = model("Henon-Heiles"), np.linspace(0.0, 3.0, 1001)
     path = hermite(compiled, grid, exact(compiled, 3.0, t_eval=grid).y.T, 8)
     path(grid)
