@@ -9,6 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+NEAR_END = 1.01
+"""A step within one percent of the end goes to the end, so that no sliver is left over."""
+
+SPACING, EARLIEST = 16 * 2.0**-52, 1e-290
+"""A step shorter than the first part of the time is lost in the round-off of the time; a time nearer to zero counts as
+the second, for at zero nothing is lost."""
+
 
 class Outcome(enum.IntEnum):
     """Why a driver came back."""

@@ -101,14 +101,18 @@ class Model:
                 self._series.pop(key, None)
         return self._series[watched]
 
-    def square_roots(self, watched: Iterable[Node] = ()) -> tuple[Node, ...]:
-        """Return the square roots of what has a fractional power in momenta and forces, or in what is watched.
+    @cached_property
+    def square_roots(self) -> tuple[Node, ...]:
+        """The square roots of what has a fractional power in momenta and forces; see `roots_in`."""
+        return self.roots_in((*self.equations.momenta, *self.equations.forces))
+
+    def roots_in(self, nodes: Iterable[Node]) -> tuple[Node, ...]:
+        """Return the square roots of what has a fractional power in some nodes.
 
         Where one is zero no series goes on, and none is seen to end: sqrt(x**2) continues as x. Powers of positions
         from -1 down, as in gravity, are left out: there the forces themselves are infinite, and the steps shrink.
         """
-        nodes = reachable([*self.equations.momenta, *self.equations.forces, *watched])
-        powers = [node for node in nodes if node.kind is Kind.POWER and node.binding > Binding.PARAMETER]
+        powers = [node for node in reachable([*nodes]) if node.kind is Kind.POWER and node.binding > Binding.PARAMETER]
         graph = self.equations.graph
         return tuple(
             dict.fromkeys(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.machine.backend import FloatArray, Kernel, SingularMassMatrix
-from lagrange.machine.driver import FAR, DriverState, Outcome
+from lagrange.machine.driver import EARLIEST, FAR, NEAR_END, SPACING, DriverState, Outcome
 from lagrange.machine.numpy_newton import Failure, Record
 from lagrange.program.step import Control, StepProgram
 
@@ -72,9 +72,8 @@ class NumpyDriver:
         if reals[S.H] == 0:
             reals[S.H] = self._first_step(state, control)
         t, end, h = state.t, reals[S.END], np.copysign(min(abs(reals[S.H]), reals[S.LONGEST]), reals[S.H])
-        least = 16 * 2.0**-52 * max(abs(t), 1e-290)
-        # A step within one percent of the end goes to the end, so that no sliver is left over.
-        final = abs(h) * 1.01 >= abs(end - t)
+        least = SPACING * max(abs(t), EARLIEST)
+        final = abs(h) * NEAR_END >= abs(end - t)
         if not abs(h) >= least and (not final or state.count(S.AFTER_REJECT)):
             return Outcome.STEP_TOO_SMALL
         after = end if final else t + h

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
-from lagrange.machine.driver import DriverState, Outcome
+from lagrange.machine.driver import EARLIEST, NEAR_END, SPACING, DriverState, Outcome
 from lagrange.machine.jet import Jet
 from lagrange.machine.taylor import (
     BEYOND,
     DEFECT,
-    EARLIEST,
     FAILURES,
     FARTHEST,
     GROWN,
     GUARD,
     LONGER,
-    NEAR_END,
     NEAREST,
     NOISE,
     OVERFLOWED,
@@ -29,12 +27,12 @@ from lagrange.machine.taylor import (
     ROWS_SEEN,
     SHORTER,
     SHORTEST,
-    SPACING,
     TRIES,
     VANISHED,
     ZERO,
     Cost,
     best_order,
+    shown_radius,
 )
 from lagrange.program.series import SeriesProgram
 
@@ -51,7 +49,7 @@ class _Held:
     h: float
     y: FloatArray
     low: FloatArray
-    slope: FloatArray = field(default_factory=lambda: np.empty(0))
+    slope: FloatArray
 
 
 class NumpySeries:
@@ -232,15 +230,15 @@ class NumpyTaylorDriver:
         if watched and (state.count(S.LOOK) or self._near(series, h / scale)):
             return Outcome.WATCHED
         self._before = abs(h)
-        held = _Held(float(reals[S.T]), float(reals[S.LOW]), scale, h, state.y.copy(), self._low)
+        before, low = state.y.copy(), self._low
         slope = self._advance(state, series, h / scale)
         if slope is None:
             return Outcome.NON_FINITE
-        self._accept(state, h, final)
         # A series that terminates says nothing about the next one.
         longer = 2.0 ** (whole if whole <= FARTHEST else 0)
+        self._held = _Held(float(reals[S.T]), float(reals[S.LOW]), scale, h, before, low, slope * longer)
+        self._accept(state, h, final)
         reals[S.SCALE] = scale * longer
-        self._held = replace(held, slope=slope * longer)
         return Outcome.PAUSED
 
     def _exponent(self, state: DriverState, series: FloatArray) -> float:
@@ -259,16 +257,10 @@ class NumpyTaylorDriver:
         def bound(k: int) -> float:
             return float(-sizes[k] / k)
 
-        def radius(late: int) -> float:
-            early = max(late - 4, 1)
-            apart = float(sizes[early] - sizes[late]) / (late - early)
-            return math.inf if min(sizes[early], sizes[late]) < VANISHED else apart
-
         digits = -math.log2(state.reals[S.RTOL])
         earlier = [max(p - less, 1) for less in range(2, ROWS_SEEN)]
         guards = [bound(k) + digits * (1 / k - 1 / p) + GUARD for k in earlier]
-        # Rows four apart: of a series in the fourth power of time the others are zero.
-        shown = max(radius(p - 1), radius(p))
+        shown = float(shown_radius(np.where(sizes < VANISHED, -math.inf, sizes)))
         found = float(np.min([bound(p - 1), bound(p), *guards, shown + REACH]))
         if found > -VANISHED / p:
             # The upper half of all rows must keep in bounds where these are zero.

@@ -28,6 +28,10 @@ REACH = -1.0
 """No step is longer than half (this power of two) of the radius of convergence that the growth of the last rows shows,
 however small they are: far from a wall exp(200 (x - 1)) they are below all tolerances, and say when it comes."""
 
+APART = 4
+"""So many orders lie between two rows whose sizes show the radius: of a series in the fourth power of time the others
+are zero."""
+
 DEFECT, NOISE = 4.0, 2.0**-40
 """How far the derivative of a series at the end of a step may be from what the equations say there: it is so many
 tolerances for each order, over the step, and a part of the largest derivative for round-off. What is left out at
@@ -57,13 +61,6 @@ one that overflows, so that no try leaps over the scales that fit."""
 BEYOND = 900.0
 """Power of two, in units of the scale, of the longest step: a series that terminates may ask for one beyond all
 doubles."""
-
-NEAR_END = 1.01
-"""A step within one percent of the end goes to the end, so that no sliver is left over."""
-
-SPACING, EARLIEST = 16 * 2.0**-52, 1e-290
-"""A step shorter than the first part of the time is lost in the round-off of the time; a time nearer to zero counts as
-the second, for at zero nothing is lost."""
 
 SHORTEST = 1e-280
 """The shortest scale of time that is tried: a step of 2**-45 of it is still a normal double."""
@@ -137,3 +134,17 @@ def inverse(matrix: FloatArray) -> FloatArray:
     if not np.isfinite(found).all() or np.abs(found).max() > 1 / PIVOT:
         raise SingularMassMatrix
     return np.asarray(found * units[:, None] * units)
+
+
+def shown_radius(sizes: FloatArray) -> FloatArray:
+    """Return the binary logarithm of the radius of convergence that the last rows show, infinity if they are zero.
+
+    `sizes` are the binary logarithms of the coefficients, rows first, minus infinity for zero.
+    """
+    last = len(sizes) - 1
+    found = []
+    for late in (last - 1, last):
+        early = max(late - APART, 1)
+        fall = sizes[early] - sizes[late]
+        found.append(np.where(np.isfinite(fall), fall / (late - early), math.inf))
+    return np.asarray(np.maximum(*found))

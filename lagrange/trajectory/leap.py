@@ -35,12 +35,13 @@ MOST_STEPS = 1000
 
 @dataclass
 class Leaps:
-    """The leaps of a run so far: the rows that they begin from, where the last one ended, and how many in a row."""
+    """The leaps of a run so far, by a method with tolerances of its own.
+
+    `rows` are those that they begin from, `landed` is where the last one ended, `crowd` how many followed in a row.
+    """
 
     problem: Problem
     method: Integrator
-    rtol: float
-    atol: float
     rows: list[int] = field(default_factory=list)
     landed: float = math.nan
     crowd: int = 0
@@ -62,8 +63,8 @@ class Leaps:
             t1=there,
             y0=state.y.copy(),
             t_eval=None,
-            rtol=self.rtol,
-            atol=self.atol,
+            rtol=None,
+            atol=None,
             step=None,
             max_steps=MOST_STEPS,
             events=(),

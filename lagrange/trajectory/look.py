@@ -11,7 +11,7 @@ import numpy as np
 
 from lagrange.machine.backend import Series, SingularMassMatrix
 from lagrange.machine.driver import DriverState
-from lagrange.machine.taylor import REACH
+from lagrange.machine.taylor import REACH, shown_radius
 from lagrange.program.recurrence import LARGEST_POWER
 from lagrange.program.series import SeriesProgram
 from lagrange.trajectory.roots import Side
@@ -74,7 +74,8 @@ class Look:
         """
         far = reach(self.watched, s, self.rtol, self.noise)
         if wary:
-            far = np.minimum(far, 2.0**REACH * shown_radius(self.watched))
+            with np.errstate(all="ignore"):
+                far = np.minimum(far, 2.0 ** (shown_radius(np.log2(np.abs(self.watched))) + REACH))
         least = int(np.argmin(far))
         s = min(s, float(far[least]))
         return (self._balanced(s) if self.ends else s), least
@@ -155,16 +156,6 @@ def degree(program: SeriesProgram) -> int:
 def hides(program: SeriesProgram) -> bool:
     """Return whether there are functions whose series begin far below all others, and grow beyond them."""
     return any(instruction.op in ("exp", "tanh", "sinh", "cosh") for instruction in program.start.instructions)
-
-
-def shown_radius(series: FloatArray) -> FloatArray:
-    """Return the radius of convergence that the last rows of the columns show, (k,): rows four apart, as for a step."""
-    last = len(series) - 1
-    with np.errstate(all="ignore"):
-        sizes = np.log2(np.abs(series))
-        pairs = [(sizes[max(late - 4, 1)], sizes[late], late - max(late - 4, 1)) for late in (last - 1, last)]
-        found = [np.where(np.isfinite(a - b), (a - b) / apart, math.inf) for a, b, apart in pairs]
-        return np.asarray(2.0 ** np.maximum(*found))
 
 
 def reach(series: FloatArray, s: float, rtol: float, noise: FloatArray | float = 0.0) -> FloatArray:

@@ -94,8 +94,17 @@ def _scalar(program: Program) -> str:
 
 def _finish(body: Body, stride: str = "") -> None:
     """Emit the part that runs every time, and store the outputs, one behind the other or a stride apart."""
+    body.run(range(body.program.hoisted, len(body.program.instructions)))
+    if not stride and len(body.program.outputs) <= FEW:
+        _store_together(body)
+    else:
+        _store_each(body, stride)
+    body.e.do(f"ret i32 {body.status()}")
+
+
+def _store_each(body: Body, stride: str) -> None:
+    """Store the outputs one by one; many that are always zero are cleared in a loop before."""
     program, e = body.program, body.e
-    body.run(range(program.hoisted, len(program.instructions)))
     zeros = {k for k, ref in enumerate(program.outputs) if program.instructions[ref][::2] == ("constant", 0.0)}
     if len(zeros) < MANY_ZEROS:
         zeros.clear()
@@ -103,15 +112,11 @@ def _finish(body: Body, stride: str = "") -> None:
         with e.loop(0, len(program.outputs)) as i:
             place = e.value(f"mul nsw i64 {stride}, {i}") if stride else i
             e.store("zeroinitializer" if body.lanes > 1 else number(0.0, 1), e.address("%out", place), body.kind)
-    together = not stride and len(program.outputs) <= FEW
-    if together:
-        _store_together(body)
     for k, ref in enumerate(program.outputs):
-        if k in zeros or together:
+        if k in zeros:
             continue
         place = e.value(f"mul nsw i64 {stride}, {k}") if stride and k else str(k)
         e.store(_result(body, ref), e.address("%out", place), body.kind)
-    e.do(f"ret i32 {body.status()}")
 
 
 def _result(body: Body, ref: int) -> str:

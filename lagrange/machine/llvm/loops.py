@@ -7,15 +7,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from lagrange.machine.driver import FAR, DriverState, Outcome
+from lagrange.machine.driver import EARLIEST, FAR, NEAR_END, SPACING, DriverState, Outcome
 from lagrange.machine.llvm.calls import LAW, RECORDS, bump, leave_if, leave_with
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.step import accept, attempt
 from lagrange.machine.llvm.vectors import Layout, Newton, finite
 from lagrange.program.step import StepProgram
-
-SPACING = 16 * 2.0**-52
-"""A step shorter than this part of the time is lost in the round-off of the time."""
 
 
 def fixed_loop(step: StepProgram, layout: Layout) -> str:
@@ -52,10 +49,9 @@ def adaptive_loop(step: StepProgram, layout: Layout) -> str:
         t, h = e.get("%reals", DriverState.T), e.get("%reals", DriverState.H)
         h = e.real("fmul", direction, e.smaller(e.fabs(h), e.get("%reals", DriverState.LONGEST)))
         leave_if(e, e.real("fcmp oeq", t, end), Outcome.DONE)
-        least = e.real("fmul", e.larger(e.fabs(t), literal(1e-290)), literal(SPACING))
+        least = e.real("fmul", e.larger(e.fabs(t), literal(EARLIEST)), literal(SPACING))
         left = e.real("fsub", end, t)
-        # A step within one percent of the end goes to the end, so that no sliver is left over.
-        final = e.real("fcmp oge", e.real("fmul", e.fabs(h), literal(1.01)), e.fabs(left))
+        final = e.real("fcmp oge", e.real("fmul", e.fabs(h), literal(NEAR_END)), e.fabs(left))
         small = e.real("fcmp ult", e.fabs(h), least)
         stuck = e.value(f"and i1 {small}, {e.value(f'xor i1 {final}, true')}")
         rejected = e.value(f"icmp ne i64 {e.get('%counts', DriverState.AFTER_REJECT, 'i64')}, 0")

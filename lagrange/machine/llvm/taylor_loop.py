@@ -8,7 +8,7 @@ result is an `Outcome`. It does what `lagrange.machine.numpy_taylor` does, which
 
 from __future__ import annotations
 
-from lagrange.machine.driver import DriverState, Outcome
+from lagrange.machine.driver import EARLIEST, NEAR_END, SPACING, DriverState, Outcome
 from lagrange.machine.llvm.calls import bump, leave_if
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.powers import EXP2, logarithm, polynomial, power_of_two, rounded
@@ -18,15 +18,12 @@ from lagrange.machine.llvm.taylor_size import StepSize
 from lagrange.machine.llvm.taylor_sum import derivatives, increments, looped
 from lagrange.machine.taylor import (
     BEYOND,
-    EARLIEST,
     FARTHEST,
     LONGER,
-    NEAR_END,
     NEAREST,
     OVERFLOWED,
     SHORTER,
     SHORTEST,
-    SPACING,
     TRIES,
 )
 
@@ -226,7 +223,7 @@ class _Loop:
             moves = increments(e, self.size, s)
             slopes = derivatives(e, self.size, s)
         else:
-            moves, slopes = looped(e, self.size, self.size.entries, s)
+            moves, slopes = looped(e, self.size, s)
         factor = e.splat(longer, kind)
         for place, slope in slopes:
             e.store(e.value(f"fmul {kind} {slope}, {factor}"), self.proof.slope(place), kind)

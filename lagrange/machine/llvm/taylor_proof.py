@@ -151,7 +151,7 @@ class Proof:
         behind = e.value(f"mul nsw i64 {e.value(f'add nsw i64 {order}, 1')}, {self.layout.width}")
         place_of = e.address(e.address(self.size.rows, behind), self.layout.scratch)
         rows = e.address(place_of, self.layout.rows)
-        sums, slopes = looped(e, self.size, self.size.entries, s)
+        sums, slopes = looped(e, self.size, s)
         for place, total in sums:
             y = e.load(e.address("%work", place), kind)
             e.store(e.value(f"fadd {kind} {y}, {total}"), e.address(place_of, place), kind)

@@ -7,11 +7,7 @@ from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.powers import logarithm
 from lagrange.machine.llvm.spelling import element, number
 from lagrange.machine.llvm.taylor_layout import TaylorLayout
-from lagrange.machine.taylor import GUARD, REACH, ROWS_SEEN, VANISHED
-
-APART = 4
-"""So many orders lie between two rows whose sizes show the radius of convergence: of a series in the fourth power of
-time the others are zero."""
+from lagrange.machine.taylor import APART, GUARD, REACH, ROWS_SEEN, VANISHED
 
 
 class StepSize:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.spelling import number
 from lagrange.machine.llvm.taylor_size import StepSize
@@ -55,7 +53,7 @@ def derivatives(e: Emitter, size: StepSize, s: str) -> Placed:
     return found
 
 
-def looped(e: Emitter, size: StepSize, entries: Callable[[str, int], str], s: str) -> tuple[Placed, Placed]:
+def looped(e: Emitter, size: StepSize, s: str) -> tuple[Placed, Placed]:
     """Return the sums and their derivatives for any order: one chain for each vector, some vectors at a time."""
     kind, factor = size.kind, e.splat(s, size.kind)
     sums: Placed = []
@@ -70,7 +68,7 @@ def looped(e: Emitter, size: StepSize, entries: Callable[[str, int], str], s: st
             k = e.value(f"sub nsw i64 {size.order}, {loop.index}")
             row = e.address(size.rows, e.value(f"mul nsw i64 {k}, {size.layout.width}"))
             partial = {
-                place: e.value(f"fadd {kind} {total}, {entries(row, place)}")
+                place: e.value(f"fadd {kind} {total}, {size.entries(row, place)}")
                 for place, total in zip(tile, loop.values, strict=False)
             }
             loop.following = [e.value(f"fmul {kind} {partial[place]}, {factor}") for place in tile]

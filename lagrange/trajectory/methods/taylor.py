@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from lagrange.errors import StatementError
+from lagrange.graph.node import Node
 from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
 from lagrange.machine.driver import DriverState
 from lagrange.machine.model import Model
@@ -18,7 +19,6 @@ from lagrange.trajectory.impact import Impact, impact, root_of
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.leap import Leaps
 from lagrange.trajectory.methods.explicit import DOP853
-from lagrange.trajectory.methods.settings import LEAST_RTOL as LEAST_RTOL_OF_LEAPS
 from lagrange.trajectory.methods.settings import adaptive_settings
 from lagrange.trajectory.plan import Tolerances
 from lagrange.trajectory.series_path import SeriesPath
@@ -73,8 +73,7 @@ class Taylor:
         tolerances = adaptive_settings(self.name, problem, None, self.rtol, self.atol, least=LEAST_RTOL)
         parameters = problem.parameter_array if problem.events else np.empty(0)
         events = [impact(problem.model, event, parameters) for event in problem.events]
-        roots = problem.model.square_roots(event.node for event in events)
-        impacts = (*events, *map(root_of, roots))
+        impacts = (*events, *map(root_of, _roots(problem.model, tuple(event.node for event in events))))
         series, _ = problem.model.series(tuple(one.node for one in impacts))
         tolerances = replace(tolerances, margin=MARGIN if tolerances.rtol >= ROUND_OFF else LEAST_MARGIN)
         return TaylorPlan(series, self.order or series.order(tolerances.rtol), tolerances, impacts)
@@ -112,7 +111,7 @@ class TaylorPlan:
         if not self.watched:
             return None
         parameters, own = problem.parameter_array, self.tolerances
-        leaps = Leaps(problem, DOP853(), max(own.rtol, LEAST_RTOL_OF_LEAPS), own.atol)
+        leaps = Leaps(problem, DOP853(rtol=own.rtol, atol=own.atol))
         return Watch(self.series, self.order, driver, parameters, self.impacts, partial(watched_names, problem), leaps)
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: Watch | None) -> SeriesPath:
@@ -139,11 +138,16 @@ class TaylorPlan:
         return np.where(np.isfinite(rows[np.argmax(bad)]), state.y, rows[np.argmax(bad)])
 
 
+def _roots(model: Model, events: tuple[Node, ...]) -> tuple[Node, ...]:
+    """Return the square roots to be watched, those of the equations and of the events."""
+    return tuple(dict.fromkeys((*model.square_roots, *model.roots_in(events)))) if events else model.square_roots
+
+
 def watched_names(problem: Problem) -> list[str]:
     """Return what is watched in the user's symbols: the surfaces, then the events."""
     model = problem.model
     events = tuple(model.equations.translate(event.expression) for event in problem.events)
-    square_roots = model.square_roots(events)
+    square_roots = _roots(model, events)
     _, switched = model.series((*events, *square_roots))
     plain = dict(model.statement.plain)
     surfaces = [model.equations.express(surface) for surface in switched.surfaces]
