@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -45,6 +46,20 @@ def build(target: str = "llvm", **given: Any) -> Model:
     """Return a model of a system stated on the spot."""
     statement = stated(**given)
     return Model(statement, euler_lagrange(statement), machine(target))
+
+
+def springs(target: str, n: int) -> Model:
+    """Return n masses in a row: states of every length, in registers, in blocks written out, and in loops."""
+    xs = [coordinate(f"x{i}") for i in range(n)]
+    ends = [sp.Integer(0), *xs, sp.Integer(0)]
+    stretch = [b - a for a, b in itertools.pairwise(ends)]
+    return build(
+        target,
+        kinetic=m * sum(q.dot**2 for q in xs) / 2,
+        potential=sum(k * s**2 / 2 + s**4 / 4 for s in stretch),
+        coordinates=xs,
+        initial={q: 0.3 * (-1) ** i + 0.1 * i for i, q in enumerate(xs)},
+    )
 
 
 def oscillator() -> Statement:

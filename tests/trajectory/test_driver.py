@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from functools import partialmethod
 from typing import Any
 
@@ -12,32 +11,17 @@ import sympy as sp
 
 from lagrange.errors import StatementError
 from lagrange.machine.driver import DriverState, Outcome
-from lagrange.machine.model import Model
 from lagrange.machine.numpy_taylor import NumpySeries
-from lagrange.statement.coordinate import coordinate, t
+from lagrange.statement.coordinate import t
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.trajectory import Status, Trajectory
-from tests.models import SYSTEMS, TARGETS, build, k, m, model, x
+from tests.models import SYSTEMS, TARGETS, build, k, m, model, springs, x
 from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, STEPPED, planned, run
 
 SPLITTABLE = ("oscillator", "pendulum", "Henon-Heiles", "coupled masses", "8 carried masses", "saddle")
 OTHERS = ("double pendulum", "chain of 7", "elastic pendulum", "cart and pole", "charge", "blocks", "friction")
-
-
-def springs(target: str, n: int) -> Model:
-    """Return n masses in a row: a state too long for blocks that are written out."""
-    xs = [coordinate(f"x{i}") for i in range(n)]
-    ends = [sp.Integer(0), *xs, sp.Integer(0)]
-    stretch = [b - a for a, b in itertools.pairwise(ends)]
-    return build(
-        target,
-        kinetic=m * sum(q.dot**2 for q in xs) / 2,
-        potential=sum(k * s**2 / 2 + s**4 / 4 for s in stretch),
-        coordinates=xs,
-        initial={q: 0.3 * (-1) ** i + 0.1 * i for i, q in enumerate(xs)},
-    )
 
 
 def settings(name: str) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.implicit import ImplicitMethod
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.trajectory import Status
-from tests.models import SYSTEMS, TARGETS, VALUES, build, g, k, l, m, model, theta, x
+from tests.models import SYSTEMS, TARGETS, VALUES, build, g, k, l, m, model, springs, theta, x
 from tests.trajectory.runs import CONTROLLED, EQUAL, FIXED, IMPLICIT, MOMENTA, SLOPES, exact, implicit, run
 
 # --- both machines, and the cost ------------------------------------------------------------------------------
@@ -25,8 +25,18 @@ from tests.trajectory.runs import CONTROLLED, EQUAL, FIXED, IMPLICIT, MOMENTA, S
 @pytest.mark.parametrize("system", ["oscillator", "double pendulum", "chain of 7", "cart and pole", "charge", "saddle"])
 @pytest.mark.parametrize("name", IMPLICIT)
 def test_both_machines_take_the_same_steps(name: str, system: str) -> None:
+    assert_same(name, 0.5, *(model(system, target) for target in TARGETS))
+
+
+@pytest.mark.parametrize("n", [1, 3, 4, 5])
+@pytest.mark.parametrize("name", IMPLICIT)
+def test_states_of_every_length(name: str, n: int) -> None:
+    assert_same(name, 0.1, *(springs(target, n) for target in TARGETS))
+
+
+def assert_same(name: str, end: float, *models: Model) -> None:
     o: Any = {"step": 0.013} if name in FIXED else {"rtol": 1e-5, "atol": 1e-5}
-    ours, theirs = (run(model(system, target), 0.5, name, **o) for target in TARGETS)
+    ours, theirs = (run(compiled, end, name, **o) for compiled in models)
     assert ours.status is theirs.status is Status.SUCCESS
     assert (ours.steps, ours.rejected) == (theirs.steps, theirs.rejected)
     # A correction at the edge of round-off may be one more on one of them.

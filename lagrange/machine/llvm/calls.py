@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from lagrange.machine.driver import DriverState, Outcome
-from lagrange.machine.llvm.emitter import Emitter
+from lagrange.machine.llvm import registers
+from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.vectors import (
-    BLOCK,
     KIND,
-    UNROLLED_BLOCKS,
     Layout,
     Scalars,
     blocks,
     combine,
+    entries,
     in_work,
-    pieces,
+    keep_entries,
 )
 from lagrange.program.actions import LAWS, Call
 
@@ -36,39 +36,43 @@ def evaluate(e: Emitter, layout: Layout, scalars: Scalars, call: Call, status: s
 
     What is computed `always` stays in registers, too.
     """
+    if layout.in_registers:
+        _evaluate_in_registers(e, layout, scalars, call, status, always)
+        return
     where, out = place_arguments(e, layout, scalars, call), e.address("%work", layout.result)
     failed = e.value(f"call i32 %rhs(double {scalars.names[call.time]}, ptr {where}, ptr %p, ptr {out})")
     e.store(e.value(f"or i32 {e.load(status, 'i32')}, {failed}"), status, "i32")
     law = LAWS[layout.step.law]
     first = layout.result + (layout.length if layout.step.law == "accelerations" else 0)
     for i in range(law.results):
-        found = fetch(e, layout, first + i * layout.length, layout.place(call.first + i))
+        copy(e, layout, first + i * layout.length, layout.place(call.first + i))
+
+
+def evaluate_in_place(e: Emitter, layout: Layout, t: str, source: int, target: int) -> None:
+    """Evaluate the right-hand side between two offsets of the work array; whether it is singular does not matter."""
+    if layout.in_registers:
+        given = [e.get("%work", source + i) for i in range(layout.dimension)]
+        half = layout.dimension // 2
+        found, _ = registers.call(e, "%rhs", t, given, half)
+        keep_entries(e, layout, [*given[half:], *found], target)
+    else:
+        where, out = e.address("%work", source), e.address("%work", target)
+        e.value(f"call i32 %rhs(double {t}, ptr {where}, ptr %p, ptr {out})")
+
+
+def _evaluate_in_registers(e: Emitter, layout: Layout, scalars: Scalars, call: Call, status: str, always: bool) -> None:
+    given = [value for argument in call.arguments for value in entries(e, layout, scalars, argument)]
+    given += [literal(0.0)] * (layout.dimension - len(given))
+    law, half = LAWS[layout.step.law], layout.dimension // 2
+    found, failed = registers.call(e, "%rhs", scalars.names[call.time], given, law.results * half)
+    e.store(e.value(f"or i32 {e.load(status, 'i32')}, {failed}"), status, "i32")
+    found = [*given[half:], *found] if law.states == 1 else found
+    for i in range(law.results):
+        values = found[i * layout.length : (i + 1) * layout.length]
+        kept = keep_entries(e, layout, values, layout.place(call.first + i))
         if always:
-            scalars.fresh.update({(call.first + i, block): value for block, value in found.items()})
-
-
-def fetch(e: Emitter, layout: Layout, source: int, target: int) -> dict[int, str]:
-    """Copy a result of the law, in the pieces in which a small kernel stores it; return the blocks of a small one.
-
-    See `kernel.FEW`.
-    """
-    if layout.width > UNROLLED_BLOCKS * BLOCK:
-        copy(e, layout, source, target)
-        return {}
-    found = dict.fromkeys(range(0, layout.width, BLOCK), "zeroinitializer")
-    for begin, width in pieces(layout.length):
-        part = e.load(in_work(e, source, begin), f"<{width} x double>")
-        block, first = begin // BLOCK * BLOCK, begin % BLOCK
-        if width == BLOCK:
-            found[block] = part
-            continue
-        lanes = ", ".join(f"i32 {i if i < width else 'poison'}" for i in range(BLOCK))
-        wide = e.value(f"shufflevector <{width} x double> {part}, <{width} x double> poison, <{BLOCK} x i32> <{lanes}>")
-        chosen = ", ".join(f"i32 {BLOCK + i - first if first <= i < first + width else i}" for i in range(BLOCK))
-        found[block] = e.value(f"shufflevector {KIND} {found[block]}, {KIND} {wide}, <{BLOCK} x i32> <{chosen}>")
-    for block, value in found.items():
-        e.store(value, in_work(e, target, block), KIND)
-    return found
+            scalars.entries[call.first + i] = values
+            scalars.fresh.update({(call.first + i, block): value for block, value in kept.items()})
 
 
 def copy(e: Emitter, layout: Layout, source: int, target: int) -> None:

@@ -53,7 +53,7 @@ class LlvmDriver:
         self._drive = _DRIVE(self._module.address("drive"))
         self._prepared = kernel.prepare(parameters)
         self._work = np.zeros(self._layout.size)
-        self._fixed: tuple[int | None, ...] = (kernel.address, address(self._prepared), None, None)
+        self._fixed: tuple[int | None, ...] = (kernel.law_address, address(self._prepared), None, None)
         if jacobian is not None:
             self._derivative = jacobian, jacobian.prepare(parameters)
             self._fixed = (*self._fixed[:2], jacobian.address, address(self._derivative[1]))

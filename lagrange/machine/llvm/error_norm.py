@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from lagrange.machine.llvm.calls import evaluate_in_place
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.vectors import BLOCK, KIND, Layout, blocks, in_work, splat, total
 from lagrange.program.step import StepProgram
@@ -46,8 +47,7 @@ def first_step_function(step: StepProgram, layout: Layout) -> str:
     """
     e = Emitter()
     slope = layout.place(layout.vectors - 1)
-    result = e.address("%work", layout.result)
-    e.value(f"call i32 %rhs(double %t, ptr %work, ptr %p, ptr {result})")
+    evaluate_in_place(e, layout, "%t", 0, layout.result)
     for offset in blocks(e, layout.width):
         e.store(e.load(in_work(e, layout.result, offset), KIND), in_work(e, slope, offset), KIND)
     d0, d1 = _mean(e, layout, 0), _mean(e, layout, slope)
@@ -78,8 +78,7 @@ def _second_slope(e: Emitter, layout: Layout, slope: int, h: str) -> None:
     for offset in blocks(e, layout.width):
         moved = e.fma(factor, e.load(in_work(e, slope, offset), KIND), e.load(in_work(e, 0, offset), KIND), KIND)
         e.store(moved, in_work(e, layout.argument, offset), KIND)
-    source, result = e.address("%work", layout.argument), e.address("%work", layout.result)
-    e.value(f"call i32 %rhs(double {e.real('fadd', '%t', h)}, ptr {source}, ptr %p, ptr {result})")
+    evaluate_in_place(e, layout, e.real("fadd", "%t", h), layout.argument, layout.result)
 
 
 def _mean(e: Emitter, layout: Layout, place: int, less: int | None = None) -> str:

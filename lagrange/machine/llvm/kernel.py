@@ -4,6 +4,7 @@ Parameters live in one array: the k given values, then the saved results of the 
 
     i32 NAME_prepare(ptr parameters)                       fills in the saved results
     i32 NAME(double t, ptr y, ptr parameters, ptr out)     1 if a matrix is singular, else 0
+    NAME_registers                                         the same for small states; see `registers`
     i64 NAME_columns(i64 count, ptr t, ptr q, ptr v, ptr parameters, ptr out)
 
 The last takes `count` columns, a multiple of the lanes, of C-ordered arrays: t[count], q[n][count], v[n][count],
@@ -12,6 +13,9 @@ out[size][count]; it returns the first column of a block with a singular matrix,
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from lagrange.machine.llvm import registers
 from lagrange.machine.llvm.body import UNROLLED, Body, shares_angle_function
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.linear_solver import factor_size
@@ -35,7 +39,8 @@ QUICKLY = "attributes #1 = { nounwind noinline optnone }"
 
 def scalar_module(program: Program) -> str:
     """Return the IR of `prepare` and of the scalar kernel."""
-    return _module(program, [prepare_function(program), _scalar(program)], 1, {})
+    scalar = [_in_registers(program), _through_registers(program)] if registers.hold(program) else [_scalar(program)]
+    return _module(program, [prepare_function(program), *scalar], 1, {})
 
 
 def column_module(program: Program, lanes: int, vector_names: dict[str, str]) -> str:
@@ -81,25 +86,46 @@ def prepare_function(program: Program) -> str:
 
 def _scalar(program: Program) -> str:
     body = Body(program, 1, {})
-    e = body.e
-    for i, (op, _, data) in enumerate(program.instructions):
+    _run(body, {int(i): body.e.get("%y", int(i)) for op, _, i in program.instructions if op == "state"})
+    if len(program.outputs) <= FEW:
+        _store_together(body.e, [_result(body, ref) for ref in program.outputs])
+    else:
+        _store_each(body, "")
+    body.e.do(f"ret i32 {body.status()}")
+    return body.e.function(f"define i32 @{program.name}({_IN_MEMORY}) #0")
+
+
+_IN_MEMORY = "double %t, ptr noalias %y, ptr noalias readonly %p, ptr noalias %out"
+
+
+def _in_registers(program: Program) -> str:
+    """Emit the kernel that takes its state in registers and returns its results there."""
+    body = Body(program, 1, {})
+    state = [f"%y{i}" for i in range(program.states)]
+    _run(body, dict(enumerate(state)))
+    registers.give_back(body.e, [_result(body, ref) for ref in registers.results(program)], body.status())
+    return body.e.function(f"define {registers.signature(program, state)} #0")
+
+
+def _through_registers(program: Program) -> str:
+    """Emit the kernel in memory as a call of that in registers."""
+    e = Emitter()
+    state = [e.get("%y", i) for i in range(program.states)]
+    returned = registers.results(program)
+    found, status = registers.call(e, f"@{program.name}_registers", "%t", state, len(returned))
+    _store_together(e, [*state[program.states // 2 :], *found] if len(returned) < len(program.outputs) else found)
+    e.do(f"ret i32 {status}")
+    return e.function(f"define i32 @{program.name}({_IN_MEMORY}) #0")
+
+
+def _run(body: Body, state: dict[int, str]) -> None:
+    """Emit the part that runs every time, at a time %t and a state."""
+    for i, (op, _, data) in enumerate(body.program.instructions):
         if op == "state":
-            body.values[i] = e.get("%y", int(data))
+            body.values[i] = state[int(data)]
         elif op == "time":
             body.values[i] = "%t"
-    _finish(body)
-    signature = f"define i32 @{program.name}(double %t, ptr noalias %y, ptr noalias readonly %p, ptr noalias %out) #0"
-    return e.function(signature)
-
-
-def _finish(body: Body, stride: str = "") -> None:
-    """Emit the part that runs every time, and store the outputs, one behind the other or a stride apart."""
     body.run(range(body.program.hoisted, len(body.program.instructions)))
-    if not stride and len(body.program.outputs) <= FEW:
-        _store_together(body)
-    else:
-        _store_each(body, stride)
-    body.e.do(f"ret i32 {body.status()}")
 
 
 def _store_each(body: Body, stride: str) -> None:
@@ -127,9 +153,8 @@ def _result(body: Body, ref: int) -> str:
     return spell(body.e, "select", [value, number(1.0, body.lanes), number(0.0, body.lanes)], body.lanes)
 
 
-def _store_together(body: Body) -> None:
+def _store_together(e: Emitter, values: Sequence[str]) -> None:
     """Store the outputs of a scalar kernel four or two at a time; see `FEW`."""
-    e, values = body.e, [_result(body, ref) for ref in body.program.outputs]
     for begin, width in pieces(len(values)):
         kind, total = f"<{width} x double>", "poison"
         for lane, value in enumerate(values[begin : begin + width]):
@@ -148,7 +173,9 @@ def _block(program: Program, lanes: int, vector_names: dict[str, str]) -> str:
             body.values[i] = e.load(e.address(base, row), body.kind)
         elif op == "time":
             body.values[i] = e.load("%t", body.kind)
-    _finish(body, "%stride")
+    body.run(range(program.hoisted, len(program.instructions)))
+    _store_each(body, "%stride")
+    e.do(f"ret i32 {body.status()}")
     signature = (
         f"define internal i32 @{program.name}_block(ptr noalias %t, ptr noalias %q, ptr noalias %v, "
         "i64 %stride, ptr noalias readonly %p, ptr noalias %out) #0"

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
+from lagrange.machine.llvm import registers
 from lagrange.machine.llvm.body import UNROLLED, prepared_size
 from lagrange.machine.llvm.engine import Module, lanes, linear_solver, vector_routines
 from lagrange.machine.llvm.kernel import column_module, scalar_module
@@ -51,6 +52,12 @@ class LlvmKernel:
         `prepared` is what `prepare` returns; the result is 1 where the mass matrix is singular, else 0.
         """
         return self._address
+
+    @property
+    def law_address(self) -> int:
+        """Address of the kernel that steps call: in registers where it is small, else that of `address`."""
+        name = self._program.name
+        return self._module.address(f"{name}_registers") if registers.hold(self._program) else self._address
 
     def prepare(self, parameters: FloatArray) -> FloatArray:
         """Return the parameters followed by everything that depends on them alone. Raises SingularMassMatrix."""

@@ -10,7 +10,7 @@ from typing import Any
 from lagrange.machine.driver import EARLIEST, FAR, NEAR_END, SPACING, DriverState, Outcome
 from lagrange.machine.llvm.calls import LAW, RECORDS, bump, leave_if, leave_with
 from lagrange.machine.llvm.emitter import Emitter, literal
-from lagrange.machine.llvm.step import accept, attempt
+from lagrange.machine.llvm.step import accept, attempt, take_entries
 from lagrange.machine.llvm.vectors import Layout, Newton, finite
 from lagrange.program.step import StepProgram
 
@@ -19,6 +19,7 @@ def fixed_loop(step: StepProgram, layout: Layout) -> str:
     """Emit equal steps from the start; times are multiples of the step, and the last step ends at the end."""
     e = Emitter()
     _forget(e, layout)
+    take_entries(e, layout)
     start, end, h = (e.get("%reals", which) for which in (DriverState.START, DriverState.END, DriverState.STEP))
     with e.loop(0, "%budget"):
         t = e.get("%reals", DriverState.T)
@@ -43,6 +44,7 @@ def adaptive_loop(step: StepProgram, layout: Layout) -> str:
     """Emit steps whose size follows the error."""
     e = Emitter()
     _forget(e, layout)
+    take_entries(e, layout)
     end = e.get("%reals", DriverState.END)
     direction = _first_step(e, end)
     with e.loop(0, "%budget"):

@@ -6,19 +6,22 @@ from lagrange.machine.driver import DriverState, Outcome
 from lagrange.machine.llvm.calls import LAW, RECORDS, bump, copy, count_calls, evaluate, leave_with
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.newton import keep, multiply
-from lagrange.machine.llvm.vectors import KIND, Layout, Scalars, blocks, combine, in_work
-from lagrange.program.actions import Call, Damp
+from lagrange.machine.llvm.vectors import KIND, Layout, Scalars, blocks, combine, entries, in_work, keep_entries
+from lagrange.program.actions import Call, Combination, Damp
 from lagrange.program.step import StepProgram
 
 _GIVEN = "ptr %reals, ptr %counts, ptr %work"
 
+_TRIED = f"{RECORDS}, ptr noalias %entries, i64 %slope_known"
+
 
 def step_function(layout: Layout, prefix: str = "") -> str:
-    """Emit step(law, t, h, reals, counts, work, slope_known) -> an outcome, DONE where nothing went wrong."""
+    """Emit step(law, t, h, reals, counts, work, entries, slope_known) -> an outcome, DONE where nothing went wrong."""
     step, e = layout.step, Emitter()
     calls = [argument for call in step.calls for argument in call.arguments]
     others = [*(damp.vector for damp in step.damps), *step.results, *step.errors]
     scalars = Scalars(e, step, [*calls, *others], [call.time for call in step.calls])
+    scalars.state = "%entries" if layout.keeps_entries else ""
     status = e.reserve("i32")
     e.store("0", status, "i32")
     reused = "%slope_known" if step.starts_with_slope else "0"
@@ -38,16 +41,27 @@ def step_function(layout: Layout, prefix: str = "") -> str:
             failed = e.value(f"call i32 @{prefix}newton{next(solves).index}({LAW}, double %t, double %h, {_GIVEN})")
             leave_with(e, failed)
     for i, result in enumerate(step.results):
-        combine(e, layout, scalars, result, layout.place(layout.new + i))
+        _keep_result(e, layout, scalars, i, result)
     for i, error in enumerate(step.errors):
         combine(e, layout, scalars, error, layout.place(layout.errors + i))
     singular = e.value(f"icmp ne i32 {e.load(status, 'i32')}, 0")
     e.do(f"ret i32 {e.value(f'select i1 {singular}, i32 {int(Outcome.SINGULAR)}, i32 {int(Outcome.DONE)}')}")
-    return e.function(f"define internal i32 @{prefix}step({LAW}, double %t, double %h, {RECORDS}, i64 %slope_known)")
+    return e.function(f"define internal i32 @{prefix}step({LAW}, double %t, double %h, {_TRIED})")
+
+
+def _keep_result(e: Emitter, layout: Layout, scalars: Scalars, i: int, result: Combination) -> None:
+    """Store a new state."""
+    if not layout.keeps_entries:
+        combine(e, layout, scalars, result, layout.place(layout.new + i))
+        return
+    values = entries(e, layout, scalars, result)
+    keep_entries(e, layout, values, layout.place(layout.new + i))
+    for k, value in enumerate(values):
+        e.put(value, "%entries", layout.dimension + i * layout.length + k)
 
 
 def record_function(layout: Layout) -> str:
-    """Emit accept(counts, work, t, times, rows): the new state becomes the state, and a row if rows are kept."""
+    """Emit accept(counts, work, entries, t, times, rows): the new state is the state, and a row if rows are kept."""
     e = Emitter()
     step = layout.step
     if step.starter is not None:
@@ -56,6 +70,9 @@ def record_function(layout: Layout) -> str:
         e.put(e.get("%work", layout.flags + 1), "%work", layout.flags)
     for i in range(step.states):
         copy(e, layout, layout.place(layout.new + i), layout.place(i))
+    if layout.keeps_entries:
+        for i in range(layout.dimension):
+            e.put(e.get("%entries", layout.dimension + i), "%entries", i)
     if step.ends_with_slope:
         copy(e, layout, layout.place(step.calls[-1].first), layout.place(step.calls[0].first))
     e.put("1" if step.ends_with_slope else "0", "%counts", DriverState.SLOPE_KNOWN, "i64")
@@ -75,8 +92,8 @@ def record_function(layout: Layout) -> str:
         bump(e, DriverState.ROWS, 1)
     e.do("ret void")
     return e.function(
-        "define internal void @accept(ptr noalias %counts, ptr noalias %work, double %t, ptr noalias %times, "
-        "ptr noalias %rows)"
+        "define internal void @accept(ptr noalias %counts, ptr noalias %work, ptr noalias %entries, double %t, "
+        "ptr noalias %times, ptr noalias %rows)"
     )
 
 
@@ -84,14 +101,14 @@ def attempt(e: Emitter, step: StepProgram, t: str, h: str) -> str:
     """Take a trial step and return its outcome."""
     known = e.get("%counts", DriverState.SLOPE_KNOWN, "i64")
     name = "step" if step.starter is None else "either"
-    status = e.value(f"call i32 @{name}({LAW}, double {t}, double {h}, {_GIVEN}, i64 {known})")
+    status = e.value(f"call i32 @{name}({LAW}, double {t}, double {h}, {_GIVEN}, ptr %entries, i64 {known})")
     if step.starts_with_slope:
         e.put("1", "%counts", DriverState.SLOPE_KNOWN, "i64")
     return status
 
 
 def either_function(layout: Layout) -> str:
-    """Emit either(law, t, h, reals, counts, work, slope_known): a step from two states, or one of the starter."""
+    """Emit either, called as step is: a step from two states, or one of the starter."""
     e = Emitter()
     starter = layout.starting
     equal = e.real("fcmp oeq", "%h", e.get("%reals", DriverState.STEP))
@@ -100,18 +117,27 @@ def either_function(layout: Layout) -> str:
     e.do(f"br i1 {e.value(f'and i1 {equal}, {known}')}, label %both, label %one")
     arguments = f"{LAW}, double %t, double %h, ptr %reals, ptr %counts"
     e.label("both")
-    e.do(f"ret i32 {e.value(f'call i32 @step({arguments}, ptr %work, i64 0)')}")
+    e.do(f"ret i32 {e.value(f'call i32 @step({arguments}, ptr %work, ptr null, i64 0)')}")
     e.label("one")
     for i in range(layout.step.states):
         copy(e, layout, layout.place(i), layout.end + starter.place(i))
-    status = e.value(f"call i32 @starter_step({arguments}, ptr {e.address('%work', layout.end)}, i64 0)")
+    status = e.value(f"call i32 @starter_step({arguments}, ptr {e.address('%work', layout.end)}, ptr null, i64 0)")
     for i in range(layout.step.states):
         copy(e, layout, layout.end + starter.place(starter.new + i), layout.place(layout.new + i))
     e.do(f"ret i32 {status}")
-    return e.function(f"define internal i32 @either({LAW}, double %t, double %h, {RECORDS}, i64 %slope_known)")
+    return e.function(f"define internal i32 @either({LAW}, double %t, double %h, {_TRIED})")
 
 
 def accept(e: Emitter, t: str) -> None:
     """Make the trial step the state, at time t."""
     e.put(t, "%reals", DriverState.T)
-    e.do(f"call void @accept(ptr %counts, ptr %work, double {t}, ptr %times, ptr %rows)")
+    e.do(f"call void @accept(ptr %counts, ptr %work, ptr %entries, double {t}, ptr %times, ptr %rows)")
+
+
+def take_entries(e: Emitter, layout: Layout) -> None:
+    """Reserve the memory %entries of the single numbers of the state and the new state, and read the state."""
+    e.entry.append(f"  %entries = alloca double, i64 {2 * layout.dimension if layout.keeps_entries else 0}, align 64")
+    if layout.keeps_entries:
+        for i in range(layout.step.states):
+            for k in range(layout.length):
+                e.put(e.get("%work", layout.place(i) + k), "%entries", i * layout.length + k)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 
 from lagrange.graph.node import Node
+from lagrange.machine.llvm import registers
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.spelling import spell
 from lagrange.machine.newton import HISTORY
@@ -19,13 +20,20 @@ UNROLLED_BLOCKS = 2
 
 
 class Layout:
-    """Where each vector of a step stands in the work array, and behind them what its solves and its starter keep."""
+    """Where each vector of a step stands in the work array, and behind them what its solves and its starter keep.
 
-    def __init__(self, step: StepProgram, dimension: int) -> None:
+    A step is `alone` if it is not the starter of another.
+    """
+
+    def __init__(self, step: StepProgram, dimension: int, *, alone: bool = True) -> None:
         self.step = step
         self.dimension = dimension
         self.length = dimension // 2 if step.partitioned else dimension
         self.width = -(-self.length // BLOCK) * BLOCK
+        self.in_registers = dimension <= registers.MOST
+        """Whether the law takes and gives numbers in registers."""
+        self.keeps_entries = self.in_registers and alone and step.starter is None
+        """Whether the state stands in memory of single numbers as well, which LLVM makes registers of."""
         self.vectors = step.vectors
         self.new = self.vectors
         self.errors = self.new + step.states
@@ -43,7 +51,7 @@ class Layout:
             end = self.solves[-1].end
         self.end = end
         """Where the vectors of the starter stand, if there is one."""
-        self.starting: Layout = self if step.starter is None else Layout(step.starter, dimension)
+        self.starting: Layout = self if step.starter is None else Layout(step.starter, dimension, alone=False)
         self.size: int = end if step.starter is None else end + self.starting.size
 
     def place(self, vector: int) -> int:
@@ -93,7 +101,8 @@ class Scalars:
     """The numbers of a step, made of t, h and the ratio of steps, emitted once each, in blocks as well.
 
     `fresh` has the blocks of vectors that are in registers already, by vector and offset: what has just been computed
-    comes back from memory some 5 cycles later.
+    comes back from memory some 5 cycles later. `entries` has the single numbers of such vectors, and `state` is where
+    those of the state are kept, if they are.
     """
 
     def __init__(
@@ -115,6 +124,8 @@ class Scalars:
         self.names = {node: values[ref] for node, ref in zip(wanted, program.outputs, strict=True)}
         self.splats: dict[Node, str] = {}
         self.fresh: dict[tuple[int, str | int], str] = {}
+        self.entries: dict[int, list[str]] = {}
+        self.state = ""
         for node in factors:
             if node is not step.graph.one:
                 self.splat(e, node)
@@ -153,23 +164,69 @@ def combine(
     e: Emitter, layout: Layout, scalars: Scalars, combination: Combination, target: int, *, sizes: bool = False
 ) -> None:
     """Store a linear combination of vectors at an offset of the work array, or with `sizes` that of their sizes."""
-    one = layout.step.graph.one
-    factors = {i: scalars.splat(e, c) for i, c in combination if c is not one}
-    if sizes:
-        factors = {i: e.fabs(factor, KIND) for i, factor in factors.items()}
     for offset in blocks(e, layout.width):
-        total = ""
-        for vector, coefficient in sorted(combination, key=lambda term: term[1] is not one):
-            known = scalars.fresh.get((vector, offset))
-            value = known or e.load(in_work(e, layout.place(vector), offset), KIND)
-            value = e.fabs(value, KIND) if sizes else value
-            if coefficient is one:
-                total = value if not total else e.value(f"fadd {KIND} {total}, {value}")
-            elif not total:
-                total = e.value(f"fmul {KIND} {factors[vector]}, {value}")
-            else:
-                total = e.fma(factors[vector], value, total, KIND)
-        e.store(total or "zeroinitializer", in_work(e, target, offset), KIND)
+        e.store(_block(e, layout, scalars, combination, offset, sizes), in_work(e, target, offset), KIND)
+
+
+def _block(
+    e: Emitter, layout: Layout, scalars: Scalars, combination: Combination, offset: str | int, sizes: bool = False
+) -> str:
+    """Return a block of a linear combination of vectors, or with `sizes` of that of their sizes."""
+    one, total = layout.step.graph.one, ""
+    for vector, coefficient in sorted(combination, key=lambda term: term[1] is not one):
+        known = scalars.fresh.get((vector, offset))
+        value = known or e.load(in_work(e, layout.place(vector), offset), KIND)
+        value = e.fabs(value, KIND) if sizes else value
+        if coefficient is one:
+            total = value if not total else e.value(f"fadd {KIND} {total}, {value}")
+            continue
+        factor = scalars.splat(e, coefficient)
+        factor = e.fabs(factor, KIND) if sizes else factor
+        total = e.fma(factor, value, total, KIND) if total else e.value(f"fmul {KIND} {factor}, {value}")
+    return total or "zeroinitializer"
+
+
+def entries(e: Emitter, layout: Layout, scalars: Scalars, combination: Combination) -> list[str]:
+    """Return the numbers of a linear combination, each in a register of its own.
+
+    What was computed last is added last and number by number, so that nothing waits for what it does not need.
+    """
+    one = layout.step.graph.one
+    last = max((term for term in combination if term[0] in scalars.entries), default=None, key=lambda term: term[0])
+    before = tuple(term for term in combination if term is not last)
+    totals = _apart(e, layout, scalars, before) if last is None or before else []
+    if last is None:
+        return totals
+    values, coefficient = scalars.entries[last[0]], last[1]
+    if coefficient is one:
+        return [e.real("fadd", a, b) for a, b in zip(totals, values, strict=True)] if totals else values
+    factor = scalars.names[coefficient]
+    if not totals:
+        return [e.real("fmul", factor, value) for value in values]
+    return [e.fma(factor, value, sum_) for value, sum_ in zip(values, totals, strict=True)]
+
+
+def _apart(e: Emitter, layout: Layout, scalars: Scalars, combination: Combination) -> list[str]:
+    """Return the numbers of a combination that are computed in blocks, or read where it is one vector."""
+    if len(combination) == 1 and combination[0][1] is layout.step.graph.one:
+        vector = combination[0][0]
+        if scalars.state and vector < layout.step.states:
+            return [e.get(scalars.state, vector * layout.length + i) for i in range(layout.length)]
+        return [e.get("%work", layout.place(vector) + i) for i in range(layout.length)]
+    made = {offset: _block(e, layout, scalars, combination, offset) for offset in range(0, layout.width, BLOCK)}
+    return [e.value(f"extractelement {KIND} {made[i // BLOCK * BLOCK]}, i64 {i % BLOCK}") for i in range(layout.length)]
+
+
+def keep_entries(e: Emitter, layout: Layout, values: Sequence[str], target: int) -> dict[int, str]:
+    """Store numbers in registers as the blocks of a vector, filled up with zeros, and return the blocks."""
+    made = {}
+    for begin in range(0, layout.width, BLOCK):
+        block = "zeroinitializer"
+        for lane, value in enumerate(values[begin : begin + BLOCK]):
+            block = e.value(f"insertelement {KIND} {block}, double {value}, i64 {lane}")
+        e.store(block, in_work(e, target, begin), KIND)
+        made[begin] = block
+    return made
 
 
 def total(e: Emitter, vector: str) -> str:
