@@ -23,12 +23,12 @@ from lagrange.machine.llvm.loaded import LlvmKernel
 from lagrange.machine.llvm.loops import adaptive_loop, fixed_loop
 from lagrange.machine.llvm.memory import address
 from lagrange.machine.llvm.newton import newton_functions
-from lagrange.machine.llvm.newton_matrix import inversion_function, renew_functions
+from lagrange.machine.llvm.newton_matrix import inversion_functions, renew_functions
 from lagrange.machine.llvm.step import either_function, record_function, step_function
 from lagrange.machine.llvm.vectors import BLOCK, KIND, Layout
 from lagrange.program.step import StepProgram
 
-_DECLARED = f"""
+DECLARED = f"""
 declare double @llvm.fabs.f64(double)
 declare double @llvm.sqrt.f64(double)
 declare double @llvm.maximum.f64(double, double)
@@ -39,6 +39,7 @@ declare {KIND} @llvm.fabs.v{BLOCK}f64({KIND})
 declare {KIND} @llvm.maximum.v{BLOCK}f64({KIND}, {KIND})
 declare double @pow(double, double)
 """
+"""What the functions of a driver call from elsewhere."""
 
 
 class LlvmDriver:
@@ -87,9 +88,8 @@ def driver_ir(step: StepProgram, dimension: int) -> str:
     """Return the IR of the driver of a step for states of that dimension."""
     layout = Layout(step, dimension)
     loop = adaptive_loop if step.control else fixed_loop
-    parts = [_DECLARED, *_step_functions(layout), record_function(layout)]
-    if step.solves:
-        parts.append(inversion_function())
+    parts = [DECLARED, *_step_functions(layout), record_function(layout)]
+    parts += inversion_functions(layout)
     if step.starter is not None:
         parts += [*_step_functions(layout.starting, "starter_"), either_function(layout)]
     if step.control:

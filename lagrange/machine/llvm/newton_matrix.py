@@ -13,13 +13,22 @@ from lagrange.graph.node import Node
 from lagrange.machine.driver import Outcome
 from lagrange.machine.llvm.calls import LAW, RECORDS, leave_if, place_arguments
 from lagrange.machine.llvm.emitter import Emitter, literal
-from lagrange.machine.llvm.vectors import BLOCK, KIND, Layout, Newton, Scalars, blocks, combine, in_work
+from lagrange.machine.llvm.pivoting import inversion_function
+from lagrange.machine.llvm.vectors import KIND, Layout, Newton, Scalars, blocks, combine, in_work
 from lagrange.program.actions import LAWS, Call, Combination, Solve
 
 
 def renew_functions(layout: Layout, prefix: str = "") -> list[str]:
     """Emit renew0, renew1, ... of a step: renew(law, t, h, reals, counts, work) -> an outcome."""
     return [_renew(layout, newton, prefix) for newton in layout.solves]
+
+
+def inversion_functions(layout: Layout) -> list[str]:
+    """Emit the inversions that a step needs, and its starter."""
+    orders = {newton.unknowns: None for newton in layout.solves}
+    orders |= {newton.length: None for newton in layout.solves if newton.damped or layout.step.law == "momentum"}
+    orders |= {newton.unknowns: None for newton in layout.starting.solves}
+    return [inversion_function(order) for order in orders]
 
 
 def _renew(layout: Layout, newton: Newton, prefix: str) -> str:
@@ -153,20 +162,20 @@ def _damper(e: Emitter, layout: Layout, newton: Newton, factor: str, target: int
     matrix, derivative = e.address("%work", newton.matrix), e.address("%work", newton.derivative)
     minus = e.value(f"fneg double {factor}")
     with e.loop(0, length) as a:
-        start = e.address(matrix, e.value(f"mul nsw i64 {a}, {newton.stride}"))
+        start = e.address(matrix, e.value(f"mul nsw i64 {a}, {newton.width}"))
         with e.loop(0, length) as b:
             at = _index(e, (a, None), (b, layout.dimension))
             e.put(e.real("fmul", minus, e.get(derivative, at)), start, b)
         e.put(e.real("fadd", e.get(start, a), literal(1.0)), start, a)
     _invert(e, newton, length)
     with e.loop(0, length) as a, e.loop(0, length) as b:
-        value = e.get(matrix, _index(e, (a, None), (b, newton.stride)))
+        value = e.get(matrix, _index(e, (a, None), (b, newton.width)))
         e.put(value, e.address("%work", target), _index(e, (b, None), (a, newton.width)))
 
 
 def _invert(e: Emitter, newton: Newton, order: int) -> str:
     places = [e.address("%work", place) for place in (newton.matrix, newton.pivots)]
-    return e.value(f"call i32 @invert_pivoted(i64 {order}, i64 {newton.stride}, ptr {places[0]}, ptr {places[1]})")
+    return e.value(f"call i32 @invert{order}(ptr {places[0]}, ptr {places[1]})")
 
 
 def _blame_mass(e: Emitter, layout: Layout, newton: Newton) -> None:
@@ -174,7 +183,7 @@ def _blame_mass(e: Emitter, layout: Layout, newton: Newton) -> None:
     matrix, derivative = e.address("%work", newton.matrix), e.address("%work", newton.derivative)
     with e.loop(0, newton.length) as a, e.loop(0, newton.length) as b:
         at = _index(e, (a, None), (e.value(f"add nsw i64 {b}, {newton.length}"), layout.dimension))
-        e.put(e.get(derivative, at), matrix, _index(e, (a, None), (b, newton.stride)))
+        e.put(e.get(derivative, at), matrix, _index(e, (a, None), (b, newton.width)))
     leave_if(e, e.value(f"icmp ne i32 {_invert(e, newton, newton.length)}, 0"), Outcome.SINGULAR)
 
 
@@ -228,95 +237,3 @@ def _weigh(e: Emitter, layout: Layout, newton: Newton, scalars: Scalars, point: 
         # A size of zero, as of a coordinate at rest, leaves any correction a finite weight.
         unit = e.fma(e.load(cell), literal(2.0**-52), literal(1e-100))
         e.put(e.real("fdiv", literal(1.0), unit), weights, row)
-
-
-def inversion_function() -> str:
-    """Emit invert_pivoted(n, stride, a, scratch): replace a matrix by its inverse; 1 if it is singular to round-off.
-
-    `a` has rows `stride` apart, and `scratch` takes 3 stride doubles. Gauss-Jordan elimination in place, the pivot of
-    each column being the largest against the row that it stands in, columns and rows measured in units of their own.
-    Source: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., 2002, section 14.4.
-    """
-    e = Emitter()
-    columns, chosen = e.address("%scratch", "%stride"), e.address("%scratch", e.value("shl nsw i64 %stride, 1"))
-    _units(e, columns)
-    singular = e.reserve("i32")
-    e.store("0", singular, "i32")
-    with e.loop(0, "%n") as k:
-        row = _pivot(e, k, chosen)
-        # A pivot that is no number is no verdict on the matrix.
-        size = e.real("fmul", e.fabs(e.get(_row(e, row), k)), e.real("fmul", e.get("%scratch", row), e.get(columns, k)))
-        small = e.real("fcmp ole", size, literal(2.0**-46))
-        zero = e.real("fcmp oeq", e.get(_row(e, row), k), literal(0.0))
-        bad = e.value(f"zext i1 {e.value(f'or i1 {small}, {zero}')} to i32")
-        e.store(e.value(f"or i32 {e.load(singular, 'i32')}, {bad}"), singular, "i32")
-        here = _row(e, k)
-        with e.when(e.value(f"icmp ne i64 {row}, {k}")):
-            there = _row(e, row)
-            with e.loop(0, "%n", BLOCK) as j:
-                places = e.address(here, j), e.address(there, j)
-                values = [e.load(place, KIND) for place in places]
-                e.store(values[0], places[1], KIND)
-                e.store(values[1], places[0], KIND)
-            e.put(e.get("%scratch", k), "%scratch", row)
-        reciprocal = e.real("fdiv", literal(1.0), e.get(here, k))
-        e.put(literal(1.0), here, k)
-        with e.loop(0, "%n", BLOCK) as j:
-            place = e.address(here, j)
-            e.store(e.value(f"fmul {KIND} {e.load(place, KIND)}, {_splat(e, reciprocal)}"), place, KIND)
-        for first, last in ((0, k), (e.value(f"add nsw i64 {k}, 1"), "%n")):
-            with e.loop(first, last) as i:
-                target = _row(e, i)
-                factor = _splat(e, e.value(f"fneg double {e.get(target, k)}"))
-                e.put(literal(0.0), target, k)
-                with e.loop(0, "%n", BLOCK) as j:
-                    place = e.address(target, j)
-                    e.store(e.fma(factor, e.load(e.address(here, j), KIND), e.load(place, KIND), KIND), place, KIND)
-    with e.loop(0, "%n") as back:
-        k = e.value(f"sub nsw i64 {e.value('sub nsw i64 %n, 1')}, {back}")
-        other = e.get(chosen, k, "i64")
-        with e.loop(0, "%n") as i:
-            start = _row(e, i)
-            first, second = e.get(start, k), e.get(start, other)
-            e.put(second, start, k)
-            e.put(first, start, other)
-    e.do(f"ret i32 {e.load(singular, 'i32')}")
-    return e.function(
-        "define internal i32 @invert_pivoted(i64 %n, i64 %stride, ptr noalias %a, ptr noalias %scratch) noinline"
-    )
-
-
-def _row(e: Emitter, i: str) -> str:
-    return e.address("%a", e.value(f"mul nsw i64 {i}, %stride"))
-
-
-def _splat(e: Emitter, value: str) -> str:
-    one = e.value(f"insertelement {KIND} poison, double {value}, i64 0")
-    return e.value(f"shufflevector {KIND} {one}, {KIND} poison, <{BLOCK} x i32> zeroinitializer")
-
-
-def _units(e: Emitter, columns: str) -> None:
-    """Store the reciprocal size of each row and column: of rows, of columns in those units, and of rows again."""
-    with e.loop(0, "%n") as j:
-        e.put(literal(1.0), columns, j)
-    for rows in (True, False, True):
-        with e.loop(0, "%n") as one:
-            with e.carry(0, "%n", [("double", literal(0.0))]) as largest:
-                i, j = (one, largest.index) if rows else (largest.index, one)
-                size = e.real(
-                    "fmul", e.fabs(e.get(_row(e, i), j)), e.get(columns if rows else "%scratch", largest.index)
-                )
-                above = e.real("fcmp ogt", size, largest.values[0])
-                largest.following = [e.choose(above, size, largest.values[0])]
-            e.put(e.real("fdiv", literal(1.0), largest.values[0]), "%scratch" if rows else columns, one)
-
-
-def _pivot(e: Emitter, k: str, chosen: str) -> str:
-    """Return the row of the largest entry of column k, from row k on, and note it."""
-    with e.carry(k, "%n", [("double", literal(-1.0)), ("i64", k)]) as best:
-        size = e.real("fmul", e.fabs(e.get(_row(e, best.index), k)), e.get("%scratch", best.index))
-        above = e.real("fcmp ogt", size, best.values[0])
-        row = e.value(f"select i1 {above}, i64 {best.index}, i64 {best.values[1]}")
-        best.following = [e.choose(above, size, best.values[0]), row]
-    e.put(best.values[1], chosen, k, "i64")
-    return best.values[1]
