@@ -53,18 +53,18 @@ class DriverState:
         self.reals = np.zeros(15)
         self.counts = np.zeros(11, dtype=np.int64)
         self.y = np.array(y, dtype=float)
-        self.reals[[self.T, self.START]] = t
-        self.reals[self.END] = end
-        self.reals[[self.H, self.STEP]] = step
-        self.reals[self.RTOL] = rtol
-        self.reals[self.ATOL] = atol
-        self.reals[self.PREVIOUS] = 1.0
-        self.reals[self.CAUSE] = Outcome.STEP_TOO_SMALL
-        self.reals[[self.LONGEST, self.ONCE, self.LIMIT]] = math.inf
-        self.reals[self.SCALE] = 1.0
-        self.counts[self.RECORD] = 1
-        self.floats: Any = self.reals.data
-        self.integers: Any = self.counts.data
+        floats: Any = self.reals.data
+        integers: Any = self.counts.data
+        self.floats, self.integers = floats, integers
+        floats[self.T] = floats[self.START] = t
+        floats[self.END] = end
+        floats[self.H] = floats[self.STEP] = step
+        floats[self.RTOL] = rtol
+        floats[self.ATOL] = atol
+        floats[self.PREVIOUS] = floats[self.SCALE] = 1.0
+        floats[self.CAUSE] = Outcome.STEP_TOO_SMALL
+        floats[self.LONGEST] = floats[self.ONCE] = floats[self.LIMIT] = math.inf
+        integers[self.RECORD] = 1
         self.addresses = (self.reals.ctypes.data, self.counts.ctypes.data)
 
     @property

@@ -14,7 +14,7 @@ from lagrange.errors import StatementError
 
 def real_number(value: Any, what: str) -> float:
     """Return a finite float from a Python, NumPy or SymPy number; `what` names it in the refusal."""
-    number = _as_float(value, what)
+    number = value if type(value) is float else _as_float(value, what)
     if not math.isfinite(number):
         raise StatementError(f"{what} is {number}: give a finite number.")
     return number

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
@@ -73,23 +74,28 @@ def message(
     singular mass matrix it is the model's report, and takes the place of ours. `cause` is the whole cause and the
     remedy, from who knows better.
     """
-    fields = {
-        "t": number(t),
-        "where": f"at t = {number(t)} on the way from {number(problem.t0)} to {number(problem.t1)}",
-        "max_steps": problem.max_steps,
-        "max_wall": "its time" if problem.max_wall is None else f"max_wall = {number(problem.max_wall)} s",
-        "largest": largest(problem, y),
-        "non_finite": non_finite(problem, y, slope)
-        or f"the derivative of the state is nan or infinite, soon after {largest(problem, y)}",
-    }
+    where = f"at t = {number(t)} on the way from {number(problem.t0)} to {number(problem.t1)}"
     if cause:
-        return f"{method} stopped {fields['where']}. {cause}"
-    if status is Status.SINGULAR:
-        fields["singular"], detail = detail or _SINGULAR, ""
+        return f"{method} stopped {where}. {cause}"
+    fields: dict[str, Callable[[], Any]] = {
+        "t": lambda: number(t),
+        "where": lambda: where,
+        "max_steps": lambda: problem.max_steps,
+        "max_wall": lambda: "its time" if problem.max_wall is None else f"max_wall = {number(problem.max_wall)} s",
+        "largest": lambda: largest(problem, y),
+        "singular": lambda: detail or _SINGULAR,
+        "non_finite": lambda: (
+            non_finite(problem, y, slope)
+            or f"the derivative of the state is nan or infinite, soon after {largest(problem, y)}"
+        ),
+    }
+    sentence = _SENTENCES[status]
+    spoken = sentence.format(**{name: value() for name, value in fields.items() if f"{{{name}}}" in sentence})
+    detail = "" if status is Status.SINGULAR else detail
     remedy = _REMEDIES[status]
     if problem.events and status in (Status.MAX_STEPS, Status.MAX_WALL):
         remedy = _WITH_EVENTS.format(limit="max_steps" if status is Status.MAX_STEPS else "max_wall")
-    parts = (method, _SENTENCES[status].format(**fields), detail, remedy)
+    parts = (method, spoken, detail, remedy)
     return " ".join(part for part in parts if part)
 
 

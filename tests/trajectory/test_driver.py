@@ -206,7 +206,7 @@ def dirty(driver: Any, dimension: int, *, series: bool) -> None:
     if series:
         driver._work[driver._compiled.layout.padded :] = np.nan
         return
-    layout = driver._layout
+    layout = driver._code.layout
     for vector in range(layout.step.states, layout.errors + len(layout.step.errors)):
         start = layout.place(vector)
         driver._work[start : start + layout.length] = np.nan

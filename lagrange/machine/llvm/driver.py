@@ -11,9 +11,12 @@ The result is an `Outcome`.
 from __future__ import annotations
 
 import ctypes
+from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.driver import DriverState, Outcome
@@ -49,20 +52,15 @@ class LlvmDriver:
         self, step: StepProgram, kernel: LlvmKernel, parameters: FloatArray, jacobian: LlvmKernel | None = None
     ) -> None:
         self._kernel = kernel
-        self._layout = Layout(step, kernel.program.states)
-        self._module = _compiled(step, kernel.program.states)
-        self._drive = _DRIVE(self._module.address("drive"))
+        self._code = _compiled(step, kernel.program.states)
+        self._drive, self._places = self._code.drive, self._code.places
         self._prepared = kernel.prepare(parameters)
-        self._work = np.zeros(self._layout.size)
+        self._work = np.zeros(self._code.layout.size)
         self._fixed: tuple[int | None, ...] = (kernel.law_address, address(self._prepared), None, None)
         if jacobian is not None:
             self._derivative = jacobian, jacobian.prepare(parameters)
             self._fixed = (*self._fixed[:2], jacobian.address, address(self._derivative[1]))
         self._work_address = address(self._work)
-        n = kernel.program.states // 2
-        # Where the state stands in `work`: as one vector, or coordinates and velocities each padded to whole blocks.
-        second = self._layout.width if step.partitioned else n
-        self._places = np.array([*range(n), *range(second, second + n)])
 
     def adopt(self, state: DriverState) -> None:
         """Leave the state where it is; see `Driver`."""
@@ -79,9 +77,26 @@ class LlvmDriver:
 _DRIVE = ctypes.CFUNCTYPE(ctypes.c_int32, *([ctypes.c_void_p] * 7), ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p)
 
 
+@dataclass(frozen=True, eq=False)
+class _Code:
+    """A driver in machine code: its function, what is where in `work`, and the places of the state there.
+
+    The state is one vector, or coordinates and velocities each padded to whole blocks.
+    """
+
+    module: Module
+    drive: Any
+    layout: Layout
+    places: NDArray[np.intp]
+
+
 @lru_cache(maxsize=64)
-def _compiled(step: StepProgram, dimension: int) -> Module:
-    return Module(driver_ir(step, dimension), optimize=True)
+def _compiled(step: StepProgram, dimension: int) -> _Code:
+    layout, n = Layout(step, dimension), dimension // 2
+    second = layout.width if step.partitioned else n
+    places = np.array([*range(n), *range(second, second + n)])
+    module = Module(driver_ir(step, dimension), optimize=True)
+    return _Code(module, _DRIVE(module.address("drive")), layout, places)
 
 
 def driver_ir(step: StepProgram, dimension: int) -> str:

@@ -96,6 +96,8 @@ def _tolerance(name: str, what: str, asked: Any, own: Any, default: float) -> fl
 
 def _number(what: str, value: Any) -> float:
     """Return a tolerance. Raises StatementError for what is none, in words."""
+    if type(value) is float and 0 <= value < 1:
+        return value
     if np.ndim(value) and not isinstance(value, str):
         raise StatementError(
             f"{what} is {str(value)[:80]}: give one number. It is the same for all entries of the state; choose units "

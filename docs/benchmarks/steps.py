@@ -1,0 +1,190 @@
+"""Steps: what they cost beside their evaluations, what Newton's method adds, and runs against SciPy's of the same name.
+
+python docs/benchmarks/steps.py
+"""
+
+from __future__ import annotations
+
+import ctypes
+import itertools
+import math
+import subprocess
+import tempfile
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from by_hand import FLAGS
+from equations import lambdified
+from measure import FOLDER, Page, best, milliseconds, shown, verdict
+from numpy.typing import NDArray
+from runs import error, reference, start
+from scipy.integrate import solve_ivp
+from systems import chain, double_pendulum, henon_heiles
+
+import lagrange as lg
+
+STEPS, H = 2000, 1e-4
+"""Of one run with equal steps; they are short, so that no evaluation costs more than another."""
+EXPLICIT = {"euler": 1, "heun": 2, "rk4": 4, "symplectic-euler": 1, "verlet": 1, "yoshida6": 7}
+"""Evaluations of a step; Verlet's first is the last of the step before."""
+NEWTON = {
+    "backward-euler": 1,
+    "implicit-midpoint": 1,
+    "bdf2": 1,
+    "trapezoidal": 2,
+    "gauss2": 2,
+    "gauss3": 3,
+    "variational-midpoint": 1,
+    "variational-trapezoid": 2,
+    "galerkin4": 2,
+    "galerkin6": 3,
+    "discrete-gradient": 1,
+}
+"""Stages of the methods that solve for what they step with: evaluations of one of Newton's corrections."""
+RIVALS = {1: ("euler", 1.0), 2: ("heun", 1.0), 3: ("rk4", 0.75)}
+"""An explicit method by its stages; for three of them, three quarters of RK4's time."""
+LENGTHS = (1e-3, 1e-2)
+COST_BAR, NEWTON_BAR, FACTOR = 1.3, 4.0, 50.0
+NAMESAKES = {"dopri5": "RK45", "bs3": "RK23", "dop853": "DOP853", "radau5": "Radau"}
+TOLERANCES = tuple(10.0**-k for k in range(3, 12))
+GOAL = 1e-6
+
+
+class RightSide:
+    """A loop in C over evaluations that wait for one another."""
+
+    def __init__(self) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            target = Path(folder) / "right_side.so"
+            subprocess.run(["gcc", *FLAGS, "-shared", "-fPIC", "-o", target, FOLDER / "right_side.c"], check=True)
+            self.waiting = ctypes.CDLL(str(target)).waiting
+        self.waiting.argtypes = [ctypes.c_void_p] * 3 + [ctypes.c_int64] * 2
+
+    def call(self, model: lg.Model, y0: NDArray[Any]) -> Callable[[], int]:
+        """Return a call of as many evaluations as a run has steps."""
+        kernel: Any = model.kernel("rhs")
+        p = kernel.prepare(model.parameter_array())
+        size = len(y0)
+
+        def call(keep: Any = (p, y0)) -> int:
+            return int(self.waiting(kernel.address, keep[0].ctypes.data, keep[1].ctypes.data, size, STEPS))
+
+        return call
+
+
+def systems() -> dict[str, lg.System]:
+    """Return what steps are taken on, by name."""
+    scenes = ("pendulum", "kepler", "elastic-pendulum")
+    chains = {f"{n} links": lg.System(**chain(n)) for n in (3, 5, 10)}
+    few = {"Henon-Heiles": henon_heiles(), "double pendulum": double_pendulum()}
+    return {**{name: lg.scene(name) for name in scenes}, **few, **chains}
+
+
+def equal_steps(page: Page) -> None:
+    """Measure explicit methods with equal steps against their evaluations."""
+    right_side, lines, worst = RightSide(), [], 0.0
+    for name, system in systems().items():
+        model, y0 = system.compile(), start(system)
+        runs: dict[str, Callable[[], Any]] = {"": right_side.call(model, y0)}
+        for method in EXPLICIT:
+            try:
+                flow = lg.flow(model, method=method, step=H)
+                flow(y0, 0.0, H)
+            except lg.StatementError:
+                continue  # not legal for this system
+            runs[method] = partial(flow, y0, 0.0, STEPS * H)
+        times = best(runs)
+        one = times.pop("")
+        ratios = {method: seconds / (EXPLICIT[method] * one) for method, seconds in times.items()}
+        worst = max(worst, *ratios.values())
+        cells = [f"{ratios[method]:.2f}" if method in ratios else "refused" for method in EXPLICIT]
+        lines.append((name, 2 * model.dimension, shown(1e9 * one / STEPS), *cells))
+    page.text("## Equal steps, over stages times one evaluation")
+    page.table(("system", "numbers of a state", "ns of one evaluation", *EXPLICIT), lines)
+    page.text(
+        f"At most {COST_BAR} times: {verdict(worst, COST_BAR)}, the largest is {worst:.2f}. One evaluation is the "
+        "compiled right-hand side in a loop in C (`right_side.c`) in which each waits for the slopes before, through "
+        "memory. A step hands small states on in registers, and its stages overlap where they do not need one another: "
+        "that is how it can cost less. Splittings need no slopes of coordinates, which are velocities."
+    )
+
+
+def newton(page: Page) -> None:
+    """Measure methods that solve for their stages against explicit ones of as many."""
+    system = double_pendulum()
+    model, y0 = system.compile(), start(system)
+    lines, worst = [], 0.0
+    for h in LENGTHS:
+        names = [*NEWTON, *dict.fromkeys(name for name, _ in RIVALS.values())]
+        flows = {name: lg.flow(model, method=name, step=h) for name in names}
+        times = best({name: partial(flow, y0, 0.0, STEPS * h) for name, flow in flows.items()}, rounds=10)
+        for name, stages in NEWTON.items():
+            rival, share = RIVALS[stages]
+            ratio = times[name] / (share * times[rival])
+            worst = max(worst, ratio)
+            lines.append((f"`{name}`", stages, h, shown(1e9 * times[name] / STEPS), f"{ratio:.2f}"))
+    page.text("## Methods that solve for their stages, on the double pendulum")
+    page.table(("method", "stages", "step, s", "ns per step", "times an explicit step of as many stages"), lines)
+    page.text(f"At most {NEWTON_BAR:.0f} times: {verdict(worst, NEWTON_BAR)}, the largest is {worst:.2f}.")
+
+
+def namesakes(page: Page) -> None:
+    """Measure adaptive methods against SciPy's of the same name, on a lambdified right-hand side."""
+    system = double_pendulum()
+    model, y0, expected = system.compile(), start(system), reference(system)
+    slow = lambdified(system, "math")
+    lines, least = [], math.inf
+    for method, name in NAMESAKES.items():
+        curves: list[list[tuple[float, float]]] = [[], []]
+        for tolerance in TOLERANCES:
+            options: dict[str, Any] = {"rtol": tolerance, "atol": tolerance}
+            calls: dict[str, Callable[[], Any]] = {
+                "ours": partial(lg.integrate, model, (0.0, 20.0), method=method, **options),
+                "theirs": partial(solve_ivp, slow, (0.0, 20.0), y0, method=name, **options),
+            }
+            errors = [error(call().y[:, -1], expected) for call in calls.values()]
+            times = best(calls, rounds=3, least=0.0)
+            for curve, off, seconds in zip(curves, errors, times.values(), strict=True):
+                curve.append((seconds, off))
+            if max(errors) < GOAL / 2:
+                break
+        ours, theirs = (time_for(curve, GOAL) for curve in curves)
+        least = min(least, theirs / ours)
+        lines.append((f"`{method}`", f"SciPy {name}", milliseconds(ours), milliseconds(theirs), f"{theirs / ours:.0f}"))
+    page.text(f"## SciPy's methods of the same name, at an error of {GOAL:g}")
+    page.table(("ours", "theirs", "ms, ours", "ms, theirs", "times faster"), lines)
+    page.text(
+        f"At least {FACTOR:.0f} times faster: {verdict(FACTOR, least)}. The double pendulum from half a radian to "
+        "t = 20 s; times of whole calls of `lg.integrate` and `solve_ivp`, interpolated between tolerances, rtol = "
+        'atol. SciPy gets the right-hand side that SymPy lambdifies with `modules="math"`, which is the faster one '
+        "for single states."
+    )
+
+
+def time_for(curve: list[tuple[float, float]], goal: float) -> float:
+    """Return the seconds for an error, on the line through (seconds, error) from rough to fine, both as logarithms."""
+    for (t0, e0), (t1, e1) in itertools.pairwise(curve):
+        if e0 >= goal >= e1 and e0 > e1:
+            share = math.log(e0 / goal) / math.log(e0 / e1)
+            return t0 * (t1 / t0) ** share
+    raise SystemExit(f"no tolerance gives an error of {goal:g}: {curve}")
+
+
+def main() -> None:
+    """Measure, print and write the page."""
+    page = Page(
+        "What steps cost",
+        __file__,
+        "Runs of models that are compiled and warm, one thread, taking turns. Equal steps are those of `lg.flow`, "
+        f"{STEPS} in a call.",
+    )
+    equal_steps(page)
+    newton(page)
+    namesakes(page)
+    page.write()
+
+
+if __name__ == "__main__":
+    main()
