@@ -14,7 +14,18 @@ from lagrange.machine.driver import Outcome
 from lagrange.machine.llvm.calls import LAW, RECORDS, leave_if, place_arguments
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.pivoting import inversion_function
-from lagrange.machine.llvm.vectors import KIND, Layout, Newton, Scalars, blocks, combine, in_work
+from lagrange.machine.llvm.vectors import (
+    KIND,
+    Layout,
+    Newton,
+    Scalars,
+    blocks,
+    combine,
+    cut_block,
+    in_work,
+    splat,
+    unit_block,
+)
 from lagrange.program.actions import LAWS, Call, Combination, Solve
 
 
@@ -119,9 +130,12 @@ def _differentiate(e: Emitter, layout: Layout, newton: Newton, scalars: Scalars,
     else:
         time = scalars.names[point.time]
         where = place_arguments(e, layout, scalars, point)
-    out = e.address("%work", newton.derivative)
-    status = e.value(f"call i32 %jacobian(double {time}, ptr {where}, ptr %jp, ptr {out})")
+    made, kept = e.address("%work", newton.matrix), e.address("%work", newton.derivative)
+    status = e.value(f"call i32 %jacobian(double {time}, ptr {where}, ptr %jp, ptr {made})")
     leave_if(e, e.value(f"icmp ne i32 {status}, 0"), Outcome.SINGULAR)
+    n = layout.dimension
+    with e.loop(0, n) as a, e.loop(0, n) as b:
+        e.put(e.get(made, _index(e, (a, None), (b, n))), kept, _index(e, (b, None), (a, n)))
     e.put(literal(1.0), "%work", newton.flags + Newton.DERIVATIVE)
 
 
@@ -135,42 +149,51 @@ def _index(e: Emitter, *digits: tuple[str | int, int | None]) -> str:
 
 
 def _build(e: Emitter, layout: Layout, newton: Newton, identity: str, factors: str) -> None:
-    """Store the Newton matrix by rows."""
+    """Store the transposed Newton matrix with the other sign by rows: those of its inverse are the columns to keep.
+
+    A last block of a part runs on over what is stored after it.
+    """
     count, length, law = newton.solve.count, newton.length, LAWS[layout.step.law]
     matrix, derivative = e.address("%work", newton.matrix), e.address("%work", newton.derivative)
-    with e.loop(0, count) as i, e.loop(0, count) as j:
+    parts = [(r, s) for r in range(law.results) for s in range(law.arguments)]
+    with e.loop(0, count) as j, e.loop(0, length) as b, e.loop(0, count) as i:
         pair = _index(e, (i, None), (j, count))
-        blocks_of = [(r, s) for r in range(law.results) for s in range(law.arguments)]
-        own = [e.get(factors, _index(e, (pair, None), (k, len(blocks_of)))) for k in range(len(blocks_of))]
-        one = e.get(identity, pair)
-        with e.loop(0, length) as a:
-            row = e.value(f"mul nsw i64 {_index(e, (i, None), (a, length))}, {newton.stride}")
-            start = e.address(matrix, e.value(f"add nsw i64 {row}, {_index(e, (j, None), (0, length))}"))
-            with e.loop(0, length) as b:
-                value = literal(0.0)
-                for (r, s), factor in zip(blocks_of, own, strict=True):
-                    line = e.value(f"add nsw i64 {a}, {r * length}")
-                    at = _index(e, (line, None), (e.value(f"add nsw i64 {b}, {s * length}"), layout.dimension))
-                    value = e.fma(factor, e.get(derivative, at), value)
-                e.put(value, start, b)
-            e.put(e.real("fadd", e.get(start, a), one), start, a)
+        own = [_minus(e, e.get(factors, _index(e, (pair, None), (k, len(parts))))) for k in range(len(parts))]
+        one = _minus(e, e.get(identity, pair))
+        start = e.address(matrix, _index(e, (_index(e, (j, None), (b, length)), None), (0, newton.stride)))
+        start = e.address(start, e.value(f"mul nsw i64 {i}, {length}"))
+        for a in blocks(e, newton.width):
+            value = e.value(f"fmul {KIND} {one}, {unit_block(e, b, a)}")
+            for (r, s), factor in zip(parts, own, strict=True):
+                line = e.address(
+                    derivative,
+                    _index(e, (e.value(f"add nsw i64 {b}, {s * length}"), None), (r * length, layout.dimension)),
+                )
+                value = e.fma(factor, e.load(e.address(line, a), KIND), value, KIND)
+            e.store(value, e.address(start, a), KIND)
+
+
+def _minus(e: Emitter, value: str) -> str:
+    """Return a number with the other sign in every entry of a block."""
+    return splat(e, e.value(f"fneg double {value}"))
 
 
 def _damper(e: Emitter, layout: Layout, newton: Newton, factor: str, target: int) -> None:
     """Store (I - factor J)^-1 by columns."""
     length = newton.length
     matrix, derivative = e.address("%work", newton.matrix), e.address("%work", newton.derivative)
-    minus = e.value(f"fneg double {factor}")
-    with e.loop(0, length) as a:
-        start = e.address(matrix, e.value(f"mul nsw i64 {a}, {newton.width}"))
-        with e.loop(0, length) as b:
-            at = _index(e, (a, None), (b, layout.dimension))
-            e.put(e.real("fmul", minus, e.get(derivative, at)), start, b)
-        e.put(e.real("fadd", e.get(start, a), literal(1.0)), start, a)
+    minus = _minus(e, factor)
+    with e.loop(0, length) as b:
+        start = e.address(matrix, e.value(f"mul nsw i64 {b}, {newton.width}"))
+        line = e.address(derivative, e.value(f"mul nsw i64 {b}, {layout.dimension}"))
+        for a in blocks(e, newton.width):
+            e.store(
+                e.fma(minus, e.load(e.address(line, a), KIND), unit_block(e, b, a), KIND), e.address(start, a), KIND
+            )
     _invert(e, newton, length)
-    with e.loop(0, length) as a, e.loop(0, length) as b:
-        value = e.get(matrix, _index(e, (a, None), (b, newton.width)))
-        e.put(value, e.address("%work", target), _index(e, (b, None), (a, newton.width)))
+    with e.loop(0, length) as b:
+        place = e.value(f"mul nsw i64 {b}, {newton.width}")
+        _keep_column(e, newton, e.address(matrix, place), e.address(e.address("%work", target), place))
 
 
 def _invert(e: Emitter, newton: Newton, order: int) -> str:
@@ -182,22 +205,28 @@ def _blame_mass(e: Emitter, layout: Layout, newton: Newton) -> None:
     """Return if it is the mass matrix dp/dv that has no inverse, and not what the step makes of it."""
     matrix, derivative = e.address("%work", newton.matrix), e.address("%work", newton.derivative)
     with e.loop(0, newton.length) as a, e.loop(0, newton.length) as b:
-        at = _index(e, (a, None), (e.value(f"add nsw i64 {b}, {newton.length}"), layout.dimension))
+        at = _index(e, (e.value(f"add nsw i64 {b}, {newton.length}"), None), (a, layout.dimension))
         e.put(e.get(derivative, at), matrix, _index(e, (a, None), (b, newton.width)))
     leave_if(e, e.value(f"icmp ne i32 {_invert(e, newton, newton.length)}, 0"), Outcome.SINGULAR)
 
 
 def _spread(e: Emitter, newton: Newton) -> None:
     """Store the inverse by padded columns, with the other sign: a residual then gives its correction."""
-    count, length = newton.solve.count, newton.length
     matrix, inverse = e.address("%work", newton.matrix), e.address("%work", newton.inverse)
-    with e.loop(0, count) as i, e.loop(0, length) as a:
-        row = _index(e, (i, None), (a, length))
-        start = e.address(matrix, e.value(f"mul nsw i64 {row}, {newton.stride}"))
-        target = e.address(inverse, _index(e, (i, None), (a, newton.width)))
-        with e.loop(0, newton.unknowns) as column:
-            value = e.value(f"fneg double {e.get(start, column)}")
-            e.put(value, target, e.value(f"mul nsw i64 {column}, {newton.all}"))
+    with e.loop(0, newton.unknowns) as column, e.loop(0, newton.solve.count) as i:
+        source = e.value(
+            f"add nsw i64 {_index(e, (column, None), (0, newton.stride))}, {_index(e, (i, None), (0, newton.length))}"
+        )
+        target = e.value(
+            f"add nsw i64 {_index(e, (column, None), (0, newton.all))}, {_index(e, (i, None), (0, newton.width))}"
+        )
+        _keep_column(e, newton, e.address(matrix, source), e.address(inverse, target))
+
+
+def _keep_column(e: Emitter, newton: Newton, source: str, target: str) -> None:
+    """Copy as many numbers as a vector has, with zeros up to whole blocks."""
+    for a in blocks(e, newton.width):
+        e.store(cut_block(e, e.load(e.address(source, a), KIND), newton.length, a), e.address(target, a), KIND)
 
 
 def _weigh(e: Emitter, layout: Layout, newton: Newton, scalars: Scalars, point: Call, shares: str) -> None:
@@ -221,7 +250,7 @@ def _weigh(e: Emitter, layout: Layout, newton: Newton, scalars: Scalars, point: 
         share = sum_.values[0]
         with e.loop(0, length) as a, e.loop(0, law.arguments) as s, e.loop(0, length) as b:
             line, column = _index(e, (r, None), (a, length)), _index(e, (s, None), (b, length))
-            entry = e.fabs(e.get(derivative, _index(e, (line, None), (column, layout.dimension))))
+            entry = e.fabs(e.get(derivative, _index(e, (column, None), (line, layout.dimension))))
             moved = e.real("fmul", entry, e.get(places, _index(e, (s, None), (b, newton.width))))
             where = _index(e, (i, None), (a, newton.width))
             e.put(e.fma(share, moved, e.get(sizes, where)), sizes, where)

@@ -12,15 +12,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from lagrange.machine.llvm.emitter import Emitter, literal
-from lagrange.machine.llvm.vectors import BLOCK, KIND, splat
+from lagrange.machine.llvm.vectors import BLOCK, KIND, TRUTH, cut_block, lane_is, splat
 
 WRITTEN_OUT = 16
 """Up to this order the blocks of a row are written out, and the search for a pivot."""
 
 ROUND_OFF = 2.0**-46
 """A pivot of this size against the row and the column that it stands in is round-off."""
-
-_TRUTH, _PLACES = f"<{BLOCK} x i1>", f"<{BLOCK} x i64>"
 
 
 def inversion_function(n: int) -> str:
@@ -73,18 +71,16 @@ class _Inversion:
 
     def larger(self, a: str, b: str, kind: str = KIND) -> str:
         """Return the larger numbers, b where a is none."""
-        truth = "i1" if kind == "double" else _TRUTH
+        truth = "i1" if kind == "double" else TRUTH
         return self.e.value(f"select {truth} {self.e.value(f'fcmp ogt {kind} {a}, {b}')}, {kind} {a}, {kind} {b}")
 
     def measure(self) -> None:
         """Store the reciprocal size of each row and column: of rows, of columns in those units, and of rows again."""
         e = self.e
         if self.n % BLOCK:
-            inside = ", ".join(f"i1 {'true' if i < self.n % BLOCK else 'false'}" for i in range(BLOCK))
             with e.loop(0, self.n) as i:
                 last = e.address(self.row(i), self.stride - BLOCK)
-                kept = f"select {_TRUTH} <{inside}>, {KIND} {e.load(last, KIND)}, {KIND} zeroinitializer"
-                e.store(e.value(kept), last, KIND)
+                e.store(cut_block(e, e.load(last, KIND), self.n, self.stride - BLOCK), last, KIND)
         for j in self.blocks():
             e.store(splat(e, literal(1.0)), e.address(self.columns, j), KIND)
         self.measure_rows()
@@ -183,13 +179,7 @@ class _Inversion:
 
     def select(self, j: str | int, k: str, inside: str, outside: str) -> str:
         """Return the block at column j of two, the first in column k and the second elsewhere."""
-        e = self.e
-        away = e.value(f"sub nsw i64 {k}, {j}")
-        one = e.value(f"insertelement {_PLACES} poison, i64 {away}, i64 0")
-        column = e.value(f"shufflevector {_PLACES} {one}, {_PLACES} poison, <{BLOCK} x i32> zeroinitializer")
-        lanes = ", ".join(f"i64 {lane}" for lane in range(BLOCK))
-        here = e.value(f"icmp eq {_PLACES} {column}, <{lanes}>")
-        return e.value(f"select {_TRUTH} {here}, {KIND} {inside}, {KIND} {outside}")
+        return self.e.value(f"select {TRUTH} {lane_is(self.e, k, j)}, {KIND} {inside}, {KIND} {outside}")
 
     def swap_columns(self, one: str, other: str) -> None:
         """Exchange two columns."""

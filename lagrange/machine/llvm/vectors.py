@@ -14,7 +14,7 @@ from lagrange.program.lower import lower
 from lagrange.program.step import StepProgram
 
 BLOCK = 4
-KIND = f"<{BLOCK} x double>"
+KIND, TRUTH, PLACES = (f"<{BLOCK} x {kind}>" for kind in ("double", "i1", "i64"))
 UNROLLED_BLOCKS = 2
 """Up to this many blocks per vector are written out; longer vectors are looped over."""
 
@@ -63,7 +63,7 @@ class Newton:
     """What one solve keeps in the work array, from `start`: flags, vectors of all unknowns, and matrices.
 
     Vectors of unknowns are as wide as `count` padded vectors. The matrices are the inverse of the Newton matrix with
-    the other sign and those that damp, by columns of that width; the law's derivative (2n, 2n) by rows; and room for
+    the other sign and those that damp, by columns of that width; the law's derivative (2n, 2n) by columns; and room for
     a matrix that is being inverted, by rows `stride` apart.
     """
 
@@ -252,3 +252,28 @@ def splat(e: Emitter, scalar: str) -> str:
     """Return a number in every entry of a block."""
     one = e.value(f"insertelement {KIND} poison, double {scalar}, i64 0")
     return e.value(f"shufflevector {KIND} {one}, {KIND} poison, <{BLOCK} x i32> zeroinitializer")
+
+
+def unit_block(e: Emitter, row: str, offset: str | int) -> str:
+    """Return the block at an offset of the vector that is 1 at a row and 0 elsewhere."""
+    one, zero = splat(e, literal(1.0)), "zeroinitializer"
+    return e.value(f"select {TRUTH} {lane_is(e, row, offset)}, {KIND} {one}, {KIND} {zero}")
+
+
+def lane_is(e: Emitter, row: str, offset: str | int) -> str:
+    """Return which entry of the block at an offset is that of a row."""
+    lane = e.value(f"sub nsw i64 {row}, {offset}")
+    first = e.value(f"insertelement {PLACES} poison, i64 {lane}, i64 0")
+    lanes = e.value(f"shufflevector {PLACES} {first}, {PLACES} poison, <{BLOCK} x i32> zeroinitializer")
+    return e.value(f"icmp eq {PLACES} {lanes}, <{', '.join(f'i64 {i}' for i in range(BLOCK))}>")
+
+
+def cut_block(e: Emitter, block: str, length: int, offset: str | int) -> str:
+    """Return a block at an offset with zeros behind the end of a vector."""
+    if length % BLOCK == 0:
+        return block
+    left = e.value(f"sub nsw i64 {length}, {offset}")
+    first = e.value(f"insertelement {PLACES} poison, i64 {left}, i64 0")
+    ends = e.value(f"shufflevector {PLACES} {first}, {PLACES} poison, <{BLOCK} x i32> zeroinitializer")
+    inside = e.value(f"icmp sgt {PLACES} {ends}, <{', '.join(f'i64 {i}' for i in range(BLOCK))}>")
+    return e.value(f"select {TRUTH} {inside}, {KIND} {block}, {KIND} zeroinitializer")
