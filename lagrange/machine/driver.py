@@ -18,7 +18,7 @@ the second, for at zero nothing is lost."""
 
 
 class Outcome(enum.IntEnum):
-    """Why a driver came back."""
+    """Why a driver came back; BROKEN says that `DriverState.fault` knows."""
 
     DONE = 0
     PAUSED = 1
@@ -27,6 +27,7 @@ class Outcome(enum.IntEnum):
     STEP_TOO_SMALL = 4
     WATCHED = 5
     DIVERGED = 6
+    BROKEN = 7
 
 
 OUTCOMES = tuple(Outcome)
@@ -42,7 +43,8 @@ class DriverState:
     `floats` and `integers` are the same entries, to be set one by one: that takes a fifth of the time. KEPT is 0 where
     nothing that a driver has kept from former steps, such as a matrix or unknowns to extrapolate, belongs to this run;
     RESIDUAL is the size of the last correction of an implicit step against that of its unknowns. LIMIT is the longest
-    step after FAILS steps in a row that were not what the equations say at their end.
+    step after FAILS steps in a row that were not what the equations say at their end. `fault` is what a driver that is
+    no machine code has to say of its failed step.
     """
 
     T, END, H, RTOL, ATOL, PREVIOUS, START, STEP, CAUSE, LONGEST, LOW, SCALE, ONCE, RESIDUAL, LIMIT = range(15)
@@ -65,6 +67,7 @@ class DriverState:
         floats[self.CAUSE] = Outcome.STEP_TOO_SMALL
         floats[self.LONGEST] = floats[self.ONCE] = floats[self.LIMIT] = math.inf
         integers[self.RECORD] = 1
+        self.fault: Any = None
         self.addresses = (self.reals.ctypes.data, self.counts.ctypes.data)
 
     @property

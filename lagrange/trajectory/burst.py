@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.machine.backend import Kernel
-from lagrange.trajectory.dense import Places, StepPath
+from lagrange.trajectory.dense import Places
 from lagrange.trajectory.expansion import DEGREE, ROUND_OFF, certain, evaluate, nodes, to_chebyshev
 from lagrange.trajectory.look import NOISE, TILT
 from lagrange.trajectory.trajectory import FloatArray
@@ -19,6 +20,21 @@ COARSE = 8
 
 FEW = 12
 """So many steps are sampled at the full degree at once."""
+
+
+class Path(Protocol):
+    """Accepted steps, with a polynomial on each, of degree 16 at most, that passes through both of its states."""
+
+    @property
+    def times(self) -> FloatArray:
+        """The accepted times, (S+1,)."""
+
+    @property
+    def states(self) -> FloatArray:
+        """The accepted states, (S+1, 2n)."""
+
+    def inside(self, steps: Places, theta: FloatArray) -> FloatArray:
+        """Return the states at the same fractions theta (K,) of each of some steps (k,), (2n, k, K)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +73,7 @@ class Burst:
     kernel: Kernel
     rates: Callable[[], Kernel]
     parameters: FloatArray
-    path: StepPath
+    path: Path
     ends: FloatArray
     edge: FloatArray
     noise: FloatArray
@@ -66,7 +82,7 @@ class Burst:
     samples: dict[int, Sample] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, kernel: Kernel, rates: Callable[[], Kernel], parameters: FloatArray, path: StepPath) -> Burst:
+    def of(cls, kernel: Kernel, rates: Callable[[], Kernel], parameters: FloatArray, path: Path) -> Burst:
         """Look along a path."""
         times, states = path.times, path.states.T
         ends = kernel(times, states, parameters)
@@ -115,7 +131,7 @@ class Burst:
             self.samples[step] = Sample(t, end - t, coefficients[:, i], values[:, i], self)
 
 
-def _sampled(path: StepPath, steps: Places, degree: int) -> FloatArray:
+def _sampled(path: Path, steps: Places, degree: int) -> FloatArray:
     """Return the states (2n, k, degree + 1) at the nodes of steps (k,); at both ends they are the accepted ones."""
     size, inner = path.states.shape[1], nodes(degree)[1:-1]
     found = np.empty((size, len(steps), degree + 1))
@@ -124,7 +140,7 @@ def _sampled(path: StepPath, steps: Places, degree: int) -> FloatArray:
     return found
 
 
-def _along(kernel: Kernel, parameters: FloatArray, path: StepPath, steps: Places, states: FloatArray) -> FloatArray:
+def _along(kernel: Kernel, parameters: FloatArray, path: Path, steps: Places, states: FloatArray) -> FloatArray:
     """Return the events (E, k, degree + 1) at sampled states."""
     size, count, points = states.shape
     start, end = path.times[steps][:, None], path.times[steps + 1][:, None]

@@ -156,6 +156,8 @@ def _bursts(
                 verdict = watch.end(state) if outcome is Outcome.DONE else watch.meet(state)
                 if verdict.jumped:
                     rows.add(state.t, state.y)
+            elif outcome is Outcome.BROKEN:
+                return state.fault.status, ""
             elif outcome is Outcome.STEP_TOO_SMALL:
                 # A step may shrink below the spacing of times without a rejection: then no trial step is to blame.
                 cause = state.cause if state.count(DriverState.AFTER_REJECT) else outcome
@@ -173,6 +175,8 @@ def _bursts(
 
 def _closing(problem: Problem, plan: Plan, name: str, state: DriverState, status: Status, cause: str) -> str:
     """Return the sentence for the end of a run, with the culprit found by taking the failed step again."""
+    if (fault := state.fault) is not None:
+        return message(status, problem, fault.t, fault.y, name, slope=fault.slope, detail=fault.detail)
     if status is Status.SINGULAR:
         detail = problem.model.singular_message(state.t, state.y)
         return message(status, problem, state.t, state.y, name, detail=detail)

@@ -37,7 +37,7 @@ GRAIN = 1e-8
 TINY = 64 * 2.0**-1074
 """Some spacings of the smallest doubles."""
 
-POLE_LEVELS = 16
+POLE_LEVELS = 26
 """A function that grows by a thousand over so many halvings has a pole; a jump stays as it is, a pole doubles."""
 
 

@@ -43,9 +43,9 @@ _REMEDIES: dict[Status, str] = {
 
 _WITH_EVENTS = (
     "Raise {limit}, or loosen rtol (with equal steps: lengthen them), or end the run at an event with terminal=True; a "
-    "stiff system with events wants an implicit method that locates them, such as radau5."
+    "stiff system wants an implicit method such as radau5."
 )
-"""The remedy for a run with events that used up its limit: SciPy's solvers and CVODE would refuse them."""
+"""The remedy for a run with events that used up its limit."""
 
 FEW = 10.0
 """A state below so many absolute tolerances has one digit, or none."""

@@ -86,6 +86,7 @@ class EventDriver:
             except KeyboardInterrupt:
                 # What has not been looked at has not happened.
                 state.reals[:], state.counts[:], state.y[:] = reals, counts, y
+                state.fault = None
                 raise
             if cut is not None:
                 return Outcome.WATCHED
@@ -119,6 +120,7 @@ class EventDriver:
     ) -> None:
         """Let the state stand at a cut, and the next step begin a motion of its own."""
         reals = state.reals
+        state.fault = None
         if cut.steps:
             times[begun + cut.steps - 1], rows[begun + cut.steps - 1] = cut.t, cut.y
         state.counts[S.ROWS], state.counts[S.STEPS] = begun + cut.steps, taken + cut.steps

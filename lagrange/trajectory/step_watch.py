@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -20,15 +20,15 @@ from lagrange.machine.backend import Driver, Kernel
 from lagrange.machine.driver import DriverState
 from lagrange.machine.numpy import NumpyMachine
 from lagrange.program.catalogue import lower_nodes
-from lagrange.trajectory.burst import Burst, Sample
-from lagrange.trajectory.dense import StepPath
+from lagrange.trajectory.burst import Burst, Path, Sample
 from lagrange.trajectory.expansion import nodes
 from lagrange.trajectory.impact import impact
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.occurrence import TOGETHER, Crowd, Occurrence, states_of, times_of
+from lagrange.trajectory.meeting import Meeting
+from lagrange.trajectory.occurrence import TOGETHER, Crowd, Flights, Occurrence, Record
 from lagrange.trajectory.roots import Root, Side
 from lagrange.trajectory.step_events import Cut, EventDriver
-from lagrange.trajectory.trace import Trace, ended, trace
+from lagrange.trajectory.trace import RATE_NOISE, Trace, ended, trace
 from lagrange.trajectory.trajectory import FloatArray, Status
 from lagrange.trajectory.verdict import Verdict, accumulating, at_rest, nowhere, undefined, unresolved, without_value
 
@@ -45,21 +45,17 @@ CLEAR = 16.0
 a ball that lies lower than the floor by rounding would be met by it again while it rises."""
 
 
-@dataclass(frozen=True)
-class _Meeting:
-    """A zero of an event, by its place among the events; its time is a part of a step."""
-
-    place: int
-    root: Root
-
-
 @dataclass(frozen=True, eq=False)
 class _Start:
-    """A motion that has just begun: events known to be zero there, to a size, and the directions of those just met."""
+    """A motion that has just begun: events known to be zero there, to a size, and the directions of those just met.
+
+    `rested` are those with a reset that stayed at zero on the steps since: what they leave to is still to be seen.
+    """
 
     first: bool = False
     stayed: Mapping[int, float] = field(default_factory=dict)
     met: Mapping[int, int] = field(default_factory=dict)
+    rested: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,41 +66,31 @@ class Break:
     whole: tuple[float, FloatArray] | None
 
 
-class StepWatch:
+class StepWatch(Record):
     """Watches the events along the run of one state."""
 
     def __init__(
-        self, problem: Problem, driver: Driver, path_of: Callable[[FloatArray, FloatArray], StepPath], *, fixed: bool
+        self, problem: Problem, driver: Driver, path_of: Callable[[FloatArray, FloatArray], Path], *, fixed: bool
     ) -> None:
+        super().__init__(len(problem.events), len(problem.y0))
         model, self.problem, self.parameters = problem.model, problem, problem.parameter_array
         impacts = tuple(impact(model, event, self.parameters) for event in problem.events)
         self.kernel, self.impacts = _events(model.equations, tuple(one.node for one in impacts)), impacts
         self.path_of = path_of
         self.driver = EventDriver(driver, self, fixed=fixed)
-        self.occurrences: list[list[Occurrence]] = [[] for _ in impacts]
         self.breaks: list[Break] = []
         self.crowd = Crowd()
         self.jumps = 0
         self.changed = problem.t0
-        self.state: DriverState | None = None
+        self._changed_at = 0
+        self._flights = Flights()
         self._relay = [Side()] * len(impacts)
         self._levels: dict[int, float] = {}
         self._resting: frozenset[int] = frozenset()
         self._start: _Start | None = _Start(first=True)
-        self._pending: list[_Meeting] = []
+        self._pending: list[Meeting] = []
         self._whole: tuple[float, FloatArray] | None = None
         self._verdict: Verdict | None = None
-
-    @property
-    def t_events(self) -> tuple[FloatArray, ...]:
-        """The times of each event, (k,)."""
-        return times_of(self.occurrences, 0 if self.state is None else self.state.count(S.STEPS))
-
-    @property
-    def y_events(self) -> tuple[FloatArray, ...]:
-        """The states at each event, (k, 2n)."""
-        steps = 0 if self.state is None else self.state.count(S.STEPS)
-        return states_of(self.occurrences, steps, len(self.problem.y0))
 
     @property
     def resets(self) -> bool:
@@ -127,14 +113,14 @@ class StepWatch:
         if self._verdict is not None:
             return self._verdict
         found, self._pending = self._pending, []
-        if self.crowd.accumulates(state.t, (m.place for m in found)):
-            return accumulating(self.names()[found[0].place])
-        met = [m for m in found if self.impacts[m.place].counts(m.root.rising)]
+        if self.crowd.accumulates(state.t, (m.which for m in found)):
+            return accumulating(self.names()[found[0].which])
+        met = [m for m in found if self.impacts[m.which].counts(m.root.rising)]
         for m in met:
             here = Occurrence(state.t, state.y.copy(), state.count(S.STEPS))
-            self.occurrences[m.place].append(here)
-        ends = any(0 < self.impacts[m.place].terminal <= len(self.occurrences[m.place]) for m in met)
-        resets = [m for m in met if self.impacts[m.place].reset]
+            self.occurrences[m.which].append(here)
+        ends = any(0 < self.impacts[m.which].terminal <= len(self.occurrences[m.which]) for m in met)
+        resets = [m for m in met if self.impacts[m.which].reset]
         verdict = self._jump(resets, state) if resets else Verdict()
         return Verdict(Status.EVENT, jumped=verdict.jumped) if ends and verdict.status is None else verdict
 
@@ -187,12 +173,8 @@ class StepWatch:
         """Find the zeros of some events on a step; keep them, or return where the motion changes first."""
         sample, begun = burst.sample(step), self._start
         last = bool(burst.path.times[step + 1] == self.problem.t1)
-        zero: list[int] = []
-        if begun is not None:
-            sizes = [max(float(burst.edge[i, step]), 4 * begun.stayed.get(i, 0.0)) for i in watched]
-            zero = [i for i, size in zip(watched, sizes, strict=True) if abs(burst.ends[i, step]) <= size]
-            self._levels = {i: float(burst.ends[i, step]) for i in zero}
-        candidates = self._resting if begun is None else zero
+        zero = self._at_zero(burst, step, watched)
+        candidates = self._resting if begun is None or begun.rested else zero
         self._resting = frozenset(i for i in candidates if _rests(burst, step, sample, i))
         traces = {}
         for i in watched:
@@ -204,8 +186,9 @@ class StepWatch:
             traces[i] = trace(sample, i, noise, self._relay[i], level=level, zero=i in zero, last=last)
         if begun is not None and self._changes_at_once(begun, {i: traces[i] for i in zero if i in traces}, sample):
             return _cut(burst, step, sample, 0.0)
-        self._start = None
-        found = [_Meeting(i, root) for i, one in traces.items() for root in one.found]
+        resting = frozenset(i for i in zero if i in self._resting and self.impacts[i].reset)
+        self._start = replace(begun, rested=resting) if begun is not None and resting else None
+        found = [Meeting(i, root) for i, one in traces.items() for root in one.found]
         found.sort(key=lambda m: m.root.time)
         without = min(traces, key=lambda i: traces[i].until, default=0)
         until = traces[without].until if traces else math.inf
@@ -225,6 +208,20 @@ class StepWatch:
                 self._levels.pop(i, None)
         return None
 
+    def _at_zero(self, burst: Burst, step: int, watched: Sequence[int]) -> list[int]:
+        """Return the events that start a step at zero because the motion started there; note their values."""
+        begun, ends = self._start, burst.ends[:, step]
+        if begun is None:
+            return []
+        if begun.rested:
+            zero = [i for i in watched if i in begun.rested]
+        else:
+            sizes = {i: max(float(burst.edge[i, step]), 4 * begun.stayed.get(i, 0.0)) for i in watched}
+            zero = [i for i in watched if abs(ends[i]) <= sizes[i]]
+            self._levels = {}
+        self._levels.update((i, float(ends[i])) for i in zero)
+        return zero
+
     def _changes_at_once(self, begun: _Start, zero: Mapping[int, Trace], sample: Sample) -> bool:
         """Whether the motion cannot go on from its start: an event turns it back, or is met again without a velocity.
 
@@ -232,10 +229,17 @@ class StepWatch:
         """
         for i, one in zero.items():
             sign, order = one.leaving
-            if order > 1 and sign == begun.met.get(i, 0) != 0:
+            back = sign == begun.met.get(i, 0) != 0
+            if not back and not (begun.first and self.impacts[i].reset and self.impacts[i].direction == sign != 0):
+                continue
+            # A path of low order, as multistep methods begin with, may start against the velocity that is there.
+            along = sign * _velocity(sample, i) if order == 1 and i not in begun.rested else 0.0
+            if along < 0:
+                self._verdict = unresolved(self.names()[i])
+            elif not back:
+                self._pending += [] if self._passes(i, sample) else [Meeting(i, Root(0.0, sign))]
+            elif along == 0:
                 self._verdict = at_rest(self.names()[i])
-            elif begun.first and self.impacts[i].reset and self.impacts[i].direction == sign != 0:
-                self._pending += [] if self._passes(i, sample) else [_Meeting(i, Root(0.0, sign))]
         return bool(self._pending) or self._verdict is not None
 
     def _passes(self, place: int, sample: Sample) -> bool:
@@ -249,42 +253,42 @@ class StepWatch:
         rise = (around[2] - around[0]) / (2 * SLIGHT)
         return one.direction * rise > SLIGHT * float(np.abs(sample.values[place]).max())
 
-    def _first_change(self, found: Iterable[_Meeting]) -> _Meeting | None:
+    def _first_change(self, found: Iterable[Meeting]) -> Meeting | None:
         """Return the first zero that changes the motion: an event ends the run or has a reset."""
         seen = [len(times) for times in self.occurrences]
         for m in found:
-            one = self.impacts[m.place]
+            one = self.impacts[m.which]
             if one.counts(m.root.rising):
-                seen[m.place] += 1
-                if one.reset or 0 < one.terminal <= seen[m.place]:
+                seen[m.which] += 1
+                if one.reset or 0 < one.terminal <= seen[m.which]:
                     return m
         return None
 
     def _part(
-        self, first: _Meeting, found: Sequence[_Meeting], traces: Mapping[int, Trace], sample: Sample, taken: int
+        self, first: Meeting, found: Sequence[Meeting], traces: Mapping[int, Trace], sample: Sample, taken: int
     ) -> None:
         """Keep what happens before the first change; what happens together with it is pending."""
         s = first.root.time
         close = TOGETHER * max(abs(sample.t / sample.h), s)
-        mine = {m.place: m for m in reversed(found) if abs(m.root.time - s) <= close}
+        mine = {m.which: m for m in reversed(found) if abs(m.root.time - s) <= close}
         before = [m for m in found if m.root.time < s - close]
         for i, one in traces.items():
             if i not in mine:
                 # What is zero there to within its noise is met there: with another motion it would not be met later.
                 at_end = [root for root in ended(one, s) if root.time >= s - close]
                 if at_end:
-                    mine[i] = _Meeting(i, Root(s, at_end[0].rising))
+                    mine[i] = Meeting(i, Root(s, at_end[0].rising))
         self._record(before, sample, taken)
         self._pending = [mine[i] for i in sorted(mine)]
 
-    def _record(self, found: Iterable[_Meeting], sample: Sample, taken: int) -> None:
+    def _record(self, found: Iterable[Meeting], sample: Sample, taken: int) -> None:
         """Keep the events among some zeros on a step."""
         for m in found:
-            if self.impacts[m.place].counts(m.root.rising):
+            if self.impacts[m.which].counts(m.root.rising):
                 s = m.root.time
-                self.occurrences[m.place].append(Occurrence(sample.t + s * sample.h, sample.state(s), taken + 1))
+                self.occurrences[m.which].append(Occurrence(sample.t + s * sample.h, sample.state(s), taken + 1))
 
-    def _through(self, met: Sequence[_Meeting], t: float, before: FloatArray, after: FloatArray) -> _Meeting | None:
+    def _through(self, met: Sequence[Meeting], t: float, before: FloatArray, after: FloatArray) -> Meeting | None:
         """Return a zero that is met against the motion there, where its reset would send the motion on through it.
 
         The path of a long step may come down to the floor with a velocity that rises already: reset, it would fall.
@@ -292,30 +296,38 @@ class StepWatch:
         states = np.column_stack([before, after])
         coming, going = self._rates()(np.full(2, t), states, self.parameters).T
         for m in met:
-            if coming[m.place] * m.root.rising < 0 < going[m.place] * m.root.rising:
+            if coming[m.which] * m.root.rising < 0 < going[m.which] * m.root.rising:
                 return m
         return None
 
-    def _jump(self, met: Sequence[_Meeting], state: DriverState) -> Verdict:
+    def _jump(self, met: Sequence[Meeting], state: DriverState) -> Verdict:
         """Reset the state, every event from the state before, and start the motion anew."""
         before, after = state.y.copy(), state.y.copy()
         at_zero = np.abs(self.kernel(state.t, before, self.parameters))
         for m in met:
-            self.impacts[m.place].apply(state.t, before, after)
+            self.impacts[m.which].apply(state.t, before, after)
         if not np.isfinite(after).all():
-            return nowhere(self.names()[met[0].place])
+            return nowhere(self.names()[met[0].which])
         through = self._through(met, state.t, before, after)
+        # A flight of one step is as long as its velocity says; one of several ends by how its heights are rounded.
+        several = state.count(S.STEPS) > self._changed_at + 1
+        unseen = several and any(m.which in self._levels for m in met)
+        if self._flights.idle(abs(state.t - self.changed), unseen=unseen):
+            through = met[0]
         if through is not None:
-            return unresolved(self.names()[through.place])
+            return unresolved(self.names()[through.which])
         state.y[:] = after
         self.jumps += 1
-        self.changed = state.t
+        self.changed, self._changed_at = state.t, state.count(S.STEPS)
         self._relay = [Side()] * len(self.impacts)
-        stayed = {m.place: float(at_zero[m.place]) for m in met}
-        self._start = _Start(stayed=stayed, met={m.place: m.root.rising for m in met})
+        stayed = {m.which: float(at_zero[m.which]) for m in met}
+        self._start = _Start(stayed=stayed, met={m.which: m.root.rising for m in met})
         verdict = self._defined(state)
         q, v = np.split(after, 2)
-        if verdict.status is None and self.problem.model.column_without_inertia(state.t, q, v, self.parameters) == 0:
+        if (
+            verdict.status is None
+            and self.problem.model.column_without_inertia(state.t, q, v, self.parameters) is not None
+        ):
             return Verdict(Status.SINGULAR, jumped=True)
         return Verdict(verdict.status, verdict.detail, jumped=True)
 
@@ -338,6 +350,12 @@ def _rests(burst: Burst, step: int, sample: Sample, place: int) -> bool:
     Its derivative along the motion tells: the path itself strays from the motion by more than round-off, to and fro.
     """
     return bool((np.abs(sample.rates(nodes())[place]) <= burst.owed[place, step]).all())
+
+
+def _velocity(sample: Sample, place: int) -> float:
+    """Return the derivative of an event where a step starts, 0 within its noise."""
+    rates = sample.rates(nodes())[place]
+    return 0.0 if abs(rates[0]) <= RATE_NOISE * np.abs(rates).max() else float(rates[0])
 
 
 def _cut(burst: Burst, step: int, sample: Sample, s: float) -> Cut:

@@ -44,13 +44,14 @@ def accumulating(name: str) -> Verdict:
 
 
 def unresolved(name: str) -> Verdict:
-    """Return the end of a run whose steps are longer than the times between its resets."""
+    """Return the end of a run whose steps, or errors, are longer than the times between its resets."""
     return Verdict(
         Status.STEP_TOO_SMALL,
-        f"The path of the step comes to where {name} is zero from one side, and its velocity there leads to that side: "
-        "the reset would send the motion through. The times between resets have become shorter than the step, as for "
-        "a ball that bounces lower and lower and comes to rest after infinitely many impacts. End the run before it, "
-        "shorten the step, or take an adaptive method such as dop853.",
+        f"Between resets where {name} is zero, the path of the steps no longer shows how it leaves zero and returns: a "
+        "reset would send the motion through. The times between resets have become shorter than the step or than what "
+        "its errors leave of them, as for a ball that bounces lower and lower and comes to rest after infinitely many "
+        "impacts. End the run before it, shorten the step or lower rtol and atol, or take a method of one step such as "
+        "dop853.",
     )
 
 

@@ -19,7 +19,7 @@ from lagrange.trajectory.impact import Impact
 from lagrange.trajectory.leap import Leaps
 from lagrange.trajectory.look import Look, degree, hides, near, signed_scale, state_at, unit
 from lagrange.trajectory.meeting import Meeting, PlannedStep
-from lagrange.trajectory.occurrence import TOGETHER, Crowd, Occurrence, states_of, times_of
+from lagrange.trajectory.occurrence import TOGETHER, Crowd, Occurrence, Record
 from lagrange.trajectory.roots import Root, Side, roots
 from lagrange.trajectory.sides import Sliding, apparent_sides, is_zero, leaving, settled_sides
 from lagrange.trajectory.trajectory import FloatArray, Status
@@ -37,7 +37,7 @@ from lagrange.trajectory.verdict import (
 S = DriverState
 
 
-class Watch:
+class Watch(Record):
     """Watches the surfaces, then the events, along the run of one state."""
 
     def __init__(
@@ -50,18 +50,17 @@ class Watch:
         names: Callable[[], Sequence[str]],
         leaps: Leaps,
     ) -> None:
+        super().__init__(len(impacts), 2 * series.program.dimension)
         self.series, self.order, self.driver, self.parameters = series, order, driver, parameters
         self.impacts, self.names, self.leaps = tuple(impacts), names, leaps
         self.surfaces = series.program.sides
         self.steep, self.hidden = degree(series.program) > order, hides(series.program)
         self.sides = np.zeros(self.surfaces)
         self.relay = [Side()] * (self.surfaces + len(self.impacts))
-        self.occurrences: list[list[Occurrence]] = [[] for _ in self.impacts]
         self.epochs: list[tuple[int, FloatArray]] = []
         self.pending: list[Meeting] = []
         self.planned = PlannedStep()
         self.starting: frozenset[int] = frozenset()
-        self.state: DriverState | None = None
         self._last: tuple[object, Look] | None = None
         self.jumps = 0
         self.crowd = Crowd()
@@ -70,17 +69,6 @@ class Watch:
     def values(self) -> FloatArray:
         """The parameters, then the sides."""
         return np.concatenate([self.parameters, self.sides])
-
-    @property
-    def t_events(self) -> tuple[FloatArray, ...]:
-        """The times of each event, (k,)."""
-        return times_of(self.occurrences, 0 if self.state is None else self.state.count(S.STEPS))
-
-    @property
-    def y_events(self) -> tuple[FloatArray, ...]:
-        """The states at each event, (k, 2n)."""
-        steps = 0 if self.state is None else self.state.count(S.STEPS)
-        return states_of(self.occurrences, steps, 2 * self.series.program.dimension)
 
     def begin(self, state: DriverState) -> Verdict:
         """Find the side of every surface at the start of the run."""

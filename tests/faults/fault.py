@@ -160,11 +160,9 @@ def _slow(method: str) -> bool:
 
 
 def refused(fault: Fault, method: Any, claims: Claims, words: str) -> tuple[str, str]:
-    """Judge a refusal: one that the fault calls for, or of a system or of events that the method is not made for."""
+    """Judge a refusal: one that the fault calls for, or of a system that the method is not made for."""
     due = fault.refusal if isinstance(fault.refusal, str) else fault.refusal[not claims.adaptive]
     if due and re.search(due, words):
-        return "refused", words
-    if fault.events and not claims.events and "does not locate events" in words:
         return "refused", words
     if not due and words.startswith(find(method).name) and _refuses_system(fault, method, words):
         return "refused", words

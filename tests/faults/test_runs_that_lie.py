@@ -14,7 +14,6 @@ from sympy import Piecewise, sqrt
 from lagrange.errors import StatementError
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import t
-from lagrange.trajectory.methods.registry import table
 from lagrange.trajectory.trajectory import Status, Trajectory
 from tests.models import TARGETS, build, x
 from tests.trajectory.runs import ADAPTIVE, FIXED, IMPLICIT, NAMES, SPLITTINGS, run
@@ -102,12 +101,6 @@ def test_a_double_pole(name: str, target: str) -> None:
     assert found.t[-1] == pytest.approx(1.0, abs=0.4)
     if name in ADAPTIVE:
         assert found.t[-1] == pytest.approx(1.0, abs=1e-6)
-
-
-@pytest.mark.parametrize("name", [row.name for row in table() if not row.claims.events])
-def test_events_are_refused_and_not_ignored(name: str) -> None:
-    with pytest.raises(StatementError, match=f"{name} does not locate events: use taylor or another method"):
-        go(particle(), 1.0, name, events=[x - 1])
 
 
 @pytest.mark.parametrize("target", TARGETS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib.util import find_spec
 from typing import Any
 
 from lagrange.machine.model import Model
@@ -23,6 +24,11 @@ IMPLICIT = tuple(name for name in NAMES if isinstance(find(name), ImplicitMethod
 """The methods that solve for their slopes."""
 STEPPED = tuple(name for name in NAMES if not isinstance(find(name), Taylor | ImplicitMethod))
 """The methods that are explicit step programs: a series has no tableau, no fixed order, and no equal steps."""
+OUTSIDE = (
+    *(f"scipy-{name}" for name in ("rk23", "rk45", "dop853", "radau", "bdf", "lsoda")),
+    *(["cvode"] if find_spec("sksundae") else []),
+)
+"""Solvers of other packages, as far as they are here."""
 SPLITTINGS = tuple(name for name in NAMES if isinstance(find(name), Splitting))
 EQUAL = tuple(name for name in IMPLICIT if name in FIXED)
 """Implicit methods with equal steps; of those below, the ones that solve for momenta and for slopes."""

@@ -184,42 +184,6 @@ def test_a_terminal_event_at_the_end_of_the_span() -> None:
     assert found.status is Status.EVENT and found.t[-1] == 1.0
 
 
-@pytest.mark.parametrize(
-    ("options", "status"), [({"max_steps": 50}, Status.MAX_STEPS), ({"max_wall": 0.1}, Status.MAX_WALL)]
-)
-def test_what_a_limit_cuts_off_has_not_happened(options: dict[str, Any], status: Status) -> None:
-    found = go(free(), 1e6, [event(x - 1, reset={x: 0}), sin(20 * t)], **options)
-    assert found.status is status and found.t[-1] < 1e5
-    assert len(found.t_events[0]) in (int(found.t[-1]) - 1, int(found.t[-1]))
-    assert len(found.t_events[1]) == pytest.approx(found.t[-1] * 20 / math.pi, abs=1.1)
-
-
-def test_control_c_keeps_events_and_states_together() -> None:
-    def progress(when: float) -> None:
-        if when > 30:
-            raise KeyboardInterrupt
-
-    found = go(free(), 1e6, [event(x - 1, reset={x: 0}), x - 0.5], progress=progress)
-    assert found.status is Status.INTERRUPTED and 30 < found.t[-1] < 40
-    assert len(found.t_events[1]) in (len(found.t_events[0]), len(found.t_events[0]) + 1)
-
-
-@pytest.mark.parametrize(
-    ("expression", "words"),
-    [
-        (log(x), "log(x), which is watched, is -inf there"),
-        (sqrt(x - 1), "sqrt(x - 1), which is watched, is nan there"),
-        (tan(x + 1), "tan(x + 1), which is watched, has a pole there or leaves its domain"),
-        (1 / (x - 1), "1/(x - 1), which is watched, has a pole there or leaves its domain"),
-        (sqrt(1 - x), "sqrt(1 - x), which is watched, has a pole there or leaves its domain"),
-    ],
-)
-def test_an_event_without_a_value_ends_the_run_in_words(expression: Any, words: str) -> None:
-    found = go(free(), 3.0, [expression])
-    assert found.status is Status.NON_FINITE and found.t[-1] <= 1.0 and found.steps < 200
-    assert words in found.message
-
-
 SYSTEMS: list[Callable[[], Model]] = [free, ball, harmonic]
 
 

@@ -13,6 +13,7 @@ import pytest
 import lagrange.methods
 from lagrange.errors import StatementError
 from lagrange.machine.taylor import HIGHEST, LOWEST
+from lagrange.statement.coordinate import t
 from lagrange.trajectory.integrator import Claims, Integrator
 from lagrange.trajectory.methods import registry
 from lagrange.trajectory.methods.explicit import RK4, explicit_method
@@ -76,6 +77,11 @@ def test_anything_with_the_protocol_runs() -> None:
     assert run(model("oscillator"), 1e-3, integrator).steps == 1
 
 
+def test_events_are_refused_and_not_ignored_by_a_method_that_does_not_claim_them() -> None:
+    with pytest.raises(StatementError, match="standing does not locate events: use taylor or another method"):
+        run(model("oscillator"), 1e-3, Standing(), events=[t - 5e-4])
+
+
 def test_the_table_of_methods() -> None:
     rows = {row.name: row for row in table()}
     assert set(NAMES) <= set(rows)
@@ -94,7 +100,7 @@ def test_a_method_without_its_package_is_listed_and_refused_when_it_runs(monkeyp
     entry = EntryPoint("cvode", "lagrange.trajectory.methods.sundials:CVODE", GROUP)
     monkeypatch.setattr(registry, "_offered", lambda: {"cvode": entry})
     monkeypatch.setitem(sys.modules, "sksundae", None)
-    assert "cvode" in names() and find("cvode").claims == Claims(order=5, adaptive=True, explicit=False)
+    assert "cvode" in names() and find("cvode").claims == Claims(order=5, adaptive=True, explicit=False, events=True)
     assert {row.name: row for row in table()}["cvode"].about.startswith("CVODE of SUNDIALS")
     with pytest.raises(StatementError, match=r"needs scikit-sundae, .*: pip install 'lagrange\[sundials\]', or take"):
         run(model("oscillator"), 1.0, "cvode")

@@ -69,10 +69,6 @@ def coupled() -> lg.System:
         ({"t_eval": [0.5, float("nan")]}, "t_eval contains nan, outside the time span"),
         ({"t_eval": [[0.5]]}, "t_eval has shape (1, 1)"),
         ({"t_eval": ["a"]}, "give a list of times"),
-        (
-            {"events": [theta], "method": "scipy-rk45"},
-            "scipy-rk45 does not locate events: use taylor or another method",
-        ),
         ({"events": lambda t, y: y[0]}, "give a SymPy expression whose zero is the event, such as theta - 1"),
         ({"events": "theta"}, "the event is 'theta', a text: give the symbol or the expression itself"),
         ({"events": [g - 9]}, "event 0 is g - 9, which stays as it is along a run"),

@@ -14,20 +14,13 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from lagrange.errors import StatementError
 from lagrange.trajectory.methods.sundials import CVODE
 from lagrange.trajectory.trajectory import Status
 from tests.models import model
 from tests.trajectory.points import (
-    Singular,
-    blow_up,
     double_pole,
-    inf_later,
-    leaves_domain,
-    nan_later,
     oscillator,
     problem,
-    stated_time,
 )
 from tests.trajectory.runs import exact
 from tests.trajectory.runs import run as run_model
@@ -70,15 +63,6 @@ def test_the_path_is_of_the_order_of_the_steps(method: CVODE) -> None:
     assert np.abs(run.dense(middles)[0] - np.cos(middles)).max() < 1.5 * ends + 1e-8
 
 
-def test_output_times_are_met_and_do_not_change_the_steps(method: CVODE) -> None:
-    times = np.array([0.0, 0.3, 1.0, 2.0])
-    run = method.integrate(problem(oscillator, t_eval=times))
-    free = method.integrate(problem(oscillator))
-    assert run.steps == free.steps
-    np.testing.assert_array_equal(run.t, times)
-    np.testing.assert_array_equal(run.y, free.dense(times))
-
-
 def test_a_stiff_run_keeps_a_path_that_slopes_would_spoil() -> None:
     def relaxing(t: float, x: float, v: float) -> float:
         return -1e8 * (v + math.sin(t))  # v follows -sin(t) within 1e-8, whatever the initial one was
@@ -89,16 +73,6 @@ def test_a_stiff_run_keeps_a_path_that_slopes_would_spoil() -> None:
     # A slope is a thousand million times the error of its v: a Hermite path would be off by more than 1.
     np.testing.assert_allclose(run.dense(times)[1], -np.sin(times), atol=1e-6)
     np.testing.assert_allclose(run.dense(times)[0], np.cos(times), atol=1e-6)
-
-
-@pytest.mark.parametrize("fault", [nan_later, inf_later])
-def test_a_derivative_that_turns_bad_stops_the_run_there(method: CVODE, fault: Any) -> None:
-    run = method.integrate(problem(fault))
-    assert run.status is Status.NON_FINITE
-    assert 0.3 < run.t[-1] <= 0.5000001 and np.isfinite(run.y).all() and run.steps > 0
-    assert stated_time(run) == pytest.approx(0.5, abs=1e-3)
-    assert "on the way from 0 to 2: the acceleration of x is " in run.message
-    assert "Look for a division by zero" in run.message
 
 
 def test_a_bad_derivative_never_ends_well_wherever_it_is_met(method: CVODE) -> None:
@@ -128,21 +102,6 @@ def test_the_jacobian_is_the_models_own(method: CVODE) -> None:
 
     asked.model.jacobian = counted
     assert method.integrate(asked).status is Status.SUCCESS and calls
-
-
-def test_leaving_the_domain_stops_the_run_at_its_edge(method: CVODE) -> None:
-    run = method.integrate(problem(leaves_domain))
-    assert run.status is Status.NON_FINITE and "x" in run.message
-    assert np.isfinite(run.y).all() and -0.5 <= run.y[0, -1] < 0.5
-
-
-@pytest.mark.parametrize(("fault", "y0"), [(blow_up, (0.0, 1.0)), (double_pole, (1.0, 2.0))])
-@pytest.mark.parametrize("sign", [1, -1])
-def test_a_singularity_of_the_solution_ends_the_run(method: CVODE, fault: Any, y0: Any, sign: int) -> None:
-    run = method.integrate(problem(lambda t, x, v: fault(sign * t, x, sign * v), 2.0 * sign, (y0[0], sign * y0[1])))
-    assert run.status in (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.DIVERGED), run.message
-    assert run.t[-1] == pytest.approx(sign, abs=1e-2) and np.isfinite(run.y).all()
-    assert stated_time(run) == pytest.approx(sign, abs=1e-2), run.message
 
 
 def test_steps_that_do_not_move_the_time_end_the_run(method: CVODE) -> None:
@@ -178,13 +137,6 @@ def test_nothing_is_asked_for_beyond_the_end(method: CVODE, t0: float, span: flo
     assert run.status is Status.SUCCESS and run.t[-1] == end and (np.diff(run.t) * span > 0).all()
 
 
-def test_a_singular_mass_matrix_is_reported_in_the_models_words(method: CVODE) -> None:
-    run = method.integrate(replace(problem(oscillator), model=Singular(oscillator)))
-    assert run.status is Status.SINGULAR
-    assert 0.5 <= run.y[0, -1] < 0.6
-    assert "on the way from 0 to 2: the mass matrix of the clock is singular at x = 0." in run.message
-
-
 def test_step_and_time_limits_keep_what_was_computed(method: CVODE) -> None:
     run = method.integrate(problem(oscillator, 1e6, max_steps=5))
     assert run.status is Status.MAX_STEPS and run.steps + run.rejected == 5 and len(run.t) == run.steps + 1
@@ -198,34 +150,6 @@ def test_step_and_time_limits_keep_what_was_computed(method: CVODE) -> None:
     run = method.integrate(problem(slow, 1e6, max_wall=0.1))
     assert run.status is Status.MAX_WALL and run.wall < 1 and run.steps > 0
     assert "used up max_wall = 0.1 s at t = " in run.message
-
-
-def test_an_interruption_keeps_what_was_computed(method: CVODE) -> None:
-    def interrupted(t: float, x: float, v: float) -> float:
-        if t > 1:
-            raise KeyboardInterrupt
-        return -x
-
-    run = method.integrate(problem(interrupted))
-    assert run.status is Status.INTERRUPTED and 0.3 < run.t[-1] <= 1 and run.steps == len(run.t) - 1
-    assert method.integrate(problem(oscillator)).status is Status.SUCCESS, "the next run is a run of its own"
-
-
-def test_errors_of_the_model_are_not_swallowed(method: CVODE) -> None:
-    def broken(t: float, x: float, v: float) -> float:
-        if t > 0.5:
-            raise ValueError("a bug in the model")
-        return -x
-
-    with pytest.raises(ValueError, match="a bug in the model"):
-        method.integrate(problem(broken))
-
-
-def test_what_cvode_would_bend_is_refused_or_said(method: CVODE) -> None:
-    with pytest.raises(StatementError, match="cvode chooses its steps by itself: give rtol and atol"):
-        method.integrate(problem(oscillator, step=0.1))
-    run = method.integrate(problem(oscillator, rtol=0.0, atol=0.0, max_steps=300))
-    assert "rtol = 0 is below round-off and was raised to" in run.message
 
 
 @pytest.mark.parametrize("t1", [2.0, -2.0])
@@ -253,22 +177,6 @@ def test_threads_do_not_disturb_each_other(method: CVODE, capfd: Any) -> None:
     assert sys.stdout is before and set(capfd.readouterr().out) == {"x"}, "what others print is let through"
     assert [run.status for run in found] == [Status.SUCCESS] * 4
     assert all((run.y[:, -1] == expected).all() for run in found)
-
-
-def test_progress_is_told_the_time_reached(method: CVODE) -> None:
-    times: list[float] = []
-
-    def slow(t: float, x: float, v: float) -> float:
-        time.sleep(2e-3)
-        return -x
-
-    run = method.integrate(problem(slow, progress=times.append))
-    assert times and times == sorted(times) and times[-1] <= run.t[-1]
-
-
-def test_an_empty_span_is_one_state(method: CVODE) -> None:
-    run = method.integrate(problem(oscillator, 0.0))
-    assert run.status is Status.SUCCESS and run.t.tolist() == [0.0] and run.y.tolist() == [[1.0], [0.0]]
 
 
 def test_van_der_pol_is_for_it() -> None:

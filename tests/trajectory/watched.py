@@ -7,6 +7,7 @@ import time
 from typing import Any
 
 import numpy as np
+from sympy import log, sqrt, tan
 
 from lagrange.machine.model import Model
 from lagrange.statement.event import event
@@ -18,11 +19,22 @@ G = 9.81
 FALL = math.sqrt(2 / G)
 """How long a fall from 1 takes."""
 
+WITHOUT_VALUE = [
+    (log(x), 0.0, "log(x), which is watched, is -inf there"),
+    (sqrt(x - 1), 0.0, "sqrt(x - 1), which is watched, is nan there"),
+    (tan(x + 1), math.pi / 2 - 1, "tan(x + 1), which is watched, "),
+    (1 / (x - 1), 1.0, "1/(x - 1), which is watched, "),
+    (sqrt(1 - x), 1.0, "sqrt(1 - x), which is watched, "),
+]
+"""Events along x = t that have no value from a time on, and how the message begins."""
 
-def go(model: Model, end: float, events: Any = None, start: float = 0.0, **options: Any) -> Trajectory:
+
+def go(
+    model: Model, end: float, events: Any = None, start: float = 0.0, method: Any = "taylor", **options: Any
+) -> Trajectory:
     """Run with events, within seconds, and hold the result to what every result must be."""
     began = time.perf_counter()
-    found = run(model, end, "taylor", start, events=events, **options)
+    found = run(model, end, method, start, events=events, **options)
     assert time.perf_counter() - began < 60.0
     forward = 1.0 if end >= start else -1.0
     assert (forward * np.diff(found.t) >= 0).all() and np.isfinite(found.y).all()
@@ -52,3 +64,9 @@ def floor(restitution: Any, level: float = 0.0, **options: Any) -> Any:
 def harmonic(target: str = "llvm") -> Model:
     """x = sin t."""
     return build(target, kinetic=x.dot**2 / 2, potential=x**2 / 2, initial={x.dot: 1.0})
+
+
+def bounces(restitution: float, count: int) -> Any:
+    """Return the times of the impacts of a ball that falls from 1."""
+    flights = 2 * FALL * restitution ** np.arange(1, count)
+    return FALL + np.concatenate([[0.0], np.cumsum(flights)])

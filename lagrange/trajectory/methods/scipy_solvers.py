@@ -8,32 +8,44 @@ from abc import ABC
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar, final
 
 import numpy as np
 import scipy.integrate
 from scipy.integrate import OdeSolver
 
+from lagrange.trajectory.fault import Fault
 from lagrange.trajectory.integrator import Claims, Problem
-from lagrange.trajectory.methods.stepwise import Fault, Run, check_bounds, drive_stepwise
+from lagrange.trajectory.methods.law import Law
+from lagrange.trajectory.methods.stepwise import check_bounds, drive_stepwise
 from lagrange.trajectory.plan import Tolerances
+from lagrange.trajectory.sampled import Piece
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 _ONE_AT_A_TIME = threading.RLock()
 """Held by the implicit solvers: capturing their warnings changes the state of the whole process."""
 
 
-@dataclass(frozen=True, eq=False)
 class _Stepper:
-    """A solver of SciPy's between two steps; see `Stepper`.
+    """A solver of SciPy's between two steps; see `Stepper`. Its time counts from `origin`."""
 
-    `stages` are those of one trial step, 0 if not fixed. The solver's time counts from `origin`.
-    """
-
-    solver: OdeSolver
-    stages: int
-    origin: float
-    end: float
+    def __init__(
+        self, method: ScipyMethod, law: Law, tolerances: Tolerances, t: float, y: FloatArray, first: float
+    ) -> None:
+        self.law, self.method, self.end = law, method, law.problem.t1
+        self.origin = origin = t if method.from_zero else 0.0
+        self.forward = 1.0 if self.end > t else -1.0
+        self.rejected = 0
+        longest = min(method.max_step, tolerances.longest)
+        options: dict[str, Any] = {"rtol": tolerances.rtol, "atol": tolerances.atol, "max_step": longest}
+        if not method.claims.explicit:
+            options["jac"] = lambda s, y: law.jacobian(origin + s, y)
+        first = min(first, method.first_step or np.inf)
+        if first < np.inf:
+            options["first_step"] = min(first, abs(self.end - t))
+        own = t - origin, self.end - origin
+        self.solver = method.solver(lambda s, y: law.rhs(origin + s, y), own[0], y.copy(), own[1], **options)
 
     @property
     def running(self) -> bool:
@@ -41,37 +53,41 @@ class _Stepper:
 
     @property
     def t(self) -> float:
-        return self.end if self.solver.status == "finished" else self.origin + float(self.solver.t)
+        reached = self.origin + float(self.solver.t)
+        return reached if self.running and self.forward * (self.end - reached) > 0 else self.end
 
     @property
     def y(self) -> FloatArray:
         return np.array(self.solver.y, dtype=float)
 
-    def advance(self, run: Run) -> Fault | None:
-        law = run.law
+    def advance(self, t: float, y: FloatArray) -> Fault | None:
+        law, stages = self.law, self.method.stages
+        self.rejected = 0
         try:
             text = self.solver.step()
-            if self.stages:
-                run.rejected += max(0, law.in_step // self.stages - 1)
         except ValueError as error:
             if law.raised:
                 raise
-            return law.fault or Fault(Status.DIVERGED, run.t, run.y, detail=f"SciPy says: {error}.")
+            return law.fault or Fault(Status.DIVERGED, t, y, detail=f"SciPy says: {error}.")
+        if stages:
+            self.rejected = max(0, law.in_step // stages - 1)
         if self.solver.status == "failed":
             small = text == OdeSolver.TOO_SMALL_STEP
-            return law.fault or Fault(Status.STEP_TOO_SMALL if small else Status.DIVERGED, run.t, run.y)
+            return law.fault or Fault(Status.STEP_TOO_SMALL if small else Status.DIVERGED, t, y)
         return None
 
-    def path(self) -> Callable[[FloatArray], FloatArray]:
-        interpolant: Callable[[FloatArray], FloatArray] = self.solver.dense_output()
-        return lambda times: interpolant(times - self.origin)
+    def piece(self, t: float, y: FloatArray) -> Piece:
+        solver = self.solver
+        own = float(solver.t_old), float(solver.t)
+        return Piece.read((t, self.t), (y, self.y), own, solver.dense_output(), self.method.degree)
 
 
 @dataclass(frozen=True)
 class ScipyMethod(ABC):
     """One of SciPy's solvers. `max_step` bounds its steps and `first_step` sets the first, both positive times.
 
-    The implicit solvers take the model's compiled Jacobian, and run one at a time in a process.
+    The solver is started anew where an event resets the state. The implicit solvers take the model's compiled Jacobian,
+    and run one at a time in a process.
     """
 
     max_step: float = np.inf
@@ -80,42 +96,30 @@ class ScipyMethod(ABC):
     name: ClassVar[str]
     claims: ClassVar[Claims]
     solver: ClassVar[Callable[..., OdeSolver]]
-    stages: ClassVar[int] = 0
+    degree: ClassVar[int]
+    """The highest degree of the polynomials between its steps."""
     from_zero: ClassVar[bool] = False
-    """Whether the solver is told the time since the start, because it loses track of a large one."""
+    """Whether the solver is told the time since its start, because it loses track of a large one."""
+    stages: ClassVar[int] = 0
+    """The evaluations of one trial step, 0 if they are not fixed in number."""
 
     def __post_init__(self) -> None:
         check_bounds(self.name, self.max_step, self.first_step)
 
     def integrate(self, problem: Problem) -> Trajectory:
         """Run the problem; see `Integrator`."""
-        return drive_stepwise(problem, self.name, "SciPy", self._start, _captured(not self.claims.explicit))
-
-    def _start(self, run: Run, tolerances: Tolerances) -> _Stepper:
-        problem, span = run.problem, abs(run.problem.t1 - run.problem.t0)
-        longest = min(self.max_step, tolerances.longest)
-        options: dict[str, Any] = {"rtol": tolerances.rtol, "atol": tolerances.atol, "max_step": longest}
-        law, origin = run.law, problem.t0 if self.from_zero else 0.0
-        if not self.claims.explicit:
-            options["jac"] = lambda t, y: law.jacobian(origin + t, y)
-        first = None if self.first_step is None else min(self.first_step, span)
-        begin, end = problem.t0 - origin, problem.t1 - origin
-        solver = self.solver(
-            lambda t, y: law.rhs(origin + t, y), begin, problem.y0.copy(), end, first_step=first, **options
-        )
-        return _Stepper(solver, self.stages, origin, problem.t1)
+        start = partial(_Stepper, self)
+        return drive_stepwise(problem, self.name, "SciPy", start, _captured(not self.claims.explicit))
 
 
 @contextmanager
-def _captured(wanted: bool) -> Iterator[list[str]]:
-    said: list[str] = []
+def _captured(wanted: bool) -> Iterator[list[warnings.WarningMessage]]:
     if not wanted:
-        yield said
+        yield []
         return
     with _ONE_AT_A_TIME, warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        yield said
-        said += [str(warning.message) for warning in caught]
+        yield caught
 
 
 @final
@@ -124,8 +128,9 @@ class RK45(ScipyMethod):
     """Dormand-Prince 5(4), SciPy's implementation."""
 
     name: ClassVar[str] = "scipy-rk45"
-    claims: ClassVar[Claims] = Claims(order=5, adaptive=True)
+    claims: ClassVar[Claims] = Claims(order=5, adaptive=True, events=True)
     solver: ClassVar[Callable[..., OdeSolver]] = scipy.integrate.RK45
+    degree: ClassVar[int] = 4
     stages: ClassVar[int] = scipy.integrate.RK45.n_stages
 
 
@@ -135,8 +140,9 @@ class RK23(ScipyMethod):
     """Bogacki-Shampine 3(2), SciPy's implementation."""
 
     name: ClassVar[str] = "scipy-rk23"
-    claims: ClassVar[Claims] = Claims(order=3, adaptive=True)
+    claims: ClassVar[Claims] = Claims(order=3, adaptive=True, events=True)
     solver: ClassVar[Callable[..., OdeSolver]] = scipy.integrate.RK23
+    degree: ClassVar[int] = 3
     stages: ClassVar[int] = scipy.integrate.RK23.n_stages
 
 
@@ -146,8 +152,9 @@ class DOP853(ScipyMethod):
     """Hairer's DOP853, SciPy's implementation."""
 
     name: ClassVar[str] = "scipy-dop853"
-    claims: ClassVar[Claims] = Claims(order=8, adaptive=True)
+    claims: ClassVar[Claims] = Claims(order=8, adaptive=True, events=True)
     solver: ClassVar[Callable[..., OdeSolver]] = scipy.integrate.DOP853
+    degree: ClassVar[int] = 7
     stages: ClassVar[int] = scipy.integrate.DOP853.n_stages
 
 
@@ -157,8 +164,9 @@ class Radau(ScipyMethod):
     """Radau IIA of order 5, implicit: for stiff systems."""
 
     name: ClassVar[str] = "scipy-radau"
-    claims: ClassVar[Claims] = Claims(order=5, adaptive=True, a_stable=True, explicit=False)
+    claims: ClassVar[Claims] = Claims(order=5, adaptive=True, a_stable=True, explicit=False, events=True)
     solver: ClassVar[Callable[..., OdeSolver]] = scipy.integrate.Radau
+    degree: ClassVar[int] = 3
 
 
 @final
@@ -167,8 +175,9 @@ class BDF(ScipyMethod):
     """Backward differentiation of variable order, at most 5 (the claim): for stiff systems."""
 
     name: ClassVar[str] = "scipy-bdf"
-    claims: ClassVar[Claims] = Claims(order=5, adaptive=True, explicit=False)
+    claims: ClassVar[Claims] = Claims(order=5, adaptive=True, explicit=False, events=True)
     solver: ClassVar[Callable[..., OdeSolver]] = scipy.integrate.BDF
+    degree: ClassVar[int] = 5
 
 
 @final
@@ -177,6 +186,7 @@ class LSODA(ScipyMethod):
     """Adams of variable order, at most 12 (the claim), or backward differentiation where the system is stiff."""
 
     name: ClassVar[str] = "scipy-lsoda"
-    claims: ClassVar[Claims] = Claims(order=12, adaptive=True, explicit=False)
+    claims: ClassVar[Claims] = Claims(order=12, adaptive=True, explicit=False, events=True)
     solver: ClassVar[Callable[..., OdeSolver]] = scipy.integrate.LSODA
+    degree: ClassVar[int] = 12
     from_zero: ClassVar[bool] = True

@@ -3,187 +3,31 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
-from typing import Protocol
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
 
 import numpy as np
 
 from lagrange.errors import StatementError
-from lagrange.machine.backend import SingularMassMatrix
+from lagrange.machine.driver import DriverState, Outcome
+from lagrange.machine.model import Model
+from lagrange.trajectory.driver import drive
+from lagrange.trajectory.fault import Fault
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.messages import message, small_state
+from lagrange.trajectory.methods.law import Law, StopError
 from lagrange.trajectory.methods.settings import adaptive_settings
 from lagrange.trajectory.piecewise import PiecewisePath
 from lagrange.trajectory.plan import Tolerances
+from lagrange.trajectory.sampled import Piece, SampledPath
+from lagrange.trajectory.step_watch import StepWatch
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
-EVALUATIONS_PER_STEP = 5_000
-"""A step that takes more right-hand sides is taken for an endless loop.
-
-The most measured was 136: DOP853 started with a step 1e6 times too long, before a right-hand side that turns NaN.
-"""
+S = DriverState
 
 MOST_UNMOVED = 20
 """Steps in a row that may leave the time where it is; LSODA begins with two of them at t = 1e9."""
-
-
-@dataclass(frozen=True, eq=False)
-class Fault:
-    """What went wrong, and at which state."""
-
-    status: Status
-    t: float
-    y: FloatArray
-    slope: FloatArray | None = None
-    detail: str = ""
-
-
-class StopError(Exception):
-    """Ends a run from inside a callback."""
-
-    def __init__(self, fault: Fault) -> None:
-        super().__init__(fault.detail)
-        self.fault = fault
-
-
-@dataclass
-class Law:
-    """The model's right-hand side as a solver calls it: counted, timed, and with the last fault remembered."""
-
-    problem: Problem
-    package: str
-    parameters: FloatArray
-    deadline: float
-    evaluations: int = 0
-    in_step: int = 0
-    fault: Fault | None = None
-    last_fault: Fault | None = None
-    fault_at: int = 0
-    raised: Exception | None = None
-    last_jacobian: FloatArray | None = None
-
-    def begin_step(self) -> None:
-        """Forget the last step's faults and count anew."""
-        self.in_step = 0
-        self.fault = None
-
-    def rhs(self, t: float, y: FloatArray) -> FloatArray:
-        """Return dy/dt, (2n,); NaN where the model refuses, so that the solver shortens its step and tries again."""
-        self.evaluations += 1
-        self.in_step += 1
-        if time.perf_counter() > self.deadline:
-            raise StopError(Fault(Status.MAX_WALL, t, y.copy()))
-        if self.in_step > EVALUATIONS_PER_STEP:
-            detail = f"{self.package}'s solver made {EVALUATIONS_PER_STEP} evaluations inside one step."
-            raise StopError(self.fault or Fault(Status.DIVERGED, t, y.copy(), detail=detail))
-        try:
-            slope = self.problem.model.kernel("rhs")(t, y, self.parameters)
-        except SingularMassMatrix:
-            self._refused(t, y)
-            return np.full(y.shape, np.nan)
-        except Exception as error:
-            self.raised = error
-            raise
-        if not np.isfinite(slope).all():
-            self._remember(Fault(Status.NON_FINITE, t, y.copy(), slope))
-        return slope
-
-    def jacobian(self, t: float, y: FloatArray) -> FloatArray:
-        """Return d rhs / dy, (2n, 2n); where there is none, the last one, which Newton's iteration can do with."""
-        try:
-            jacobian = self.problem.model.kernel("jacobian")(t, y, self.parameters)
-        except SingularMassMatrix:
-            self._refused(t, y)
-        except Exception as error:
-            self.raised = error
-            raise
-        else:
-            if np.isfinite(jacobian).all():
-                self.last_jacobian = jacobian
-            elif self.fault is None:
-                self._remember(Fault(Status.NON_FINITE, t, y.copy(), detail="Its derivative there is not finite."))
-        if self.last_jacobian is None:
-            raise StopError(self.fault or Fault(Status.NON_FINITE, t, y.copy()))
-        return self.last_jacobian
-
-    def _refused(self, t: float, y: FloatArray) -> None:
-        if np.isfinite(y).all():
-            self._remember(Fault(Status.SINGULAR, t, y.copy(), detail=self.problem.model.singular_message(t, y)))
-        else:
-            self._remember(Fault(Status.NON_FINITE, t, y.copy()))
-
-    def _remember(self, fault: Fault) -> None:
-        """Keep the fault unless it only follows from the one before: a state that is not finite has a reason."""
-        if self.fault is None or np.isfinite(fault.y).all():
-            self.fault = self.last_fault = fault
-            self.fault_at = self.evaluations
-
-    def recent_fault(self) -> Fault | None:
-        """Return a fault of the last few steps: the reason why a solver got stuck."""
-        return self.last_fault if self.evaluations - self.fault_at <= 100 else None
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """One accepted step: its end, and the solver's interpolant over it."""
-
-    t: float
-    y: FloatArray
-    path: Callable[[FloatArray], FloatArray]
-
-
-@dataclass
-class Run:
-    """What a run has so far; one append per step, so that an interruption never finds half a step."""
-
-    problem: Problem
-    method: str
-    began: float
-    law: Law
-    steps: list[Step] = field(default_factory=list)
-    rejected: int = 0
-    unmoved: int = 0
-
-    @property
-    def t(self) -> float:
-        """The time reached."""
-        return self.steps[-1].t if self.steps else self.problem.t0
-
-    @property
-    def y(self) -> FloatArray:
-        """The state there, (2n,)."""
-        return self.steps[-1].y if self.steps else self.problem.y0
-
-    def end(self, fault: Fault, tolerances: Tolerances) -> Trajectory:
-        """Return the trajectory of the accepted steps."""
-        problem = self.problem
-        edges = np.array([problem.t0, *(step.t for step in self.steps)])
-        states = np.stack([problem.y0, *(step.y for step in self.steps)], axis=1)
-        path = PiecewisePath(edges, problem.y0, tuple(step.path for step in self.steps))
-        if problem.t_eval is None:
-            t, y = edges, states
-        else:
-            t = problem.t_eval[np.abs(problem.t_eval - problem.t0) <= abs(self.t - problem.t0)]
-            y = path(t)
-        text = message(fault.status, problem, fault.t, fault.y, self.method, slope=fault.slope, detail=fault.detail)
-        text = " ".join([text, *tolerances.notes, *small_state(fault.status, states, tolerances.atol)])
-        wall = time.perf_counter() - self.began
-        evaluations = self.law.evaluations
-        return Trajectory(
-            t=t,
-            y=y,
-            status=fault.status,
-            message=text,
-            method=self.method,
-            steps=len(self.steps),
-            rejected=self.rejected,
-            evaluations=evaluations,
-            wall=wall,
-            span=(float(edges[0]), float(edges[-1])),
-            dense=path,
-        )
 
 
 class Stepper(Protocol):
@@ -201,11 +45,20 @@ class Stepper(Protocol):
     def y(self) -> FloatArray:
         """The state there, (2n,), an array of its own."""
 
-    def advance(self, run: Run) -> Fault | None:
-        """Take one step; return why there is none. Counts rejected steps in `run`, where the package tells."""
+    @property
+    def rejected(self) -> int:
+        """How many trials the last step refused, where the package tells."""
 
-    def path(self) -> Callable[[FloatArray], FloatArray]:
-        """Return the interpolant over the last step, from times (k,) to states (2n, k)."""
+    def advance(self, t: float, y: FloatArray) -> Fault | None:
+        """Take one step from the accepted state (t, y); return why there is none."""
+
+    def piece(self, t: float, y: FloatArray) -> Piece:
+        """Return the path over the last step, which began at (t, y)."""
+
+
+Start = Callable[[Law, Tolerances, float, FloatArray, float], Stepper]
+"""Makes a solver that goes from a time and a state to the end of the law's problem, by a first step of a given length
+at most; where that is infinite, the solver chooses."""
 
 
 def check_bounds(name: str, max_step: float, first_step: float | None) -> None:
@@ -219,78 +72,154 @@ def drive_stepwise(
     problem: Problem,
     name: str,
     package: str,
-    start: Callable[[Run, Tolerances], Stepper],
-    listening: AbstractContextManager[list[str]],
+    start: Start,
+    listening: AbstractContextManager[Sequence[Any]],
 ) -> Trajectory:
-    """Run a problem by the solver that `start` makes; see `Integrator.integrate` for what comes back.
+    """Run a problem by the solvers that `start` makes; see `Integrator.integrate` for what comes back.
 
-    `listening` collects what the package says by other ways than its results; the last of it explains a divergence.
+    `listening` has what the package says by other ways than its results; the last of it explains a divergence.
     """
     tolerances = adaptive_settings(name, problem, None, None, None)
-    began = time.perf_counter()
-    deadline = np.inf if problem.max_wall is None else began + problem.max_wall
-    law = Law(problem, package, problem.parameter_array, deadline)
-    run = Run(problem, name, began, law)
     with np.errstate(all="ignore"), listening as said:
+        return drive(problem, SolverPlan(problem, tolerances, package, start, said), name)
+
+
+@dataclass(eq=False)
+class SolverPlan:
+    """The plan of one run by solvers of another package; see `Plan`."""
+
+    problem: Problem
+    tolerances: Tolerances
+    package: str
+    start: Start
+    said: Sequence[Any]
+    form: str = ""
+    watched: bool = False
+    pieces: list[Piece] = field(default_factory=list)
+    """The path over each accepted step, and over some behind the last that counts."""
+
+    def driver(self, model: Model, parameters: FloatArray) -> SolverDriver:
+        """Return the driver, whose time begins to count; see `Plan`."""
+        limit = self.problem.max_wall
+        deadline = np.inf if limit is None else time.perf_counter() + limit
+        return SolverDriver(self, Law(self.problem, self.package, parameters, deadline))
+
+    def watch(self, problem: Problem, driver: SolverDriver) -> StepWatch | None:
+        """Return what watches the events of the run, if it has any; see `Plan`."""
+        return StepWatch(problem, driver, self._latest, fixed=False) if problem.events else None
+
+    def _latest(self, times: FloatArray, states: FloatArray) -> SampledPath:
+        """Return the path over the steps that were taken last."""
+        return SampledPath(times, states, self.pieces[len(self.pieces) - len(times) + 1 :])
+
+    def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: StepWatch | None) -> PiecewisePath:
+        """Return the solver's own path, which leaps where the state was reset."""
+        jumps = set() if watch is None else {one.row for one in watch.breaks}
+        steps = iter(self.pieces)
+        pieces = [_standing(states[i + 1]) if i in jumps else next(steps) for i in range(len(times) - 1)]
+        return PiecewisePath(times, states[0], tuple(pieces))
+
+    def failed(self, problem: Problem, state: DriverState) -> FloatArray:
+        """Return the last state: what failed the law has remembered."""
+        return state.y
+
+
+def _standing(y: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    return lambda times: np.repeat(y[:, None], len(times), axis=1)
+
+
+class SolverDriver:
+    """Advances a run by a solver that is started anew where the motion changes; see `Driver`."""
+
+    def __init__(self, plan: SolverPlan, law: Law) -> None:
+        self._plan, self._law = plan, law
+        self._solver: Stepper | None = None
+        self._unmoved = 0
+        self._begun = 0
+
+    def adopt(self, state: DriverState) -> None:
+        """Leave the state where it is; see `Driver`."""
+
+    def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
+        """Take steps, and keep those that are sound; see `Driver`."""
+        law, plan = self._law, self._plan
         try:
-            fault = _steps(run, tolerances, start)
+            fault = self._advance(state, budget, times, rows)
         except StopError as stopped:
             fault = stopped.fault
             if fault.status is Status.MAX_WALL:
-                fault = Fault(Status.MAX_WALL, run.t, run.y)
-        except KeyboardInterrupt:
-            fault = Fault(Status.INTERRUPTED, run.t, run.y)
-    if fault.status is Status.DIVERGED and said:
-        fault = Fault(fault.status, fault.t, fault.y, detail=f"{package} says: {said[-1]}")
-    return run.end(fault, tolerances)
+                fault = Fault(fault.status, state.t, state.y.copy())
+        finally:
+            state.counts[S.EVALUATIONS] = law.evaluations
+        if fault is not None and fault.status is Status.DIVERGED and plan.said:
+            fault = replace(fault, detail=f"{plan.package} says: {plan.said[-1].message}")
+        state.fault = fault
+        if fault is not None:
+            return Outcome.BROKEN
+        return Outcome.DONE if state.t == state.reals[S.END] else Outcome.PAUSED
 
+    def _advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Fault | None:
+        if state.t == state.reals[S.END]:
+            return None
+        if self._solver is None or not state.count(S.KEPT):
+            state.counts[S.KEPT] = 1
+            if fault := self._begin(state):
+                return fault
+        left = budget
+        while left > 0 and state.t != state.reals[S.END]:
+            refused = state.count(S.REJECTED)
+            if fault := self._step(state, times, rows):
+                return fault
+            left -= 1 + state.count(S.REJECTED) - refused
+        return None
 
-def _steps(run: Run, tolerances: Tolerances, start: Callable[[Run, Tolerances], Stepper]) -> Fault:
-    """Take steps until the end or a fault; return how it ended."""
-    problem, law = run.problem, run.law
-    if not np.isfinite(run.y).all():
-        return Fault(Status.NON_FINITE, run.t, run.y)
-    q, v = np.split(run.y, 2)
-    if problem.model.column_without_inertia(run.t, q, v, law.parameters) is not None:
-        detail = problem.model.singular_message(run.t, run.y)
-        return Fault(Status.SINGULAR, run.t, run.y, detail=detail)
-    law.rhs(run.t, run.y)
-    if law.fault or problem.t1 == problem.t0:
-        return law.fault or Fault(Status.SUCCESS, run.t, run.y)
-    law.begin_step()
-    solver = start(run, tolerances)
-    reported = run.began
-    while solver.running:
-        if len(run.steps) + run.rejected >= problem.max_steps:
-            return Fault(Status.MAX_STEPS, run.t, run.y)
-        if fault := _step(solver, run):
-            return fault
-        if problem.progress and time.perf_counter() - reported > 0.05:
-            reported = time.perf_counter()
-            problem.progress(run.t)
-    return Fault(Status.SUCCESS, run.t, run.y)
-
-
-def _step(solver: Stepper, run: Run) -> Fault | None:
-    """Take one step and keep it if it, its end and its interpolant are sound; else return the fault."""
-    law = run.law
-    law.begin_step()
-    if fault := solver.advance(run):
-        return fault
-    t, y = solver.t, solver.y
-    if t == run.t:
-        # LSODA may begin with some steps that do not move a large time, or go on like that for ever.
-        run.unmoved += 1
-        stuck = run.unmoved > MOST_UNMOVED
-        return law.recent_fault() or (Fault(Status.STEP_TOO_SMALL, t, y) if stuck else None)
-    run.unmoved = 0
-    if not np.isfinite(y).all():
-        return law.fault or Fault(Status.NON_FINITE, t, y)
-    if law.fault:
-        # Some trial of this step left the domain; the step stands if its own end did not.
-        law.fault = None
+    def _begin(self, state: DriverState) -> Fault | None:
+        """Start a solver at the state, from which nothing leads back."""
+        law, t, y, steps = self._law, state.t, state.y.copy(), state.count(S.STEPS)
+        # Flights shorter than the first step of the solver's choice would all become as long as that.
+        first = abs(float(state.reals[S.H])) if steps == self._begun + 1 else np.inf
+        del self._plan.pieces[steps:]
+        self._begun, self._unmoved = steps, 0
+        law.forget()
         law.rhs(t, y)
-    path = solver.path()
-    if not law.fault:
-        run.steps.append(Step(t, y, path))
-    return law.fault
+        if law.fault is None:
+            self._solver = self._plan.start(law, self._plan.tolerances, t, y, first)
+        return law.fault
+
+    def _step(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Fault | None:
+        """Take one step and keep it if it, its end and its interpolant are sound; else return the fault."""
+        law, solver, begin, before = self._law, self._solver, state.t, state.y.copy()
+        if solver is None:
+            raise AssertionError("a solver is started before its first step")
+        law.begin_step()
+        fault = solver.advance(begin, before)
+        state.counts[S.REJECTED] += solver.rejected
+        if fault:
+            return fault
+        t, y = solver.t, solver.y
+        if t == begin:
+            # LSODA may begin with some steps that do not move a large time, or go on like that for ever.
+            self._unmoved += 1
+            stuck = self._unmoved > MOST_UNMOVED
+            return law.recent_fault() or (Fault(Status.STEP_TOO_SMALL, t, y) if stuck else None)
+        self._unmoved = 0
+        if not np.isfinite(y).all():
+            return law.fault or Fault(Status.NON_FINITE, t, y)
+        if law.fault:
+            # Some trial of this step left the domain; the step stands if its own end did not.
+            law.fault = None
+            law.rhs(t, y)
+        piece = solver.piece(begin, before)
+        if not law.fault:
+            self._keep(state, t, y, piece, times, rows)
+        return law.fault
+
+    def _keep(
+        self, state: DriverState, t: float, y: FloatArray, piece: Piece, times: FloatArray, rows: FloatArray
+    ) -> None:
+        """Keep a step; it counts from the last line on, so that an interruption never finds half of one."""
+        row = state.count(S.ROWS)
+        self._plan.pieces.append(piece)
+        times[row], rows[row] = t, y
+        state.reals[S.T], state.y[:] = t, y
+        state.counts[[S.ROWS, S.STEPS]] += 1

@@ -7,15 +7,18 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
-from functools import cache
+from functools import partial
 from typing import Any, final
 
 import numpy as np
 
 from lagrange.errors import StatementError
+from lagrange.trajectory.fault import Fault
 from lagrange.trajectory.integrator import Claims, Problem
-from lagrange.trajectory.methods.stepwise import Fault, Run, check_bounds, drive_stepwise
+from lagrange.trajectory.methods.law import Law
+from lagrange.trajectory.methods.stepwise import check_bounds, drive_stepwise
 from lagrange.trajectory.plan import Tolerances
+from lagrange.trajectory.sampled import Piece
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 ORDERS = {"BDF": 5, "Adams": 12}
@@ -66,17 +69,12 @@ class CVODE:
 
     @property
     def claims(self) -> Claims:
-        """The highest order that is allowed, and step control."""
-        return Claims(order=self.max_order or ORDERS[self.method], adaptive=True, explicit=False)
+        """The highest order that is allowed, step control, and events."""
+        return Claims(order=self.max_order or ORDERS[self.method], adaptive=True, explicit=False, events=True)
 
     def integrate(self, problem: Problem) -> Trajectory:
         """Run the problem; see `Integrator`. Raises StatementError if scikit-sundae is not installed."""
-        solver = _solver()
-
-        def start(run: Run, tolerances: Tolerances) -> _Stepper:
-            return _Stepper(solver, self, run, tolerances)
-
-        return drive_stepwise(problem, self.name, "CVODE", start, nullcontext([]))
+        return drive_stepwise(problem, self.name, "CVODE", partial(_Stepper, _solver(), self), nullcontext([]))
 
 
 def _solver() -> Callable[..., Any]:
@@ -94,20 +92,30 @@ def _solver() -> Callable[..., Any]:
 class _Stepper:
     """CVODE between two steps; see `Stepper`.
 
-    It runs in the time s since the start, t = t0 + s, or t0 - s on the way back: late first steps are not lost in the
+    It runs in the time s since its start, t = t0 + s, or t0 - s on the way back: late first steps are not lost in the
     spacing of large times, and the package takes no first step backwards.
     """
 
-    def __init__(self, solver: Callable[..., Any], options: CVODE, run: Run, tolerances: Tolerances) -> None:
-        problem = run.problem
-        self.law = run.law
-        self.sign = 1.0 if problem.t1 > problem.t0 else -1.0
-        self.s, self.end = 0.0, abs(problem.t1 - problem.t0)
-        self.t0, self.t1 = problem.t0, problem.t1
-        self.state = problem.y0
+    def __init__(
+        self,
+        solver: Callable[..., Any],
+        options: CVODE,
+        law: Law,
+        tolerances: Tolerances,
+        t: float,
+        y: FloatArray,
+        first: float,
+    ) -> None:
+        self.law = law
+        self.t0, self.t1 = t, law.problem.t1
+        self.sign = 1.0 if self.t1 > t else -1.0
+        self.s, self.end = 0.0, abs(self.t1 - t)
+        self.state = y
         self.reached = False
+        self.rejected = 0
         self.trials: list[float] = []
-        self.nodes, self.weights = _nodes(options.claims.order)
+        self.degree = options.claims.order
+        first = min(first, options.first_step or np.inf)
         longest = min(options.max_step, tolerances.longest)
         self.cvode = solver(
             self.rhs,
@@ -116,11 +124,11 @@ class _Stepper:
             rtol=tolerances.rtol,
             atol=tolerances.atol,
             max_step=0.0 if np.isinf(longest) else longest,
-            first_step=0.0 if options.first_step is None else min(options.first_step, self.end),
+            first_step=0.0 if np.isinf(first) else min(first, self.end),
             max_order=options.claims.order,
         )
         self.cvode.init_step(self.s, self.state)
-        self.begin, self.origin = self.s, self.state
+        self.begin = self.s
 
     @property
     def running(self) -> bool:
@@ -128,7 +136,8 @@ class _Stepper:
 
     @property
     def t(self) -> float:
-        return self.t1 if self.reached else self._time(self.s)
+        reached = self._time(self.s)
+        return self.t1 if self.reached or self.sign * (self.t1 - reached) < 0 else reached
 
     @property
     def y(self) -> FloatArray:
@@ -145,63 +154,34 @@ class _Stepper:
     def jacobian(self, s: float, y: FloatArray, slope: FloatArray, matrix: FloatArray) -> None:
         matrix[:] = self.sign * self.law.jacobian(self._time(s), y)
 
-    def advance(self, run: Run) -> Fault | None:
-        self.begin, self.origin = self.s, self.state
+    def advance(self, t: float, y: FloatArray) -> Fault | None:
+        first, self.begin = self.s == 0, self.s
+        self.rejected = 0
         self.trials.clear()
         if self.end < TINIEST:
-            return Fault(Status.STEP_TOO_SMALL, run.t, run.y)
+            return Fault(Status.STEP_TOO_SMALL, t, y)
         with _unprinted():
             step = self.cvode.step(self.end, "onestep", self.end)
         if step.status < 0:
-            return self.law.fault or Fault(Status.DIVERGED, run.t, run.y, detail=f"CVODE says: {step.message}")
+            return self.law.fault or Fault(Status.DIVERGED, t, y, detail=f"CVODE says: {step.message}")
         self.reached = step.status == _REACHED
         self.s, self.state = float(step.t), np.array(step.y, dtype=float)
         if not self.reached and not self.s - self.begin > SPACINGS * float(np.spacing(abs(self.begin))):
-            return self.law.recent_fault() or Fault(Status.STEP_TOO_SMALL, run.t, run.y)
-        if run.steps:
+            return self.law.recent_fault() or Fault(Status.STEP_TOO_SMALL, t, y)
+        if not first:
             # Before its first step CVODE looks around for a length, which is no trial of a step.
-            run.rejected += len(set(self.trials) - {self.begin}) - 1
+            self.rejected = len(set(self.trials) - {self.begin}) - 1
         return None
 
-    def path(self) -> Callable[[FloatArray], FloatArray]:
-        length = self.s - self.begin
-        inner = [self.cvode.step(self.begin + x * length, "normal").y for x in self.nodes[1:-1]]
+    def piece(self, t: float, y: FloatArray) -> Piece:
+        def interpolant(times: FloatArray) -> FloatArray:
+            return np.array([self.cvode.step(s, "normal").y for s in times.tolist()]).T
+
+        found = Piece.read((t, self.t), (y, self.state), (self.begin, self.s), interpolant, self.degree)
         if not self.reached:
             # The next step starts from the time that was asked for last.
             self.cvode.step(self.s, "normal")
-        values = np.array([self.origin, *inner, self.state])
-        begin = self._time(self.begin)
-        return _Piece(begin, self.t - begin, values, self.nodes, self.weights)
-
-
-@cache
-def _nodes(degree: int) -> tuple[FloatArray, FloatArray]:
-    """Return Chebyshev's points from 0 to 1, both included, and their barycentric weights.
-
-    J.-P. Berrut, L. N. Trefethen, Barycentric Lagrange interpolation, SIAM Review 46 (2004) 501, (5.4).
-    """
-    steps = np.arange(degree + 1)
-    weights = np.where(steps % 2, -1.0, 1.0)
-    weights[[0, -1]] /= 2
-    return (1 - np.cos(np.pi * steps / degree)) / 2, weights
-
-
-@dataclass(frozen=True, eq=False)
-class _Piece:
-    """The polynomial over one step that has the `values` (k, 2n) at the `nodes` (k,), which are parts of the step."""
-
-    begin: float
-    length: float
-    values: FloatArray
-    nodes: FloatArray
-    weights: FloatArray
-
-    def __call__(self, times: FloatArray) -> FloatArray:
-        away = ((times - self.begin) / self.length)[:, None] - self.nodes
-        hits = away == 0
-        shares = np.where(hits.any(axis=1)[:, None], hits, self.weights / np.where(hits, 1.0, away))
-        states: FloatArray = (shares @ self.values).T / shares.sum(axis=1)
-        return states
+        return found
 
 
 class _OtherThreads:

@@ -1,0 +1,122 @@
+"""Events with solvers of other packages: started anew after a reset, on a path that is a polynomial on each step."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from sympy import log, sqrt
+
+import lagrange as lg
+from lagrange.statement.event import event
+from lagrange.trajectory.methods.registry import find
+from lagrange.trajectory.trajectory import Status
+from tests.models import build, x
+from tests.trajectory.runs import OUTSIDE
+from tests.trajectory.watched import FALL, ball, bounces, floor, free, go
+
+MULTISTEP = [name for name in OUTSIDE if name in ("scipy-bdf", "scipy-lsoda", "cvode")]
+"""Methods that start with a path of order 1."""
+ADAMS: list[Any] = [lg.methods.CVODE(method="Adams")] if "cvode" in OUTSIDE else []
+
+
+@pytest.mark.parametrize("rtol", [1e-9, 1e-5])
+@pytest.mark.parametrize("restitution", [0.5, 0.9])
+@pytest.mark.parametrize("method", [*OUTSIDE, *ADAMS])
+def test_a_ball_comes_to_rest_in_words(method: Any, restitution: float, rtol: float) -> None:
+    """It never falls through. Multistep methods see flights down to their tolerances, the others to round-off."""
+    found = go(ball(), 100.0, [floor(restitution)], method=method, rtol=rtol, atol=1e-3 * rtol)
+    assert found.status is Status.STEP_TOO_SMALL and "infinitely many" in found.message
+    assert found.y[0].min() > -1e-12 and found.dense(np.linspace(0, found.t[-1], 1000))[0].min() > -rtol
+    end, several = FALL * (1 + restitution) / (1 - restitution), method in MULTISTEP or method in ADAMS
+    off = 2e4 * rtol**0.75 if several else 1e-10
+    assert found.t[-1] == pytest.approx(end, abs=off)
+    times = found.t_events[0]
+    assert len(times) > 8 and times == pytest.approx(bounces(restitution, len(times)), abs=off)
+    apex = found.y_events[0][:, 1]
+    assert (np.diff(np.abs(apex)) < 0).all()
+
+
+@pytest.mark.parametrize("method", [*OUTSIDE, *ADAMS])
+def test_what_rests_at_first_does_not_slip_through(method: Any) -> None:
+    """At -1e6 the first steps after the impact are so short that nothing moves on them by more than round-off."""
+    high = ball(height=-1e6 + 364.0, speed=-24.6)
+    found = go(high, 50.0, [floor(0, -1e6)], method=method, rtol=1e-11, atol=1e-11)
+    assert found.status is Status.STEP_TOO_SMALL and "comes to rest" in found.message
+    assert len(found.t_events[0]) == 1 and found.t[-1] == pytest.approx(found.t_events[0][0], abs=1e-3)
+    assert found.y[0].min() > -1e6 - 1e-6
+
+
+@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("method", [*OUTSIDE, *ADAMS])
+def test_bounces_at_the_edge_of_round_off_end(method: Any, seed: int) -> None:
+    """Flights below the spacing of heights would be as long as rounding makes them, and go on for ever."""
+    rng = np.random.default_rng(seed)
+    level, height, tolerance = float(rng.choice([-1e6, 1e4])), float(rng.uniform(0, 30)), 10.0 ** rng.uniform(-11, -8)
+    restitution = float(rng.choice([0.5, 0.7, 0.85]))
+    model = ball(height=level + height, speed=float(rng.normal()))
+    found = go(model, 60.0, [floor(restitution, level)], method=method, rtol=tolerance, atol=tolerance)
+    assert found.status is Status.STEP_TOO_SMALL and "infinitely many" in found.message
+    assert found.y[0].min() > level - 1e-6 and len(found.t_events[0]) < 400
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("method", OUTSIDE)
+def test_the_path_leaps_where_the_state_does(method: str, sign: int) -> None:
+    """A saw tooth, forwards and backwards; output times read the same path."""
+    teeth = [event(x - sign, reset={x: 0})]
+    saw = go(free(), 2.5 * sign, teeth, method=method)
+    assert saw.t_events[0] == pytest.approx([sign, 2 * sign], rel=1e-12)
+    times = sign * (np.linspace(0.0, 2.5, 26)[1:-1] + 0.01)
+    assert saw.dense(times)[0] == pytest.approx(sign * np.mod(np.abs(times), 1.0), abs=1e-13)
+    assert saw.dense(saw.t[1:-1:2]).shape == (2, len(saw.t[1:-1:2]))
+    ends = np.flatnonzero(np.diff(saw.t) == 0)
+    assert saw.y[0, ends] == pytest.approx([sign, sign], rel=1e-12) and (saw.y[0, ends + 1] == 0).all()
+    same = go(free(), 2.5 * sign, teeth, method=method, t_eval=times)
+    assert np.array_equal(same.y, saw.dense(times)) and same.steps == saw.steps == len(saw.t) - 1 - len(ends)
+
+
+@pytest.mark.parametrize("method", OUTSIDE)
+def test_what_failed_beyond_an_event_has_not_happened(method: str) -> None:
+    """The force has no value from x = 1.05 on; the run ends at x = 1, or turns back there."""
+    model = build(kinetic=x.dot**2 / 2, forces={x: sqrt(1.05 - x) / 10}, initial={x.dot: 1.0})
+    ended = go(model, 3.0, [event(x - 1, terminal=True)], method=method)
+    assert ended.status is Status.EVENT and ended.message == f"{method} stopped at an event at t = {ended.t[-1]:.6g}."
+    turned = go(model, 1.5, [event(x - 1, direction=1, reset={x.dot: -x.dot})], method=method)
+    assert turned.status is Status.SUCCESS and turned.y[0].max() < 1 + 1e-9 and len(turned.t_events[0]) == 1
+    past = go(model, 3.0, [x - 1], method=method)
+    assert past.status is Status.NON_FINITE and len(past.t_events[0]) == 1 and past.t[-1] < 1.1
+
+
+@pytest.mark.parametrize("method", OUTSIDE)
+def test_resets_that_lead_nowhere(method: str) -> None:
+    bad = go(free(), 3.0, [event(x - 1, reset={x.dot: log(-x)})], method=method)
+    assert bad.status is Status.NON_FINITE and "The reset where x - 1 is zero gives a state that is nan" in bad.message
+    model = build(kinetic=x.dot**2 / 2, forces={x: sqrt(1.5 - x)}, initial={x.dot: 1.0})
+    outside = go(model, 3.0, [event(x - 1, reset={x: 2})], method=method)
+    assert outside.status is Status.NON_FINITE and "the acceleration of x is nan" in outside.message
+    assert outside.t[-1] == outside.t_events[0][0] and outside.y[0, -1] == 2
+
+
+@pytest.mark.parametrize("start", [0.0, 1e9, -1e9])
+@pytest.mark.parametrize("method", OUTSIDE)
+def test_a_large_time_moves_no_event(method: str, start: float) -> None:
+    """The solver counts from its start; the times themselves are 1e-7 apart there."""
+    found = go(free(), start + 3.5, [event(x - 1, reset={x: 0})], start, method)
+    spacing = float(np.spacing(abs(start)))
+    assert found.status is Status.SUCCESS
+    assert found.t_events[0] - start == pytest.approx([1.0, 2.0, 3.0], abs=1e-13 + 4 * spacing)
+    assert found.y_events[0][:, 0] == pytest.approx([1.0] * 3, rel=1e-12)
+
+
+@pytest.mark.parametrize("method", OUTSIDE)
+def test_options_hold_after_a_reset(method: str) -> None:
+    solver: Any = find(method)
+    bounded = replace(solver, max_step=0.05, first_step=1e-3)
+    found = go(free(), 2.5, [event(x - 1, reset={x: 0})], method=bounded)
+    steps = np.diff(found.t)
+    jumps = np.flatnonzero(steps == 0)
+    assert steps.max() <= 0.05 * (1 + 1e-9) and len(jumps) == 2
+    assert steps[0] == pytest.approx(1e-3) and steps[jumps + 1] == pytest.approx([1e-3] * 2)

@@ -1,0 +1,167 @@
+"""Solvers of other packages through the protocol, what holds for each: a run ends, says how, and keeps what it has."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lagrange.errors import StatementError
+from lagrange.trajectory.methods.registry import find
+from lagrange.trajectory.methods.sundials import CVODE
+from lagrange.trajectory.trajectory import Status
+from tests.trajectory.points import (
+    Singular,
+    blow_up,
+    double_pole,
+    inf_later,
+    leaves_domain,
+    nan_later,
+    oscillator,
+    problem,
+    stated_time,
+)
+from tests.trajectory.runs import OUTSIDE
+
+SOLVERS: list[Any] = [*map(find, OUTSIDE), *([CVODE("Adams")] if "cvode" in OUTSIDE else [])]
+
+
+@pytest.fixture(params=SOLVERS, ids=lambda method: getattr(method, "method", "") + method.name)
+def method(request: Any) -> Any:
+    return request.param
+
+
+@pytest.fixture(autouse=True)
+def silence(capfd: Any) -> Any:
+    """SUNDIALS prints from C and scikit-sundae from Python: a run leaves both streams empty."""
+    yield
+    assert tuple(capfd.readouterr()) == ("", "")
+
+
+def test_output_times_are_met_and_do_not_change_the_steps(method: Any) -> None:
+    times = np.array([0.0, 0.3, 1.0, 2.0])
+    run = method.integrate(problem(oscillator, t_eval=times))
+    free = method.integrate(problem(oscillator))
+    assert run.steps == free.steps
+    np.testing.assert_array_equal(run.t, times)
+    np.testing.assert_array_equal(run.y, free.dense(times))
+    np.testing.assert_allclose(run.y[0], np.cos(times), atol=1e-6)
+
+
+@pytest.mark.parametrize("fault", [nan_later, inf_later])
+def test_a_derivative_that_turns_bad_stops_the_run_there(method: Any, fault: Any) -> None:
+    run = method.integrate(problem(fault))
+    assert run.status is Status.NON_FINITE
+    assert 0.3 < run.t[-1] <= 0.5000001 and np.isfinite(run.y).all() and run.steps > 0
+    # LSODA does not go back for the last few thousandths.
+    assert stated_time(run) == pytest.approx(0.5, abs=0.02 if method.name == "scipy-lsoda" else 1e-3)
+    assert "on the way from 0 to 2: the acceleration of x is " in run.message
+    assert "Look for a division by zero" in run.message
+
+
+def test_leaving_the_domain_stops_the_run_at_its_edge(method: Any) -> None:
+    run = method.integrate(problem(leaves_domain))
+    assert run.status is Status.NON_FINITE and "x" in run.message
+    assert np.isfinite(run.y).all() and -0.5 <= run.y[0, -1] < 0.5
+
+
+@pytest.mark.parametrize(("fault", "y0"), [(blow_up, (0.0, 1.0)), (double_pole, (1.0, 2.0))])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_singularity_of_the_solution_ends_the_run(method: Any, fault: Any, y0: Any, sign: int) -> None:
+    run = method.integrate(problem(lambda t, x, v: fault(sign * t, x, sign * v), 2.0 * sign, (y0[0], sign * y0[1])))
+    assert run.status in (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.DIVERGED), run.message
+    assert run.t[-1] == pytest.approx(sign, abs=1e-2) and np.isfinite(run.y).all()
+    assert stated_time(run) == pytest.approx(sign, abs=1e-2), run.message
+    assert "x_dot" in run.message or "of x" in run.message
+
+
+@pytest.mark.parametrize(
+    ("acceleration", "y0", "words"),
+    [
+        (oscillator, (np.nan, 0.0), "x is nan"),
+        (oscillator, (1.0, np.inf), "x_dot is inf"),
+        (lambda t, x, v: np.nan, (1.0, 0.0), "the acceleration of x is nan"),
+    ],
+)
+def test_a_start_that_is_not_finite_is_not_run(method: Any, acceleration: Any, y0: Any, words: str) -> None:
+    run = method.integrate(problem(acceleration, y0=y0))
+    assert run.status is Status.NON_FINITE and run.steps == 0 and run.t.tolist() == [0.0]
+    assert run.message.startswith(f"{method.name} stopped at t = 0 on the way from 0 to 2: {words}. Look")
+    np.testing.assert_array_equal(run.dense(np.array([0.0]))[:, 0], y0)
+
+
+def test_bad_right_after_the_start_ends_too(method: Any) -> None:
+    run = method.integrate(problem(lambda t, x, v: np.nan if t > 0 else 1.0))
+    assert run.status is Status.NON_FINITE and np.isfinite(run.y).all()
+
+
+def test_a_singular_mass_matrix_is_reported_in_the_models_words(method: Any) -> None:
+    run = method.integrate(replace(problem(oscillator), model=Singular(oscillator)))
+    assert run.status is Status.SINGULAR
+    assert 0.5 <= run.y[0, -1] < 0.6
+    assert "on the way from 0 to 2: the mass matrix of the clock is singular at x = 0." in run.message
+
+
+def test_an_interruption_keeps_what_was_computed(method: Any) -> None:
+    def interrupted(t: float, x: float, v: float) -> float:
+        if t > 1:
+            raise KeyboardInterrupt
+        return -x
+
+    run = method.integrate(problem(interrupted))
+    assert run.status is Status.INTERRUPTED and 0.3 < run.t[-1] <= 1 and run.steps == len(run.t) - 1
+    assert "was interrupted at t = " in run.message and "kept" in run.message
+    assert method.integrate(problem(oscillator)).status is Status.SUCCESS, "the next run is a run of its own"
+
+
+def test_progress_is_told_the_time_reached(method: Any) -> None:
+    times: list[float] = []
+
+    def slow(t: float, x: float, v: float) -> float:
+        time.sleep(2e-3)
+        return -x
+
+    run = method.integrate(problem(slow, progress=times.append))
+    assert times and times == sorted(times) and times[-1] <= run.t[-1]
+
+
+def test_an_empty_span_is_one_state(method: Any) -> None:
+    run = method.integrate(problem(oscillator, 0.0))
+    assert run.status is Status.SUCCESS and run.t.tolist() == [0.0] and run.y.tolist() == [[1.0], [0.0]]
+
+
+def test_a_state_below_atol_is_spoken_of(method: Any) -> None:
+    run = method.integrate(problem(oscillator, y0=(1e-20, 0.0)))
+    assert "atol = 1e-10 leaves it few digits, or none" in run.message
+    assert "atol" not in method.integrate(problem(oscillator)).message
+
+
+def test_a_start_without_inertia_is_singular(method: Any) -> None:
+    given = problem(oscillator)
+    given.model.column_without_inertia = lambda *_: 0
+    given.model.singular_message = lambda t, y: "x has no inertia there."
+    run = method.integrate(given)
+    assert run.status is Status.SINGULAR and "x has no inertia there" in run.message and len(run.t) == 1
+
+
+def test_what_a_solver_would_bend_is_refused_or_said(method: Any) -> None:
+    with pytest.raises(StatementError, match=f"{method.name} chooses its steps by itself: give rtol and atol"):
+        method.integrate(problem(oscillator, step=0.1))
+    with pytest.raises(StatementError, match="rtol = nan"):
+        method.integrate(problem(oscillator, rtol=np.nan))
+    run = method.integrate(problem(oscillator, rtol=0.0, atol=0.0, max_steps=300))
+    assert "rtol = 0 is below round-off and was raised to" in run.message
+    assert np.isfinite(run.y).all() and (run.status is Status.SUCCESS or run.t[-1] < 2)
+
+
+def test_errors_of_the_model_are_not_swallowed(method: Any) -> None:
+    def broken(t: float, x: float, v: float) -> float:
+        if t > 0.5:
+            raise ValueError("a bug in the model")
+        return -x
+
+    with pytest.raises(ValueError, match="a bug in the model"):
+        method.integrate(problem(broken))
