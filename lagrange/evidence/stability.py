@@ -127,13 +127,7 @@ class _Map:
 
 def _numbers(step: StepProgram) -> dict[Node, float]:
     """Return the coefficients of a step of length 1 at t = 0 behind one of the same length."""
-    combinations: list[Combination] = [*step.results]
-    for action in step.actions:
-        if isinstance(action, Call):
-            combinations += action.arguments
-        elif isinstance(action, Solve):
-            combinations += [*action.residuals, *(one for call in action.calls for one in call.arguments)]
-    nodes = list(dict.fromkeys(node for combination in combinations for _, node in combination))
+    nodes = step.numbers
     program = lower("scalars", nodes, (len(nodes),), [step.h, step.ratio], step.time, [])
     values: Sequence[Any] = FLOATS.evaluate(program, 0.0, [1.0, 1.0], [])
     return dict(zip(nodes, map(float, values), strict=True))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import comb
 from typing import Any
 
 import numpy as np
@@ -24,11 +23,13 @@ from lagrange.machine.newton import (
     NOISE,
     OLD,
     OLDEST,
+    REST,
     SLOW,
     STALLED,
     TURNS,
+    extrapolation,
 )
-from lagrange.program.actions import LAWS, Call, Combination, Damp, Solve
+from lagrange.program.actions import LAWS, Call, Combination, Damp, Solve, in_doubles, parts
 from lagrange.program.lower import lower
 from lagrange.program.step import StepProgram
 
@@ -51,9 +52,12 @@ class Record:
     def __init__(self, step: StepProgram, law: Evaluate, jacobian: Evaluate) -> None:
         self.step, self.law, self.jacobian = step, law, jacobian
         self.newtons = [Newton(self, solve) for solve in step.solves]
-        self._wanted = list(dict.fromkeys(_nodes(step)))
+        self._wanted = step.numbers
         self._numbers = lower("scalars", self._wanted, (len(self._wanted),), [step.h, step.ratio], step.time, [])
         self.vectors: list[FloatArray] = []
+        self.lost: list[Any] = [0.0] * step.states
+        """What rounding has taken from each state, and what it takes from them in the step being tried."""
+        self.trying = self.lost
 
     def take(
         self, state: DriverState, states: list[FloatArray], h: float, slope: FloatArray | None
@@ -78,7 +82,19 @@ class Record:
                 )
             else:
                 next(newtons).solve()
-        return [self.sum(result) for result in step.results], [self.sum(error) for error in step.errors]
+        new, self.trying = map(list, zip(*map(self.sum_up, range(step.states)), strict=True))
+        return new, [self.sum(error) for error in step.errors]
+
+    def sum_up(self, state: int) -> tuple[FloatArray, Any]:
+        """Return a new state and what rounding takes from it, a compensated sum; Knuth, vol. 2, 4.2.2, theorem B."""
+        step = self.step
+        if not step.compensated(state):
+            return self.sum(step.results[state]), 0.0
+        y = self.vectors[state]
+        move = self.sum(tuple(t for t in step.results[state] if t != (state, step.graph.one))) + self.lost[state]
+        total = y + move
+        back = total - y
+        return total, (y - (total - back)) + (move - back)
 
     def use(self, ratio: float) -> None:
         """Compute the numbers for the present t and h and a ratio of steps."""
@@ -92,7 +108,12 @@ class Record:
     def sum(self, combination: Combination, *, sizes: bool = False) -> FloatArray:
         """Return a linear combination of vectors, or that of their sizes."""
         part: Callable[[Any], Any] = abs if sizes else lambda value: value
-        total = np.zeros_like(self.vectors[0])
+        total: FloatArray = np.zeros_like(self.vectors[0])
+        if self.step.exact and not sizes:
+            combination, scaled = parts(combination, self.step.h)
+            slopes = [[part * self.vectors[i] for part in in_doubles(factor)] for i, factor in scaled]
+            slope: Any = sum(map(sum, zip(*slopes, strict=True)))
+            total = total + self.h * slope
         for vector, factor in combination:
             total = total + part(self.number(factor)) * part(self.vectors[vector])
         return total
@@ -109,7 +130,8 @@ class Record:
         self.vectors[call.first : call.first + count] = np.split(results, count)
 
     def keep(self) -> None:
-        """Keep the unknowns of an accepted step, to extrapolate from."""
+        """Keep the unknowns of an accepted step, to extrapolate from, and what rounding took from the states."""
+        self.lost = self.trying
         for newton in self.newtons:
             newton.keep()
 
@@ -158,7 +180,7 @@ class Newton:
             if self.problem.predicted:
                 record.vectors[self.unknowns] = [record.sum(one) for one in self.problem.predicted]
         else:
-            factors = [(-1.0) ** i * comb(len(old), i + 1) for i in range(len(old))]
+            factors = extrapolation(len(old))
             record.vectors[self.unknowns] = [
                 sum((factor * z for factor, z in zip(factors, one, strict=True)), np.zeros_like(one[0]))
                 for one in zip(*old, strict=True)
@@ -195,8 +217,9 @@ class Newton:
     def enough(self, turn: int, norm: float, previous: float, since: int) -> bool:
         """Return whether the unknowns are good enough; have the matrix made anew where corrections shrink slowly."""
         rate = norm / previous if turn else self.rate
-        bound = FRACTION if self.adaptive else self.noise
-        if norm * rate <= (1 - rate) * bound or (norm <= bound and not self.adaptive):
+        bound = FRACTION if self.adaptive else REST * self.noise
+        round_off = not self.adaptive and turn > 0 and max(norm, previous) <= self.noise
+        if norm * rate <= (1 - rate) * bound or round_off:
             self.rate = max(rate, 1e-4) if turn else min(self.rate * AGING, 0.9)
             self.age += 1
             tired = turn > 0 and rate > 1e-3
@@ -272,16 +295,9 @@ class Newton:
         """Return weights of corrections by what they move in the arguments of the calls, against the tolerances."""
         record, problem, reals = self.record, self.problem, self.record.state.reals
         weights = []
-        for z in range(problem.first, problem.first + problem.count):
-            found = [
-                (place, abs(record.number(factor)))
-                for call in problem.calls
-                for place, argument in enumerate(call.arguments)
-                for vector, factor in argument
-                if vector == z
-            ]
-            where = min((place for place, _ in found), default=0)
-            reach = max((factor for place, factor in found if place == where), default=0.0)
+        for unknown in range(problem.count):
+            factors, where = problem.reach(unknown)
+            reach = max((abs(record.number(factor)) for factor in factors), default=0.0)
             weights.append(reach / (reals[S.ATOL] + reals[S.RTOL] * abs(record.vectors[where])))
         return np.concatenate(weights)
 
@@ -318,21 +334,3 @@ def inverse(matrix: FloatArray) -> tuple[FloatArray, bool]:
         return np.full_like(matrix, np.nan), True
     bad = not 1 / (np.abs(found).max() * len(matrix)) > 2.0**-46
     return columns[:, None] * found * rows, bad
-
-
-def _nodes(step: StepProgram) -> list[Node]:
-    """Return every number of a step."""
-    combinations: list[Combination] = [*step.results, *step.errors]
-    calls: list[Call] = []
-    found: list[Node] = []
-    for action in step.actions:
-        if isinstance(action, Call):
-            calls.append(action)
-        elif isinstance(action, Damp):
-            combinations.append(action.vector)
-            found.append(action.factor)
-        else:
-            calls += [*action.preparation, *action.calls]
-            combinations += [*action.guesses, *action.residuals, *action.predicted]
-    combinations += [argument for call in calls for argument in call.arguments]
-    return [*found, *(call.time for call in calls), *(factor for one in combinations for _, factor in one)]

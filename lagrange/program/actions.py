@@ -3,11 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 
-from lagrange.graph.node import Node
+from lagrange.graph.node import Exact, Kind, Node
 
 Combination = tuple[tuple[int, Node], ...]
 """Sum of coefficient * vector, by number: the states come first, then what calls and solves give, in order."""
+
+
+def parts(combination: Combination, h: Node) -> tuple[Combination, tuple[tuple[int, Exact], ...]]:
+    """Return a combination as two: of vectors by numbers, and of vectors by exact factors that h multiplies as one."""
+    plain, scaled = [], []
+    for vector, node in combination:
+        if node is h:
+            scaled.append((vector, 1))
+        elif node.kind is Kind.SUM and node.args == (h,) and not node.data[0]:
+            scaled.append((vector, node.data[1][0]))
+        else:
+            plain.append((vector, node))
+    return tuple(plain), tuple(scaled)
+
+
+def in_doubles(number: Exact) -> tuple[float, float]:
+    """Return two doubles whose sum is a number to twice the digits of one."""
+    return float(number), float(number - Fraction(float(number)))
 
 
 @dataclass(frozen=True)
@@ -68,6 +87,21 @@ class Solve:
     def count(self) -> int:
         """How many unknown vectors there are."""
         return len(self.residuals)
+
+    def reach(self, unknown: int) -> tuple[list[Node], int]:
+        """Return the factors with which an unknown enters the arguments of the calls, and which argument that is.
+
+        An unknown that enters several, as a velocity that moves a place does, counts by the first of them.
+        """
+        found = [
+            (factor, place)
+            for call in self.calls
+            for place, argument in enumerate(call.arguments)
+            for vector, factor in argument
+            if vector == self.first + unknown
+        ]
+        first = min((place for _, place in found), default=0)
+        return [factor for factor, place in found if place == first], first
 
 
 @dataclass(frozen=True, eq=False)

@@ -92,6 +92,40 @@ class StepProgram:
         """The damped vectors, in order."""
         return tuple(action for action in self.actions if isinstance(action, Damp))
 
+    @cached_property
+    def numbers(self) -> tuple[Node, ...]:
+        """Every number of the step, made of t, h and the ratio of steps, each once."""
+        combinations: list[Combination] = [*self.results, *self.errors]
+        calls: list[Call] = []
+        for action in self.actions:
+            if isinstance(action, Call):
+                calls.append(action)
+            elif isinstance(action, Damp):
+                combinations.append(action.vector)
+            else:
+                calls += [*action.preparation, *action.calls]
+                combinations += [*action.guesses, *action.residuals, *action.predicted]
+        combinations += [argument for call in calls for argument in call.arguments]
+        found = [*(damp.factor for damp in self.damps), *(call.time for call in calls)]
+        return tuple(dict.fromkeys([*found, *(factor for one in combinations for _, factor in one)]))
+
+    @property
+    def exact(self) -> bool:
+        """Whether a run is held to Brouwer's law: that rounding, which is blind, is all that its invariants feel.
+
+        A number of a step that is rounded, or a part of an unknown that is left out, errs to the same side at every
+        step. So with equal implicit steps factors of h have twice the digits, states are compensated sums, and
+        unknowns are found to the last digit. Of a pendulum's energy gauss3 loses 7e-21 and galerkin6 6e-20 at a step
+        (1e7 steps of 0.02 from 16 starts; 4e-20 and 1.3e-18 without all that); stages are still rounded to doubles.
+        Source: E. Hairer, R. I. McLachlan, A. Razakarivony, Achieving Brouwer's law with implicit Runge-Kutta methods,
+        BIT 48, 2008.
+        """
+        return bool(self.solves) and self.control is None
+
+    def compensated(self, state: int) -> bool:
+        """Whether what rounding takes from a state is given to the next: where a step adds to it."""
+        return self.exact and (state, self.graph.one) in self.results[state]
+
     @property
     def starts_with_slope(self) -> bool:
         """Whether the first call is at the state that the step starts from."""

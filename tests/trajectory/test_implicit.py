@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
-from lagrange.machine.model import Model
 from lagrange.trajectory.methods.registry import find
 from tests.models import TARGETS, build, k, model, x
 from tests.trajectory.runs import EQUAL, FIXED, IMPLICIT, MOMENTA, SLOPES, exact, run
@@ -106,47 +104,6 @@ def test_the_observed_order_is_the_claimed_one(name: str, system: str) -> None:
     assert min(errors) > 1e-12 and max(errors) < 0.2
     order = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
     assert order == pytest.approx(claims.order, abs=0.15), errors
-
-
-def to_momenta(compiled: Model, y: Any) -> Any:
-    n = len(y) // 2
-    return np.concatenate([y[:n], compiled.momenta(y[:n], y[n:])])
-
-
-def defect(compiled: Model, name: str, h: float) -> float:
-    """Return how far one step is from conserving dq ^ dp: S^T W S - W of its Jacobian S in (q, p), in units of it.
-
-    Differences of four lengths, extrapolated, leave about 1e-11; a method that is not symplectic shows 1e-5 and more.
-    """
-    n = compiled.dimension
-    names = (*compiled.statement.names, *(f"{name}_dot" for name in compiled.statement.names))
-    start = np.array(compiled.statement.initial) + 0.1
-
-    def ahead(y: Any) -> Any:
-        found = run(compiled, h, name, step=h, initial=dict(zip(names, y, strict=True)))
-        return to_momenta(compiled, found.y[:, -1])
-
-    def derivative(function: Callable[[Any], Any]) -> Any:
-        columns = []
-        for e in np.eye(2 * n):
-            rows = [(function(start + s * e) - function(start - s * e)) / (2 * s) for s in (4e-2, 2e-2, 1e-2, 5e-3)]
-            for power in (4, 16, 64):
-                rows = [(power * b - a) / (power - 1) for a, b in itertools.pairwise(rows)]
-            columns.append(rows[0])
-        return np.array(columns).T
-
-    jacobian = derivative(ahead) @ np.linalg.inv(derivative(lambda y: to_momenta(compiled, y)))
-    w = np.block([[np.zeros((n, n)), np.eye(n)], [-np.eye(n), np.zeros((n, n))]])
-    return float(np.abs(jacobian.T @ w @ jacobian - w).max())
-
-
-@pytest.mark.parametrize("system", ["Henon-Heiles", "double pendulum", "elastic pendulum"])
-@pytest.mark.parametrize("name", EQUAL)
-def test_what_claims_to_be_symplectic_is_and_the_rest_is_not(name: str, system: str) -> None:
-    """Methods of slopes claim it for a constant mass matrix, and miss it where the matrix moves."""
-    claimed = find(name).claims.symplectic and (name in MOMENTA or system == "Henon-Heiles")
-    error = defect(model(system), name, 0.1)
-    assert error < 1e-9 if claimed else error > 1e-8, error
 
 
 @pytest.mark.parametrize("name", EQUAL)

@@ -11,7 +11,7 @@ from lagrange.machine.driver import EARLIEST, FAR, NEAR_END, SPACING, DriverStat
 from lagrange.machine.llvm.calls import LAW, RECORDS, bump, leave_if, leave_with
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.step import accept, attempt, take_entries
-from lagrange.machine.llvm.vectors import Layout, Newton, finite
+from lagrange.machine.llvm.vectors import KIND, Layout, Newton, blocks, finite, in_work
 from lagrange.program.step import StepProgram
 
 
@@ -83,6 +83,9 @@ def _forget(e: Emitter, layout: Layout) -> None:
             for place, count in places:
                 for i in range(count):
                     e.put(literal(0.0), "%work", place + i)
+            for i in range(layout.step.states if layout.step.exact else 0):
+                for offset in blocks(e, layout.width):
+                    e.store("zeroinitializer", in_work(e, layout.lost + i * layout.width, offset), KIND)
 
 
 def _come_back(e: Emitter, end: str) -> None:

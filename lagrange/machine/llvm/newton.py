@@ -7,13 +7,13 @@ shrink slowly the matrix is made anew. `lagrange.machine.numpy_newton` does the 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from math import comb
 
-from lagrange.graph.node import Node
 from lagrange.machine.driver import DriverState, Outcome
 from lagrange.machine.llvm.calls import LAW, RECORDS, bump, evaluate, leave_if, leave_with
 from lagrange.machine.llvm.emitter import Emitter, literal
+from lagrange.machine.llvm.spelling import number
 from lagrange.machine.llvm.vectors import (
     BLOCK,
     KIND,
@@ -38,9 +38,11 @@ from lagrange.machine.newton import (
     NOISE,
     OLD,
     OLDEST,
+    REST,
     SLOW,
     STALLED,
     TURNS,
+    extrapolation,
 )
 
 UNROLLED_PRODUCT = 64
@@ -120,12 +122,13 @@ def _predict(e: Emitter, layout: Layout, newton: Newton, known: str) -> None:
         for k in range(1, HISTORY + 1):
             e.label(f"{name}.{k}")
             for offset in blocks(e, newton.all):
-                value = e.load(in_work(e, newton.history, offset), KIND)
-                value = e.value(f"fmul {KIND} {value}, {splat(e, literal(float(k)))}")
-                for i in range(1, k):
-                    factor = splat(e, literal((-1.0) ** i * comb(k, i + 1)))
-                    old = e.load(in_work(e, newton.history + i * newton.all, offset), KIND)
-                    value = e.fma(factor, old, value, KIND)
+                value = ""
+                for i, factor in enumerate(extrapolation(k)):
+                    old, weight = (
+                        e.load(in_work(e, newton.history + i * newton.all, offset), KIND),
+                        number(factor, BLOCK),
+                    )
+                    value = e.fma(weight, old, value, KIND) if value else e.value(f"fmul {KIND} {weight}, {old}")
                 e.store(value, in_work(e, first, offset), KIND)
             e.jump(f"{name}.end")
         e.label(f"{name}.end")
@@ -143,7 +146,7 @@ def _predict(e: Emitter, layout: Layout, newton: Newton, known: str) -> None:
 def _tolerated(e: Emitter, layout: Layout, newton: Newton) -> None:
     """Weigh corrections by what they move in the arguments of the calls, against the tolerances."""
     solve = newton.solve
-    reached = [_reach(newton, i) for i in range(solve.count)]
+    reached = [solve.reach(i) for i in range(solve.count)]
     scalars = Scalars(e, layout.step, [], [factor for factors, _ in reached for factor in factors])
     rtol, atol = (splat(e, e.get("%reals", which)) for which in (DriverState.RTOL, DriverState.ATOL))
     for i, (factors, argument) in enumerate(reached):
@@ -155,19 +158,6 @@ def _tolerated(e: Emitter, layout: Layout, newton: Newton) -> None:
             size = e.fabs(e.load(in_work(e, layout.place(argument), offset), KIND), KIND)
             value = e.value(f"fdiv {KIND} {weight}, {e.fma(rtol, size, atol, KIND)}")
             e.store(value, in_work(e, newton.weights + i * newton.width, offset), KIND)
-
-
-def _reach(newton: Newton, unknown: int) -> tuple[list[Node], int]:
-    """Return the factors with which an unknown enters the arguments of the calls, and which argument that is."""
-    found = [
-        (factor, place)
-        for call in newton.solve.calls
-        for place, argument in enumerate(call.arguments)
-        for vector, factor in argument
-        if vector == newton.solve.first + unknown
-    ]
-    place = min((place for _, place in found), default=0)
-    return [factor for factor, where in found if where == place], place
 
 
 def _iterate(layout: Layout, newton: Newton, prefix: str) -> str:
@@ -227,9 +217,11 @@ def _judge(e: Emitter, newton: Newton, turn: str, norm: str, previous: str, sinc
     rate = e.choose(first, kept, measured)
     enough = literal(FRACTION) if newton.adaptive else e.get(flags, Newton.NOISE)
     left = e.real("fmul", norm, rate)
-    small = e.real("fcmp ole", left, e.real("fmul", e.real("fsub", literal(1.0), rate), enough))
+    part = enough if newton.adaptive else e.real("fmul", enough, literal(REST))
+    small = e.real("fcmp ole", left, e.real("fmul", e.real("fsub", literal(1.0), rate), part))
     if not newton.adaptive:
-        small = e.value(f"or i1 {small}, {e.real('fcmp ole', norm, enough)}")
+        both = e.real("fcmp ole", e.larger(norm, e.choose(first, literal(math.inf), previous)), enough)
+        small = e.value(f"or i1 {small}, {both}")
     with e.when(small):
         aged = e.smaller(e.real("fmul", kept, literal(AGING)), literal(0.9))
         e.put(e.choose(first, aged, e.larger(measured, literal(1e-4))), flags, Newton.RATE)

@@ -6,7 +6,17 @@ from lagrange.machine.driver import DriverState, Outcome
 from lagrange.machine.llvm.calls import LAW, RECORDS, bump, copy, count_calls, evaluate, leave_with
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.newton import keep, multiply
-from lagrange.machine.llvm.vectors import KIND, Layout, Scalars, blocks, combine, entries, in_work, keep_entries
+from lagrange.machine.llvm.vectors import (
+    KIND,
+    Layout,
+    Scalars,
+    blocks,
+    combine,
+    combined,
+    entries,
+    in_work,
+    keep_entries,
+)
 from lagrange.program.actions import Call, Combination, Damp
 from lagrange.program.step import StepProgram
 
@@ -51,6 +61,9 @@ def step_function(layout: Layout, prefix: str = "") -> str:
 
 def _keep_result(e: Emitter, layout: Layout, scalars: Scalars, i: int, result: Combination) -> None:
     """Store a new state."""
+    if layout.step.compensated(i):
+        _compensate(e, layout, scalars, result, i)
+        return
     if not layout.keeps_entries:
         combine(e, layout, scalars, result, layout.place(layout.new + i))
         return
@@ -58,6 +71,24 @@ def _keep_result(e: Emitter, layout: Layout, scalars: Scalars, i: int, result: C
     keep_entries(e, layout, values, layout.place(layout.new + i))
     for k, value in enumerate(values):
         e.put(value, "%entries", layout.dimension + i * layout.length + k)
+
+
+def _compensate(e: Emitter, layout: Layout, scalars: Scalars, result: Combination, state: int) -> None:
+    """Store a state as a compensated sum of what it was and what the step adds, and what rounding takes from it.
+
+    Source: D. E. Knuth, The Art of Computer Programming, vol. 2, 3rd ed., 1997, 4.2.2, theorem B.
+    """
+    added = tuple(term for term in result if term != (state, layout.step.graph.one))
+    lost, tried = (layout.lost + (i * layout.step.states + state) * layout.width for i in (0, 1))
+    for offset in blocks(e, layout.width):
+        y, low = (e.load(in_work(e, place, offset), KIND) for place in (layout.place(state), lost))
+        move = e.value(f"fadd {KIND} {combined(e, layout, scalars, added, offset)}, {low}")
+        total = e.value(f"fadd {KIND} {y}, {move}")
+        back = e.value(f"fsub {KIND} {total}, {y}")
+        first = e.value(f"fsub {KIND} {y}, {e.value(f'fsub {KIND} {total}, {back}')}")
+        second = e.value(f"fsub {KIND} {move}, {back}")
+        e.store(total, in_work(e, layout.place(layout.new + state), offset), KIND)
+        e.store(e.value(f"fadd {KIND} {first}, {second}"), in_work(e, tried, offset), KIND)
 
 
 def record_function(layout: Layout) -> str:
@@ -70,6 +101,8 @@ def record_function(layout: Layout) -> str:
         e.put(e.get("%work", layout.flags + 1), "%work", layout.flags)
     for i in range(step.states):
         copy(e, layout, layout.place(layout.new + i), layout.place(i))
+        if step.compensated(i):
+            copy(e, layout, layout.lost + (step.states + i) * layout.width, layout.lost + i * layout.width)
     if layout.keeps_entries:
         for i in range(layout.dimension):
             e.put(e.get("%entries", layout.dimension + i), "%entries", i)

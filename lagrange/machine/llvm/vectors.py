@@ -7,9 +7,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from lagrange.graph.node import Node
 from lagrange.machine.llvm import registers
 from lagrange.machine.llvm.emitter import Emitter, literal
-from lagrange.machine.llvm.spelling import spell
+from lagrange.machine.llvm.spelling import number, spell
 from lagrange.machine.newton import HISTORY
-from lagrange.program.actions import Combination, Damp, Solve
+from lagrange.program.actions import Combination, Damp, Solve, in_doubles, parts
 from lagrange.program.lower import lower
 from lagrange.program.step import StepProgram
 
@@ -32,7 +32,7 @@ class Layout:
         self.width = -(-self.length // BLOCK) * BLOCK
         self.in_registers = dimension <= registers.MOST
         """Whether the law takes and gives numbers in registers."""
-        self.keeps_entries = self.in_registers and alone and step.starter is None
+        self.keeps_entries = self.in_registers and alone and step.starter is None and not step.exact
         """Whether the state stands in memory of single numbers as well, which LLVM makes registers of."""
         self.vectors = step.vectors
         self.new = self.vectors
@@ -49,6 +49,9 @@ class Layout:
             damped = [damp for damp in step.damps if damp.of == i]
             self.solves.append(Newton(end, i, solve, damped, self.length, dimension, step.control is not None))
             end = self.solves[-1].end
+        self.lost = end
+        """Where stands what rounding has taken from each state, and behind that what the trial step loses."""
+        end += 2 * step.states * self.width if step.exact else 0
         self.end = end
         """Where the vectors of the starter stand, if there is one."""
         self.starting: Layout = self if step.starter is None else Layout(step.starter, dimension, alone=False)
@@ -165,17 +168,22 @@ def combine(
 ) -> None:
     """Store a linear combination of vectors at an offset of the work array, or with `sizes` that of their sizes."""
     for offset in blocks(e, layout.width):
-        e.store(_block(e, layout, scalars, combination, offset, sizes), in_work(e, target, offset), KIND)
+        value = combined(e, layout, scalars, combination, offset, sizes=sizes)
+        e.store(value or "zeroinitializer", in_work(e, target, offset), KIND)
 
 
-def _block(
-    e: Emitter, layout: Layout, scalars: Scalars, combination: Combination, offset: str | int, sizes: bool = False
+def combined(
+    e: Emitter, layout: Layout, scalars: Scalars, combination: Combination, offset: str | int, *, sizes: bool = False
 ) -> str:
-    """Return a block of a linear combination of vectors, or with `sizes` of that of their sizes."""
+    """Return a block of a linear combination of vectors, or with `sizes` of that of their sizes.
+
+    It is the empty string where there is nothing to combine.
+    """
+    if layout.step.exact and not sizes:
+        return _combined_exactly(e, layout, scalars, combination, offset)
     one, total = layout.step.graph.one, ""
     for vector, coefficient in sorted(combination, key=lambda term: term[1] is not one):
-        known = scalars.fresh.get((vector, offset))
-        value = known or e.load(in_work(e, layout.place(vector), offset), KIND)
+        value = _block(e, layout, scalars, vector, offset)
         value = e.fabs(value, KIND) if sizes else value
         if coefficient is one:
             total = value if not total else e.value(f"fadd {KIND} {total}, {value}")
@@ -183,7 +191,7 @@ def _block(
         factor = scalars.splat(e, coefficient)
         factor = e.fabs(factor, KIND) if sizes else factor
         total = e.fma(factor, value, total, KIND) if total else e.value(f"fmul {KIND} {factor}, {value}")
-    return total or "zeroinitializer"
+    return total
 
 
 def entries(e: Emitter, layout: Layout, scalars: Scalars, combination: Combination) -> list[str]:
@@ -192,7 +200,8 @@ def entries(e: Emitter, layout: Layout, scalars: Scalars, combination: Combinati
     What was computed last is added last and number by number, so that nothing waits for what it does not need.
     """
     one = layout.step.graph.one
-    last = max((term for term in combination if term[0] in scalars.entries), default=None, key=lambda term: term[0])
+    known = [] if layout.step.exact else [term for term in combination if term[0] in scalars.entries]
+    last = max(known, default=None, key=lambda term: term[0])
     before = tuple(term for term in combination if term is not last)
     totals = _apart(e, layout, scalars, before) if last is None or before else []
     if last is None:
@@ -213,7 +222,7 @@ def _apart(e: Emitter, layout: Layout, scalars: Scalars, combination: Combinatio
         if scalars.state and vector < layout.step.states:
             return [e.get(scalars.state, vector * layout.length + i) for i in range(layout.length)]
         return [e.get("%work", layout.place(vector) + i) for i in range(layout.length)]
-    made = {offset: _block(e, layout, scalars, combination, offset) for offset in range(0, layout.width, BLOCK)}
+    made = {offset: combined(e, layout, scalars, combination, offset) for offset in range(0, layout.width, BLOCK)}
     return [e.value(f"extractelement {KIND} {made[i // BLOCK * BLOCK]}, i64 {i % BLOCK}") for i in range(layout.length)]
 
 
@@ -227,6 +236,38 @@ def keep_entries(e: Emitter, layout: Layout, values: Sequence[str], target: int)
         e.store(block, in_work(e, target, begin), KIND)
         made[begin] = block
     return made
+
+
+def _combined_exactly(e: Emitter, layout: Layout, scalars: Scalars, combination: Combination, offset: str | int) -> str:
+    """Return a block of a linear combination: h multiplies its factors, in two doubles each, at once."""
+    step, total = layout.step, ""
+    plain, scaled = parts(combination, step.h)
+    for vector, coefficient in sorted(plain, key=lambda term: term[1] is not step.graph.one):
+        value = _block(e, layout, scalars, vector, offset)
+        if coefficient is step.graph.one:
+            total = value if not total else e.value(f"fadd {KIND} {total}, {value}")
+        elif not total:
+            total = e.value(f"fmul {KIND} {scalars.splat(e, coefficient)}, {value}")
+        else:
+            total = e.fma(scalars.splat(e, coefficient), value, total, KIND)
+    if not scaled:
+        return total
+    sums = ["", ""]
+    for vector, factor in scaled:
+        value = _block(e, layout, scalars, vector, offset)
+        for i, part in enumerate(in_doubles(factor)):
+            if part:
+                constant = number(part, BLOCK)
+                product = f"fmul {KIND} {constant}, {value}"
+                sums[i] = e.fma(constant, value, sums[i], KIND) if sums[i] else e.value(product)
+    slope = e.value(f"fadd {KIND} {sums[0]}, {sums[1]}") if sums[1] else sums[0]
+    h = splat(e, "%h")
+    return e.fma(h, slope, total, KIND) if total else e.value(f"fmul {KIND} {h}, {slope}")
+
+
+def _block(e: Emitter, layout: Layout, scalars: Scalars, vector: int, offset: str | int) -> str:
+    """Return a block of a vector, from registers where it is there."""
+    return scalars.fresh.get((vector, offset)) or e.load(in_work(e, layout.place(vector), offset), KIND)
 
 
 def total(e: Emitter, vector: str) -> str:

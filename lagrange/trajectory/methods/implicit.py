@@ -11,12 +11,11 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import Any
 
-import numpy as np
-
 from lagrange.program.step import Control, StepProgram, trace
 from lagrange.trajectory.dense import StepPath, hermite_path
 from lagrange.trajectory.driver import drive
 from lagrange.trajectory.integrator import Claims, Problem
+from lagrange.trajectory.methods.gauss import Real, collocation_tableau, gauss_tableau
 from lagrange.trajectory.methods.settings import adaptive_settings, fixed_settings
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
@@ -108,7 +107,7 @@ def ImplicitMidpoint(step: float | None = None) -> ImplicitMethod:
     return ImplicitMethod("implicit-midpoint", claims, implicit_midpoint, step=step)
 
 
-def collocation(A: Sequence[Sequence[float]], b: Sequence[float], c: Sequence[float]) -> Callable[..., Any]:
+def collocation(A: Sequence[Sequence[Real]], b: Sequence[Real], c: Sequence[Real]) -> Callable[..., Any]:
     """Return the step function of an implicit Runge-Kutta method, whose unknowns are the slopes of its stages."""
 
     def step(f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
@@ -122,30 +121,9 @@ def collocation(A: Sequence[Sequence[float]], b: Sequence[float], c: Sequence[fl
     return step
 
 
-def weighted(weights: Sequence[float], vectors: Sequence[Any]) -> Any:
+def weighted(weights: Sequence[Real], vectors: Sequence[Any]) -> Any:
     """Return the sum of weight * vector."""
     return sum(vector * weight for weight, vector in zip(weights, vectors, strict=True))
-
-
-def lagrange_basis(points: Sequence[float]) -> list[Any]:
-    """Return the polynomials that are 1 at one of the points and 0 at the others."""
-    others = [np.delete(points, j) for j in range(len(points))]
-    return [np.poly1d(rest, r=True) / np.prod(point - rest) for point, rest in zip(points, others, strict=True)]
-
-
-def collocation_tableau(points: Sequence[float]) -> tuple[list[list[float]], list[float], list[float]]:
-    """Return A, b, c of collocation at points of [0, 1]: their Lagrange polynomials integrated to each and to 1."""
-    whole = [np.polyint(line) for line in lagrange_basis(points)]
-    A = [[float(line(point)) for line in whole] for point in points]
-    return A, [float(line(1.0)) for line in whole], [float(point) for point in points]
-
-
-def gauss_tableau(stages: int) -> tuple[list[list[float]], list[float], list[float]]:
-    """Return A, b, c of collocation at the zeros of the Legendre polynomial on [0, 1].
-
-    Source: E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd ed., 2006, II.1.3.
-    """
-    return collocation_tableau([(1 + point) / 2 for point in np.polynomial.legendre.leggauss(stages)[0]])
 
 
 GAUSS2, GAUSS3 = (collocation(*gauss_tableau(stages)) for stages in (2, 3))
@@ -176,4 +154,4 @@ def BDF2(step: float | None = None) -> ImplicitMethod:
     return ImplicitMethod("bdf2", claims, bdf2, starter=RADAU3, step=step)
 
 
-RADAU3 = collocation([[5 / 12, -1 / 12], [3 / 4, 1 / 4]], [3 / 4, 1 / 4], [1 / 3, 1.0])
+RADAU3 = collocation(*collocation_tableau((Fraction(1, 3), Fraction(1))))

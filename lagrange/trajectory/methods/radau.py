@@ -16,7 +16,8 @@ import numpy as np
 from lagrange.program.step import Control
 from lagrange.trajectory.collocation import CollocationPath
 from lagrange.trajectory.integrator import Claims, Problem
-from lagrange.trajectory.methods.implicit import ImplicitMethod, collocation_tableau, lagrange_basis, weighted
+from lagrange.trajectory.methods.gauss import collocation_tableau, lagrange_basis
+from lagrange.trajectory.methods.implicit import ImplicitMethod, weighted
 from lagrange.trajectory.trajectory import FloatArray
 
 POINTS = {2: (1 / 3, 1.0), 3: ((4 - 6**0.5) / 10, (4 + 6**0.5) / 10, 1.0)}
@@ -35,7 +36,7 @@ def radau(stages: int) -> Callable[..., Any]:
     moments = np.vander(c, increasing=True).T
     embedded = np.linalg.solve(moments, 1 / np.arange(1, stages + 1) - gamma * np.eye(stages)[0])
     weights = [float(w) for w in (embedded - A[-1]) @ np.linalg.inv(A)]
-    basis = lagrange_basis((0.0, *c))[1:]
+    basis = [np.poly1d(line[::-1]) for line in lagrange_basis((0.0, *c))[1:]]
 
     def predict(ratio: Any, *old: Any) -> tuple[Any, ...]:
         def at(polynomial: Any, ci: float) -> Any:
@@ -65,7 +66,7 @@ RADAU3, RADAU5 = radau(2), radau(3)
 def path(stages: int) -> Callable[[Problem, FloatArray, FloatArray], CollocationPath]:
     """Return what makes the path: the polynomial of degree s of each step, of order s."""
     A, _, c = collocation_tableau(POINTS[stages])
-    basis = lagrange_basis((0.0, *c))[1:]
+    basis = [np.poly1d(line[::-1]) for line in lagrange_basis((0.0, *c))[1:]]
 
     def make(problem: Problem, times: FloatArray, states: FloatArray) -> CollocationPath:
         slope, jacobian = problem.model.kernel("rhs"), problem.model.kernel("jacobian")

@@ -13,7 +13,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from lagrange.trajectory.integrator import Claims
-from lagrange.trajectory.methods.implicit import ImplicitMethod, gauss_tableau, weighted
+from lagrange.trajectory.methods.gauss import gauss_tableau
+from lagrange.trajectory.methods.implicit import ImplicitMethod, weighted
 
 Momenta = Callable[..., tuple[Any, Any]]
 """The law p, f = g(t, q, v)."""

@@ -1,0 +1,65 @@
+"""Tableaus of collocation: from points to coefficients, exact where the points are, and Gauss's points to many digits.
+
+What a tableau conserves holds as well as its coefficients do, so a compiled step gets them as exact numbers.
+Source: E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd ed., 2006, II.1.2 and II.1.3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+Real = float | Fraction
+Tableau = tuple[list[list[Any]], list[Any], list[Any]]
+"""A, b and c of a Runge-Kutta method."""
+
+BITS = 200
+"""Gauss's points and their coefficients are rounded to so many."""
+
+
+def lagrange_basis(points: Sequence[Real]) -> list[list[Any]]:
+    """Return the polynomials that are 1 at one of the points and 0 at the others, by coefficients from that of 1 on."""
+    basis = []
+    for point in points:
+        line: list[Any] = [1]
+        for other in points:
+            if other != point:
+                shifted = zip([0, *line], [*line, 0], strict=True)
+                line = [(high - other * low) / (point - other) for high, low in shifted]
+        basis.append(line)
+    return basis
+
+
+def collocation_tableau(points: Sequence[Real]) -> Tableau:
+    """Return A, b, c of collocation at points of [0, 1]: their Lagrange polynomials integrated to each and to 1."""
+    basis = lagrange_basis(points)
+
+    def integral(line: Sequence[Any], end: Any) -> Any:
+        return sum(factor * end**k / k for k, factor in enumerate(line, 1))
+
+    return [[integral(line, c) for line in basis] for c in points], [integral(line, 1) for line in basis], [*points]
+
+
+def gauss_tableau(stages: int) -> Tableau:
+    """Return A, b, c of collocation at the zeros of the Legendre polynomial on [0, 1]."""
+    zeros = [_zero(x, stages) for x in np.polynomial.legendre.leggauss(stages)[0]]
+    A, b, c = collocation_tableau([(1 + x) / 2 for x in zeros])
+    return [list(map(_rounded, row)) for row in A], list(map(_rounded, b)), c
+
+
+def _zero(near: float, degree: int) -> Fraction:
+    """Return the zero of a Legendre polynomial near a double, by Newton's method: 16, 32, 64, 128 digits."""
+    x = Fraction(near)
+    for _ in range(3):
+        before, value = Fraction(1), x
+        for n in range(1, degree):
+            before, value = value, ((2 * n + 1) * x * value - n * before) / (n + 1)
+        x = _rounded(x - value * (x**2 - 1) / (degree * (x * value - before)))
+    return x
+
+
+def _rounded(x: Fraction) -> Fraction:
+    return Fraction(round(x * 2**BITS), 2**BITS)
