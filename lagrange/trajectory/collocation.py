@@ -1,4 +1,4 @@
-"""The path between the steps of a stiffly accurate collocation method: the polynomial that it collocates."""
+"""The path between the steps of a stiffly accurate collocation method: its polynomial, and a degree more."""
 
 from __future__ import annotations
 
@@ -20,8 +20,12 @@ TURNS = 12
 class CollocationPath(StepPath):
     """The polynomials of the steps, found again when they are asked for.
 
-    The last stage is the end of the step, which is known; the others are solved for, in all steps at once. Slopes at
-    the ends would not do in place of them: on a stiff system round-off in the state is no round-off in the slope.
+    The last stage is the end of the step, which is known; the others are solved for, in all steps at once. Their
+    values are of order s alone, and so is their polynomial. But their slopes are as well, and one more slope makes the
+    integral of the slopes a path of order s + 1: that at the start, which is the last one of the step before; the
+    first step takes the first one of the step behind it. All slopes are those of the polynomials: the law itself
+    would not do, for on a stiff system round-off in the state is no round-off in the slope. A step that stands alone
+    keeps its polynomial.
     """
 
     jacobian: Kernel
@@ -33,9 +37,26 @@ class CollocationPath(StepPath):
     def _columns(self, used: Places, which: Places, theta: FloatArray) -> FloatArray:
         """Return the states; see `StepPath`."""
         found: FloatArray = self.states[used[which]].T.copy()
-        for polynomial, increment in zip(self.basis, self.increments(used), strict=True):
+        own = self.increments(used)
+        for polynomial, increment in zip(self.basis, own, strict=True):
             found += polynomial(theta) * increment[:, which]
+        if len(self.times) > 2:
+            nodes = np.poly1d(self.c, r=True)
+            # Its integral over the step is zero: a formula of Radau integrates more degrees than that.
+            found += self._missing(used, own, nodes)[:, which] * nodes.integ()(theta)
         return found
+
+    def _missing(self, used: Places, own: FloatArray, nodes: Any) -> FloatArray:
+        """Return the factors (2n, K) with which the polynomial that is zero at the points c joins the slopes."""
+        beside = np.where(used > 0, used - 1, 1)
+        lengths = np.diff(self.times)
+        ratio = lengths[beside] / lengths[used]
+        place = np.where(used > 0, 0.0, 1.0 + self.c[0] * ratio)
+        slopes = np.einsum("ij,jak->iak", np.linalg.inv(np.array(self.A)), self.increments(beside))
+        there = np.where(used > 0, slopes[-1], slopes[0]) / ratio
+        here = sum(line.deriv()(place) * increment for line, increment in zip(self.basis, own, strict=True))
+        missing: FloatArray = (there - here) / nodes(place)
+        return missing
 
     def increments(self, steps: Any) -> FloatArray:
         """Return what the state has gained at each of the points c in the given steps (K,), shape (s, 2n, K).

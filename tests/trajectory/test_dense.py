@@ -13,11 +13,13 @@ import sympy as sp
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import t
 from lagrange.trajectory.dense import HermitePath
+from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.dopri5 import DOPRI5
 from lagrange.trajectory.methods.explicit import RungeKutta
+from lagrange.trajectory.methods.radau import PATHS
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.trajectory import FloatArray, Status
-from tests.models import TARGETS, build, k, m, model, x, z
+from tests.models import TARGETS, VALUES, build, g, k, l, m, model, x, z
 from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, STEPPED, exact, run, stepped
 
 COUNTS = {1: (400, 800), 2: (80, 160), 8: (12, 24), 9: (4, 8)}
@@ -60,6 +62,42 @@ def test_a_hermite_path_of_any_order(name: str, counts: tuple[int, int], order: 
         path = hermite(compiled, grid, exact(compiled, 2.0, t_eval=grid).y.T, order)
         errors.append(np.abs(path(times) - truth).max())
     assert np.log2(errors[0] / errors[1]) > order + 1 - 0.5 or errors[1] < 2e-13, errors
+
+
+@pytest.mark.parametrize(("name", "counts"), [("Henon-Heiles", (32, 64)), ("cart and pole", (100, 200))])
+@pytest.mark.parametrize("stages", PATHS)
+def test_a_path_of_collocation_is_of_one_order_more_than_its_stages(
+    stages: int, name: str, counts: tuple[int, int]
+) -> None:
+    """Between states of the exact motion, with steps of two lengths in turn."""
+    compiled = model(name)
+    times, errors = np.linspace(0.0, 2.0, 499), []
+    truth = exact(compiled, 2.0, t_eval=times).y
+    for count in counts:
+        grid = np.linspace(0.0, 2.0, count + 1)
+        grid[1::2] += 0.5 / count
+        problem = Problem(compiled, compiled.parameter_values(), 0.0, 2.0, truth[:, 0])
+        path = PATHS[stages](problem, grid, exact(compiled, 2.0, t_eval=grid).y.T)
+        errors.append(np.abs(path(times) - truth).max())
+    claimed = find(f"radau{2 * stages - 1}").claims.dense
+    assert claimed == stages + 1
+    assert np.log2(errors[0] / errors[1]) > claimed + 1 - 0.4, errors
+
+
+@pytest.mark.parametrize("stretched", [0.0, 1e-6])
+def test_the_path_of_a_stiff_run_is_as_good_as_its_steps(stretched: float) -> None:
+    """A spring of 1e4 or 1e8: slopes of the law at the ends would bring in its rate times what they miss."""
+    compiled = model("elastic pendulum")
+    rate = 1e8 if stretched == 0 else 1e4
+    length = (VALUES[l] + VALUES[m] * VALUES[g] * np.cos(0.5) / rate) * (1 + stretched)
+    given: Any = {"parameters": {k: rate}, "initial": {"r": length, "theta": 0.5, "theta_dot": 0}}
+    fine = run(compiled, 5.0, "radau5", rtol=1e-10, atol=1e-12, **given)
+    found = run(compiled, 5.0, "radau5", rtol=1e-6, atol=1e-8, **given)
+    times = np.linspace(0.0, 5.0, 2003)
+    at_steps = np.abs(found.y - fine.dense(found.t)).max(axis=1)
+    between = np.abs(found.dense(times) - fine.dense(times)).max(axis=1)
+    # The spring's own part, of 1e-9 and less, counts for nothing beside the tolerance.
+    assert (between < 1.02 * at_steps + 1e-9).all(), between / at_steps
 
 
 def test_a_tableau_of_high_order_without_a_path_gets_one() -> None:

@@ -1,8 +1,8 @@
 """Radau's methods of 2 and 3 stages: adaptive steps for stiff systems, of order 3 and 5.
 
 The unknowns are the increments Z_i of the state at the points c_i. They are predicted by the polynomial through those
-of the step before, which is the path as well. The error is that of an embedded formula with the slope at the start,
-damped so that fast parts count for no more than they do.
+of the step before, on which the path is built as well. The error is that of an embedded formula with the slope at the
+start, damped so that fast parts count for no more than they do.
 Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, IV.5 and IV.8, eq. 8.5 to 8.20.
 """
 
@@ -64,7 +64,7 @@ RADAU3, RADAU5 = radau(2), radau(3)
 
 
 def path(stages: int) -> Callable[[Problem, FloatArray, FloatArray], CollocationPath]:
-    """Return what makes the path: the polynomial of degree s of each step, of order s."""
+    """Return what makes the path: a polynomial of degree s + 1 for each step, of order s + 1."""
     A, _, c = collocation_tableau(POINTS[stages])
     basis = [np.poly1d(line[::-1]) for line in lagrange_basis((0.0, *c))[1:]]
 
@@ -81,7 +81,7 @@ PATHS = {stages: path(stages) for stages in POINTS}
 def _method(
     name: str, stages: int, function: Callable[..., Any], rtol: float | None, atol: float | None
 ) -> ImplicitMethod:
-    claims = Claims(2 * stages - 1, adaptive=True, a_stable=True, explicit=False, dense=stages)
+    claims = Claims(2 * stages - 1, adaptive=True, a_stable=True, explicit=False, dense=stages + 1)
     control = Control(stages + 1, least=0.125, most=8.0, hold=1.2)
     return ImplicitMethod(name, claims, function, control=control, path=PATHS[stages], rtol=rtol, atol=atol)
 
