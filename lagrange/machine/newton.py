@@ -1,11 +1,11 @@
 """How Newton's method decides, on every machine."""
 
-from __future__ import annotations
+ORDERS = (1, 3, 6, 12)
+"""From so many steps the unknowns of equal steps are extrapolated, from as many as have come nearest: the most where
+steps are short against the motion, few where they are long, or where all but rounding is zero."""
 
-from math import comb
-
-HISTORY = 6
-"""From so many steps the unknowns of equal steps are extrapolated."""
+HISTORY = ORDERS[-1]
+"""So many steps are kept."""
 
 MOST = 50
 """Corrections of one step before it counts as not converging."""
@@ -39,6 +39,9 @@ OLDEST = 64
 STALLED = 2.0**10
 """Corrections that no longer shrink are round-off below this many times the round-off that was estimated."""
 
+GROWTH = 2.0
+"""Large corrections that grow so much with a new matrix wander, and might end at a root that is not the motion."""
+
 NOISE = 0.9
 """What round-off was observed is forgotten by this factor per step."""
 
@@ -52,8 +55,3 @@ FARTHEST = 8.0
 """Corrections of a step with equal steps may add up to so many times the size of what the residuals are made of, taken
 to the unknowns. Newton's first correction from the guess is at most that size, and those of a step that converges
 shrink: what goes farther ends at another root, or at none."""
-
-
-def extrapolation(known: int) -> list[float]:
-    """Return the factors of so many equidistant values, the last one first, in the polynomial's next."""
-    return [(-1.0) ** i * comb(known, i + 1) for i in range(known)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -16,18 +17,18 @@ from lagrange.machine.newton import (
     ASTRAY,
     FARTHEST,
     FRACTION,
-    HISTORY,
+    GROWTH,
     LARGEST,
     MOST,
     MOST_TIMES,
     NOISE,
     OLD,
     OLDEST,
+    ORDERS,
     REST,
     SLOW,
     STALLED,
     TURNS,
-    extrapolation,
 )
 from lagrange.program.actions import LAWS, Call, Combination, Damp, Solve, in_doubles, parts
 from lagrange.program.lower import lower
@@ -143,7 +144,8 @@ class Newton:
         self.record, self.problem = record, solve
         self.adaptive = record.step.control is not None
         self.unknowns = slice(solve.first, solve.first + solve.count)
-        self.history: list[list[FloatArray]] = []
+        self.history: list[FloatArray] = []
+        self.order = 1
         self.derivative = np.empty((0, 0))
         self.matrix_step = self.old_step = self.age = 0.0
         self.rate = self.noise = 1.0
@@ -176,15 +178,11 @@ class Newton:
         record, old = self.record, self.history
         if self.adaptive:
             record.use(record.h / self.old_step)
-            record.vectors[self.unknowns] = old[0]
+            record.vectors[self.unknowns] = list(old[0])
             if self.problem.predicted:
                 record.vectors[self.unknowns] = [record.sum(one) for one in self.problem.predicted]
         else:
-            factors = extrapolation(len(old))
-            record.vectors[self.unknowns] = [
-                sum((factor * z for factor, z in zip(factors, one, strict=True)), np.zeros_like(one[0]))
-                for one in zip(*old, strict=True)
-            ]
+            record.vectors[self.unknowns] = list(sum(old[: self.order][::-1], np.zeros_like(old[0])))
 
     def iterate(self) -> None:
         """Correct the unknowns until what is left is too small to matter. Raises Failure."""
@@ -236,6 +234,8 @@ class Newton:
                 # A new matrix no longer shrinks the corrections: they are round-off.
                 self.noise = 2 * norm
                 return True
+            if not self.adaptive and 1 <= since < OLD and rate >= GROWTH and norm >= STALLED:
+                raise Failure(Outcome.DIVERGED)
             if not self.adaptive and since >= OLD:
                 self.matrix_step, self.differentiated = 0.0, False
         return False
@@ -313,9 +313,28 @@ class Newton:
         """Keep the unknowns of an accepted step."""
         if self.solved:
             self.solved = False
-            depth = 1 if self.adaptive else HISTORY
-            self.history = [self.record.vectors[self.unknowns], *self.history][:depth]
             self.old_step = self.record.h
+            if self.adaptive:
+                self.history = [np.array(self.record.vectors[self.unknowns])]
+            else:
+                self.difference()
+
+    def difference(self) -> None:
+        """Keep the backward differences of the unknowns; extrapolate next from as many as would have come nearest.
+
+        The polynomial through k values goes on with the sum of k differences, and the next of them is its error.
+        """
+        known, differences = len(self.history), [np.array(self.record.vectors[self.unknowns])]
+        for old in self.history:
+            differences.append(differences[-1] - old)
+        self.history = differences[: ORDERS[-1]]
+        weights = self.weights.reshape(differences[0].shape)
+        self.order, least = ORDERS[0], math.inf
+        for k in ORDERS:
+            if k <= known + 1:
+                error = float(np.sum((differences[k] * weights) ** 2)) if k <= known else -1.0
+                if not error >= least:
+                    self.order, least = k, error
 
 
 def inverse(matrix: FloatArray) -> tuple[FloatArray, bool]:

@@ -72,7 +72,7 @@ def moment(state: Any) -> Any:
 
 @pytest.mark.parametrize("name", ["gauss3", "galerkin6"])
 def test_energy_walks_at_random(name: str) -> None:
-    """Of a pendulum, with steps so short that it does not oscillate; it was 4 for gauss3 and 25 for galerkin6."""
+    """Of a pendulum, with steps so short that the energy of the method is that of the pendulum to round-off."""
     compiled = build(kinetic=theta.dot**2 / 2, potential=-sp.cos(theta))
     errors, rng = [], np.random.default_rng(7)
     for _ in range(8):

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from lagrange.machine.driver import DriverState, Outcome
 from lagrange.machine.llvm.calls import LAW, RECORDS, bump, evaluate, leave_if, leave_with
 from lagrange.machine.llvm.emitter import Emitter, literal
-from lagrange.machine.llvm.spelling import number
+from lagrange.machine.llvm.extrapolation import predict
 from lagrange.machine.llvm.vectors import (
     BLOCK,
     KIND,
@@ -31,7 +31,7 @@ from lagrange.machine.newton import (
     ASTRAY,
     FARTHEST,
     FRACTION,
-    HISTORY,
+    GROWTH,
     LARGEST,
     MOST,
     MOST_TIMES,
@@ -42,7 +42,6 @@ from lagrange.machine.newton import (
     SLOW,
     STALLED,
     TURNS,
-    extrapolation,
 )
 
 UNROLLED_PRODUCT = 64
@@ -73,7 +72,7 @@ def _solve(layout: Layout, newton: Newton, prefix: str) -> str:
     begin = f"@{prefix}start{newton.index}({LAW}, double %t, double %h, {_GIVEN})"
     e.do(f"br i1 {e.value(f'icmp sgt i64 {known}, 0')}, label %predict, label %fresh")
     e.label("predict")
-    _predict(e, layout, newton, known)
+    predict(e, layout, newton)
     outcome = e.value(f"call i32 {again}")
     e.do(f"br i1 {e.value(f'icmp eq i32 {outcome}, 0')}, label %done, label %fresh")
     e.label("fresh")
@@ -109,40 +108,6 @@ def _start(layout: Layout, newton: Newton, prefix: str) -> str:
     )
 
 
-def _predict(e: Emitter, layout: Layout, newton: Newton, known: str) -> None:
-    """Extrapolate the unknowns: as the method states, or by a polynomial through the last `known` equal steps."""
-    first = layout.place(newton.solve.first)
-    if not newton.adaptive:
-        name = e.fresh("extrapolate")
-        e.do(
-            f"switch i64 {known}, label %{name}.{HISTORY} ["
-            + " ".join(f"i64 {k}, label %{name}.{k}" for k in range(1, HISTORY))
-            + "]"
-        )
-        for k in range(1, HISTORY + 1):
-            e.label(f"{name}.{k}")
-            for offset in blocks(e, newton.all):
-                value = ""
-                for i, factor in enumerate(extrapolation(k)):
-                    old, weight = (
-                        e.load(in_work(e, newton.history + i * newton.all, offset), KIND),
-                        number(factor, BLOCK),
-                    )
-                    value = e.fma(weight, old, value, KIND) if value else e.value(f"fmul {KIND} {weight}, {old}")
-                e.store(value, in_work(e, first, offset), KIND)
-            e.jump(f"{name}.end")
-        e.label(f"{name}.end")
-        return
-    for offset in blocks(e, newton.all):
-        e.store(e.load(in_work(e, newton.history, offset), KIND), in_work(e, first, offset), KIND)
-    if newton.solve.predicted:
-        scalars = Scalars(e, layout.step, newton.solve.predicted)
-        for i, combination in enumerate(newton.solve.predicted):
-            combine(e, layout, scalars, combination, newton.residual + i * newton.width)
-        for offset in blocks(e, newton.all):
-            e.store(e.load(in_work(e, newton.residual, offset), KIND), in_work(e, first, offset), KIND)
-
-
 def _tolerated(e: Emitter, layout: Layout, newton: Newton) -> None:
     """Weigh corrections by what they move in the arguments of the calls, against the tolerances."""
     solve = newton.solve
@@ -175,7 +140,7 @@ def _iterate(layout: Layout, newton: Newton, prefix: str) -> str:
     with e.loop(0, most) as turn:
         e.store("0", status, "i32")
         for call in solve.calls:
-            evaluate(e, layout, scalars, call, status)
+            evaluate(e, layout, scalars, call, status, always=True)
         bump(e, DriverState.EVALUATIONS, len(solve.calls))
         leave_if(e, e.value(f"icmp ne i32 {e.load(status, 'i32')}, 0"), Outcome.SINGULAR)
         for i, residual in enumerate(solve.residuals):
@@ -257,7 +222,7 @@ def _plan_matrix(e: Emitter, newton: Newton, turn: str, measured: str) -> None:
 
 
 def _stall(e: Emitter, flags: str, norm: str, rate: str, since: str) -> None:
-    """Take the unknowns where a new matrix no longer shrinks small corrections, which are round-off then."""
+    """Take the unknowns where a new matrix no longer shrinks small corrections; give up where large ones grow."""
     turns = e.load(since)
     old = e.real("fcmp oge", turns, literal(float(OLD)))
     young = e.real("fcmp oge", turns, literal(1.0))
@@ -267,6 +232,9 @@ def _stall(e: Emitter, flags: str, norm: str, rate: str, since: str) -> None:
         e.put(e.real("fmul", literal(2.0), norm), flags, Newton.NOISE)
         e.do("ret i32 0")
         e.label(e.fresh("never"))
+    large = e.real("fcmp oge", norm, literal(STALLED))
+    grown = e.value(f"and i1 {large}, {e.real('fcmp oge', rate, literal(GROWTH))}")
+    leave_if(e, e.value(f"and i1 {fresh}, {grown}"), Outcome.DIVERGED)
     with e.when(old):
         e.put(literal(0.0), flags, Newton.MATRIX_STEP)
         e.put(literal(0.0), flags, Newton.DERIVATIVE)
@@ -317,21 +285,3 @@ def product(e: Emitter, newton: Newton, matrix: int, vectors: int) -> Iterator[t
             start = e.address(e.address("%work", matrix), e.value(f"mul nsw i64 {column}, {width}"))
             e.store(e.fma(e.load(e.address(start, row), KIND), entry, e.load(cell, KIND), KIND), cell, KIND)
         yield row, e.load(cell, KIND)
-
-
-def keep(e: Emitter, newton: Newton) -> None:
-    """Keep the unknowns of an accepted step, to extrapolate from."""
-    flags = e.address("%work", newton.flags)
-    with e.when(e.real("fcmp une", e.get(flags, Newton.SOLVED), literal(0.0))):
-        e.put(literal(0.0), flags, Newton.SOLVED)
-        depth = 1 if newton.adaptive else HISTORY
-        for offset in blocks(e, newton.all):
-            for i in range(depth - 1, 0, -1):
-                value = e.load(in_work(e, newton.history + (i - 1) * newton.all, offset), KIND)
-                e.store(value, in_work(e, newton.history + i * newton.all, offset), KIND)
-            value = e.load(in_work(e, newton.solve.first * newton.width, offset), KIND)
-            e.store(value, in_work(e, newton.history, offset), KIND)
-        known = e.value(f"add nsw i64 {e.get(flags, Newton.KNOWN, 'i64')}, 1")
-        full = e.value(f"icmp sgt i64 {known}, {depth}")
-        e.put(e.value(f"select i1 {full}, i64 {depth}, i64 {known}"), flags, Newton.KNOWN, "i64")
-        e.put(e.get(flags, Newton.TRIED_STEP), flags, Newton.OLD_STEP)

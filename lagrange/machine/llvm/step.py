@@ -5,7 +5,8 @@ from __future__ import annotations
 from lagrange.machine.driver import DriverState, Outcome
 from lagrange.machine.llvm.calls import LAW, RECORDS, bump, copy, count_calls, evaluate, leave_with
 from lagrange.machine.llvm.emitter import Emitter, literal
-from lagrange.machine.llvm.newton import keep, multiply
+from lagrange.machine.llvm.extrapolation import keep
+from lagrange.machine.llvm.newton import multiply
 from lagrange.machine.llvm.vectors import (
     KIND,
     Layout,

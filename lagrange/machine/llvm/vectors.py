@@ -71,7 +71,7 @@ class Newton:
     """
 
     FLAGS = 12
-    MATRIX_STEP, DERIVATIVE, RATE, NOISE, KNOWN, SOLVED, OLD_STEP, TRIED_STEP, AGE = range(9)
+    MATRIX_STEP, DERIVATIVE, RATE, NOISE, KNOWN, SOLVED, OLD_STEP, TRIED_STEP, AGE, ORDER = range(10)
 
     def __init__(
         self, start: int, index: int, solve: Solve, damped: list[Damp], length: int, dimension: int, adaptive: bool
