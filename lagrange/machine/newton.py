@@ -27,7 +27,7 @@ SLOW = 0.25
 AGING = 1.2
 """The rate at which corrections shrink is taken to rise by this factor at each step that does not measure it."""
 
-TURNS = 4
+TURNS = 2
 """A step of more than this many corrections has the next one begin with a new matrix."""
 
 OLD = 3
