@@ -24,7 +24,7 @@ from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.error_norm import first_step_function, norm_function
 from lagrange.machine.llvm.loaded import LlvmKernel
 from lagrange.machine.llvm.loops import adaptive_loop, fixed_loop
-from lagrange.machine.llvm.memory import address
+from lagrange.machine.llvm.memory import address, workspace
 from lagrange.machine.llvm.newton import newton_functions
 from lagrange.machine.llvm.newton_matrix import inversion_functions, renew_functions
 from lagrange.machine.llvm.step import either_function, record_function, step_function
@@ -55,7 +55,7 @@ class LlvmDriver:
         self._code = _compiled(step, kernel.program.states)
         self._drive, self._places = self._code.drive, self._code.places
         self._prepared = kernel.prepare(parameters)
-        self._work = np.zeros(self._code.layout.size)
+        self._work = workspace(self._code.layout.size)
         self._fixed: tuple[int | None, ...] = (kernel.law_address, address(self._prepared), None, None)
         if jacobian is not None:
             self._derivative = jacobian, jacobian.prepare(parameters)
