@@ -15,7 +15,6 @@ from lagrange.machine.model import Model
 from lagrange.machine.numpy import NumpyMachine
 from lagrange.program.catalogue import program_of
 from lagrange.trajectory.dense import RungeKuttaPath
-from lagrange.trajectory.methods.registry import names
 from lagrange.trajectory.methods.runge_kutta import ButcherTableau
 from lagrange.trajectory.series_path import SeriesPath
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
@@ -41,8 +40,8 @@ NEGLIGIBLE = 1e-4
 """A velocity that stays below this part of the speed, both weighted by the square roots of masses, is measured against
 that part: the stiff spring of a pendulum moves so little that its velocity is what the tolerance lets through."""
 
-REMEDIES = ("radau5", "scipy-radau")
-"""The methods to name, the first one that is here."""
+REMEDY = "radau5"
+"""The method to name."""
 
 Polynomial = tuple[float, ...]
 """Coefficients, that of the lowest power first."""
@@ -66,13 +65,11 @@ class Stiffness:
 
     def sentence(self) -> str:
         """Return the finding and the remedy in words."""
-        there = names()
-        remedy = next((name for name in REMEDIES if name in there), REMEDIES[-1])
         where = "near" if self.product < BEYOND * self.limit else "beyond"
         return (
             f"stiff: at {self.share:.0%} of the steps looked at, h * {self.rate:.2g} = {self.product:.2g} is {where} "
             f"the stability limit {self.limit:.2g} of {self.method}, while the solution changes {self.slower:.2g} "
-            f"times more slowly; use {remedy}."
+            f"times more slowly; use {REMEDY}."
         )
 
 

@@ -33,18 +33,25 @@ class Outcome(enum.IntEnum):
 OUTCOMES = tuple(Outcome)
 """The outcomes by number."""
 
-FAR = 1e-6
-"""Below this part of the time, rounding the time changes the length of a step by more than 1e-10 of it."""
-
 
 class DriverState:
     """Where a run stands. Arrays are shared with machine code, entries in the order of the constants below.
 
-    `floats` and `integers` are the same entries, to be set one by one: that takes a fifth of the time. KEPT is 0 where
-    nothing that a driver has kept from former steps, such as a matrix or unknowns to extrapolate, belongs to this run;
-    RESIDUAL is the size of the last correction of an implicit step against that of its unknowns. LIMIT is the longest
-    step after FAILS steps in a row that were not what the equations say at their end. `fault` is what a driver that is
-    no machine code has to say of its failed step.
+    `reals`: T is the time, END where the run goes, START and STEP the grid of equal steps; H is the next step,
+    signed, 0 if it is to be chosen, LONGEST the bound of all steps and ONCE of the next alone, sizes; PREVIOUS is
+    the error norm of the step before, and CAUSE the `Outcome` for which the last trial was rejected. RESIDUAL is
+    the size of the last correction of an implicit step against that of its unknowns. Of a series, LOW is what
+    rounding took from the time, SCALE the unit of time, signed, and LIMIT the longest step after FAILS steps in a
+    row that were not what the equations say at their end.
+
+    `counts`: STEPS accepted, REJECTED trials, EVALUATIONS of the law, and ROWS written, none unless RECORD is 1.
+    AFTER_REJECT is 1 behind a rejected trial, SLOPE_KNOWN where the first slope of the next step is there already,
+    LOOK where the next step is to be looked at whatever it shows; TRIES is how often the series of a step was
+    computed anew in another unit of time. KEPT is 0 where nothing that a driver has kept from former steps, such as
+    a matrix or unknowns to extrapolate, belongs to this run.
+
+    `floats` and `integers` are the same entries, to be set one by one: that takes a fifth of the time. `fault` is
+    what a driver that is no machine code has to say of its failed step.
     """
 
     T, END, H, RTOL, ATOL, PREVIOUS, START, STEP, CAUSE, LONGEST, LOW, SCALE, ONCE, RESIDUAL, LIMIT = range(15)
@@ -52,8 +59,8 @@ class DriverState:
 
     def __init__(self, t: float, end: float, y: NDArray[np.float64], rtol: float, atol: float, step: float) -> None:
         """Begin at (t, y) towards `end`; `step` is the signed step of a fixed-step method, or a first step, or 0."""
-        self.reals = np.zeros(15)
-        self.counts = np.zeros(11, dtype=np.int64)
+        self.reals = np.zeros(self.LIMIT + 1)
+        self.counts = np.zeros(self.FAILS + 1, dtype=np.int64)
         self.y = np.array(y, dtype=float)
         floats: Any = self.reals.data
         integers: Any = self.counts.data

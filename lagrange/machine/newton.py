@@ -24,8 +24,19 @@ FRACTION = 0.02
 SLOW = 0.25
 """Corrections that shrink by less than this want a new matrix."""
 
-AGING = 1.2
-"""The rate at which corrections shrink is taken to rise by this factor at each step that does not measure it."""
+HOPELESS = 0.9
+"""Where steps follow the error, corrections that shrink by less than this want a shorter step."""
+
+AGING, OLDEST_RATE = 1.2, 0.9
+"""The rate at which corrections shrink is taken to rise by the first factor at each step that does not measure it, up
+to the second number."""
+
+LEAST_RATE = 1e-4
+"""A rate below this counts as this at the next step: one good correction promises no more."""
+
+FRESH_RATE = 1e-3
+"""Where steps follow the error, corrections that shrink by less than this have the next step begin with a new matrix.
+Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, IV.8."""
 
 TURNS = 2
 """A step of more than this many corrections has the next one begin with a new matrix."""
@@ -36,14 +47,19 @@ OLD = 3
 OLDEST = 64
 """After so many equal steps a matrix is made anew, whatever its use, so that one that has become singular is seen."""
 
-STALLED = 2.0**10
-"""Corrections that no longer shrink are round-off below this many times the round-off that was estimated."""
+STALLED, STALLED_RATE = 2.0**10, 0.5
+"""Corrections that shrink by less than the second number with a new matrix are round-off below the first one times the
+round-off that was estimated."""
 
 GROWTH = 2.0
 """Large corrections that grow so much with a new matrix wander, and might end at a root that is not the motion."""
 
 NOISE = 0.9
 """What round-off was observed is forgotten by this factor per step."""
+
+ROUND_OFF, LEAST_ROUND_OFF = 2.0**-52, 1e-100
+"""One unit of round-off, which corrections of equal steps are measured in. The second number is added to what it makes
+of an unknown: where that is zero, as of a coordinate at rest, any correction has a finite weight."""
 
 LARGEST = 1e150
 """A weighted correction beyond this is no number to go on with."""

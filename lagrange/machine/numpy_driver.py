@@ -1,6 +1,7 @@
 """The driver of the numpy machine: the same loop over steps as the compiled ones, in plain Python.
 
-It runs a step function on arrays as it was written, so it is the place to read what the compiled drivers do.
+It runs an explicit step function on arrays as it was written, and an implicit one from its record, so it is the place
+to read what the compiled drivers do.
 """
 
 from __future__ import annotations
@@ -10,7 +11,24 @@ from typing import Any
 import numpy as np
 
 from lagrange.machine.backend import FloatArray, Kernel, SingularMassMatrix
-from lagrange.machine.driver import EARLIEST, FAR, NEAR_END, SPACING, DriverState, Outcome
+from lagrange.machine.control import (
+    AFTER_BROKEN,
+    AFTER_DIVERGED,
+    DAMPING,
+    FAR,
+    FLAT,
+    GUESS,
+    INTEGRAL,
+    LEAP,
+    LEAST_NORM,
+    LEAST_PREVIOUS,
+    SHARE,
+    SHRUNK,
+    SLIVER,
+    SLOWLY,
+    SMALL,
+)
+from lagrange.machine.driver import EARLIEST, NEAR_END, SPACING, DriverState, Outcome
 from lagrange.machine.numpy_newton import Failure, Record
 from lagrange.program.step import Control, StepProgram
 
@@ -18,7 +36,7 @@ S = DriverState
 
 
 class NumpyDriver:
-    """Advances a run by calling the step function on arrays."""
+    """Advances a run by calling the step function on arrays, or its `Record` where it solves; see `Driver`."""
 
     def __init__(
         self, step: StepProgram, kernel: Kernel, parameters: FloatArray, jacobian: Kernel | None = None
@@ -52,8 +70,7 @@ class NumpyDriver:
     def _fixed(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome:
         end, h = state.reals[S.END], state.reals[S.STEP]
         after = state.reals[S.START] + (state.count(S.STEPS) + 1) * h
-        # A last step of a millionth of the step is round-off of the grid and joins the step before it.
-        if (end - (after + 1e-6 * h)) * np.sign(h) <= 0:
+        if (end - (after + SLIVER * h)) * np.sign(h) <= 0:
             after, h = end, end - state.t
         try:
             y, _ = self._attempt(state, h)
@@ -82,18 +99,18 @@ class NumpyDriver:
         try:
             y, errors = self._attempt(state, length)
         except SingularMassMatrix:
-            return self._reject(state, Outcome.SINGULAR, 0.25 * length)
+            return self._reject(state, Outcome.SINGULAR, AFTER_BROKEN * length)
         except Failure as failure:
-            part = 0.5 if failure.outcome is Outcome.DIVERGED else 0.25
+            part = AFTER_DIVERGED if failure.outcome is Outcome.DIVERGED else AFTER_BROKEN
             return self._reject(state, failure.outcome, part * length)
         if not all(np.isfinite(vector).all() for vector in (y, *errors)):
-            return self._reject(state, Outcome.NON_FINITE, 0.25 * length)
+            return self._reject(state, Outcome.NON_FINITE, AFTER_BROKEN * length)
         norm = self._norm(state, control, y, errors)
-        factor = control.safety * max(norm, 1e-10) ** -(1 / control.exponent - 0.75 * control.memory)
+        factor = control.safety * max(norm, LEAST_NORM) ** -(1 / control.exponent - INTEGRAL * control.memory)
         if not norm <= 1.0:
-            return self._reject(state, Outcome.STEP_TOO_SMALL, length * min(max(factor, control.least), 0.95))
+            return self._reject(state, Outcome.STEP_TOO_SMALL, length * min(max(factor, control.least), SHRUNK))
         factor *= reals[S.PREVIOUS] ** control.memory
-        reals[S.PREVIOUS] = max(norm, 1e-4)
+        reals[S.PREVIOUS] = max(norm, LEAST_PREVIOUS)
         most = 1.0 if state.count(S.AFTER_REJECT) else control.most
         factor = max(min(factor, most), control.least)
         reals[S.H] = length * (1.0 if 1.0 <= factor < control.hold else factor)
@@ -181,7 +198,7 @@ class NumpyDriver:
         sums = [float(((error / scale) ** 2).sum()) for error in errors]
         if not control.damped:
             return float(np.sqrt(sums[0] / len(y)))
-        mixed = sums[0] + 0.01 * sums[1]
+        mixed = sums[0] + DAMPING * sums[1]
         return sums[0] / float(np.sqrt(mixed * len(y))) if mixed > 0 else 0.0
 
     def _first_step(self, state: DriverState, control: Control) -> float:
@@ -196,14 +213,14 @@ class NumpyDriver:
         try:
             slope = self._kernel(t, y, self._parameters)
             d0, d1 = size(y), size(slope)
-            ratio = 0.0 if d0 < 1e-5 or d1 < 1e-5 else 0.01 * d0 / d1
+            ratio = 0.0 if d0 < SMALL or d1 < SMALL else SHARE * d0 / d1
             # A slope infinitely large against its tolerance, as where y = 0 and atol is next to 0, says nothing.
-            h0 = min(ratio if ratio > 0 else 1e-6, abs(span))
+            h0 = min(ratio if ratio > 0 else GUESS, abs(span))
             signed = float(np.copysign(h0, span))
             d2 = size(self._kernel(t + signed, y + signed * slope, self._parameters) - slope) / h0
         except SingularMassMatrix:
-            return float(np.copysign(min(1e-6, abs(span)), span))
+            return float(np.copysign(min(GUESS, abs(span)), span))
         largest = max(d1, d2)
-        h1 = max(1e-6, 1e-3 * h0) if largest <= 1e-15 else (0.01 / largest) ** (1 / control.exponent)
-        chosen = min(100 * h0, h1, abs(span))
+        h1 = max(GUESS, SLOWLY * h0) if largest <= FLAT else (SHARE / largest) ** (1 / control.exponent)
+        chosen = min(LEAP * h0, h1, abs(span))
         return float(np.copysign(chosen if chosen > 0 else h0, span))

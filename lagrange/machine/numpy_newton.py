@@ -10,24 +10,31 @@ import numpy as np
 
 from lagrange.graph.node import Node
 from lagrange.machine.arithmetic import FLOATS
-from lagrange.machine.backend import FloatArray, SingularMassMatrix
+from lagrange.machine.backend import PIVOT, FloatArray, SingularMassMatrix
 from lagrange.machine.driver import DriverState, Outcome
 from lagrange.machine.newton import (
     AGING,
     ASTRAY,
     FARTHEST,
     FRACTION,
+    FRESH_RATE,
     GROWTH,
+    HOPELESS,
     LARGEST,
+    LEAST_RATE,
+    LEAST_ROUND_OFF,
     MOST,
     MOST_TIMES,
     NOISE,
     OLD,
     OLDEST,
+    OLDEST_RATE,
     ORDERS,
     REST,
+    ROUND_OFF,
     SLOW,
     STALLED,
+    STALLED_RATE,
     TURNS,
 )
 from lagrange.program.actions import LAWS, Call, Combination, Damp, Solve, in_doubles, parts
@@ -35,7 +42,6 @@ from lagrange.program.lower import lower
 from lagrange.program.step import StepProgram
 
 S = DriverState
-EPSILON = 2.0**-52
 Evaluate = Callable[[float, FloatArray], FloatArray]
 
 
@@ -199,7 +205,7 @@ class Newton:
             for i, part in enumerate(np.split(correction, problem.count), problem.first):
                 record.vectors[i] = record.vectors[i] + part
             norm = float(np.sqrt(np.mean((correction * self.weights) ** 2)))
-            unit = record.state.reals[S.RTOL] if self.adaptive else EPSILON
+            unit = record.state.reals[S.RTOL] if self.adaptive else ROUND_OFF
             record.state.reals[S.RESIDUAL] = norm * unit
             if not norm < LARGEST:
                 # The law is no number there, unless a large correction before has gone astray.
@@ -218,9 +224,9 @@ class Newton:
         bound = FRACTION if self.adaptive else REST * self.noise
         round_off = not self.adaptive and turn > 0 and max(norm, previous) <= self.noise
         if norm * rate <= (1 - rate) * bound or round_off:
-            self.rate = max(rate, 1e-4) if turn else min(self.rate * AGING, 0.9)
+            self.rate = max(rate, LEAST_RATE) if turn else min(self.rate * AGING, OLDEST_RATE)
             self.age += 1
-            tired = turn > 0 and rate > 1e-3
+            tired = turn > 0 and rate > FRESH_RATE
             if not self.adaptive:
                 tired = (turn >= TURNS and self.age >= OLD) or self.age >= OLDEST
             self.noise = max(self.noise * NOISE, 1.0)
@@ -228,9 +234,9 @@ class Newton:
                 self.matrix_step, self.differentiated = 0.0, False
             return True
         if turn and not rate <= SLOW:
-            if self.adaptive and not rate <= 0.9:
+            if self.adaptive and not rate <= HOPELESS:
                 raise Failure(Outcome.DIVERGED)
-            if not self.adaptive and 1 <= since < OLD and rate >= 0.5 and norm < STALLED:
+            if not self.adaptive and 1 <= since < OLD and rate >= STALLED_RATE and norm < STALLED:
                 # A new matrix no longer shrinks the corrections: they are round-off.
                 self.noise = 2 * norm
                 return True
@@ -287,8 +293,7 @@ class Newton:
                 for s, argument in enumerate(arguments):
                     size = size + share * (abs(block[r, :, s]) @ argument)
             sizes.append(size)
-        # A size of zero, as of a coordinate at rest, leaves any correction a finite weight.
-        weights: FloatArray = 1 / (EPSILON * (abs(self.inverse) @ np.concatenate(sizes)) + 1e-100)
+        weights: FloatArray = 1 / (ROUND_OFF * (abs(self.inverse) @ np.concatenate(sizes)) + LEAST_ROUND_OFF)
         return weights
 
     def tolerated(self) -> FloatArray:
@@ -351,5 +356,5 @@ def inverse(matrix: FloatArray) -> tuple[FloatArray, bool]:
         found = np.linalg.inv(scaled)
     except np.linalg.LinAlgError:
         return np.full_like(matrix, np.nan), True
-    bad = not 1 / (np.abs(found).max() * len(matrix)) > 2.0**-46
+    bad = not 1 / (np.abs(found).max() * len(matrix)) > PIVOT
     return columns[:, None] * found * rows, bad

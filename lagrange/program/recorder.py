@@ -83,7 +83,8 @@ class Recorder:
         for argument in arguments:
             if not isinstance(argument, Vector):
                 raise StatementError(
-                    f"step function {self.name} calls f with {type(argument).__name__}, not with a state."
+                    f"step function {self.name} calls f with {type(argument).__name__}, not with a state: give it a "
+                    "combination of the state, slopes and unknowns."
                 )
             if self.inside is not None and any(i in self.inner for i in argument.terms):
                 raise StatementError(
@@ -147,7 +148,10 @@ class Recorder:
         several = isinstance(returned, (tuple, list))
         vectors = tuple(returned) if several else (returned,)
         if not all(isinstance(vector, Vector) for vector in vectors):
-            raise StatementError(f"step function {self.name} gives solve something that is no combination of vectors.")
+            raise StatementError(
+                f"step function {self.name} gives solve something that is no combination of vectors: guesses, "
+                "residuals and predictions add vectors and multiply them by numbers made of t and h."
+            )
         return made, tuple(vector.combination() for vector in vectors), several
 
 

@@ -172,7 +172,6 @@ def trace(
     function: Callable[..., Any],
     *,
     law: str = "rhs",
-    partitioned: bool = False,
     implicit: bool = False,
     control: Control | None = None,
     starter: StepProgram | None = None,
@@ -180,12 +179,11 @@ def trace(
     """Run a step function on vectors and return what it did.
 
     The function returns the new state, or (new state, error, ...) where a `control` is given; one of a law with two
-    state vectors, such as `partitioned` steps of accelerations, returns (q, v). An `implicit` one gets `solve` as its
-    last argument, and one with a `starter` the state one step back behind the state. Raises StatementError if it does
-    anything but combine vectors.
+    state vectors, "accelerations" or "momentum", returns (q, v). An `implicit` one gets `solve` as its last argument,
+    and one with a `starter` the state one step back behind the state. Raises StatementError if it does anything but
+    combine vectors.
     """
     graph = Graph()
-    law = "accelerations" if partitioned else law
     states = LAWS[law].states
     time, h = graph.symbol("t", Binding.TIME), graph.symbol("h", Binding.TIME)
     given = [Vector({i: graph.one}) for i in range(states if starter is None else 2 * states)]

@@ -17,7 +17,9 @@ from lagrange.trajectory.verdict import Verdict
 BURST = 0.02
 """Seconds of steps between two looks at the clock, the step limit and Ctrl-C."""
 
-LARGEST_BURST = 16384
+FIRST_BURST, LARGEST_BURST = 64, 16384
+"""Steps of a burst: twice as many from one to the next that is shorter than `BURST`, between these. The first is short
+because a step may be slow; the largest bounds the memory of what no step may need."""
 
 AHEAD = 1e-6
 """The part of a run beyond a step that shrank to nothing in which the equations may turn out to have no value."""
@@ -125,7 +127,7 @@ def _bursts(
     problem: Problem, driver: Driver, watch: Watcher | None, state: DriverState, rows: _Rows, began: float
 ) -> tuple[Status, str]:
     """Advance until something ends the run; return what did, and a sentence on it where there is more to say."""
-    burst = 64
+    burst = FIRST_BURST
     times, states = np.empty(0), np.empty((0, len(problem.y0)))
     verdict = Verdict() if watch is None else watch.begin(state)
     try:

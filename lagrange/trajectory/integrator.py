@@ -40,8 +40,9 @@ class Problem:
 
     `parameters` has a value for each of the model's parameters. `t_eval` is sorted in the direction of the run
     and lies inside the span, or is None for every accepted step. `step`, `rtol` and `atol` are None where the
-    user left the choice to the method. `events` are checked against the model's statement. `progress` is called
-    now and then with the time reached.
+    user left the choice to the method. `max_steps` bounds the steps tried, accepted or not, and `max_wall` the seconds
+    of the run. `events` are checked against the model's statement. `progress` is called now and then with the time
+    reached.
     """
 
     model: Model

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lagrange.machine.driver import DriverState
+from lagrange.machine.driver import EARLIEST, DriverState
 from lagrange.trajectory.trajectory import FloatArray
 
 TOGETHER = 4 * 2.0**-52
@@ -66,7 +66,7 @@ class Crowd:
 
     def accumulates(self, t: float, which: Iterable[int]) -> bool:
         """Count changes of what is watched, by number, at a time."""
-        if abs(t - self.last) > CLOSEST * max(abs(t), 1e-290):
+        if abs(t - self.last) > CLOSEST * max(abs(t), EARLIEST):
             self.counts.clear()
         self.last = t
         self.counts.update(which)

@@ -11,6 +11,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from lagrange.machine.backend import Driver, SingularMassMatrix
+from lagrange.machine.control import AFTER_BROKEN
 from lagrange.machine.driver import DriverState
 from lagrange.machine.model import Model
 from lagrange.program.actions import LAWS
@@ -170,7 +171,7 @@ class StepPlan:
         """Take the failed step again, in a simpler way if it is implicit; see `Plan`."""
         step, parameters = self.step, problem.parameter_array
         kernel, n = problem.model.kernel("rhs"), len(state.y) // 2
-        h = float(state.reals[DriverState.STEP] or 4.0 * state.reals[DriverState.H])
+        h = float(state.reals[DriverState.STEP] or state.reals[DriverState.H] / AFTER_BROKEN)
 
         def f(t: float, y: FloatArray) -> FloatArray:
             split = step.law == "accelerations"
@@ -180,7 +181,7 @@ class StepPlan:
         with np.errstate(all="ignore"):
             try:
                 if step.solves:
-                    return _ahead(f, state, h)
+                    return _moved_ahead(f, state, h)
                 if step.partitioned:
                     return np.concatenate(step.function(f, state.t, state.y[:n], state.y[n:], h))
                 moved = step.function(f, state.t, state.y, h)
@@ -189,7 +190,7 @@ class StepPlan:
         return np.asarray(moved if step.control is None else moved[0])
 
 
-def _ahead(f: Callable[[float, FloatArray], FloatArray], state: DriverState, h: float) -> FloatArray:
+def _moved_ahead(f: Callable[[float, FloatArray], FloatArray], state: DriverState, h: float) -> FloatArray:
     """Return the state moved by the first slope ahead that is no number; the search goes a few steps far."""
     first = f(state.t, state.y)
     for reach in (1, 2, 4, 8):

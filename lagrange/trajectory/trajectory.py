@@ -36,9 +36,10 @@ class Trajectory:
     """States at the output times, and what it took to get them.
 
     `t` has shape (N,), `y` (2n, N) with rows as in the right-hand side, [q, v]. `span` is the first and the last
-    accepted time, and `dense` maps times (K,) between them to states (2n, K). `wall` is in seconds, what is compiled
-    once for many runs apart. `form` says how the method computed its steps, where it has a choice. For each event,
-    `t_events` has its times (k,) and `y_events` the states there, (k, 2n), before any reset.
+    accepted time, and `dense` maps times (K,) between them to states (2n, K). `steps` were accepted and `rejected`
+    tried in vain; `evaluations` are those of the right-hand side, or of the series. `wall` is in seconds, what is
+    compiled once for many runs apart. `form` says how the method computed its steps, where it has a choice. For
+    each event, `t_events` has its times (k,) and `y_events` the states there, (k, 2n), before any reset.
     """
 
     t: FloatArray

@@ -137,7 +137,7 @@ def test_a_step_must_return_what_its_kind_does() -> None:
     with pytest.raises(StatementError, match=r"it must return 1 new state vector\(s\) and 2 error"):
         trace("bad", lambda f, t, y, h: (y, y), control=Control(3, damped=True))
     with pytest.raises(StatementError, match="it must return 2 new state"):
-        trace("bad", lambda a, t, q, v, h: q, partitioned=True)
+        trace("bad", lambda a, t, q, v, h: q, law="accelerations")
     with pytest.raises(StatementError, match="returns 1 values"):
         trace("bad", lambda f, t, y, h: 3.0)
 
@@ -234,6 +234,6 @@ def test_what_cannot_be_solved_is_refused() -> None:
     with pytest.raises(StatementError, match="damps before it solves"):
         implicit(early, control=Control(2))
     with pytest.raises(StatementError, match="solve is for the laws 'rhs' and 'momentum'"):
-        trace("mine", lambda a, t, q, v, h, solve: solve(lambda k: a(t, k), q), partitioned=True, implicit=True)
+        trace("mine", lambda a, t, q, v, h, solve: solve(lambda k: a(t, k), q), law="accelerations", implicit=True)
     with pytest.raises(StatementError, match="calls f with t and 1 vectors: it takes 2"):
         trace("mine", lambda g, t, q, v, h: g(t, q), law="momentum")

@@ -17,7 +17,7 @@ from lagrange.statement.coordinate import t
 from lagrange.trajectory.integrator import Claims, Integrator
 from lagrange.trajectory.methods import registry
 from lagrange.trajectory.methods.explicit import RK4, explicit_method
-from lagrange.trajectory.methods.registry import DEFAULT, GROUP, find, names, table
+from lagrange.trajectory.methods.registry import BUILT_IN, DEFAULT, GROUP, find, names, table
 from lagrange.trajectory.methods.splitting import Splitting, SymplecticEuler, Verlet
 from tests.models import model
 from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, STEPPED, exact, run
@@ -128,6 +128,12 @@ def test_claims_are_those_of_the_step(name: str) -> None:
     assert claims.symplectic or not isinstance(find(name), Splitting)
     assert claims.dense > 0 or name not in STEPPED
     assert SymplecticEuler().claims.order == 1 and not SymplecticEuler().claims.symmetric
+
+
+def test_every_built_in_method_stands_in_the_public_module() -> None:
+    for make in BUILT_IN.values():
+        name = getattr(make, "__name__", "")
+        assert name in lagrange.methods.__all__ and getattr(lagrange.methods, name) is make
 
 
 def test_the_row_of_taylor_says_what_its_order_means() -> None:

@@ -17,8 +17,9 @@ from lagrange.errors import StatementError
 from lagrange.trajectory.methods.classical import BS3, EULER, HEUN, MIDPOINT, RK4
 from lagrange.trajectory.methods.dop853 import DOP853
 from lagrange.trajectory.methods.dopri5 import DOPRI5
+from lagrange.trajectory.methods.explicit import runge_kutta_step
 from lagrange.trajectory.methods.rooted_trees import density, formula, size, trees
-from lagrange.trajectory.methods.runge_kutta import ButcherTableau, DenseOutput, ErrorEstimate, row, rows
+from lagrange.trajectory.methods.runge_kutta import HIGHEST, ButcherTableau, DenseOutput, ErrorEstimate, row, rows
 from lagrange.trajectory.methods.tsit5 import TSIT5
 from lagrange.trajectory.methods.verner9 import verner9
 
@@ -68,6 +69,18 @@ def test_trees_are_counted_and_weighed() -> None:
     assert sum(Fraction(math.factorial(5), density(tree) * symmetry(tree)) for tree in trees(5)) == math.factorial(4)
     assert density(((), ((),))) == 8 and size(((), ((),))) == 4
     assert formula(((), (), (((),),))) == "c_i^2 a_ij a_jk c_k"
+
+
+def test_step_control_belongs_to_the_tableau_and_not_to_its_name() -> None:
+    """A tableau that is registered under another name steps as it did."""
+    named, renamed = runge_kutta_step(DOPRI5).control, runge_kutta_step(replace(DOPRI5, name="mine")).control
+    assert named == renamed and named is not None and named.memory == 0.04
+
+
+def test_every_condition_that_is_checked_can_be_told() -> None:
+    """The tall tree has a letter for each stage but the last."""
+    formulas = [formula(tree) for tree in trees(HIGHEST)]
+    assert "a_ij a_jk a_kl a_lm a_mn a_no a_op a_pq c_q" in formulas
 
 
 def symmetry(tree: Any) -> int:

@@ -23,6 +23,9 @@ LAW = "ptr %rhs, ptr %p, ptr %jacobian, ptr %jp"
 RECORDS = "ptr noalias %reals, ptr noalias %counts, ptr noalias %work"
 """The state of a run, and the memory of its steps."""
 
+GIVEN = "ptr %reals, ptr %counts, ptr %work"
+"""The same, handed on to another function."""
+
 
 def place_arguments(e: Emitter, layout: Layout, scalars: Scalars, call: Call) -> str:
     """Store the arguments of a call one behind the other and return their address."""

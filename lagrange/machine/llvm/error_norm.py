@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from lagrange.machine.control import DAMPING, FLAT, GUESS, LEAP, SHARE, SLOWLY, SMALL
 from lagrange.machine.llvm.calls import evaluate_in_place
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.vectors import BLOCK, KIND, Layout, blocks, in_work, splat, total
@@ -28,7 +29,7 @@ def norm_function(step: StepProgram, layout: Layout) -> str:
     totals = [total(e, e.load(memory, KIND)) for memory in sums]
     dimension = literal(float(layout.dimension))
     if step.control and step.control.damped:
-        mixed = e.fma(literal(0.01), totals[1], totals[0])
+        mixed = e.fma(literal(DAMPING), totals[1], totals[0])
         positive = e.value(f"fcmp ogt double {mixed}, {literal(0.0)}")
         product = e.value(f"fmul double {mixed}, {dimension}")
         safe = e.value(f"select i1 {positive}, double {product}, double {literal(1.0)}")
@@ -51,19 +52,19 @@ def first_step_function(step: StepProgram, layout: Layout) -> str:
     for offset in blocks(e, layout.width):
         e.store(e.load(in_work(e, layout.result, offset), KIND), in_work(e, slope, offset), KIND)
     d0, d1 = _mean(e, layout, 0), _mean(e, layout, slope)
-    small = e.value(f"or i1 {e.real('fcmp olt', d0, literal(1e-5))}, {e.real('fcmp olt', d1, literal(1e-5))}")
-    ratio = e.real("fdiv", e.real("fmul", literal(0.01), d0), d1)
+    small = e.value(f"or i1 {e.real('fcmp olt', d0, literal(SMALL))}, {e.real('fcmp olt', d1, literal(SMALL))}")
+    ratio = e.real("fdiv", e.real("fmul", literal(SHARE), d0), d1)
     # A slope infinitely large against its tolerance, as where y = 0 and atol is next to 0, says nothing about a step.
     known = e.real("fcmp ogt", ratio, literal(0.0))
-    h0 = e.smaller(e.choose(small, literal(1e-6), e.choose(known, ratio, literal(1e-6))), "%span")
+    h0 = e.smaller(e.choose(small, literal(GUESS), e.choose(known, ratio, literal(GUESS))), "%span")
     _second_slope(e, layout, slope, e.real("fmul", h0, "%direction"))
     d2 = e.real("fdiv", _mean(e, layout, layout.result, slope), h0)
     largest = e.larger(d1, d2)
-    flat = e.real("fcmp ole", largest, literal(1e-15))
-    slow = e.larger(literal(1e-6), e.real("fmul", h0, literal(1e-3)))
+    flat = e.real("fcmp ole", largest, literal(FLAT))
+    slow = e.larger(literal(GUESS), e.real("fmul", h0, literal(SLOWLY)))
     exponent = 1.0 / (step.control.exponent if step.control else 1)
-    h1 = e.choose(flat, slow, e.power(e.real("fdiv", literal(0.01), largest), exponent))
-    chosen = e.smaller(e.smaller(e.real("fmul", literal(100.0), h0), h1), "%span")
+    h1 = e.choose(flat, slow, e.power(e.real("fdiv", literal(SHARE), largest), exponent))
+    chosen = e.smaller(e.smaller(e.real("fmul", literal(LEAP), h0), h1), "%span")
     # Where the second slope is not finite the guess from the first one stands; the loop shortens it if it must.
     e.do(f"ret double {e.choose(e.real('fcmp ogt', chosen, literal(0.0)), chosen, h0)}")
     return e.function(

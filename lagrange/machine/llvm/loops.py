@@ -7,7 +7,17 @@ from __future__ import annotations
 
 from typing import Any
 
-from lagrange.machine.driver import EARLIEST, FAR, NEAR_END, SPACING, DriverState, Outcome
+from lagrange.machine.control import (
+    AFTER_BROKEN,
+    AFTER_DIVERGED,
+    FAR,
+    INTEGRAL,
+    LEAST_NORM,
+    LEAST_PREVIOUS,
+    SHRUNK,
+    SLIVER,
+)
+from lagrange.machine.driver import EARLIEST, NEAR_END, SPACING, DriverState, Outcome
 from lagrange.machine.llvm.calls import LAW, RECORDS, bump, leave_if, leave_with
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.step import accept, attempt, take_entries
@@ -27,8 +37,7 @@ def fixed_loop(step: StepProgram, layout: Layout) -> str:
         count = e.get("%counts", DriverState.STEPS, "i64")
         following = e.value(f"sitofp i64 {e.value(f'add nsw i64 {count}, 1')} to double")
         grid = e.fma(following, h, start)
-        # A last step of a millionth of the step is round-off of the grid and joins the step before it.
-        left = e.real("fsub", end, e.fma(literal(1e-6), h, grid))
+        left = e.real("fsub", end, e.fma(literal(SLIVER), h, grid))
         ahead = e.choose(e.real("fcmp olt", h, literal(0.0)), e.value(f"fneg double {left}"), left)
         beyond = e.real("fcmp ole", ahead, literal(0.0))
         length = e.choose(beyond, e.real("fsub", end, t), h)
@@ -118,8 +127,8 @@ def _trial(e: Emitter, step: StepProgram, layout: Layout, length: str, after: st
     e.label(f"{name}.broken")
     failure = e.value(f"sitofp i32 {status} to double")
     cause = e.choose(done, literal(float(Outcome.NON_FINITE)), failure)
-    # A step that did not converge may at half its length; one that met no number has to shrink further.
-    part = e.choose(e.real("fcmp oeq", cause, literal(float(Outcome.DIVERGED))), literal(0.5), literal(0.25))
+    unsolved = e.real("fcmp oeq", cause, literal(float(Outcome.DIVERGED)))
+    part = e.choose(unsolved, literal(AFTER_DIVERGED), literal(AFTER_BROKEN))
     _reject(e, cause, e.real("fmul", length, part))
     e.jump(f"{name}.end")
     e.label(f"{name}.measure")
@@ -132,18 +141,18 @@ def _judge(e: Emitter, step: StepProgram, name: str, length: str, after: str, re
     control: Any = step.control
     tolerances = ", ".join(f"double {e.get('%reals', which)}" for which in (DriverState.RTOL, DriverState.ATOL))
     norm = e.value(f"call double @norm(ptr %work, {tolerances})")
-    shrink = e.power(e.larger(norm, literal(1e-10)), -(1 / control.exponent - 0.75 * control.memory))
+    shrink = e.power(e.larger(norm, literal(LEAST_NORM)), -(1 / control.exponent - INTEGRAL * control.memory))
     factor = e.real("fmul", shrink, literal(control.safety))
     accepted = e.real("fcmp ole", norm, literal(1.0))
     e.do(f"br i1 {accepted}, label %{name}.accept, label %{name}.reject")
     e.label(f"{name}.reject")
-    bounded = e.smaller(e.larger(factor, literal(control.least)), literal(0.95))
+    bounded = e.smaller(e.larger(factor, literal(control.least)), literal(SHRUNK))
     _reject(e, literal(float(Outcome.STEP_TOO_SMALL)), e.real("fmul", length, bounded))
     e.jump(f"{name}.end")
     e.label(f"{name}.accept")
     if control.memory:
         factor = e.real("fmul", factor, e.power(e.get("%reals", DriverState.PREVIOUS), control.memory))
-    e.put(e.larger(norm, literal(1e-4)), "%reals", DriverState.PREVIOUS)
+    e.put(e.larger(norm, literal(LEAST_PREVIOUS)), "%reals", DriverState.PREVIOUS)
     most = e.choose(rejected, literal(1.0), literal(control.most))
     factor = e.larger(e.smaller(factor, most), literal(control.least))
     if control.hold > 1:

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator
 
 from lagrange.machine.driver import DriverState, Outcome
-from lagrange.machine.llvm.calls import LAW, RECORDS, bump, evaluate, leave_if, leave_with
+from lagrange.machine.llvm.calls import GIVEN, LAW, RECORDS, bump, evaluate, leave_if, leave_with
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.extrapolation import predict
 from lagrange.machine.llvm.vectors import (
@@ -31,23 +31,27 @@ from lagrange.machine.newton import (
     ASTRAY,
     FARTHEST,
     FRACTION,
+    FRESH_RATE,
     GROWTH,
+    HOPELESS,
     LARGEST,
+    LEAST_RATE,
     MOST,
     MOST_TIMES,
     NOISE,
     OLD,
     OLDEST,
+    OLDEST_RATE,
     REST,
+    ROUND_OFF,
     SLOW,
     STALLED,
+    STALLED_RATE,
     TURNS,
 )
 
 UNROLLED_PRODUCT = 64
 """A product of matrix and vector is written out up to this many blocks."""
-
-_GIVEN = "ptr %reals, ptr %counts, ptr %work"
 
 
 def newton_functions(layout: Layout, prefix: str = "") -> list[str]:
@@ -68,8 +72,8 @@ def _solve(layout: Layout, newton: Newton, prefix: str) -> str:
         _tolerated(e, layout, newton)
     known = e.get(flags, Newton.KNOWN, "i64")
     name = f"{prefix}newton{newton.index}"
-    again = f"@{prefix}iterate{newton.index}({LAW}, double %t, double %h, {_GIVEN})"
-    begin = f"@{prefix}start{newton.index}({LAW}, double %t, double %h, {_GIVEN})"
+    again = f"@{prefix}iterate{newton.index}({LAW}, double %t, double %h, {GIVEN})"
+    begin = f"@{prefix}start{newton.index}({LAW}, double %t, double %h, {GIVEN})"
     e.do(f"br i1 {e.value(f'icmp sgt i64 {known}, 0')}, label %predict, label %fresh")
     e.label("predict")
     predict(e, layout, newton)
@@ -146,11 +150,11 @@ def _iterate(layout: Layout, newton: Newton, prefix: str) -> str:
         for i, residual in enumerate(solve.residuals):
             combine(e, layout, scalars, residual, newton.residual + i * newton.width)
         with e.when(e.real("fcmp une", e.get(flags, Newton.MATRIX_STEP), "%h")):
-            renewed = f"call i32 @{prefix}renew{newton.index}({LAW}, double %t, double %h, {_GIVEN})"
+            renewed = f"call i32 @{prefix}renew{newton.index}({LAW}, double %t, double %h, {GIVEN})"
             leave_with(e, e.value(renewed))
             e.store(literal(0.0), since)
         norm = _correct(e, layout, newton)
-        unit = e.get("%reals", DriverState.RTOL) if newton.adaptive else literal(2.0**-52)
+        unit = e.get("%reals", DriverState.RTOL) if newton.adaptive else literal(ROUND_OFF)
         e.put(e.real("fmul", norm, unit), "%reals", DriverState.RESIDUAL)
         _leave_broken(e, norm, e.load(previous), unit)
         if not newton.adaptive:
@@ -188,8 +192,8 @@ def _judge(e: Emitter, newton: Newton, turn: str, norm: str, previous: str, sinc
         both = e.real("fcmp ole", e.larger(norm, e.choose(first, literal(math.inf), previous)), enough)
         small = e.value(f"or i1 {small}, {both}")
     with e.when(small):
-        aged = e.smaller(e.real("fmul", kept, literal(AGING)), literal(0.9))
-        e.put(e.choose(first, aged, e.larger(measured, literal(1e-4))), flags, Newton.RATE)
+        aged = e.smaller(e.real("fmul", kept, literal(AGING)), literal(OLDEST_RATE))
+        e.put(e.choose(first, aged, e.larger(measured, literal(LEAST_RATE))), flags, Newton.RATE)
         _plan_matrix(e, newton, turn, measured)
         e.do("ret i32 0")
         e.label(e.fresh("never"))
@@ -197,7 +201,7 @@ def _judge(e: Emitter, newton: Newton, turn: str, norm: str, previous: str, sinc
     slow = e.value(f"and i1 {slow}, {e.value(f'xor i1 {first}, true')}")
     with e.when(slow):
         if newton.adaptive:
-            leave_if(e, e.real("fcmp ugt", rate, literal(0.9)), Outcome.DIVERGED)
+            leave_if(e, e.real("fcmp ugt", rate, literal(HOPELESS)), Outcome.DIVERGED)
         else:
             _stall(e, flags, norm, rate, since)
 
@@ -209,7 +213,7 @@ def _plan_matrix(e: Emitter, newton: Newton, turn: str, measured: str) -> None:
     e.put(age, flags, Newton.AGE)
     if newton.adaptive:
         many = e.value(f"icmp sgt i64 {turn}, 0")
-        tired = e.value(f"and i1 {many}, {e.real('fcmp ogt', measured, literal(1e-3))}")
+        tired = e.value(f"and i1 {many}, {e.real('fcmp ogt', measured, literal(FRESH_RATE))}")
     else:
         many = e.value(f"icmp sge i64 {turn}, {TURNS}")
         tired = e.value(f"and i1 {many}, {e.real('fcmp oge', age, literal(float(OLD)))}")
@@ -227,7 +231,9 @@ def _stall(e: Emitter, flags: str, norm: str, rate: str, since: str) -> None:
     old = e.real("fcmp oge", turns, literal(float(OLD)))
     young = e.real("fcmp oge", turns, literal(1.0))
     fresh = e.value(f"and i1 {young}, {e.value(f'xor i1 {old}, true')}")
-    stuck = e.value(f"and i1 {e.real('fcmp oge', rate, literal(0.5))}, {e.real('fcmp olt', norm, literal(STALLED))}")
+    stuck = e.value(
+        f"and i1 {e.real('fcmp oge', rate, literal(STALLED_RATE))}, {e.real('fcmp olt', norm, literal(STALLED))}"
+    )
     with e.when(e.value(f"and i1 {fresh}, {stuck}")):
         e.put(e.real("fmul", literal(2.0), norm), flags, Newton.NOISE)
         e.do("ret i32 0")

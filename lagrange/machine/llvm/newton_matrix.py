@@ -26,6 +26,7 @@ from lagrange.machine.llvm.vectors import (
     splat,
     unit_block,
 )
+from lagrange.machine.newton import LEAST_ROUND_OFF, ROUND_OFF
 from lagrange.program.actions import LAWS, Call, Combination, Solve
 
 
@@ -263,6 +264,5 @@ def _weigh(e: Emitter, layout: Layout, newton: Newton, scalars: Scalars, point: 
             column = _index(e, (j, None), (b, length))
             entry = e.fabs(e.get(e.address(inverse, row), e.value(f"mul nsw i64 {column}, {newton.all}")))
             e.store(e.fma(entry, e.get(sizes, _index(e, (j, None), (b, newton.width))), e.load(cell)), cell)
-        # A size of zero, as of a coordinate at rest, leaves any correction a finite weight.
-        unit = e.fma(e.load(cell), literal(2.0**-52), literal(1e-100))
+        unit = e.fma(e.load(cell), literal(ROUND_OFF), literal(LEAST_ROUND_OFF))
         e.put(e.real("fdiv", literal(1.0), unit), weights, row)

@@ -11,14 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from lagrange.machine.backend import PIVOT
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.vectors import BLOCK, KIND, TRUTH, cut_block, lane_is, splat
 
 WRITTEN_OUT = 16
 """Up to this order the blocks of a row are written out, and the search for a pivot."""
-
-ROUND_OFF = 2.0**-46
-"""A pivot of this size against the row and the column that it stands in is round-off."""
 
 
 def inversion_function(n: int) -> str:
@@ -138,11 +136,11 @@ class _Inversion:
         return self.e.choose(above, b[0], a[0]), self.e.value(f"select i1 {above}, i64 {b[1]}, i64 {a[1]}")
 
     def is_round_off(self, row: str, k: str) -> str:
-        """Return whether a pivot is too small; one that is no number is no verdict on the matrix."""
+        """Return whether a pivot is too small, in units of its row and column; one that is no number says nothing."""
         e = self.e
         pivot = e.get(self.row(row), k)
         size = e.real("fmul", e.fabs(pivot), e.real("fmul", e.get(self.units, row), e.get(self.columns, k)))
-        small = e.real("fcmp ole", size, literal(ROUND_OFF))
+        small = e.real("fcmp ole", size, literal(PIVOT))
         return e.value(f"or i1 {small}, {e.real('fcmp oeq', pivot, literal(0.0))}")
 
     def swap_rows(self, one: str, other: str) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lagrange.machine.driver import DriverState, Outcome
-from lagrange.machine.llvm.calls import LAW, RECORDS, bump, copy, count_calls, evaluate, leave_with
+from lagrange.machine.llvm.calls import GIVEN, LAW, RECORDS, bump, copy, count_calls, evaluate, leave_with
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.extrapolation import keep
 from lagrange.machine.llvm.newton import multiply
@@ -20,8 +20,6 @@ from lagrange.machine.llvm.vectors import (
 )
 from lagrange.program.actions import Call, Combination, Damp
 from lagrange.program.step import StepProgram
-
-_GIVEN = "ptr %reals, ptr %counts, ptr %work"
 
 _TRIED = f"{RECORDS}, ptr noalias %entries, i64 %slope_known"
 
@@ -49,7 +47,7 @@ def step_function(layout: Layout, prefix: str = "") -> str:
             combine(e, layout, scalars, action.vector, newton.residual)
             multiply(e, newton, newton.damper(action), 1, layout.place(action.result))
         else:
-            failed = e.value(f"call i32 @{prefix}newton{next(solves).index}({LAW}, double %t, double %h, {_GIVEN})")
+            failed = e.value(f"call i32 @{prefix}newton{next(solves).index}({LAW}, double %t, double %h, {GIVEN})")
             leave_with(e, failed)
     for i, result in enumerate(step.results):
         _keep_result(e, layout, scalars, i, result)
@@ -135,7 +133,7 @@ def attempt(e: Emitter, step: StepProgram, t: str, h: str) -> str:
     """Take a trial step and return its outcome."""
     known = e.get("%counts", DriverState.SLOPE_KNOWN, "i64")
     name = "step" if step.starter is None else "either"
-    status = e.value(f"call i32 @{name}({LAW}, double {t}, double {h}, {_GIVEN}, ptr %entries, i64 {known})")
+    status = e.value(f"call i32 @{name}({LAW}, double {t}, double {h}, {GIVEN}, ptr %entries, i64 {known})")
     if step.starts_with_slope:
         e.put("1", "%counts", DriverState.SLOPE_KNOWN, "i64")
     return status

@@ -14,7 +14,11 @@ from lagrange.program.lower import lower
 from lagrange.program.step import StepProgram
 
 BLOCK = 4
+"""Doubles that are loaded and stored at once."""
+
 KIND, TRUTH, PLACES = (f"<{BLOCK} x {kind}>" for kind in ("double", "i1", "i64"))
+"""LLVM's types of a block of numbers, of truths, and of places."""
+
 UNROLLED_BLOCKS = 2
 """Up to this many blocks per vector are written out; longer vectors are looped over."""
 
@@ -42,7 +46,7 @@ class Layout:
         self.result = first_buffer + 2 * (dimension + BLOCK)
         end = self.result + 2 * (dimension + BLOCK)
         self.flags = -(-end // BLOCK) * BLOCK
-        """Where the driver keeps whether the state one step back is known."""
+        """Where the driver keeps whether the state one step back is known, and behind it whether the trial gives it."""
         end = self.flags + BLOCK
         self.solves: list[Newton] = []
         for i, solve in enumerate(step.solves):
@@ -70,7 +74,8 @@ class Newton:
     a matrix that is being inverted, by rows `stride` apart.
     """
 
-    FLAGS = 12
+    FLAGS = 3 * BLOCK
+    """Room for the flags, in whole blocks."""
     MATRIX_STEP, DERIVATIVE, RATE, NOISE, KNOWN, SOLVED, OLD_STEP, TRIED_STEP, AGE, ORDER = range(10)
 
     def __init__(

@@ -21,9 +21,6 @@ from lagrange.trajectory.methods.verner9 import verner9
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
-MEMORY = {"dopri5": 0.04}
-"""Exponent of the previous error in step control, where its authors use one (Hairer, Norsett, Wanner, IV.2)."""
-
 
 @dataclass(frozen=True)
 class RungeKutta:
@@ -78,7 +75,7 @@ def runge_kutta_step(tableau: ButcherTableau) -> StepProgram:
         errors = [_weighted(weights, slopes) * h for weights in (estimate.weights, estimate.damping) if weights]
         return (new, *errors)
 
-    control = Control(estimate.control, damped=bool(estimate.damping), memory=MEMORY.get(tableau.name, 0.0))
+    control = Control(estimate.control, damped=bool(estimate.damping), memory=estimate.memory)
     return trace(tableau.name, step, control=control)
 
 

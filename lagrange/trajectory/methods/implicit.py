@@ -127,6 +127,8 @@ def weighted(weights: Sequence[Real], vectors: Sequence[Any]) -> Any:
 
 
 GAUSS2, GAUSS3 = (collocation(*gauss_tableau(stages)) for stages in (2, 3))
+STARTER = collocation(*collocation_tableau((Fraction(1, 3), Fraction(1))))
+"""Radau's step of 2 stages, order 3, with equal steps: what a method of two steps starts with."""
 
 
 def bdf2(f: Callable[..., Any], t: Any, y: Any, before: Any, h: Any, solve: Callable[..., Any]) -> Any:
@@ -151,7 +153,4 @@ def Gauss3(step: float | None = None) -> ImplicitMethod:
 def BDF2(step: float | None = None) -> ImplicitMethod:
     """Return the backward differentiation formula of two steps, order 2, for stiff systems; it starts with Radau's."""
     claims = Claims(2, a_stable=True, explicit=False)
-    return ImplicitMethod("bdf2", claims, bdf2, starter=RADAU3, step=step)
-
-
-RADAU3 = collocation(*collocation_tableau((Fraction(1, 3), Fraction(1))))
+    return ImplicitMethod("bdf2", claims, bdf2, starter=STARTER, step=step)

@@ -23,7 +23,7 @@ from lagrange.trajectory.methods.rooted_trees import Number
 from lagrange.trajectory.methods.runge_kutta import ROUND_OFF, ButcherTableau
 from lagrange.trajectory.methods.settings import fixed_settings
 from lagrange.trajectory.methods.splitting import check_splits
-from lagrange.trajectory.methods.trial import Combination, kind_of, number, refusal
+from lagrange.trajectory.methods.trial import TrialVector, kind_of, number, refusal
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.trajectory import Trajectory
 
@@ -85,7 +85,8 @@ def _program(name: str, function: Callable[..., Any]) -> StepProgram:
                 name, f"of t and h it takes more than sums, products, quotients and powers ({error})"
             ) from error
 
-    program = trace(name, guarded, partitioned=_arguments(name, function) == 5)
+    law = "accelerations" if _arguments(name, function) == 5 else "rhs"
+    program = trace(name, guarded, law=law)
     return replace(program, function=function)
 
 
@@ -118,18 +119,18 @@ def _tried(name: str, function: Callable[..., Any], states: int, t: Fraction, h:
     calls: list[tuple[Number, dict[int, Number]]] = []
     what = "f(t, y)" if states == 1 else "a(t, q)"
 
-    def f(*arguments: Any) -> Combination:
+    def f(*arguments: Any) -> TrialVector:
         if len(arguments) != 2:
             raise refusal(name, f"it calls {what} with {len(arguments)} arguments")
         at, y = arguments
         if not isinstance(at, Real):
             raise refusal(name, f"it calls {what} at a time that is {kind_of(at)}")
-        if not isinstance(y, Combination):
+        if not isinstance(y, TrialVector):
             raise refusal(name, f"it calls {what} for {kind_of(y)} in place of a vector")
         calls.append((number(at), y.terms))
-        return Combination(name, {states + len(calls) - 1: Fraction(1)})
+        return TrialVector(name, {states + len(calls) - 1: Fraction(1)})
 
-    given = [Combination(name, {i: Fraction(1)}) for i in range(states)]
+    given = [TrialVector(name, {i: Fraction(1)}) for i in range(states)]
     try:
         returned = function(f, t, *given, h)
     except StatementError:
@@ -138,8 +139,8 @@ def _tried(name: str, function: Callable[..., Any], states: int, t: Fraction, h:
         raise refusal(name, f"it fails with {type(error).__name__}: {error}") from error
     found = returned if isinstance(returned, (tuple, list)) else (returned,)
     wanted = "the new state" if states == 1 else "the new coordinates and velocities, q, v"
-    if len(found) != states or not all(isinstance(vector, Combination) for vector in found):
-        shown = ", ".join("a vector" if isinstance(vector, Combination) else kind_of(vector) for vector in found)
+    if len(found) != states or not all(isinstance(vector, TrialVector) for vector in found):
+        shown = ", ".join("a vector" if isinstance(vector, TrialVector) else kind_of(vector) for vector in found)
         raise refusal(name, f"it returns {shown or 'nothing'} in place of {wanted}")
     if not calls:
         raise refusal(name, f"it never calls {what}")

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from fractions import Fraction
 from functools import cache
 from math import prod
+from string import ascii_lowercase
 from typing import Any
 
 Tree = tuple[Any, ...]
@@ -67,9 +68,10 @@ def dot(left: Row, right: Row) -> Number:
     return sum((a * b for a, b in zip(left, right, strict=False) if a and b), Fraction(0))
 
 
-def formula(tree: Tree, letters: str = "ijklmnop") -> str:
+def formula(tree: Tree) -> str:
     """Return the tree's elementary weight in words, such as ``c_i^2 a_ij c_j``; nothing for a leaf."""
-    return _formula(tree, letters[0], iter(letters[1:]))
+    letters = iter(ascii_lowercase[ascii_lowercase.index("i") :])
+    return _formula(tree, next(letters), letters)
 
 
 def _formula(tree: Tree, here: str, letters: Iterator[str]) -> str:

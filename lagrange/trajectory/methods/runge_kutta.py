@@ -37,13 +37,15 @@ class ErrorEstimate:
     `order` is the order of the embedded solution: the norm shrinks as h**(order + 1). With `damping`, a second,
     less accurate estimate, e5 and e3 being the sums of squares of the scaled estimates over the dim components,
     the norm is e5 / sqrt((e5 + 0.01 e3) dim) (Hairer, Norsett, Wanner, Solving ODE I, II.10), which shrinks as
-    h**`control`.
+    h**`control`. `memory` is the exponent of the previous norm in step control, for methods whose authors use one
+    (Hairer, Wanner, Solving ODE II, IV.2).
     """
 
     weights: Row
     order: int
     damping: Row = ()
     damping_order: int = 0
+    memory: float = 0.0
 
     @property
     def control(self) -> int:

@@ -48,13 +48,10 @@ class _Stepper:
         self.solver = method.solver(lambda s, y: law.rhs(origin + s, y), own[0], y.copy(), own[1], **options)
 
     @property
-    def running(self) -> bool:
-        return bool(self.solver.status == "running")
-
-    @property
     def t(self) -> float:
         reached = self.origin + float(self.solver.t)
-        return reached if self.running and self.forward * (self.end - reached) > 0 else self.end
+        running = self.solver.status == "running"
+        return reached if running and self.forward * (self.end - reached) > 0 else self.end
 
     @property
     def y(self) -> FloatArray:

@@ -127,7 +127,7 @@ def splitting_step(name: str, stages: Stages) -> StepProgram:
                 now = t + h if i == last else t + h * passed
         return q, v
 
-    return trace(name, step, partitioned=True)
+    return trace(name, step, law="accelerations")
 
 
 def composition(

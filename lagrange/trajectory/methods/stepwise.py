@@ -34,10 +34,6 @@ class Stepper(Protocol):
     """A solver of another package, between two of its steps."""
 
     @property
-    def running(self) -> bool:
-        """Whether the end is still ahead."""
-
-    @property
     def t(self) -> float:
         """The time reached."""
 

@@ -131,10 +131,6 @@ class _Stepper:
         self.begin = self.s
 
     @property
-    def running(self) -> bool:
-        return not self.reached
-
-    @property
     def t(self) -> float:
         reached = self._time(self.s)
         return self.t1 if self.reached or self.sign * (self.t1 - reached) < 0 else reached

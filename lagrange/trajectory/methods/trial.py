@@ -43,7 +43,7 @@ def number(value: Real) -> Number:
     return Fraction(value) if isinstance(value, Rational) else float(value)
 
 
-class Combination:
+class TrialVector:
     """A linear combination of the state and the slopes with plain numbers: what a step function is tried out on."""
 
     def __init__(self, name: str, terms: Mapping[int, Number]) -> None:
@@ -55,8 +55,8 @@ class Combination:
         """The coefficients by the number of the vector, without those that are zero."""
         return {i: c for i, c in self._terms.items() if c}
 
-    def __add__(self, other: Any) -> Combination:
-        if isinstance(other, Combination):
+    def __add__(self, other: Any) -> TrialVector:
+        if isinstance(other, TrialVector):
             both = self._terms | other._terms
             return self._made({i: self._terms.get(i, 0) + other._terms.get(i, 0) for i in both})
         if isinstance(other, Real) and other == 0:
@@ -65,20 +65,20 @@ class Combination:
 
     __radd__ = __add__
 
-    def __sub__(self, other: Any) -> Combination:
+    def __sub__(self, other: Any) -> TrialVector:
         return self.__add__(other * -1)
 
-    def __rsub__(self, other: Any) -> Combination:
+    def __rsub__(self, other: Any) -> TrialVector:
         return self.__neg__().__add__(other)
 
-    def __neg__(self) -> Combination:
+    def __neg__(self) -> TrialVector:
         return self * -1
 
-    def __pos__(self) -> Combination:
+    def __pos__(self) -> TrialVector:
         return self
 
-    def __mul__(self, factor: Any) -> Combination:
-        if isinstance(factor, Combination):
+    def __mul__(self, factor: Any) -> TrialVector:
+        if isinstance(factor, TrialVector):
             raise self._refused("it multiplies two vectors")
         if not isinstance(factor, Real):
             raise self._refused(f"it multiplies a vector by {kind_of(factor)}")
@@ -86,13 +86,13 @@ class Combination:
 
     __rmul__ = __mul__
 
-    def __truediv__(self, divisor: Any) -> Combination:
+    def __truediv__(self, divisor: Any) -> TrialVector:
         if not isinstance(divisor, Real) or divisor == 0:
             raise self._refused(f"it divides a vector by {'zero' if isinstance(divisor, Real) else kind_of(divisor)}")
         return self._made({i: c / number(divisor) for i, c in self._terms.items()})
 
-    def _made(self, terms: Mapping[int, Number]) -> Combination:
-        return Combination(self._name, terms)
+    def _made(self, terms: Mapping[int, Number]) -> TrialVector:
+        return TrialVector(self._name, terms)
 
     def _refused(self, what: str) -> StatementError:
         return refusal(self._name, what)
@@ -142,11 +142,11 @@ class Combination:
     def __float__(self) -> float:
         raise self._refused("it takes a vector for a number")
 
-    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Combination:
-        numbers = all(isinstance(x, (Combination, np.generic)) for x in inputs)
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> TrialVector:
+        numbers = all(isinstance(x, (TrialVector, np.generic)) for x in inputs)
         if ufunc.__name__ in ARITHMETIC and method == "__call__" and numbers and not options:
-            plain = [x if isinstance(x, Combination) else x.item() for x in inputs]
-            made: Combination = ARITHMETIC[ufunc.__name__](*plain)
+            plain = [x if isinstance(x, TrialVector) else x.item() for x in inputs]
+            made: TrialVector = ARITHMETIC[ufunc.__name__](*plain)
             return made
         raise self._refused(f"it takes numpy's {ufunc.__name__} of a vector")
 
