@@ -294,7 +294,8 @@ class StepWatch(Record):
         The path of a long step may come down to the floor with a velocity that rises already: reset, it would fall.
         """
         states = np.column_stack([before, after])
-        coming, going = self._rates()(np.full(2, t), states, self.parameters).T
+        along = math.copysign(1.0, self.problem.t1 - self.problem.t0)
+        coming, going = along * self._rates()(np.full(2, t), states, self.parameters).T
         for m in met:
             if coming[m.which] * m.root.rising < 0 < going[m.which] * m.root.rising:
                 return m

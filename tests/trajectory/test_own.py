@@ -128,8 +128,38 @@ REFUSED: dict[str, tuple[Callable[..., Any], str]] = {
     "three": (lambda f, t, y: y, r"takes 3 arguments \(f, t, y\): write step\(f, t, y, h\)"),
     "force": (lambda a, t, q, v, h: (q + h * v, v + h / 2 * a(t, q)), r"the new v holds.* 0\.5 times h a instead of 1"),
     "speed": (lambda a, t, q, v, h: (q + h * v, v + h * a(t, v)), "an acceleration is taken at 0 times q instead of 1"),
+    "square": (lambda f, t, y, h: y + h**2 * f(t, y), "where h is small, at t = 0, its slopes add up to 0.000244"),
+    "clock": (lambda f, t, y, h: y + h * (1 + t) * f(t, y), "where h is small, at t = 2, its slopes add up to 3 times"),
+    "late": (lambda f, t, y, h: y + h * f(2 * t, y), "where h is small, at t = 2, a slope is taken at the time 4"),
+    "first": (lambda f, t, y, h: y + h * f(t + h, y) if t == 0 else y + h * f(t, y), "not do the same at every call"),
+    "unit": (lambda f, t, y, h: y + h * f(t, y) if h in (1, 2) else y + 2 * h * f(t, y), "the same at every call"),
+    "list": (lambda f, t, y, h: [y + h * f(t, y)], "it returns a list in place of the new state"),
+    "jerk": (lambda a, t, q, v, h: (q + h * h * v, v + h * a(t, q)), "the new q holds 2 times h v instead of 1"),
+    "clocked": (lambda a, t, q, v, h: (q + h * v, v + h * (1 + t) * a(t, q)), "the new v holds.* 3 times h a instead"),
     "single": (lambda a, t, q, v, h: q + h * v, "it returns a vector in place of the new coordinates and velocities"),
 }
+
+
+def test_a_step_whose_numbers_are_not_in_proportion_to_h_is_held_to_be_a_step() -> None:
+    """Its slopes add up to h where h is small: that is consistent, which is what order 1 asks."""
+    method = step_method(lambda f, t, y, h: y + h / (1 + h) * f(t, y) + h**2 / (1 + h) * f(t + h, y), order=1)
+    assert run(model("oscillator"), 1.0, method, step=0.01).status.complete
+
+
+def test_a_step_function_that_carries_something_on_is_refused() -> None:
+    """It runs on trial and for its record, and never again: what it keeps from call to call would not count."""
+    calls = []
+
+    def stateful(f: Any, t: Any, y: Any, h: Any) -> Any:
+        calls.append(t)
+        return y + h * f(t, y) if len(calls) < 3 else y + 2 * h * f(t, y)
+
+    call = {"__call__": lambda self, f, t, y, h: y + h * f(t, y)}
+    unhashable: Any = type("Unhashable", (), {"__hash__": None, **call})
+    with pytest.raises(lg.StatementError, match="does not do the same at every call"):
+        step_method(stateful, order=1)
+    with pytest.raises(lg.StatementError, match="is a Unhashable without a hash: give a function"):
+        step_method(unhashable(), order=1)
 
 
 @pytest.mark.parametrize("case", REFUSED)
@@ -179,9 +209,17 @@ def test_a_name_is_given_once() -> None:
         ({"A": [[0, 0], [1, 0]], "b": [1, 0], "order": 2}, "condition of order 2, sum b_i c_i = 1/2, fails by -0.5"),
         ({"A": [[0, 1], [1, 0]], "b": [1, 0], "order": 1}, "is not explicit: A must be zero on and above"),
         ({"A": [[0, 0], [1, 0]], "b": [0.5, 0.5], "order": 2, "embedded": [1]}, "2 weights in b and 1 in embedded"),
+        ({"A": [[0, 0], ["1e400", 0]], "b": [1, 0], "order": 1}, "has an entry that is no number .*too large"),
+        ({"A": [[0, 0], [1, 0]], "b": [1, 0], "order": 1, "embedded": [1, 0]}, "has embedded equal to b: their differ"),
         ({"A": [[]], "b": [1], "order": 12}, "orders up to 10 can be checked, not 12"),
     ],
 )
 def test_a_tableau_that_is_not_one_is_refused(given: dict[str, Any], words: str) -> None:
     with pytest.raises(lg.StatementError, match=words):
         tableau(**given)
+
+
+@pytest.mark.parametrize("part", ["x", None, 10**400])
+def test_a_composition_of_what_is_no_number_is_refused(part: Any) -> None:
+    with pytest.raises(lg.StatementError, match="the composition mine has a coefficient that is no number"):
+        composition([1, part], name="mine", order=2)

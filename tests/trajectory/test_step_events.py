@@ -17,7 +17,7 @@ from lagrange.trajectory.methods.registry import find, table
 from lagrange.trajectory.trajectory import Status, Trajectory
 from tests.models import TARGETS, build, x, y
 from tests.trajectory import watched
-from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, OUTSIDE, STEPPED, run
+from tests.trajectory.runs import ADAPTIVE, FIXED, IMPLICIT, NAMES, OUTSIDE, STEPPED, run
 from tests.trajectory.watched import FALL, G, ball, bounces, floor, free, harmonic
 
 TIGHT: dict[str, dict[str, Any]] = {
@@ -309,3 +309,14 @@ def test_kinks_and_jumps() -> None:
 def test_a_fast_event_along_a_slow_motion() -> None:
     times = go(free(), 3.0, [sin(1000 * t)], "dop853").t_events[0]
     assert times == pytest.approx(np.arange(1, 955) * math.pi / 1000, abs=1e-11)
+
+
+@pytest.mark.parametrize("name", [*STEPPED, *IMPLICIT, *OUTSIDE])
+def test_backwards_through_resets(name: str) -> None:
+    """A ball falls in a run back in time, too: it bounces at the mirrored times."""
+    options = {} if find(name).claims.adaptive else {"step": 0.01}
+    there = watched.go(ball(), 1.2, [floor(0.5)], 0.0, name, **options)
+    back = watched.go(ball(), 0.0, [floor(0.5)], 1.2, name, **options)
+    assert back.status is there.status is Status.SUCCESS, back.message
+    assert len(there.t_events[0]) >= 3
+    assert 1.2 - back.t_events[0] == pytest.approx(there.t_events[0], rel=1e-9)

@@ -166,6 +166,8 @@ def tableau(
         if len(other) != len(weights):
             raise StatementError(f"the tableau {name!r} has {len(weights)} weights in b and {len(other)} in embedded.")
         difference = tuple(x - y for x, y in zip(weights, other, strict=True))
+        if not any(difference):
+            raise StatementError(f"the tableau {name!r} has embedded equal to b: their difference estimates no error.")
         error = ErrorEstimate(difference, order=embedded_order or max(order - 1, 1))
     rows = tuple(line[:i] for i, line in enumerate(lines))
     made = ButcherTableau(name=name, order=order, A=rows, b=weights, c=_entries(name, c), error=error, source=source)
@@ -174,8 +176,11 @@ def tableau(
 
 def _entries(name: str, line: Any) -> Row:
     try:
-        return tuple(x if isinstance(x, float) else Fraction(x) for x in line)
-    except (TypeError, ValueError, ZeroDivisionError) as error:
+        entries = tuple(x if isinstance(x, float) else Fraction(x) for x in line)
+        for entry in entries:
+            float(entry)  # A fraction may lie beyond all doubles.
+        return entries
+    except (TypeError, ValueError, ArithmeticError) as error:
         raise StatementError(
             f"the tableau {name!r} has an entry that is no number ({error}): give numbers, or text such as '2/3', each "
             "row a list."

@@ -7,7 +7,7 @@ also give the tableau of a Runge-Kutta step, whose order is then held by its con
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
@@ -15,6 +15,8 @@ from numbers import Real
 from typing import Any
 
 from lagrange.errors import StatementError
+from lagrange.machine.arithmetic import FLOATS
+from lagrange.program.lower import lower
 from lagrange.program.step import StepProgram, trace
 from lagrange.trajectory.dense import hermite_path
 from lagrange.trajectory.driver import drive
@@ -26,6 +28,15 @@ from lagrange.trajectory.methods.splitting import check_splits
 from lagrange.trajectory.methods.trial import TrialVector, kind_of, number, refusal
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.trajectory import Trajectory
+
+TRIED = ((Fraction(0), Fraction(1)), (Fraction(2), Fraction(2)))
+"""Where a step function is tried out, (t, h): not at one place alone, where h**2 would pass for h."""
+
+SHORT = Fraction(1, 4096)
+"""A step so short that its slopes must add up to h, but for a part that is itself of the size of h."""
+
+CLOSE = 1 / 16
+"""What a short step may be off by."""
 
 FORMS = "step(f, t, y, h), or step(a, t, q, v, h) to move coordinates and velocities in turn"
 
@@ -62,14 +73,14 @@ def step_method(function: Callable[..., Any], *, order: int, name: str = "", ste
     `function` is `step(f, t, y, h)` and returns the state at t + h, with f(t, y) the slope of the state y = [q, v]; or
     `step(a, t, q, v, h)`, returns (q, v), and has the accelerations a(t, q), where these do not depend on velocities.
     It adds and subtracts vectors and multiplies them by numbers made of t and h, and does nothing else with them.
-    The order of a step of the first form is checked, as a tableau's is; of the second, that both move as they must
-    under a constant force. Raises StatementError in words.
+    The order of a step of the first form is checked, as a tableau's is, or that it is one at all where its numbers are
+    not in proportion to h; of the second, that both move as they must under a constant force. It is called for its
+    record alone, and must do the same at every call. Raises StatementError in words.
     """
     if isinstance(order, bool) or not isinstance(order, int) or order < 1:
         raise StatementError(f"order = {order!r}: give the order of the method, a whole number from 1 on.")
     called = name or getattr(function, "__name__", "") or "step"
-    check_consistent(called, function, order)
-    _program(called, function)
+    _check_recorded(called, function, check_consistent(called, function, order))
     return StepMethod(called, order, function, step)
 
 
@@ -92,8 +103,9 @@ def _program(name: str, function: Callable[..., Any]) -> StepProgram:
 
 def _arguments(name: str, function: Callable[..., Any]) -> int:
     """Return the number of a step function's arguments, 4 or 5."""
-    if not callable(function):
-        raise StatementError(f"the step function {name} is {kind_of(function)}: give a function, {FORMS}.")
+    if not callable(function) or not isinstance(function, Hashable):
+        what = f"{kind_of(function)} without a hash" if callable(function) else kind_of(function)
+        raise StatementError(f"the step function {name} is {what}: give a function, {FORMS}.")
     try:
         parameters = inspect.signature(function).parameters.values()
     except (TypeError, ValueError) as error:
@@ -137,7 +149,7 @@ def _tried(name: str, function: Callable[..., Any], states: int, t: Fraction, h:
         raise
     except (TypeError, ValueError, ArithmeticError, LookupError, AttributeError, NameError) as error:
         raise refusal(name, f"it fails with {type(error).__name__}: {error}") from error
-    found = returned if isinstance(returned, (tuple, list)) else (returned,)
+    found = returned if isinstance(returned, (tuple, list)) and len(returned) != 1 else (returned,)
     wanted = "the new state" if states == 1 else "the new coordinates and velocities, q, v"
     if len(found) != states or not all(isinstance(vector, TrialVector) for vector in found):
         shown = ", ".join("a vector" if isinstance(vector, TrialVector) else kind_of(vector) for vector in found)
@@ -147,18 +159,21 @@ def _tried(name: str, function: Callable[..., Any], states: int, t: Fraction, h:
     return _Tried(tuple(calls), tuple(vector.terms for vector in found))
 
 
-def check_consistent(name: str, function: Callable[..., Any], order: int) -> None:
-    """Refuse a step function that is not one, or not of the order; see `step_method`."""
-    if _arguments(name, function) == 5:
-        _check_partitioned(name, order, _tried(name, function, 2, Fraction(0), Fraction(1)))
-        return
-    tried = _tried(name, function, 1, Fraction(0), Fraction(1))
-    doubled = _tried(name, function, 1, Fraction(2), Fraction(2))
+def check_consistent(name: str, function: Callable[..., Any], order: int) -> tuple[_Tried, _Tried]:
+    """Refuse a step function that is not one, or not of the order; see `step_method`. Return what it did on trial."""
+    states = 2 if _arguments(name, function) == 5 else 1
+    both = tried, doubled = _tried(name, function, states, *TRIED[0]), _tried(name, function, states, *TRIED[1])
+    if states == 2:
+        for one, (t, h) in zip(both, TRIED, strict=True):
+            _check_partitioned(name, order, one, t, h)
+        return both
     for _, argument in tried.calls:
         _check_whole(name, "a slope is taken at", argument)
     _check_whole(name, "the new state holds", tried.results[0])
     if not _scales(tried, doubled):
-        return
+        for t, _ in TRIED:
+            _check_short(name, _tried(name, function, 1, t, SHORT), t)
+        return both
     slopes = range(1, len(tried.calls) + 1)
     vectors = [argument for _, argument in tried.calls]
     ButcherTableau(
@@ -168,6 +183,39 @@ def check_consistent(name: str, function: Callable[..., Any], order: int) -> Non
         b=tuple(tried.results[0].get(j, Fraction(0)) for j in slopes),
         c=tuple(at for at, _ in tried.calls),
     )
+    return both
+
+
+def _check_recorded(name: str, function: Callable[..., Any], trials: tuple[_Tried, _Tried]) -> None:
+    """Refuse a step function that leaves another record than it left on trial: that record is all that will run."""
+    program = _program(name, function)
+    wanted = program.numbers
+    scalars = lower("scalars", wanted, (len(wanted),), [program.h], program.time, [])
+    for (t, h), tried in zip(TRIED, trials, strict=True):
+        values = dict(zip(wanted, FLOATS.evaluate(scalars, float(t), [float(h)], []), strict=True))
+        same = len(tried.calls) == len(program.calls)
+        pairs: list[tuple[float, Number]] = []
+        recorded = [*(call.argument for call in program.calls), *program.results]
+        for combination, terms in zip(recorded, [*(one for _, one in tried.calls), *tried.results], strict=False):
+            found = {i: float(values[factor]) for i, factor in combination}
+            pairs += [(found.get(i, 0), terms.get(i, 0)) for i in sorted(found | terms)]
+        pairs += [(float(values[call.time]), at) for call, (at, _) in zip(program.calls, tried.calls, strict=False)]
+        if not same or not all(abs(a - float(b)) <= ROUND_OFF * max(1.0, abs(a)) for a, b in pairs):
+            raise refusal(
+                name, "it does not do the same at every call: it asks what t or h is, or depends on something else"
+            )
+
+
+def _check_short(name: str, tried: _Tried, t: Fraction) -> None:
+    """Hold a step whose numbers are not in proportion to h to what makes it a step at all."""
+    _check_whole(name, "the new state holds", tried.results[0])
+    slopes = sum(float(c) for i, c in tried.results[0].items() if i) / float(SHORT)
+    if not abs(slopes - 1) <= CLOSE:
+        raise refusal(name, f"where h is small, at t = {t}, its slopes add up to {slopes:g} times h instead of 1")
+    for at, argument in tried.calls:
+        _check_whole(name, "a slope is taken at", argument)
+        if not abs(float(at - t)) <= CLOSE:
+            raise refusal(name, f"where h is small, at t = {t}, a slope is taken at the time {float(at):g}")
 
 
 def _check_whole(name: str, what: str, terms: dict[int, Number]) -> None:
@@ -187,22 +235,23 @@ def _scales(tried: _Tried, doubled: _Tried) -> bool:
     return all(abs(a - b) <= ROUND_OFF * max(1.0, abs(a)) for a, b in pairs)
 
 
-def _check_partitioned(name: str, order: int, tried: _Tried) -> None:
-    """Hold a step in q and v to what every such step satisfies, with h = 1: q + v + a/2 and v + a for a constant a."""
+def _check_partitioned(name: str, order: int, tried: _Tried, t: Fraction, h: Fraction) -> None:
+    """Hold a step in q and v to what every such step satisfies: q + h v + h^2 a/2 and v + h a for a constant a."""
     q, v = tried.results
     sums = [sum(float(c) for i, c in terms.items() if i > 1) for terms in (q, v)]
     found: list[tuple[str, str, Number, Number]] = [
         ("the new q holds", "q", q.get(0, 0), 1),
-        ("the new q holds", "h v", q.get(1, 0), 1),
+        ("the new q holds", "h v", q.get(1, 0) / h, 1),
         ("the new v holds", "q", v.get(0, 0), 0),
         ("the new v holds", "v", v.get(1, 0), 1),
-        ("the new v holds, of a constant acceleration,", "h a", sums[1], 1),
-        *([("the new q holds, of a constant acceleration,", "h^2 a", sums[0], 0.5)] if order > 1 else []),
+        ("the new v holds, of a constant acceleration,", "h a", sums[1] / h, 1),
+        *([("the new q holds, of a constant acceleration,", "h^2 a", sums[0] / h**2, 0.5)] if order > 1 else []),
     ]
     for at, argument in tried.calls:
+        part = (at - t) / h
         found += [
             ("an acceleration is taken at", "q", argument.get(0, 0), 1),
-            (f"an acceleration is taken at t + {float(at):g} h and", "h v", argument.get(1, 0), at),
+            (f"an acceleration is taken at t + {float(part):g} h and", "h v", argument.get(1, 0) / h, part),
         ]
     for what, of, value, expected in found:
         if not abs(float(value) - float(expected)) <= ROUND_OFF:

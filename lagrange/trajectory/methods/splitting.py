@@ -147,7 +147,10 @@ def composition(
     """
     if first not in ("drift", "kick"):
         raise StatementError(f"first = {first!r}: a composition starts with a 'drift' or a 'kick'.")
-    parts = [float(c) for c in coefficients]
+    try:
+        parts = [float(c) for c in coefficients]
+    except (TypeError, ValueError, OverflowError) as error:
+        raise StatementError(f"the composition {name} has a coefficient that is no number ({error}).") from error
     if not parts:
         raise StatementError(f"the composition {name} has no coefficients: give at least one.")
     ends = [0.0, *parts, 0.0]
