@@ -23,6 +23,7 @@ from lagrange.show.derivation import equations_latex, render
 from lagrange.show.solution import Solution
 from lagrange.statement import scene as scene_files
 from lagrange.statement.declare import declare
+from lagrange.statement.number import real_number
 from lagrange.statement.statement import RunSettings, Statement
 from lagrange.trajectory.methods.registry import DEFAULT, find
 
@@ -199,6 +200,7 @@ class System:
         What is not given comes from the scene, where there is one.
         """
         scene = self.statement.run
+        end = scene.t_end if t_end is None else real_number(t_end, "t_end, the time at which the run ends,")
         chosen = scene.method or DEFAULT if method is None else method
         if find(chosen).claims.adaptive:
             rtol = scene.rtol if rtol is None and _is_name(chosen) else rtol
@@ -207,7 +209,7 @@ class System:
             step = scene.step
         return integrate(
             self.compile(target, check=check),
-            (t_start, scene.t_end if t_end is None else t_end),
+            (t_start, end),
             initial,
             method=chosen,
             rtol=rtol,

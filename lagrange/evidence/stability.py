@@ -36,6 +36,9 @@ FloatArray = NDArray[np.float64]
 ROUND_OFF = 1e-9
 """A growth by less than this is none, per step: eigenvalues of matrices that are not normal lose some digits."""
 
+SEEN = 1e-13
+"""Growth of a step that is more than the rounding of its matrix and of its eigenvalues."""
+
 FARTHEST, HALVINGS = 1e4, 60
 """How far out a limit is looked for, in units of one over the step, and how often the place is halved."""
 
@@ -119,10 +122,20 @@ class _Map:
         for call in solve.calls:
             self.call(call)
         residual = np.concatenate([self.combined(one) for one in solve.residuals], axis=1)
-        found = -np.linalg.solve(residual[:, :, given:], residual[:, :, :given])
+        found = -_solved(residual[:, :, given:], residual[:, :, :given])
         self.vectors = before
         for j in range(solve.count):
             self.vectors[solve.first + j] = found[:, j * self.length : (j + 1) * self.length]
+
+
+def _solved(matrices: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the solutions of systems (Z, m, m), infinite where there is none: at a pole of the step."""
+    try:
+        return np.asarray(np.linalg.solve(matrices, right), dtype=float)
+    except np.linalg.LinAlgError:
+        poles = np.linalg.matrix_rank(matrices) < matrices.shape[-1]
+        solvable = np.where(poles[:, None, None], np.eye(matrices.shape[-1]), matrices)
+        return np.where(poles[:, None, None], np.inf, np.linalg.solve(solvable, right))
 
 
 def _numbers(step: StepProgram) -> dict[Node, float]:
@@ -138,14 +151,17 @@ def growth(method: Any, z: ArrayLike) -> FloatArray:
 
     `method` is a registered name, an instance, or its step program; `z` are complex numbers, and one with its conjugate
     is what counts. The factor is the spectral radius of the step's matrix. A splitting knows no damping: its z must be
-    imaginary, or a StatementError is raised.
+    imaginary, or a StatementError is raised. At a pole of an implicit step the factor is infinite.
     """
     step = method if isinstance(method, StepProgram) else step_of(method)
     rates = np.asarray(z, dtype=complex)
     if step.law == "accelerations" and (np.abs(rates.real) > 1e-12 * np.abs(rates)).any():
         raise StatementError(f"{step.name} takes no damping: its stability is a matter of imaginary rates alone.")
-    radii = np.abs(np.linalg.eigvals(_Map(step, rates.ravel()).whole())).max(axis=1)
-    return np.asarray(radii.reshape(rates.shape))
+    with np.errstate(invalid="ignore"):
+        steps = _Map(step, rates.ravel()).whole()
+    finite: Any = np.isfinite(steps).all(axis=(1, 2))
+    radii = np.abs(np.linalg.eigvals(np.where(finite[:, None, None], steps, 0.0))).max(axis=1)
+    return np.where(finite, radii, np.inf).reshape(rates.shape)
 
 
 def stability(method: Any) -> Stability:
@@ -167,7 +183,9 @@ def _extent(step: StepProgram, direction: complex) -> float:
         middle = (low + high) / 2
         bad = growth(step, [direction * middle])[0] > 1.0 + ROUND_OFF * max(1.0, middle)
         low, high = (low, middle) if bad else (middle, high)
-    return float(low)
+    # Where a step amplifies all the way from zero, by little at first, it is stable nowhere.
+    before = growth(step, direction * low * np.array([0.5, 0.7, 0.9]))
+    return 0.0 if (before > 1.0 + SEEN).all() else float(low)
 
 
 def step_of(method: Any) -> StepProgram:

@@ -30,12 +30,11 @@ DAMPED = [name for name in STEPS if not isinstance(find(name), Splitting)]
 def test_published_limits(name: str, real: float, imaginary: float) -> None:
     """Hairer, Wanner, Solving ODE II, IV.2: figures 2.1 and 2.2, and the polynomials 1 + z + ... + z^s / s!.
 
-    Where the imaginary axis is unstable from the start, growth by less than 1e-9 a step counts as none: y^4/8 for
-    order 2, whence 0.01.
+    The imaginary axis is unstable from the start for orders 1 and 2, by y^2/2 and y^4/8.
     """
     found = stability(name)
     assert found.real == pytest.approx(real, rel=1e-4)
-    assert found.imaginary == pytest.approx(imaginary, rel=1e-3, abs=0.01)
+    assert found.imaginary == pytest.approx(imaginary, rel=1e-3, abs=1e-12)
 
 
 @pytest.mark.parametrize("name", ["symplectic-euler", "verlet", "velocity-verlet", "leapfrog", "forest-ruth4"])
@@ -83,3 +82,21 @@ def test_the_picture_of_regions() -> None:
     legend = axis.get_legend()
     assert legend is not None
     assert [text.get_text() for text in legend.get_texts()] == ["rk4", "radau5"]
+
+
+def test_a_pole_is_infinite_growth() -> None:
+    """Backward Euler is 1/(1 - z), and one pole among many rates does not take the others with it."""
+    found = growth("backward-euler", [1.0, -1.0, 3.0])
+    assert found == pytest.approx([math.inf, 1 / 1.99, 1 / 1.97])
+
+
+@pytest.mark.parametrize("name", DAMPED)
+def test_every_method_can_be_drawn(name: str) -> None:
+    x, y = np.meshgrid(np.linspace(-4, 4, 9), np.linspace(0, 4, 5))
+    found = growth(name, x + 1j * y)
+    assert (found >= 0).all() and np.isfinite(found).any()
+
+
+@pytest.mark.parametrize("name", ["heun", "midpoint", "euler"])
+def test_what_amplifies_from_the_start_is_stable_nowhere(name: str) -> None:
+    assert stability(name).imaginary == 0.0

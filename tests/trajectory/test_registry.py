@@ -139,3 +139,17 @@ def test_every_built_in_method_stands_in_the_public_module() -> None:
 def test_the_row_of_taylor_says_what_its_order_means() -> None:
     row = next(row for row in table() if row.name == "taylor")
     assert f"order by cost, {LOWEST} to {HIGHEST} ({row.claims.order} stands for it)" in row.about
+
+
+@pytest.mark.parametrize(
+    ("given", "meant"),
+    [("RK45", "dopri5"), ("ode45", "dopri5"), ("RK4", "rk4"), ("BDF", "scipy-bdf"), ("gauss4", "gauss2")],
+)
+def test_names_from_elsewhere_are_understood(given: str, meant: str) -> None:
+    with pytest.raises(StatementError, match=f"Did you mean '{meant}'"):
+        find(given)
+
+
+def test_a_tableau_is_a_method() -> None:
+    method: Any = find("rk4")
+    assert find(method.tableau).name == "rk4"

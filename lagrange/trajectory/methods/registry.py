@@ -57,6 +57,25 @@ DEFAULT = "taylor"
 """The method of a run that names none: at errors of 1e-6 and below it needs the least time of those here
 (docs/benchmarks/race.md)."""
 
+ELSEWHERE = {
+    "rk45": "dopri5",
+    "ode45": "dopri5",
+    "rk23": "bs3",
+    "ode23": "bs3",
+    "ode89": "verner9",
+    "ode113": "scipy-lsoda",
+    "radau": "radau5",
+    "bdf": "scipy-bdf",
+    "lsoda": "scipy-lsoda",
+    "ode15s": "scipy-bdf",
+    "leap-frog": "leapfrog",
+    "gauss4": "gauss2",
+    "gauss6": "gauss3",
+    "stormer-verlet": "verlet",
+    "runge-kutta": "rk4",
+}
+"""What other packages call a method, or one of its family: for the hint where there is none of a name."""
+
 BUILT_IN: dict[str, Callable[[], Integrator]] = {
     "euler": Euler,
     "heun": Heun,
@@ -209,6 +228,8 @@ def names() -> list[str]:
 
 def find(method: Any) -> Integrator:
     """Return the integrator of a registered name, or the instance itself. Raises StatementError for another."""
+    if isinstance(method, ButcherTableau):
+        return RungeKutta(method)
     if not isinstance(method, str):
         if isinstance(method, type) or not callable(getattr(method, "integrate", None)):
             raise StatementError(
@@ -228,9 +249,9 @@ def find(method: Any) -> Integrator:
     if method in _offered():
         made: Integrator = _offered()[method].load()()
         return made
-    raise StatementError(
-        f"there is no method {method!r}; the methods are {listing(names())}." + suggestion(method, names())
-    )
+    meant = ELSEWHERE.get(method.lower())
+    hint = f" Did you mean {meant!r}?" if meant else suggestion(method.lower(), names())
+    raise StatementError(f"there is no method {method!r}; the methods are {listing(names())}.{hint}")
 
 
 def table() -> Table:
