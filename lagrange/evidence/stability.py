@@ -8,7 +8,6 @@ Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -18,12 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.errors import StatementError
-from lagrange.graph.node import Node
-from lagrange.machine.arithmetic import FLOATS
 from lagrange.machine.model import Model
 from lagrange.machine.numpy import NumpyMachine
+from lagrange.machine.numpy_newton import numbers_of
 from lagrange.program.actions import LAWS, Call, Combination, Solve
-from lagrange.program.lower import lower
 from lagrange.program.step import StepProgram
 from lagrange.statement.coordinate import coordinate
 from lagrange.statement.declare import declare
@@ -75,7 +72,8 @@ class _Map:
             unit = np.zeros((len(z), self.length, self.size))
             unit[:, range(self.length), range(i * self.length, (i + 1) * self.length)] = 1.0
             self.vectors[i] = unit
-        self.numbers = _numbers(step)
+        # The coefficients of a step of length 1 at t = 0 behind one of the same length.
+        self.numbers = numbers_of(step, step.scalars(step.numbers), 0.0, 1.0, 1.0)
 
     def whole(self) -> FloatArray:
         """Return the matrix of the step (Z, m, m); with memory, the state that it starts from comes second."""
@@ -136,14 +134,6 @@ def _solved(matrices: FloatArray, right: FloatArray) -> FloatArray:
         poles = np.linalg.matrix_rank(matrices) < matrices.shape[-1]
         solvable = np.where(poles[:, None, None], np.eye(matrices.shape[-1]), matrices)
         return np.where(poles[:, None, None], np.inf, np.linalg.solve(solvable, right))
-
-
-def _numbers(step: StepProgram) -> dict[Node, float]:
-    """Return the coefficients of a step of length 1 at t = 0 behind one of the same length."""
-    nodes = step.numbers
-    program = lower("scalars", nodes, (len(nodes),), [step.h, step.ratio], step.time, [])
-    values: Sequence[Any] = FLOATS.evaluate(program, 0.0, [1.0, 1.0], [])
-    return dict(zip(nodes, map(float, values), strict=True))
 
 
 def growth(method: Any, z: ArrayLike) -> FloatArray:

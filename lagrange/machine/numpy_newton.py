@@ -38,7 +38,7 @@ from lagrange.machine.newton import (
     TURNS,
 )
 from lagrange.program.actions import LAWS, Call, Combination, Damp, Solve, in_doubles, parts
-from lagrange.program.lower import lower
+from lagrange.program.program import Program
 from lagrange.program.step import StepProgram
 
 S = DriverState
@@ -53,14 +53,22 @@ class Failure(Exception):
         self.outcome = outcome
 
 
+def numbers_of(step: StepProgram, scalars: Program, t: float, h: float, ratio: float) -> dict[Node, float]:
+    """Return every number of a step at a time, for a length and its ratio to that of the step before.
+
+    `scalars` is the program of them all, made once for many steps.
+    """
+    values = FLOATS.evaluate(scalars, t, [h, ratio], [])
+    return dict(zip(step.numbers, map(float, values), strict=True))
+
+
 class Record:
     """A step program run from its record: vectors by number, and the numbers made of t, h and the ratio of steps."""
 
     def __init__(self, step: StepProgram, law: Evaluate, jacobian: Evaluate) -> None:
         self.step, self.law, self.jacobian = step, law, jacobian
         self.newtons = [Newton(self, solve) for solve in step.solves]
-        self._wanted = step.numbers
-        self._numbers = lower("scalars", self._wanted, (len(self._wanted),), [step.h, step.ratio], step.time, [])
+        self._scalars = step.scalars(step.numbers)
         self.vectors: list[FloatArray] = []
         self.lost: list[Any] = [0.0] * step.states
         """What rounding has taken from each state, and what it takes from them in the step being tried."""
@@ -105,12 +113,11 @@ class Record:
 
     def use(self, ratio: float) -> None:
         """Compute the numbers for the present t and h and a ratio of steps."""
-        values = FLOATS.evaluate(self._numbers, self.t, [self.h, ratio], [])
-        self._values = dict(zip(self._wanted, values, strict=True))
+        self._values = numbers_of(self.step, self._scalars, self.t, self.h, ratio)
 
     def number(self, node: Node) -> float:
         """Return a number of the step."""
-        return float(self._values[node])
+        return self._values[node]
 
     def sum(self, combination: Combination, *, sizes: bool = False) -> FloatArray:
         """Return a linear combination of vectors, or that of their sizes."""

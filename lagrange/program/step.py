@@ -23,6 +23,8 @@ from typing import Any
 from lagrange.errors import StatementError
 from lagrange.graph.node import Binding, Graph, Node
 from lagrange.program.actions import LAWS, Action, Call, Combination, Damp, Solve
+from lagrange.program.lower import lower
+from lagrange.program.program import Program
 from lagrange.program.recorder import Recorder, Solver, Vector
 
 
@@ -108,6 +110,10 @@ class StepProgram:
         combinations += [argument for call in calls for argument in call.arguments]
         found = [*(damp.factor for damp in self.damps), *(call.time for call in calls)]
         return tuple(dict.fromkeys([*found, *(factor for one in combinations for _, factor in one)]))
+
+    def scalars(self, nodes: Sequence[Node]) -> Program:
+        """Return numbers of the step as a program that computes them, of a state of h and the ratio of steps."""
+        return lower("scalars", nodes, (len(nodes),), [self.h, self.ratio], self.time, [])
 
     @property
     def exact(self) -> bool:

@@ -13,7 +13,7 @@ out[size][count]; it returns the first column of a block with a singular matrix,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from lagrange.machine.llvm import registers
 from lagrange.machine.llvm.body import UNROLLED, Body, shares_angle_function
@@ -21,7 +21,7 @@ from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.linear_solver import factor_size
 from lagrange.machine.llvm.spelling import BOOLEAN, declaration, intrinsics, library_functions, number, spell
 from lagrange.machine.llvm.trigonometry import angle_function
-from lagrange.machine.llvm.vectors import pieces
+from lagrange.machine.llvm.vectors import BLOCK
 from lagrange.program.program import Program
 
 FEW = 16
@@ -155,11 +155,20 @@ def _result(body: Body, ref: int) -> str:
 
 def _store_together(e: Emitter, values: Sequence[str]) -> None:
     """Store the outputs of a scalar kernel four or two at a time; see `FEW`."""
-    for begin, width in pieces(len(values)):
+    for begin, width in _pieces(len(values)):
         kind, total = f"<{width} x double>", "poison"
         for lane, value in enumerate(values[begin : begin + width]):
             total = e.value(f"insertelement {kind} {total}, double {value}, i64 {lane}")
         e.store(total, e.address("%out", begin), kind)
+
+
+def _pieces(length: int) -> Iterator[tuple[int, int]]:
+    """Yield (first, width) of the blocks of a vector and of the pieces of two and one that are left."""
+    begin = 0
+    for width in (BLOCK, 2, 1):
+        while begin + width <= length:
+            yield begin, width
+            begin += width
 
 
 def _block(program: Program, lanes: int, vector_names: dict[str, str]) -> str:

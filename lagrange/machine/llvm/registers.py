@@ -24,10 +24,14 @@ _CONVENTION = "swiftcc"
 """A calling convention that returns four doubles in registers, where C has two, and saves none that hold doubles."""
 
 
+def fit(dimension: int) -> bool:
+    """Whether states of that dimension are passed in registers: by kernels, and by the steps that call them."""
+    return dimension <= MOST
+
+
 def hold(program: Program) -> bool:
     """Whether a program is what steps call, of few enough numbers."""
-    law = program.name in {law.quantity for law in LAWS.values()}
-    return law and program.states <= MOST and len(program.outputs) <= MOST
+    return program.name in {law.quantity for law in LAWS.values()} and fit(program.states)
 
 
 def results(program: Program) -> tuple[int, ...]:

@@ -10,7 +10,6 @@ from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.spelling import number, spell
 from lagrange.machine.newton import HISTORY
 from lagrange.program.actions import Combination, Damp, Solve, in_doubles, parts
-from lagrange.program.lower import lower
 from lagrange.program.step import StepProgram
 
 BLOCK = 4
@@ -34,7 +33,7 @@ class Layout:
         self.dimension = dimension
         self.length = dimension // 2 if step.partitioned else dimension
         self.width = -(-self.length // BLOCK) * BLOCK
-        self.in_registers = dimension <= registers.MOST
+        self.in_registers = registers.fit(dimension)
         """Whether the law takes and gives numbers in registers."""
         self.keeps_entries = self.in_registers and alone and step.starter is None and not step.exact
         """Whether the state stands in memory of single numbers as well, which LLVM makes registers of."""
@@ -118,7 +117,7 @@ class Scalars:
     ) -> None:
         factors = [coefficient for combination in combinations for _, coefficient in combination]
         wanted = list(dict.fromkeys([*factors, *nodes, step.graph.one]))
-        program = lower("scalars", wanted, (len(wanted),), [step.h, step.ratio], step.time, [])
+        program = step.scalars(wanted)
         values: list[str] = []
         for op, args, data in program.instructions:
             if op == "time":
@@ -154,15 +153,6 @@ def blocks(e: Emitter, width: int) -> Iterator[str | int]:
             yield i
 
 
-def pieces(length: int) -> Iterator[tuple[int, int]]:
-    """Yield (first, width) of the blocks of a vector and of the pieces of two and one that are left."""
-    begin = 0
-    for width in (BLOCK, 2, 1):
-        while begin + width <= length:
-            yield begin, width
-            begin += width
-
-
 def in_work(e: Emitter, place: int, offset: str | int) -> str:
     """Return the address of a block: `offset` doubles behind a place of the work array."""
     return e.address(e.address("%work", place), offset)
@@ -186,6 +176,13 @@ def combined(
     """
     if layout.step.exact and not sizes:
         return _combined_exactly(e, layout, scalars, combination, offset)
+    return _plain_sum(e, layout, scalars, combination, offset, sizes=sizes)
+
+
+def _plain_sum(
+    e: Emitter, layout: Layout, scalars: Scalars, combination: Combination, offset: str | int, *, sizes: bool
+) -> str:
+    """Return a block of the sum of vectors times their numbers, or of the sizes of both."""
     one, total = layout.step.graph.one, ""
     for vector, coefficient in sorted(combination, key=lambda term: term[1] is not one):
         value = _block(e, layout, scalars, vector, offset)
@@ -245,16 +242,8 @@ def keep_entries(e: Emitter, layout: Layout, values: Sequence[str], target: int)
 
 def _combined_exactly(e: Emitter, layout: Layout, scalars: Scalars, combination: Combination, offset: str | int) -> str:
     """Return a block of a linear combination: h multiplies its factors, in two doubles each, at once."""
-    step, total = layout.step, ""
-    plain, scaled = parts(combination, step.h)
-    for vector, coefficient in sorted(plain, key=lambda term: term[1] is not step.graph.one):
-        value = _block(e, layout, scalars, vector, offset)
-        if coefficient is step.graph.one:
-            total = value if not total else e.value(f"fadd {KIND} {total}, {value}")
-        elif not total:
-            total = e.value(f"fmul {KIND} {scalars.splat(e, coefficient)}, {value}")
-        else:
-            total = e.fma(scalars.splat(e, coefficient), value, total, KIND)
+    plain, scaled = parts(combination, layout.step.h)
+    total = _plain_sum(e, layout, scalars, plain, offset, sizes=False)
     if not scaled:
         return total
     sums = ["", ""]
@@ -296,8 +285,7 @@ def finite(e: Emitter, layout: Layout, vectors: Sequence[int]) -> str:
 
 def splat(e: Emitter, scalar: str) -> str:
     """Return a number in every entry of a block."""
-    one = e.value(f"insertelement {KIND} poison, double {scalar}, i64 0")
-    return e.value(f"shufflevector {KIND} {one}, {KIND} poison, <{BLOCK} x i32> zeroinitializer")
+    return e.splat(scalar, KIND)
 
 
 def unit_block(e: Emitter, row: str, offset: str | int) -> str:
@@ -308,18 +296,20 @@ def unit_block(e: Emitter, row: str, offset: str | int) -> str:
 
 def lane_is(e: Emitter, row: str, offset: str | int) -> str:
     """Return which entry of the block at an offset is that of a row."""
+    return _compare_lanes(e, "eq", row, offset)
+
+
+def _compare_lanes(e: Emitter, how: str, row: str | int, offset: str | int) -> str:
+    """Return how a row compares with that of each entry of the block at an offset."""
     lane = e.value(f"sub nsw i64 {row}, {offset}")
     first = e.value(f"insertelement {PLACES} poison, i64 {lane}, i64 0")
     lanes = e.value(f"shufflevector {PLACES} {first}, {PLACES} poison, <{BLOCK} x i32> zeroinitializer")
-    return e.value(f"icmp eq {PLACES} {lanes}, <{', '.join(f'i64 {i}' for i in range(BLOCK))}>")
+    return e.value(f"icmp {how} {PLACES} {lanes}, <{', '.join(f'i64 {i}' for i in range(BLOCK))}>")
 
 
 def cut_block(e: Emitter, block: str, length: int, offset: str | int) -> str:
     """Return a block at an offset with zeros behind the end of a vector."""
     if length % BLOCK == 0:
         return block
-    left = e.value(f"sub nsw i64 {length}, {offset}")
-    first = e.value(f"insertelement {PLACES} poison, i64 {left}, i64 0")
-    ends = e.value(f"shufflevector {PLACES} {first}, {PLACES} poison, <{BLOCK} x i32> zeroinitializer")
-    inside = e.value(f"icmp sgt {PLACES} {ends}, <{', '.join(f'i64 {i}' for i in range(BLOCK))}>")
+    inside = _compare_lanes(e, "sgt", length, offset)
     return e.value(f"select {TRUTH} {inside}, {KIND} {block}, {KIND} zeroinitializer")

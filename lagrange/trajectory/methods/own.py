@@ -15,8 +15,7 @@ from numbers import Real
 from typing import Any
 
 from lagrange.errors import StatementError
-from lagrange.machine.arithmetic import FLOATS
-from lagrange.program.lower import lower
+from lagrange.machine.numpy_newton import numbers_of
 from lagrange.program.step import StepProgram, trace
 from lagrange.trajectory.dense import hermite_path
 from lagrange.trajectory.driver import drive
@@ -189,17 +188,16 @@ def check_consistent(name: str, function: Callable[..., Any], order: int) -> tup
 def _check_recorded(name: str, function: Callable[..., Any], trials: tuple[_Tried, _Tried]) -> None:
     """Refuse a step function that leaves another record than it left on trial: that record is all that will run."""
     program = _program(name, function)
-    wanted = program.numbers
-    scalars = lower("scalars", wanted, (len(wanted),), [program.h], program.time, [])
+    scalars = program.scalars(program.numbers)
     for (t, h), tried in zip(TRIED, trials, strict=True):
-        values = dict(zip(wanted, FLOATS.evaluate(scalars, float(t), [float(h)], []), strict=True))
+        values = numbers_of(program, scalars, float(t), float(h), 1.0)
         same = len(tried.calls) == len(program.calls)
         pairs: list[tuple[float, Number]] = []
         recorded = [*(call.argument for call in program.calls), *program.results]
         for combination, terms in zip(recorded, [*(one for _, one in tried.calls), *tried.results], strict=False):
-            found = {i: float(values[factor]) for i, factor in combination}
+            found = {i: values[factor] for i, factor in combination}
             pairs += [(found.get(i, 0), terms.get(i, 0)) for i in sorted(found | terms)]
-        pairs += [(float(values[call.time]), at) for call, (at, _) in zip(program.calls, tried.calls, strict=False)]
+        pairs += [(values[call.time], at) for call, (at, _) in zip(program.calls, tried.calls, strict=False)]
         if not same or not all(abs(a - float(b)) <= ROUND_OFF * max(1.0, abs(a)) for a, b in pairs):
             raise refusal(
                 name, "it does not do the same at every call: it asks what t or h is, or depends on something else"
