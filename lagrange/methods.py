@@ -1,7 +1,7 @@
 """Integration methods: `lg.methods.RK4(step=0.01)`, `lg.methods.table()`.
 
 The classes of SciPy's solvers carry its name: `lg.methods.ScipyRadau(max_step=0.1)`.
-`lg.methods.CVODE()` needs `pip install 'lagrange[sundials]'`.
+`lg.methods.CVODE()` needs `pip install scikit-sundae`.
 """
 
 from lagrange.evidence.stability import Stability, growth, stability

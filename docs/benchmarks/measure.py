@@ -14,6 +14,8 @@ from pathlib import Path
 from time import thread_time
 from typing import Any
 
+import lagrange
+
 FOLDER = Path(__file__).resolve().parent
 PACKAGES = ("numpy", "scipy", "sympy", "llvmlite", "heyoka")
 
@@ -55,10 +57,10 @@ def _timed(run: Callable[[], Any], count: int) -> float:
 
 def machine() -> list[str]:
     """Return what was measured on: processor, operating system, versions."""
-    versions = ", ".join(f"{name} {_version(name)}" for name in ("lagrange", *PACKAGES))
+    versions = ", ".join(f"{name} {_version(name)}" for name in PACKAGES)
     return [
         f"{date.today().isoformat()}, {processor()}, {platform.system()} {platform.machine()}",
-        f"Python {platform.python_version()}, {versions}, {compiler()}",
+        f"Python {platform.python_version()}, lagrange {lagrange.__version__}, {versions}, {compiler()}",
     ]
 
 

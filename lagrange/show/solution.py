@@ -311,6 +311,6 @@ def _duration(seconds: float) -> str:
 
 def _needs_data(method: str, package: str) -> StatementError:
     return StatementError(
-        f"{method}() needs {package}, which is not installed: pip install {package}, or install lagrange with its "
-        "extra 'data', as '.[data]' from a checkout."
+        f"{method}() needs {package}, which is not installed: pip install pandas xarray, or in a checkout "
+        "pip install '.[data]'."
     )
