@@ -7,6 +7,7 @@ per run, and a power with an integer or half-integer exponent becomes multiplica
 from __future__ import annotations
 
 from collections.abc import Sequence
+from decimal import MAX_EMAX, MIN_EMIN, Decimal, localcontext
 from fractions import Fraction
 from math import prod
 
@@ -77,11 +78,14 @@ class _Lowering:
         return self.numbers[instruction]
 
     def constant(self, value: Exact) -> int:
-        """Return the double nearest to an exact constant."""
+        """Return the double nearest to an exact constant. Raises StatementError where that is infinite or zero."""
         try:
-            return self.emit("constant", data=float(value))
+            nearest = float(value)
         except OverflowError:
-            raise StatementError("a constant of the expression is too large for a floating-point number.") from None
+            raise _beyond_doubles(value, "too large for") from None
+        if nearest == 0.0 and value:
+            raise _beyond_doubles(value, "not zero, and too small for")
+        return self.emit("constant", data=nearest)
 
     def is_fused(self, node: Node) -> bool:
         """Whether a product is used once, by a sum that can take it into a multiply-add, or is a divisor."""
@@ -231,6 +235,18 @@ class _Lowering:
 
 
 _CONSTANTS = {"pi": 3.141592653589793, "e": 2.718281828459045, "nan": float("nan")}
+
+
+def _beyond_doubles(value: Exact, what: str) -> StatementError:
+    """Return the refusal of an exact constant; it need not stand in the statement, as 2e323 does not in x/5e-324."""
+    exact = Fraction(value)
+    with localcontext(prec=8, Emax=MAX_EMAX, Emin=MIN_EMIN):
+        size = Decimal(exact.numerator) / Decimal(exact.denominator)
+    return StatementError(
+        f"the equations contain the constant {size:.2e}, which is {what} a floating-point number (4.9e-324 to 1.8e+308 "
+        "in size). It is a product, quotient or power of numbers in the statement: choose units in which these are "
+        "nearer to 1."
+    )
 
 
 def _split_factors(factors: Sequence[Node], uses: dict[Node, int]) -> tuple[list[Node], list[Node]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import keyword
 import re
 from typing import Any
 
@@ -9,11 +10,15 @@ from sympy import Derivative, Symbol
 from sympy.core.function import AppliedUndef, UndefinedFunction
 
 from lagrange.errors import StatementError
+from lagrange.statement.vocabulary import FUNCTIONS
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 
 t = Symbol("t")
 """Time; the same symbol as SymPy's ``dynamicsymbols._t``."""
+
+PREDEFINED = {t.name: "time", "pi": "a constant"}
+"""Names that mean something in every statement, and what."""
 
 
 def check_name(name: str, what: str) -> str:
@@ -26,14 +31,26 @@ def check_name(name: str, what: str) -> str:
     return name
 
 
+def check_symbol(name: str, what: str) -> str:
+    """Return the name of a coordinate or parameter, or refuse one that no expression of a scene can contain.
+
+    The names are the same in Python and in scenes: no predefined one, no function, no reserved word of Python.
+    """
+    meaning = PREDEFINED.get(check_name(name, what), "a function" if name in FUNCTIONS else "")
+    if not meaning and keyword.iskeyword(name):
+        meaning = "a reserved word of Python"
+    if meaning:
+        raise StatementError(f"{name!r} cannot name a {what}, it is {meaning}: choose another name, such as {name}_1.")
+    return name
+
+
 def coordinate(name: str) -> Any:
     """Return the generalized coordinate of that name, a SymPy expression such as theta(t).
 
     It equals SymPy's ``dynamicsymbols`` of that name; its velocity is ``.dot``, its acceleration ``.ddot``. Raises
-    StatementError for a name that is not an identifier or is ``t``, which is time.
+    StatementError for a name that is not an identifier, or that has a meaning: ``t``, ``pi``, ``sin``, ``lambda``.
     """
-    if check_name(name, "coordinate") == t.name:
-        raise StatementError("'t' is time and cannot name a coordinate: choose another name.")
+    check_symbol(name, "coordinate")
     shorthand = {"dot": property(velocity_of), "ddot": property(acceleration_of)}
     return UndefinedFunction(name, bases=(AppliedUndef,), __dict__=shorthand)(t)
 
@@ -51,8 +68,7 @@ def parameters(names: str, *, positive: bool = True) -> Any:
     """
     found = []
     for name in _names(names, "parameter"):
-        if check_name(name, "parameter") == t.name:
-            raise StatementError("'t' is time and cannot name a parameter: choose another name.")
+        check_symbol(name, "parameter")
         found.append(Symbol(name, real=True, positive=True) if positive else Symbol(name, real=True))
     return found[0] if len(found) == 1 else tuple(found)
 

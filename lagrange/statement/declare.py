@@ -13,10 +13,13 @@ import sympy
 from sympy.core.function import AppliedUndef
 
 from lagrange.errors import StatementError, listing, suggestion
-from lagrange.statement.coordinate import check_name, name_of, t, velocity_of
+from lagrange.statement.coordinate import check_name, check_symbol, name_of, t, velocity_of
 from lagrange.statement.number import real_number
 from lagrange.statement.statement import RunSettings, Statement
 from lagrange.statement.survey import Survey
+
+ORIGIN = "origin"
+"""The point at zero, which links may name and no position may redefine."""
 
 
 def declare(
@@ -207,7 +210,7 @@ def _coordinates(given: Sequence[Any] | None, survey: Survey) -> tuple[Any, ...]
             raise StatementError(
                 f"coordinates contains {q!r}, which is no coordinate: make one with lg.coordinate('x')."
             )
-        check_name(name_of(q), "coordinate")
+        check_symbol(name_of(q), "coordinate")
     names = [name_of(q) for q in found]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
@@ -256,6 +259,8 @@ def _positions(given: Mapping[str, Any] | None, survey: Survey) -> dict[str, tup
     points: dict[str, tuple[Any, ...]] = {}
     for label, point in _table(given, "positions", "name to point").items():
         what = f"the position of {check_name(str(label), 'point')}"
+        if label == ORIGIN:
+            raise StatementError("'origin' is the point at zero already: choose another name.")
         if not _has_length(point, 2, 3):
             raise StatementError(f"{what} is {point!r}: give two or three expressions, (x, y) or (x, y, z).")
         points[str(label)] = tuple(_expression(entry, what) for entry in point)
@@ -270,7 +275,7 @@ def _positions(given: Mapping[str, Any] | None, survey: Survey) -> dict[str, tup
 
 
 def _links(links: Iterable[Sequence[str]], points: dict[str, Any]) -> tuple[tuple[str, str], ...]:
-    known = ["origin", *points]
+    known = [ORIGIN, *points]
     pairs = []
     for link in links:
         if not _has_length(link, 2):
@@ -313,9 +318,14 @@ def _parameter_symbols(
     return symbols, unify
 
 
+_MEANT = {t.name: "time: use lg.t for time", "pi": "the constant: use sympy.pi for the constant"}
+"""What a symbol of this name was probably meant to be."""
+
+
 def _check_clash(name: str, by_name: dict[str, Any]) -> None:
-    if name == t.name:
-        raise StatementError("parameter 't' clashes with time: use lg.t for time, and another name for the parameter.")
+    if name in _MEANT:
+        raise StatementError(f"parameter {name!r} clashes with {_MEANT[name]}, and another name for the parameter.")
+    check_symbol(name, "parameter")
     if name in by_name:
         raise StatementError(
             f"{name} is both a coordinate and a parameter: rename one. If the plain symbol {name} was meant as the "

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import stat
+import sys
 import tomllib
 from collections.abc import Collection, Mapping
 from functools import cached_property
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, NoReturn
 
 from lagrange.errors import SceneError, StatementError, listing, suggestion
 from lagrange.statement import places
-from lagrange.statement.number import real_number
+from lagrange.statement.number import TOO_LARGE, real_number
 from lagrange.statement.text import read_expression, read_number
 
 LARGEST_FILE = 1_048_576
@@ -24,6 +27,7 @@ MOST_HEADERS = 5_000
 """Lines that start with a bracket; tomllib takes 30 us for each."""
 
 _POSITION = re.compile(r"(?s)(.*) \(at (?:line (\d+), column (\d+)|end of document)\)")
+_DECIMAL = re.compile(r"(?<![\w.])[+-]?[0-9][0-9_]*(?:\.[0-9_]+)?(?:[eE][+-]?[0-9_]+)?(?![\w.])")
 _KINDS = (
     (bool, "true or false"),
     (str, "a text"),
@@ -162,14 +166,24 @@ class Document:
                 "the file has too many dots in its lines, or too many brackets before them: state it in fewer tables."
             )
         try:
-            return tomllib.loads(self.content)
+            return tomllib.loads(self.content, parse_float=_double)
         except RecursionError:
             self._fail("the file is nested too deeply: a scene has tables in tables at most.")
         except tomllib.TOMLDecodeError as error:
             reason, line, column = _split(str(error), len(lines))
             self._fail(f"this is not TOML: {reason}.", line, column)
-        except ValueError as error:
-            self._fail(f"this is not TOML: {str(error)[:200]}.")
+        except ValueError:
+            # Python reads no integer of more digits than its limit, and `_double` none of these.
+            self._refuse_number()
+
+    def _refuse_number(self) -> NoReturn:
+        """Refuse the first number of the file that is none in doubles; the file is TOML up to there, if no further."""
+        for path, offset in sorted(self._places[1].items(), key=itemgetter(1)):
+            match = _DECIMAL.match(self.content, offset)
+            if match and (reason := _out_of_range(match.group())):
+                line, column = places.line_and_column(self.content, offset)
+                self._fail(f"{_dotted(path)[:80]} is {reason}.", line, column)
+        raise AssertionError("a number that the reader refuses stands in the file")
 
     def _fail(self, reason: str, line: int | None = None, column: int | None = None) -> NoReturn:
         raise SceneError(reason, file=self.file, line=line, column=column)
@@ -183,6 +197,28 @@ def kind_of(value: Any) -> str:
 def _dotted(path: tuple[str | int, ...]) -> str:
     """Return a path as it is written in TOML, with indices in brackets: positions.bob[0]."""
     return "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in path)[1:]
+
+
+def _double(text: str) -> float:
+    """Return the double of a TOML float. Raises ValueError where it is infinite, or zero, and the text is not."""
+    if _out_of_range(text):
+        raise ValueError(text)
+    return float(text)
+
+
+def _out_of_range(text: str) -> str:
+    """Return why a decimal has no double, or nothing; tomllib reads no integer of more digits than Python's limit."""
+    digits = sum(map(str.isdigit, text))
+    shown = text if len(text) <= 20 else f"a number of {digits} digits"
+    if text.lstrip("+-").replace("_", "").isdigit():
+        limit = sys.get_int_max_str_digits()
+        return f"{shown}, {TOO_LARGE}" if 0 < limit < digits else ""
+    value = float(text)
+    if math.isinf(value) and digits:
+        return f"{shown}, {TOO_LARGE}"
+    if value == 0.0 and text.lower().partition("e")[0].strip("+-0._"):
+        return f"{shown}, too small for a floating-point number: give one above 4.9e-324, or 0"
+    return ""
 
 
 def _split(message: str, last: int) -> tuple[str, int | None, int | None]:

@@ -11,7 +11,7 @@ from typing import NoReturn
 
 from lagrange.errors import SceneError, listing, suggestion
 from lagrange.statement.coordinate import NAME
-from lagrange.statement.vocabulary import ALIASES, WORDS
+from lagrange.statement.vocabulary import FUNCTIONS, WORDS
 
 LONGEST = 10_000
 """Characters in one expression."""
@@ -21,8 +21,6 @@ LONGEST_CHAIN = 2_200
 """Terms and factors in a row, which nest in the parser's tree; Python 3.11 builds it up to some 2900 deep."""
 LONGEST_NUMBER = 100
 """Characters in one number."""
-
-FUNCTIONS = frozenset((*WORDS, *ALIASES))
 
 _TOKEN = re.compile(
     r"(?P<blank>[ \t\r\n]+)"

@@ -11,6 +11,8 @@ import sympy
 
 from lagrange.errors import StatementError
 
+TOO_LARGE = "too large for a floating-point number: give one below 1.8e308"
+
 
 def real_number(value: Any, what: str) -> float:
     """Return a finite float from a Python, NumPy or SymPy number; `what` names it in the refusal."""
@@ -32,7 +34,7 @@ def _as_float(value: Any, what: str) -> float:
     try:
         return float(value)
     except OverflowError:
-        raise StatementError(f"{what} is too large for a floating-point number.") from None
+        raise StatementError(f"{what} is {TOO_LARGE}.") from None
 
 
 def _from_sympy(value: Any, what: str) -> float:

@@ -39,12 +39,17 @@ class _Frame:
 
 
 def places(text: str) -> tuple[dict[Path, int], dict[Path, int]]:
-    """Return the offsets of the keys and of the values of a valid TOML text, with line ends of one character."""
+    """Return the offsets of the keys and of the values of a TOML text, with line ends of one character.
+
+    Of a text that is not TOML, those up to where it is not are right.
+    """
     keys: dict[Path, int] = {}
     values: dict[Path, int] = {}
     frames = [_Frame((), "table")]
     header = False
     for match in _TOKEN.finditer(text):
+        if not frames:
+            break
         kind, token, offset, frame = match.lastgroup, match.group(), match.start(), frames[-1]
         if kind == "skip":
             continue

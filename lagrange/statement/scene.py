@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import keyword
 import os
 import re
 from collections.abc import Mapping
@@ -13,10 +12,9 @@ from typing import Any
 import sympy
 
 from lagrange.errors import SceneError, StatementError, listing, suggestion
-from lagrange.statement.coordinate import check_name, coordinate, velocity_of
-from lagrange.statement.declare import declare
+from lagrange.statement.coordinate import check_name, check_symbol, coordinate, velocity_of
+from lagrange.statement.declare import ORIGIN, declare
 from lagrange.statement.document import Document, kind_of
-from lagrange.statement.lexer import FUNCTIONS
 from lagrange.statement.statement import RunSettings, Statement
 
 LIBRARY = Path(__file__).resolve().parents[1] / "scenes"
@@ -26,7 +24,6 @@ KEYS = (
     *("constraints", "parameters", "initial", "positions", "links", "run"),
 )
 RUN_KEYS = ("t_end", "method", "rtol", "atol", "step")
-CONSTANTS = {"t": "time", "pi": "a constant"}
 
 _TITLE = re.compile(r"[^\W_][\w .,'()+-]{0,63}")
 
@@ -159,17 +156,11 @@ class _Scene:
         """Refuse a name that is malformed or means something else already."""
         key = path[0] == "parameters"
         try:
-            check_name(name, what)
+            check_symbol(name, what)
         except StatementError as error:
             self.document.refuse(str(error), *path, key=key)
         taken = ""
-        if name in CONSTANTS:
-            taken = CONSTANTS[name]
-        elif name in FUNCTIONS:
-            taken = "a function"
-        elif keyword.iskeyword(name):
-            taken = "a reserved word"
-        elif name in coordinates:
+        if name in coordinates:
             taken = "a coordinate already"
         elif any(name == f"{q}{rate}" or q == f"{name}{rate}" for q in coordinates for rate in ("_dot", "_ddot")):
             taken = "taken: x_dot and x_ddot are velocity and acceleration of x"
@@ -207,7 +198,7 @@ class _Scene:
                 check_name(name, "point")
             except StatementError as error:
                 self.document.refuse(str(error), "positions", name, key=True)
-            if name == "origin":
+            if name == ORIGIN:
                 self.document.refuse(
                     "'origin' is the point at zero already: choose another name.", "positions", name, key=True
                 )
@@ -226,7 +217,7 @@ class _Scene:
 
     def links(self) -> list[tuple[str, str]]:
         """Return the pairs of points between which to draw."""
-        known = ["origin", *self.document.table("positions")]
+        known = [ORIGIN, *self.document.table("positions")]
         links = self.data.get("links", [])
         if not isinstance(links, list):
             self.document.refuse(

@@ -13,7 +13,7 @@ from sympy.functions.elementary.piecewise import ExprCondPair
 from sympy.logic.boolalg import And, BooleanAtom, Not, Or
 
 from lagrange.errors import StatementError, listing
-from lagrange.statement.coordinate import check_name, name_of, t, velocity_of
+from lagrange.statement.coordinate import check_symbol, name_of, t, velocity_of
 from lagrange.statement.vocabulary import SYMPY_CLASSES, WORDS
 
 _PLAIN = (sympy.Add, sympy.Mul, sympy.Pow, ExprCondPair, Relational, And, Or, Not, BooleanAtom)
@@ -47,7 +47,7 @@ class Survey:
                 f"{what} contains {node}, an undefined function. A coordinate is a function of time alone, such as "
                 f"{name_of(node)}(t); write any other function out."
             )
-        check_name(name_of(node), "coordinate")
+        check_symbol(name_of(node), "coordinate")
         self.coordinates[node] = None
 
     def _add_derivative(self, node: Any, what: str, accelerations: bool) -> None:

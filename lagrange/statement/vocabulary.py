@@ -45,6 +45,9 @@ WORDS: dict[str, Word] = {
 ALIASES = {"Abs": "abs", "Min": "min", "Max": "max", "ln": "log"}
 """Other spellings that a text may use."""
 
+FUNCTIONS = frozenset((*WORDS, *ALIASES))
+"""The names of functions, every spelling."""
+
 SYMPY_CLASSES: frozenset[Any] = frozenset(
     word.build for word in WORDS.values() if isinstance(word.build, type)
 ) | frozenset((sympy.cot, sympy.sec, sympy.csc, sympy.Piecewise))

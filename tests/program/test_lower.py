@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections import Counter
 from collections.abc import Sequence
 from fractions import Fraction
@@ -175,8 +176,19 @@ def test_every_function_is_lowered(b: Bench) -> None:
 
 
 def test_constants_that_no_double_holds_are_refused(b: Bench) -> None:
-    with pytest.raises(StatementError, match="too large for a floating-point number"):
-        b.program(b.x * b.graph.constant(10) ** 400)
+    with pytest.raises(StatementError) as refusal:
+        b.program(b.x * -(b.graph.constant(10) ** 400))
+    assert str(refusal.value) == (
+        "the equations contain the constant -1.00e+400, which is too large for a floating-point number (4.9e-324 to "
+        "1.8e+308 in size). It is a product, quotient or power of numbers in the statement: choose units in which "
+        "these are nearer to 1."
+    )
+    with pytest.raises(
+        StatementError, match=r"the constant 1\.25e-401, which is not zero, and too small for a floating"
+    ):
+        b.program(b.x * b.graph.constant(Fraction(1, 8)) * b.graph.constant(10) ** -400)
+    smallest, largest = Fraction(5e-324), Fraction(sys.float_info.max)
+    assert list(b.run(b.graph.constant(smallest), b.graph.constant(largest))) == [5e-324, sys.float_info.max]
 
 
 def test_a_shape_must_be_filled(b: Bench) -> None:

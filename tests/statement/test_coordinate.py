@@ -70,9 +70,13 @@ def test_identifiers_are_names(name: str) -> None:
 
 
 def test_time_cannot_be_a_coordinate_or_a_parameter() -> None:
-    with pytest.raises(StatementError, match="'t' is time and cannot name a coordinate: choose another name"):
+    with pytest.raises(
+        StatementError, match="'t' cannot name a coordinate, it is time: choose another name, such as t_1"
+    ):
         coordinate("t")
-    with pytest.raises(StatementError, match="'t' is time and cannot name a parameter: choose another name"):
+    with pytest.raises(
+        StatementError, match="'t' cannot name a parameter, it is time: choose another name, such as t_1"
+    ):
         parameters("m t")
 
 

@@ -40,7 +40,7 @@ REFUSALS: list[tuple[Any, str]] = [
     (sympy.oo, "parameter m is inf: give a finite number."),
     (sympy.zoo, "parameter m is zoo: give a finite number."),
     (sympy.exp(1000), "parameter m is inf: give a finite number."),
-    (10**400, "parameter m is too large for a floating-point number."),
+    (10**400, "parameter m is too large for a floating-point number: give one below 1.8e308."),
     (1j, "parameter m is 1j, a complex number: give a real number."),
     (np.complex128(1), "a complex number: give a real number."),
     (sympy.I, "parameter m is I, a complex number: give a real number."),
