@@ -29,6 +29,7 @@ from lagrange.machine.control import (
     SMALL,
 )
 from lagrange.machine.driver import EARLIEST, NEAR_END, SPACING, DriverState, Outcome
+from lagrange.machine.newton import Kept
 from lagrange.machine.numpy_newton import Failure, Record
 from lagrange.program.step import Control, StepProgram
 
@@ -66,6 +67,11 @@ class NumpyDriver:
                 if outcome is not Outcome.PAUSED:
                     return outcome
         return Outcome.DONE if state.t == state.reals[S.END] else Outcome.PAUSED
+
+    def kept(self) -> tuple[Kept, ...]:
+        """Return what each solve of the steps keeps, and behind them each of the starter, once steps were taken."""
+        starting = [] if self._starter is self._record else self._starter.newtons
+        return tuple(newton.kept() for newton in (*self._record.newtons, *starting))
 
     def _fixed(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome:
         end, h = state.reals[S.END], state.reals[S.STEP]

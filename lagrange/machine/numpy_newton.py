@@ -36,6 +36,7 @@ from lagrange.machine.newton import (
     STALLED,
     STALLED_RATE,
     TURNS,
+    Kept,
 )
 from lagrange.program.actions import LAWS, Call, Combination, Damp, Solve, in_doubles, parts
 from lagrange.program.program import Program
@@ -159,7 +160,8 @@ class Newton:
         self.unknowns = slice(solve.first, solve.first + solve.count)
         self.history: list[FloatArray] = []
         self.order = 1
-        self.derivative = np.empty((0, 0))
+        self.derivative = self.inverse = np.empty((0, 0))
+        self.weights = np.empty(0)
         self.matrix_step = self.old_step = self.age = 0.0
         self.rate = self.noise = 1.0
         self.solved = self.differentiated = False
@@ -319,7 +321,22 @@ class Newton:
 
     def damp(self, factor: float, vector: FloatArray) -> FloatArray:
         """Return (I - factor J)^-1 vector."""
-        return inverse(np.eye(len(vector)) - factor * self.derivative)[0] @ vector
+        return self.damper(factor) @ vector
+
+    def damper(self, factor: float) -> FloatArray:
+        """Return (I - factor J)^-1."""
+        return inverse(np.eye(len(self.derivative)) - factor * self.derivative)[0]
+
+    def kept(self) -> Kept:
+        """Return what is kept; the dampers are made from the derivative where they are used."""
+        damped = [damp for damp in self.record.step.damps if self.record.step.solves[damp.of] is self.problem]
+        return Kept(
+            step=self.matrix_step,
+            derivative=self.derivative,
+            inverse=-self.inverse,
+            dampers=tuple(self.damper(self.record.number(damp.factor)) for damp in damped),
+            weights=self.weights,
+        )
 
     def keep(self) -> None:
         """Keep the unknowns of an accepted step."""

@@ -26,9 +26,10 @@ from lagrange.machine.llvm.loaded import LlvmKernel
 from lagrange.machine.llvm.loops import adaptive_loop, fixed_loop
 from lagrange.machine.llvm.memory import address, workspace
 from lagrange.machine.llvm.newton import newton_functions
-from lagrange.machine.llvm.newton_matrix import inversion_functions, renew_functions
+from lagrange.machine.llvm.newton_matrix import inversion_functions, kept, renew_functions
 from lagrange.machine.llvm.step import either_function, record_function, step_function
 from lagrange.machine.llvm.vectors import BLOCK, KIND, Layout
+from lagrange.machine.newton import Kept
 from lagrange.program.step import StepProgram
 
 DECLARED = f"""
@@ -72,6 +73,13 @@ class LlvmDriver:
         outcome = self._drive(*self._fixed, *state.addresses, self._work_address, budget, *recorded)
         state.y[:] = self._work[self._places]
         return Outcome(outcome)
+
+    def kept(self) -> tuple[Kept, ...]:
+        """Return what each solve of the steps keeps, and behind them each of the starter."""
+        layout, n = self._code.layout, self._kernel.program.states
+        starting = [] if layout.step.starter is None else layout.starting.solves
+        found = [kept(newton, n, self._work) for newton in layout.solves]
+        return (*found, *(kept(newton, n, self._work[layout.end :]) for newton in starting))
 
 
 _DRIVE = ctypes.CFUNCTYPE(ctypes.c_int32, *([ctypes.c_void_p] * 7), ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p)

@@ -9,7 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from lagrange.graph.node import Node
+from lagrange.machine.backend import FloatArray
 from lagrange.machine.driver import Outcome
 from lagrange.machine.llvm.calls import LAW, RECORDS, leave_if, place_arguments
 from lagrange.machine.llvm.emitter import Emitter, literal
@@ -26,7 +29,7 @@ from lagrange.machine.llvm.vectors import (
     splat,
     unit_block,
 )
-from lagrange.machine.newton import LEAST_ROUND_OFF, ROUND_OFF
+from lagrange.machine.newton import LEAST_ROUND_OFF, ROUND_OFF, Kept
 from lagrange.program.actions import LAWS, Call, Combination, Solve
 
 
@@ -266,3 +269,23 @@ def _weigh(e: Emitter, layout: Layout, newton: Newton, scalars: Scalars, point: 
             e.store(e.fma(entry, e.get(sizes, _index(e, (j, None), (b, newton.width))), e.load(cell)), cell)
         unit = e.fma(e.load(cell), literal(ROUND_OFF), literal(LEAST_ROUND_OFF))
         e.put(e.real("fdiv", literal(1.0), unit), weights, row)
+
+
+def kept(newton: Newton, dimension: int, work: FloatArray) -> Kept:
+    """Return what a solve keeps, read from the work array of the steps, or of those of the starter."""
+
+    def columns(place: int, vectors: int) -> FloatArray:
+        """Return the square matrix that stands by columns of so many padded vectors."""
+        order = vectors * newton.length
+        padded = work[place : place + order * vectors * newton.width].reshape(order, vectors, newton.width)
+        return np.array(padded[:, :, : newton.length].reshape(order, order).T)
+
+    size = newton.length * newton.width
+    weights = work[newton.weights : newton.weights + newton.all].reshape(-1, newton.width)
+    return Kept(
+        step=float(work[newton.flags + Newton.MATRIX_STEP]),
+        derivative=work[newton.derivative : newton.derivative + dimension**2].reshape(dimension, dimension).T.copy(),
+        inverse=-columns(newton.inverse, newton.solve.count),
+        dampers=tuple(columns(newton.dampers + i * size, 1) for i in range(len(newton.damped))),
+        weights=weights[:, : newton.length].ravel(),
+    )
