@@ -6,9 +6,13 @@ Names are loaded when they are first used, so that importing the package costs n
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+
+TYPE_CHECKING = False  # what type checkers take for true; the module typing takes longer than all the rest here
 
 if TYPE_CHECKING:
+    from typing import Any
+
+    from lagrange import cli as cli
     from lagrange import methods as methods
     from lagrange.errors import LagrangeError, RunError, SceneError, StatementError
     from lagrange.evidence.trust import TrustHorizon, trust_horizon
@@ -41,6 +45,8 @@ _HOMES = {
     "lagrange.trajectory.integrator": ("Claims", "Integrator", "Problem"),
     "lagrange.trajectory.trajectory": ("Status", "Trajectory"),
 }
+
+_MODULES = {"cli": "lagrange.cli", "methods": "lagrange.methods"}
 
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
@@ -82,8 +88,8 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Load a public name from the module it lives in (PEP 562)."""
-    if name == "methods":
-        return import_module("lagrange.methods")
+    if name in _MODULES:
+        return import_module(_MODULES[name])
     if name not in _HOME:
         raise AttributeError(f"module 'lagrange' has no attribute {name!r}")
     value = getattr(import_module(_HOME[name]), name)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import lagrange as lg
 from lagrange.errors import StatementError
+from lagrange.show.transaction import recover
 
 if TYPE_CHECKING:
     from lagrange.system import System
@@ -81,7 +82,12 @@ def load_scene(scene: str) -> System:
 
 
 def folder(name: str) -> Path:
-    """Return a folder to write to, made if need be. Raises StatementError for one that cannot be."""
+    """Return a folder to write to, made if need be, without what a killed run left half changed in it.
+
+    Raises StatementError for one that cannot be.
+    """
+    if not name:
+        raise StatementError("--out: the name of the folder is empty. Give one, such as --out out, or . for this one.")
     path = Path(name)
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -89,6 +95,7 @@ def folder(name: str) -> Path:
         raise StatementError(f"--out {name}: the folder cannot be made ({error.strerror}). Name another.") from None
     if not os.access(path, os.W_OK | os.X_OK):
         raise StatementError(f"--out {name}: the folder may not be written to. Name another.")
+    recover(path)
     return path
 
 

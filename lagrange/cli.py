@@ -8,14 +8,13 @@ from __future__ import annotations
 import argparse
 import io
 import json
-import os
 import re
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import redirect_stdout
 from pathlib import Path
 from tomllib import loads
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import lagrange as lg
 from lagrange.arguments import (
@@ -34,14 +33,13 @@ from lagrange.arguments import (
     start,
 )
 from lagrange.errors import LagrangeError, StatementError, listing
+from lagrange.interruption import SENTENCE, Signalled
 from lagrange.race_command import add_race
 from lagrange.show.derivation import FORMATS, render
 from lagrange.show.files import write_atomically
 from lagrange.show.names import plain_text
 from lagrange.show.table import text_table
-
-if TYPE_CHECKING:
-    from lagrange.show.solution import Solution
+from lagrange.streams import complain, output
 
 SCENES = Path(__file__).resolve().parent / "scenes"
 
@@ -91,20 +89,35 @@ t_end = 10.0
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Do what the arguments ask for and return the exit code: 0 done, 1 failed, 2 wrong request, 130 interrupted."""
+    """Do what the arguments ask for and return the exit code.
+
+    It is 0 for done, 1 for failed, 2 for a wrong request, 130 for interrupted, 141 if nobody reads the output.
+    """
+    as_json = False
     try:
-        request = parser().parse_args(argv)
-    except SystemExit as stop:
-        return int(stop.code or 0)
+        with redirect_stdout(io.StringIO()) as page:
+            try:
+                request = parser().parse_args(argv)
+            except SystemExit as stop:
+                request = None
+                code = int(stop.code or 0)
+        if request is None:
+            return output(page.getvalue().rstrip("\n"), code) if page.getvalue() else code
+        as_json = getattr(request, "json", False)
+        return _print(_answer(request), as_json=as_json)
+    except KeyboardInterrupt as interrupt:
+        code = interrupt.code if isinstance(interrupt, Signalled) else INTERRUPTED
+        return _print(_refusal(code, SENTENCE), as_json=as_json)
+
+
+def _answer(request: argparse.Namespace) -> Answer:
     try:
         answer: Answer = request.command(request)
-    except KeyboardInterrupt:
-        answer = _refusal(INTERRUPTED, "interrupted; no file was left half written.")
     except StatementError as error:
-        answer = _refusal(WRONG, str(error))
+        return _refusal(WRONG, str(error))
     except LagrangeError as error:
-        answer = _refusal(FAILED, str(error))
-    return _print(answer, as_json=getattr(request, "json", False))
+        return _refusal(FAILED, str(error))
+    return answer
 
 
 def parser() -> argparse.ArgumentParser:
@@ -112,7 +125,8 @@ def parser() -> argparse.ArgumentParser:
     top = argparse.ArgumentParser(
         "lagrange",
         description="State kinetic and potential energy, get checked, compiled equations of motion and trajectories.",
-        epilog="Exit codes: 0 done, 1 the run or the check failed, 2 the request was wrong, 130 interrupted.",
+        epilog="Exit codes: 0 done, 1 the run or the check failed, 2 the request was wrong, 130 "
+        "interrupted, 143 terminated, 141 nobody read the output.",
         allow_abbrev=False,
     )
     top.add_argument("--version", action="version", version=f"lagrange {lg.__version__}")
@@ -168,26 +182,10 @@ def run(request: argparse.Namespace) -> Answer:
         progress=not request.json,
         check=not request.no_check,
     )
-    files = _write(solution, target) if target is not None else []
+    files = solution.to_folder(target) if target is not None else []
     code = INTERRUPTED if solution.status is lg.Status.INTERRUPTED else DONE if solution.status.complete else FAILED
     written = f"\nwritten to {target}: {listing(path.name for path in files)}" if target is not None else ""
     return Answer(code, repr(solution) + written, {**solution.card(), "files": [str(path) for path in files]})
-
-
-def _write(solution: Solution, target: Path) -> list[Path]:
-    """Write the trajectory, its picture and, when both are there, the card."""
-    picture = target / "trajectory.png"
-    files = [solution.to_csv(target / "trajectory.csv")]
-    if len(solution.t):
-        files.append(solution.to_png(picture))
-    else:
-        picture.unlink(missing_ok=True)  # the picture of an earlier run must not stand beside this one's card
-    return [*files, _write_card(solution, target)]
-
-
-def _write_card(solution: Solution, target: Path) -> Path:
-    text = json.dumps(solution.card(), indent=2, allow_nan=False) + "\n"
-    return write_atomically(target / "card.json", lambda file: file.write(text.encode()))
 
 
 def derive(request: argparse.Namespace) -> Answer:
@@ -237,28 +235,12 @@ def _refusal(code: int, message: str) -> Answer:
 
 
 def _print(answer: Answer, *, as_json: bool) -> int:
-    """Print an answer; a reader who went away and a full disk are no reason for a traceback."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     refused = isinstance(answer.data, dict) and "error" in answer.data
-    try:
-        if refused:
-            print(f"lagrange: {answer.text}", file=sys.stderr, flush=True)
-        if as_json:
-            print(json.dumps(answer.data, indent=2, allow_nan=False), flush=True)
-        elif not refused:
-            print(answer.text, flush=True)
-    except BrokenPipeError:
-        _silence()
-    except OSError as error:
-        _silence()
-        print(f"lagrange: the output cannot be written ({error.strerror}).", file=sys.stderr)
-        return answer.code or FAILED
-    return answer.code
-
-
-def _silence() -> None:
-    """Let nothing more go to standard output, not even what Python flushes when it ends."""
-    with suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    if refused:
+        complain(answer.text)
+    if as_json:
+        return output(json.dumps(answer.data, indent=2, allow_nan=False), answer.code)
+    return answer.code if refused else output(answer.text, answer.code)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import lagrange as lg
 from lagrange.arguments import (
@@ -21,9 +20,6 @@ from lagrange.arguments import (
     start,
 )
 from lagrange.errors import listing
-
-if TYPE_CHECKING:
-    from lagrange.show.race import Race
 
 
 def add_race(commands: Any) -> None:
@@ -55,17 +51,7 @@ def race(request: argparse.Namespace) -> Answer:
     target = folder(request.out) if request.out is not None else None
     wanted = {key: value for key, value in given.items() if value is not None}
     found = lg.race(system, **begun, relative=request.relative, **wanted)
-    files = _write(found, target) if target is not None else []
+    files = found.to_folder(target) if target is not None else []
     written = f"\nwritten to {target}: {listing(path.name for path in files)}" if target is not None else ""
     code = DONE if any(entry.complete for entry in found) else FAILED
     return Answer(code, repr(found) + written, {**found.to_dict(), "files": [str(path) for path in files]})
-
-
-def _write(found: Race, target: Path) -> list[Path]:
-    picture = target / "plot.png"
-    files = [found.to_csv(target / "table.csv")]
-    if any(entry.complete for entry in found):
-        files.append(found.to_png(picture))
-    else:
-        picture.unlink(missing_ok=True)  # the picture of an earlier race must not stand beside this one's table
-    return files

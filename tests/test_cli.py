@@ -163,6 +163,10 @@ def test_an_interruption_elsewhere_says_130(
         (["--rtol", "x"], "--rtol: 'x' is not a number. Write one such as 2, 1e-3, 30deg or pi/6."),
         (["--points", "1"], "--points: '1' is no number of output times. Give 2 or more, below 100 million."),
         (["--points", "1e3"], "--points: '1e3' is no number of output times. Give 2 or more, below 100 million."),
+        (
+            ["--out", ""],
+            "--out: the name of the folder is empty. Give one, such as --out out, or . for this one.",
+        ),
     ],
 )
 def test_wrong_requests(arguments: list[str], message: str, scene: str, capsys: pytest.CaptureFixture[str]) -> None:

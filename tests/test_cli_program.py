@@ -64,24 +64,47 @@ def test_as_a_program(scene: str) -> None:
     assert command("--version").stdout == f"lagrange {lg.__version__}\n"
 
 
-def test_a_reader_who_goes_away_is_no_error() -> None:
+PRINTING = [("scenes",), ("scenes", "--json"), ("--help",), ("run", "--help"), ("--version",)]
+
+
+def printing_to(stream: Any, *arguments: str, before: str = "") -> tuple[int, str]:
+    """The exit code and the complaints of a command whose output goes to a stream, after shell code `before`."""
+    program = ["sh", "-c", f'{before} exec "$@"', "sh", sys.executable, "-m", "lagrange", *arguments]
+    done = subprocess.run(program, stdout=stream, stderr=subprocess.PIPE, text=True, check=False)
+    return done.returncode, done.stderr
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes break the POSIX way")
+@pytest.mark.parametrize("arguments", PRINTING, ids=" ".join)
+def test_a_reader_who_goes_away_is_told_by_the_exit_code_alone(arguments: tuple[str, ...]) -> None:
     read, write = os.pipe()
     os.close(read)
     with os.fdopen(write, "w") as broken:
-        done = subprocess.run(
-            [sys.executable, "-m", "lagrange", "scenes"], stdout=broken, stderr=subprocess.PIPE, text=True, check=False
-        )
-    assert (done.returncode, done.stderr) == (0, "")
+        assert printing_to(broken, *arguments) == (141, "")
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no /dev/full")
-def test_standard_output_on_a_full_disk() -> None:
+@pytest.mark.parametrize("arguments", PRINTING, ids=" ".join)
+def test_standard_output_on_a_full_disk(arguments: tuple[str, ...]) -> None:
     with Path("/dev/full").open("w") as full:
-        done = subprocess.run(
-            [sys.executable, "-m", "lagrange", "scenes"], stdout=full, stderr=subprocess.PIPE, text=True, check=False
-        )
-    assert done.returncode == 1
-    assert done.stderr == "lagrange: the output cannot be written (No space left on device).\n"
+        found = printing_to(full, *arguments)
+    assert found == (1, "lagrange: the output cannot be written (No space left on device).\n")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="the shell is that of POSIX")
+@pytest.mark.parametrize("arguments", PRINTING, ids=" ".join)
+def test_standard_output_that_is_closed(arguments: tuple[str, ...]) -> None:
+    found = printing_to(subprocess.DEVNULL, *arguments, before="exec >&-;")
+    assert found == (1, "lagrange: the output cannot be written (standard output is closed).\n")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="the shell is that of POSIX")
+def test_standard_error_that_nobody_reads_leaves_the_exit_code_and_the_output(tmp_path: Path) -> None:
+    for before in ("exec 2>&-;", "exec 2>/dev/full;"):
+        with (tmp_path / "printed").open("w") as printed:
+            assert printing_to(printed, "run", "nothing", before=before) == (2, "")
+            assert printing_to(printed, "run", "pendulum", "--t-end", "1e-3", before=before) == (0, "")
+        assert (tmp_path / "printed").read_text().startswith("pendulum: success\n"), "no refusal goes to the output"
 
 
 def test_a_terminal_that_knows_no_accents(tmp_path: Path) -> None:
@@ -97,7 +120,7 @@ def test_ctrl_c_keeps_the_partial_result(tmp_path: Path) -> None:
     # SciPy's steps are slow enough that the run is still going on any machine: ours would be through in two seconds.
     options = ["--method", "scipy-dop853", "--rtol", "1e-10", "--t-end", "1e6", "--points", "9", "--out"]
     program = [sys.executable, "-m", "lagrange", "run", "double-pendulum", *options, str(tmp_path)]
-    for pause in (3.0, 5.0, 8.0):  # on a busy machine it may still be compiling, and has nothing to keep yet
+    for pause in (3.0, 6.0, 12.0, 24.0):  # on a busy machine it may still be compiling, and has nothing to keep yet
         with subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
             time.sleep(pause)
             process.send_signal(signal.SIGINT)

@@ -116,7 +116,7 @@ def test_nothing_asks_for_the_version_of_another_project() -> None:
 
 
 def test_the_command_and_the_import_keep_their_name() -> None:
-    assert PROJECT["scripts"] == {"lagrange": "lagrange.cli:main"}
+    assert PROJECT["scripts"] == {"lagrange": "lagrange.__main__:main"}
 
 
 def test_readme_and_limits_tell_of_the_other_project() -> None:

@@ -5,43 +5,50 @@ from __future__ import annotations
 import errno
 import numbers
 import os
-import secrets
 import stat
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 from lagrange.errors import RunError, StatementError
+from lagrange.show.temporary import abandoned, lock, locked, sync_folder, uninterrupted
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _FULL = {errno.ENOSPC: "the disk is full", errno.EDQUOT: "the disk quota is used up", errno.EFBIG: "it is too large"}
 
 _ROWS_AT_ONCE = 4096
 
+Write = Callable[[BinaryIO], object]
+"""What fills a file that was opened for it."""
 
-def write_atomically(path: str | os.PathLike[str], write: Callable[[BinaryIO], object]) -> Path:
+
+def write_atomically(path: str | os.PathLike[str], write: Write) -> Path:
     """Let `write` fill a temporary file in the same folder, sync it and move it to `path`, which is returned.
 
     Whatever stops it, there is either the whole new file or what was there before. A link is followed; an existing
-    file keeps its permissions. Raises StatementError for a path that cannot be written, RunError if the disk is full
-    or fails.
+    file keeps its permissions. What a killed process left of the same file is removed. Raises StatementError for a
+    path that cannot be written, RunError if the disk is full or fails.
     """
-    target = Path(os.path.realpath(path))
+    target = real_path(path)
     try:
         return _write(target, write)
     except OSError as error:
-        raise _in_words(target, error) from error
+        raise in_words(target, error) from error
 
 
-def write_csv(path: str | os.PathLike[str], names: Sequence[str], columns: Sequence[Iterable[object]]) -> Path:
-    """Write columns under their names, atomically; see `write_atomically`. Numbers are written to round-trip."""
+def write_rows(file: BinaryIO, names: Sequence[str], columns: Sequence[Iterable[object]]) -> None:
+    """Write columns under their names to a file, as CSV. Numbers are written to round-trip."""
+    lines = _lines(names, columns)
+    while block := list(islice(lines, _ROWS_AT_ONCE)):
+        file.write("".join(block).encode())
 
-    def write(file: BinaryIO) -> None:
-        lines = _lines(names, columns)
-        while block := list(islice(lines, _ROWS_AT_ONCE)):
-            file.write("".join(block).encode())
 
-    return write_atomically(path, write)
+def picture(figure: Figure, dpi: int = 150) -> Write:
+    """Return what writes a figure as PNG."""
+    return lambda file: figure.savefig(file, format="png", dpi=dpi)
 
 
 def cell(value: object) -> str:
@@ -67,26 +74,55 @@ def _lines(names: Sequence[str], columns: Sequence[Iterable[object]]) -> Iterato
         yield ",".join(map(cell, row)) + "\n"
 
 
-def _write(target: Path, write: Callable[[BinaryIO], object]) -> Path:
-    mode = _mode(target)
-    part = target.with_name(f".{target.name[:32]}.{secrets.token_hex(8)}.part")
-    descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666)
+def _write(target: Path, write: Write) -> Path:
+    mode = old_mode(target)
+    part: Path | None = None
     try:
-        with os.fdopen(descriptor, "wb") as file:
-            write(file)
-            file.flush()
-            os.fsync(file.fileno())
-        if mode is not None:
-            part.chmod(mode)
-        part.replace(target)
+        with locked(target.parent), uninterrupted():
+            part = _free_name(target)
+            file = part.open("xb")
+            lock(file.fileno())
+        with file:
+            fill(file, write)
+            with locked(target.parent), uninterrupted():
+                file.close()
+                if mode is not None:
+                    part.chmod(mode)
+                part.replace(target)
+                part = None
     except BaseException:
-        part.unlink(missing_ok=True)
+        if part is not None:
+            with uninterrupted():
+                part.unlink(missing_ok=True)
         raise
-    _sync_folder(target.parent)
+    sync_folder(target.parent)
     return target
 
 
-def _mode(target: Path) -> int | None:
+def _free_name(target: Path) -> Path:
+    """Return a name for the temporary file, always the same one unless another process writes this file as well."""
+    part = target.with_name(f".{target.name[:32]}.part")
+    if abandoned(part):
+        part.unlink()
+    return target.with_name(f".{target.name[:32]}.{os.urandom(8).hex()}.part") if os.path.lexists(part) else part
+
+
+def fill(file: BinaryIO, write: Write) -> None:
+    """Let `write` fill a file, up to the disk."""
+    write(file)
+    file.flush()
+    os.fsync(file.fileno())
+
+
+def real_path(path: str | os.PathLike[str]) -> Path:
+    """Return the path with its links followed. Raises StatementError for what is no path."""
+    try:
+        return Path(os.path.realpath(path))
+    except ValueError as error:
+        raise StatementError(f"Cannot write {os.fspath(path)!r}: {error}. Name another file.") from None
+
+
+def old_mode(target: Path) -> int | None:
     """Return the old file's permissions, None if there is none; refuse to replace what is not a file."""
     if not target.parent.is_dir():
         raise StatementError(f"Cannot write {target}: there is no folder {target.parent}. Make it or name another.")
@@ -100,17 +136,8 @@ def _mode(target: Path) -> int | None:
     return stat.S_IMODE(found)
 
 
-def _sync_folder(folder: Path) -> None:
-    """Make the new name last through a power cut, where the system can do that to a folder."""
-    if os.name == "posix":
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
-
-
-def _in_words(target: Path, error: OSError) -> StatementError | RunError:
+def in_words(target: Path, error: OSError) -> StatementError | RunError:
+    """Return the system's refusal to write a file as an error that says what to do."""
     reason = _FULL.get(error.errno or 0)
     if reason:
         return RunError(f"Cannot write {target}: {reason}. Nothing was written; free some space or write elsewhere.")

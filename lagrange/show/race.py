@@ -8,13 +8,14 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from lagrange.errors import StatementError, listing
 from lagrange.evidence.work_precision import Entry, Result
-from lagrange.show.files import write_atomically, write_csv
+from lagrange.show.files import picture, write_atomically, write_rows
 from lagrange.show.race_plot import plot
 from lagrange.show.table import text_table
+from lagrange.show.transaction import write_together
 from lagrange.statement.number import real_number
 
 if TYPE_CHECKING:
@@ -128,13 +129,25 @@ class Race:
 
         Raises StatementError for a path that cannot be written, RunError if the disk is full.
         """
-        records = self.records
-        return write_csv(path, COLUMNS, [[record[name] for record in records] for name in COLUMNS])
+        return write_atomically(path, self._csv)
 
     def to_png(self, path: str | os.PathLike[str], *, dpi: int = 150) -> Path:
         """Write the picture of `plot()`."""
-        figure = self.plot()
-        return write_atomically(path, lambda file: figure.savefig(file, format="png", dpi=dpi))
+        return write_atomically(path, picture(self.plot(), dpi))
+
+    def to_folder(self, folder: str | os.PathLike[str]) -> list[Path]:
+        """Write table.csv and plot.png, both or none, and return their paths.
+
+        The folder exists, and keeps its other files. Where no run got to its end there is no picture, and one of an
+        earlier race is removed. Raises StatementError for a folder that cannot be written to, RunError if the disk is
+        full.
+        """
+        drawn = picture(self.plot()) if any(entry.complete for entry in self) else None
+        return write_together(folder, {"table.csv": self._csv, "plot.png": drawn})
+
+    def _csv(self, file: BinaryIO) -> None:
+        records = self.records
+        write_rows(file, COLUMNS, [[record[name] for record in records] for name in COLUMNS])
 
     def plot(self) -> Figure:
         """Return a Matplotlib figure of error against time, one line per method, both axes logarithmic."""

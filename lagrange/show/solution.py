@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 import sympy
@@ -21,9 +21,10 @@ from lagrange.errors import LagrangeError, RunError, StatementError, listing, su
 from lagrange.evidence.stiffness import Stiffness, stiffness
 from lagrange.machine.model import Model
 from lagrange.show.drift import EnergyDrift, energy_drift
-from lagrange.show.files import write_atomically, write_csv
+from lagrange.show.files import Write, picture, write_atomically, write_rows
 from lagrange.show.plot import plot
 from lagrange.show.table import text_table
+from lagrange.show.transaction import write_together
 from lagrange.statement.coordinate import name_of, velocity_of
 from lagrange.statement.number import real_number
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
@@ -208,7 +209,7 @@ class Solution:
         Like all files here it is written whole or not at all. Raises StatementError for a path that cannot be
         written, RunError if the disk is full.
         """
-        return write_csv(path, ("t", *self.names), [self.t.tolist(), *self.y.tolist()])
+        return write_atomically(path, self._csv)
 
     def to_npz(self, path: str | os.PathLike[str]) -> Path:
         """Write NumPy arrays t (N,), y (2n, N), energy (N,), names (2n,) and card (a JSON text); none needs pickle."""
@@ -218,8 +219,25 @@ class Solution:
 
     def to_png(self, path: str | os.PathLike[str], *, dpi: int = 150) -> Path:
         """Write the picture of `plot()`."""
-        figure = self.plot()
-        return write_atomically(path, lambda file: figure.savefig(file, format="png", dpi=dpi))
+        return write_atomically(path, picture(self.plot(), dpi))
+
+    def to_folder(self, folder: str | os.PathLike[str]) -> list[Path]:
+        """Write trajectory.csv, trajectory.png and card.json, all of them or none, and return their paths.
+
+        The folder exists, and keeps its other files. A run without output has no picture, and one of an earlier run
+        is removed. Raises StatementError for a folder that cannot be written to, RunError if the disk is full.
+        """
+        drawn = picture(self.plot()) if len(self.t) else None
+        card = json.dumps(self.card(), indent=2, allow_nan=False) + "\n"
+        files: dict[str, Write | None] = {
+            "trajectory.csv": self._csv,
+            "trajectory.png": drawn,
+            "card.json": lambda file: file.write(card.encode()),
+        }
+        return write_together(folder, files)
+
+    def _csv(self, file: BinaryIO) -> None:
+        write_rows(file, ("t", *self.names), [self.t.tolist(), *self.y.tolist()])
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return a DataFrame: index t, a column per row of the state; the status card is in `.attrs`."""

@@ -18,7 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lagrange.errors import RunError, StatementError
-from lagrange.show.files import cell, write_atomically, write_csv
+from lagrange.show.files import cell, write_atomically, write_rows
 
 
 def hello(file: BinaryIO) -> None:
@@ -79,9 +79,9 @@ import resource, signal, sys
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
 from lagrange.errors import RunError
-from lagrange.show.files import write_csv
+from lagrange.show.files import write_atomically, write_rows
 try:
-    write_csv(sys.argv[1], ["t"], [range(100_000)])
+    write_atomically(sys.argv[1], lambda file: write_rows(file, ["t"], [range(100_000)]))
 except RunError as error:
     sys.stdout.write(str(error))
 """
@@ -166,9 +166,10 @@ def test_numbers_round_trip(values: list[float]) -> None:
 
 
 def test_many_rows_and_columns_of_one_length(tmp_path: Path) -> None:
-    path = write_csv(tmp_path / "a.csv", ("i", "x"), (range(10_000), np.linspace(0, 1, 10_000).tolist()))
+    columns = (range(10_000), np.linspace(0, 1, 10_000).tolist())
+    path = write_atomically(tmp_path / "a.csv", lambda file: write_rows(file, ("i", "x"), columns))
     lines = path.read_text().splitlines()
     assert len(lines) == 10_001 and lines[:2] == ["i,x", "0,0.0"] and lines[-1] == "9999,1.0"
     with pytest.raises(ValueError, match="zip"):
-        write_csv(tmp_path / "b.csv", ("i", "x"), (range(3), range(4)))
+        write_atomically(tmp_path / "b.csv", lambda file: write_rows(file, ("i", "x"), (range(3), range(4))))
     assert left_in(tmp_path) == ["a.csv"]

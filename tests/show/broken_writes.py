@@ -1,0 +1,103 @@
+"""A program for tests: stop a change of files at each of its operations in turn, and print what was left as JSON.
+
+Its arguments are a folder, what happens (kill, full, dead, SIGINT, SIGTERM), and what is written (together, single).
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, BinaryIO
+from unittest import mock
+
+from lagrange.errors import LagrangeError
+from lagrange.show.files import write_atomically
+from lagrange.show.transaction import recover, write_together
+
+OPERATIONS = ("open", "os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.chmod", "os.listdir", "os.scandir")
+NAMES = ("a.csv", "b.png", "c.json")
+
+
+def new(file: BinaryIO) -> None:
+    file.write(b"new")
+
+
+def stop(how: str, folder: Path, number: int) -> Callable[[], None]:
+    """Let the operation of that number in the folder, counted from 0, be stopped; return what counts one."""
+    count = 0
+
+    def operation() -> None:
+        nonlocal count
+        count += 1
+        if count - 1 == number and how.startswith("SIG"):
+            os.kill(os.getpid(), signal.Signals[how])
+        elif count - 1 == number and how == "kill":
+            os.kill(os.getpid(), signal.SIGKILL)
+        elif (count - 1 == number and how == "full") or (count - 1 >= number and how == "dead"):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def hook(event: str, arguments: tuple[Any, ...]) -> None:
+        if event in OPERATIONS and str(arguments[0]).startswith(str(folder)):
+            operation()
+
+    sync = os.fsync
+
+    def fsync(descriptor: int) -> None:
+        operation()
+        sync(descriptor)
+
+    mock.patch.object(os, "fsync", fsync).start()
+    sys.addaudithook(hook)
+    return lambda: sys.exit(0 if count <= number else 9)
+
+
+def child(how: str, what: str, folder: Path, number: int) -> None:
+    """Write, stopped at an operation; exit with 0 if that never came."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    over = stop(how, folder, number)
+    try:
+        if what == "together":
+            write_together(folder, {"a.csv": new, "b.png": None, "c.json": new})
+        else:
+            write_atomically(folder / "a.csv", new)
+    except LagrangeError as error:
+        sys.stderr.write(f"{error}\n")
+        sys.exit(8)
+    except KeyboardInterrupt:
+        sys.exit(7)
+    over()
+
+
+def state(folder: Path) -> dict[str, str]:
+    """Return the texts of the files of the folder, hidden ones as their names."""
+    return {path.name: "" if path.name.startswith(".") else path.read_text() for path in sorted(folder.iterdir())}
+
+
+def main(folder: Path, how: str, what: str) -> list[dict[str, Any]]:
+    """Return for each operation what was left, and what is there after the next one who writes has cleaned up."""
+    found = []
+    for number in range(200):
+        for name in (*NAMES, "mine.txt"):
+            (folder / name).write_text("old")
+        if (process := os.fork()) == 0:
+            child(how, what, folder, number)
+        _, status = os.waitpid(process, 0)
+        code = os.waitstatus_to_exitcode(status)
+        left = state(folder)
+        if what == "together":
+            recover(folder)
+        else:
+            write_atomically(folder / "a.csv", lambda file: file.write(b"next"))
+        found.append({"code": code, "left": left, "then": state(folder)})
+        if code == 0:
+            return found
+    raise SystemExit("it never gets through")
+
+
+if __name__ == "__main__":
+    sys.stdout.write(json.dumps(main(Path(sys.argv[1]).resolve(), *sys.argv[2:])))
