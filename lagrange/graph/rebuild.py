@@ -32,3 +32,33 @@ def substitute(outputs: Iterable[Node], replacements: Mapping[Node, Node]) -> li
     for node in reachable(outputs, held=replacements.keys()):
         table[node] = rebuild(node, [table[arg] for arg in node.args])
     return [table[node] for node in outputs]
+
+
+class Substitution:
+    """Replacements that grow on the way; what was built anew for one node is kept for those that contain it."""
+
+    def __init__(self) -> None:
+        self._replaced: dict[Node, Node] = {}
+        self._table: dict[Node, Node] = {}
+
+    def __call__(self, node: Node) -> Node:
+        """Return the node with what was replaced so far."""
+        table = self._table
+        missing: set[Node] = set()
+        stack = [node]
+        while stack:
+            inner = stack.pop()
+            if inner not in table and inner not in missing:
+                missing.add(inner)
+                stack.extend(inner.args)
+        for inner in sorted(missing, key=lambda one: one.id):
+            table[inner] = rebuild(inner, [table[arg] for arg in inner.args])
+        return table[node]
+
+    def replace(self, node: Node, other: Node) -> None:
+        """Replace a node from now on."""
+        self._replaced[node] = other
+        if self._table.get(node, other) is not other:
+            # What contains the node was built from what it was.
+            self._table = dict(self._replaced)
+        self._table[node] = other

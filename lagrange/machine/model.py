@@ -245,7 +245,9 @@ class Model:
 
     @cached_property
     def _masses(self) -> Kernel:
-        return NumpyMachine().load(program_of("mass_matrix", self.equations))
+        """The inertia of each coordinate of `_alone`."""
+        nodes = [self.equations.mass[i][i] for i in self._alone]
+        return NumpyMachine().load(lower_nodes("inertia", nodes, (len(nodes),), self.equations))
 
     def column_without_inertia(
         self, t: float | FloatArray, q: FloatArray, v: FloatArray, parameters: FloatArray
@@ -259,7 +261,7 @@ class Model:
             return None
         q, v = q.reshape(self.dimension, -1), v.reshape(self.dimension, -1)
         masses = self._masses.columns(t, q, v, parameters)
-        none = (masses[self._alone, self._alone] == 0.0).any(axis=0)
+        none = (masses == 0.0).any(axis=0)
         return int(np.argmax(none)) if none.any() else None
 
     def singular_message(self, t: float | FloatArray, q: FloatArray, column: int | None = None) -> str:

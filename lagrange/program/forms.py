@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from heapq import heapify, heappop, heappush
 
 from lagrange.graph.differentiate import tangents
 from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, exact, reachable
@@ -84,7 +85,8 @@ def _used_again(outputs: Sequence[Node]) -> frozenset[Node]:
     for node in reachable(outputs):
         uses.update(node.args)
     again = {node for node, count in uses.items() if count > 1}
-    return frozenset(node for node in again if node.kind is not Kind.PRODUCT or node in outputs)
+    themselves = frozenset(outputs)
+    return frozenset(node for node in again if node.kind is not Kind.PRODUCT or node in themselves)
 
 
 def _expanded(node: Node, whole: Collection[Node]) -> Expansion | None:
@@ -154,7 +156,7 @@ class _ByParts:
             if not self.split(momentum):
                 return None
         left: dict[int, Expansion] = {}
-        behind: list[tuple[_Term, _Term, Node]] = []
+        behind = _Behind()
         for i in sorted(range(len(self.p)), key=lambda i: self.p[i].id):
             slope = _expanded(self.slopes[self.p[i]], self.whole)
             if slope is None:
@@ -162,8 +164,8 @@ class _ByParts:
             rest = dict(self.forces[i])
             for key, value in slope.items():
                 rest[key] = rest.get(key, 0) - value
-            left[i] = {key: value for key, value in _joined(rest, behind).items() if value}
-            behind.append((_term(self.f[i]), _term(self.slopes[self.p[i]]), graph.sum(_terms(graph, left[i]))))
+            left[i] = {key: value for key, value in behind.joined(rest).items() if value}
+            behind.add(_term(self.f[i]), _term(self.slopes[self.p[i]]), graph.sum(_terms(graph, left[i])))
         return Form(tuple(self.p), self.parts, tuple(_terms(graph, left[i]) for i in range(len(self.p))))
 
     def split(self, momentum: Node) -> bool:
@@ -204,12 +206,31 @@ def _term(node: Node) -> _Term:
     return (node,), coefficient
 
 
-def _joined(terms: Expansion, behind: Sequence[tuple[_Term, _Term, Node]]) -> Expansion:
-    """Replace a force of another coordinate, less the slope of its momentum, by what is left of both."""
-    found = dict(terms)
-    for (force, scale), (slope, other), rest in behind:
-        share = Fraction(found.get(force, 0)) / scale if scale else Fraction(0)
-        if share and Fraction(found.get(slope, 0)) == -share * other:
-            del found[force], found[slope]
-            found[(rest,)] = exact(found.get((rest,), 0) + share)
-    return found
+class _Behind:
+    """The coordinates dealt with so far: the force, the slope of the momentum, and what is left of both."""
+
+    def __init__(self) -> None:
+        self._forces: list[tuple[_Term, _Term, Node]] = []
+        self._places: dict[tuple[Node, ...], list[int]] = {}
+
+    def add(self, force: _Term, slope: _Term, rest: Node) -> None:
+        """Add a coordinate."""
+        self._places.setdefault(force[0], []).append(len(self._forces))
+        self._forces.append((force, slope, rest))
+
+    def joined(self, terms: Expansion) -> Expansion:
+        """Replace a force of another coordinate, less the slope of its momentum, by what is left of both."""
+        found = dict(terms)
+        todo = [place for key in found for place in self._places.get(key, ())]
+        heapify(todo)
+        while todo:
+            place = heappop(todo)
+            (force, scale), (slope, other), rest = self._forces[place]
+            share = Fraction(found.get(force, 0)) / scale if scale else Fraction(0)
+            if share and Fraction(found.get(slope, 0)) == -share * other:
+                del found[force], found[slope]
+                found[(rest,)] = exact(found.get((rest,), 0) + share)
+                for later in self._places.get((rest,), ()):
+                    if later > place:
+                        heappush(todo, later)
+        return found

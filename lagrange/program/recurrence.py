@@ -13,7 +13,7 @@ from fractions import Fraction
 from itertools import combinations
 
 from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, reachable
-from lagrange.graph.rebuild import substitute
+from lagrange.graph.rebuild import Substitution
 from lagrange.program.function_rules import FUNCTION_RULES
 from lagrange.program.series import Rule
 
@@ -265,13 +265,13 @@ class Builder:
         together far from the origin.
         """
         found: list[Node | None] = []
-        replaced: dict[Node, Node] = {}
+        replaced = Substitution()
         for rule, node, offset in zip(self.rules, self.nodes, self.offsets, strict=True):
             if node is None:
                 found.append(None)
                 continue
             if node in self.starts:
-                start = substitute([self.starts[node]], replaced)[0]
+                start = replaced(self.starts[node])
             elif rule.op == "linear":
                 pairs = zip(rule.coefficients, rule.args, strict=True)
                 terms = [(1, table[c] * known_node(found[arg])) for c, arg in pairs]
@@ -280,10 +280,10 @@ class Builder:
                     terms += [(1, table[c] * low[arg]) for c, arg in pairs]
                 start = self.graph.sum(terms if offset is None else [*terms, (1, offset)])
             else:
-                start = substitute([node], replaced)[0]
+                start = replaced(node)
             found.append(start)
             if start is not node:
-                replaced[node] = start
+                replaced.replace(node, start)
         return found
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numbers
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from functools import lru_cache, partial
 from types import MappingProxyType
 from typing import Any
@@ -215,8 +215,9 @@ def _coordinates(given: Sequence[Any] | None, survey: Survey) -> tuple[Any, ...]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise StatementError(f"coordinate {twice} is listed twice: name each coordinate once.")
+    known = frozenset(names)
     for name in names:
-        _check_rate(name, names, "coordinate")
+        _check_rate(name, known, "coordinate")
     return found
 
 
@@ -231,8 +232,9 @@ def _check_velocities(coordinates: tuple[Any, ...], survey: Survey, main: str) -
 
 def _check_declared(survey: Survey, coordinates: tuple[Any, ...]) -> None:
     names = [name_of(q) for q in coordinates]
+    declared = frozenset(coordinates)
     for q in survey.coordinates:
-        if q not in coordinates:
+        if q not in declared:
             raise StatementError(
                 f"{q} is used but not declared: add it to coordinates, which are {listing(names)}."
                 + suggestion(name_of(q), names)
@@ -334,7 +336,7 @@ def _check_clash(name: str, by_name: dict[str, Any]) -> None:
     _check_rate(name, by_name, "parameter")
 
 
-def _check_rate(name: str, by_name: Iterable[str], what: str) -> None:
+def _check_rate(name: str, by_name: Container[str], what: str) -> None:
     """Refuse a name that stands for the velocity or the acceleration of a coordinate."""
     base, _, rate = name.rpartition("_")
     if base in by_name and rate in ("dot", "ddot"):
