@@ -141,9 +141,26 @@ class Model:
         """Return d rhs / d y, (2n, 2n), or (2n, 2n, batch)."""
         return self._run("jacobian", t, self._checked_state(y), parameters)
 
-    def mass_matrix(self, q: ArrayLike, t: float | ArrayLike = 0.0, parameters: Parameters = None) -> FloatArray:
-        """Return M = d2L/dv2 at v = 0, (n, n), or (n, n, batch). It is free of v for every L quadratic in v."""
+    def mass_matrix(
+        self,
+        q: ArrayLike,
+        t: float | ArrayLike = 0.0,
+        parameters: Parameters = None,
+        v: ArrayLike | None = None,
+    ) -> FloatArray:
+        """Return M = d2L/dv2, (n, n), or (n, n, batch).
+
+        It is free of v for every L quadratic in v. Where it is not, as for the relativistic -m*c*sqrt(c**2 - v**2), v
+        must be given, in the shape of q: StatementError names the velocities that M depends on.
+        """
+        if v is not None:
+            return self._run("mass_matrix", t, self._state(q, v), parameters)
         array = self._vector(q, "q")
+        if self._velocities_in_mass:
+            raise StatementError(
+                f"the mass matrix of this system depends on {listing(self._velocities_in_mass)}: give the velocities "
+                "too, in the shape of q, as mass_matrix(q, v=v)."
+            )
         return self._run("mass_matrix", t, (array, np.zeros_like(array)), parameters)
 
     def energy(self, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Parameters = None) -> Any:
@@ -230,13 +247,18 @@ class Model:
             result = kernel.columns(time, q, v, values) if q.ndim > 1 else kernel(time, np.concatenate(state), values)
         except SingularMassMatrix as error:
             raise RunError(self.singular_message(time, q, error.column)) from error
-        if self._alone and kernel.program.name in SOLVED:
-            flat = result.ravel()
-            if not math.isfinite(flat.dot(flat)):
-                column = self.column_without_inertia(time, q, v, values)
-                if column is not None:
-                    raise RunError(self.singular_message(time, q, column))
+        if self._alone and kernel.program.name in SOLVED and not _surely_finite(result):
+            column = self.column_without_inertia(time, q, v, values)
+            if column is not None:
+                raise RunError(self.singular_message(time, q, column))
         return result
+
+    @cached_property
+    def _velocities_in_mass(self) -> tuple[str, ...]:
+        """The velocities that the mass matrix depends on, as a user writes them."""
+        n = self.dimension
+        rows = sorted({int(i) for op, _, i in self.kernel("mass_matrix").program.instructions if op == "state"})
+        return tuple(f"{self.statement.names[row - n]}.dot" for row in rows if row >= n)
 
     @cached_property
     def _alone(self) -> list[int]:
@@ -312,6 +334,20 @@ def real_array(value: ArrayLike, what: str) -> FloatArray:
     if array.dtype.kind not in "fiu":
         raise StatementError(f"{what} has entries of type {array.dtype}: give real numbers.")
     return array.astype(float, copy=False)
+
+
+FEW = 64
+"""Up to so many entries Python adds them in less time than NumPy takes for two calls, 1 us."""
+
+
+def _surely_finite(array: FloatArray) -> bool:
+    """Return whether every entry is finite; False too where a sum of them overflows.
+
+    NumPy is not asked for a sum: it warns of one that overflows, and what is public passes no warning on.
+    """
+    if array.size <= FEW:
+        return math.isfinite(sum(array.ravel().tolist()))
+    return bool(np.isfinite(array).all())
 
 
 def _recompile(statement: Statement, machine: Machine) -> Model:

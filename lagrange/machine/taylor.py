@@ -133,7 +133,8 @@ def inverse(matrix: FloatArray) -> FloatArray:
         raise SingularMassMatrix from error
     if not np.isfinite(found).all() or np.abs(found).max() > 1 / PIVOT:
         raise SingularMassMatrix
-    return np.asarray(found * units[:, None] * units)
+    with np.errstate(all="ignore"):  # what overflows is infinite, and the run says so
+        return np.asarray(found * units[:, None] * units)
 
 
 def shown_radius(sizes: FloatArray) -> FloatArray:

@@ -131,7 +131,8 @@ class Solution:
         if times.size and not (low - slack <= times.min() and times.max() <= high + slack):
             outside = float(times.min() if times.min() < low - slack else times.max())
             raise StatementError(f"t = {outside:.6g} is outside the run, which went from {low:.6g} to {high:.6g}.")
-        states = self.trajectory.dense(np.clip(np.atleast_1d(times).astype(float), low, high))
+        with np.errstate(all="ignore"):
+            states = self.trajectory.dense(np.clip(np.atleast_1d(times).astype(float), low, high))
         return states if times.ndim else states[:, 0]
 
     @cached_property

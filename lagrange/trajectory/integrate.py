@@ -129,8 +129,8 @@ def _check_start(problem: Problem) -> float:
     state = listing(f"{name} = {x:.6g}" for name, x in zip(names, y0, strict=True))
     raise StatementError(
         f"the energy of {model.statement.name} is {energy} at the initial state ({state}), so the motion cannot start "
-        "there. Look for a division by zero, or a sqrt or log outside its domain, in the kinetic and potential energy; "
-        "give another initial state or other parameters."
+        "there. Look for an overflow, a division by zero, or a sqrt or log outside its domain, in the kinetic and "
+        "potential energy; give another initial state or other parameters."
     )
 
 
