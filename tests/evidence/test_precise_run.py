@@ -102,6 +102,17 @@ def test_a_jump_of_the_forces_is_not_passed() -> None:
         run(oscillator(potential=Abs(x)), [3.0], digits=20)
 
 
+@pytest.mark.parametrize("unit", [1e-12, 1e12])
+def test_units_of_time_do_not_matter(unit: float) -> None:
+    """An interval is too short, or a time too late, as a part of the whole run and not in seconds."""
+    (state,) = run(oscillator(parameters={m: 1, k: 4 / unit**2}), [0.3 * unit], digits=20)
+    assert off([state[0], state[1] * unit], swing(0.3)) < 1e-15
+    with pytest.raises(
+        RunError, match=rf"passes t = {1.4142 * unit:.0e}".replace("1e", "1\\.414.*e").replace("+", r"\+")
+    ):
+        run(oscillator(potential=Abs(x) / unit**2), [3.0 * unit], digits=20)
+
+
 def test_a_bend_of_the_forces_is() -> None:
     """x'' = -x - x/2 for x > 0, and -x + x/2 below: half a period of each."""
     statement = oscillator(potential=x**2 / 2, forces={x: -Abs(x) / 2})

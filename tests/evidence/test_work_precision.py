@@ -82,6 +82,28 @@ def test_times_are_the_least_of_so_many_warm_runs() -> None:
     assert 0 < ours.time < theirs.time < 1
 
 
+@dataclass(frozen=True)
+class Counted:
+    """A method that says how long it takes, and counts its runs."""
+
+    wall: float
+    runs: list[float] = field(default_factory=list)
+    name: str = "counted"
+    claims: Claims = field(default_factory=lambda: Claims(order=4))
+
+    def integrate(self, problem: Problem) -> Trajectory:
+        self.runs.append(problem.t1)
+        return replace(lg.methods.RK4().integrate(problem), wall=self.wall)
+
+
+@pytest.mark.parametrize(("wall", "at_once"), [(1.0, 1), (1e-3, 1), (0.6e-3, 2), (1e-3 / 7, 7)])
+def test_a_short_run_is_repeated_until_it_can_be_timed(wall: float, at_once: int) -> None:
+    """One run for what it costs, one to warm up, and then three times as many as take a millisecond."""
+    method = Counted(wall)
+    entry = race(methods=[method], repeats=3)[0]
+    assert entry.timed == 3 and len(method.runs) == 2 + 3 * at_once
+
+
 def test_relative_errors_are_in_parts_of_each_entry() -> None:
     plain, relative = race(PAIR), race(PAIR, relative=True)
     assert relative.result.unit == pytest.approx((1e3, 1, 2e3, 1), rel=1e-2)

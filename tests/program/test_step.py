@@ -222,6 +222,10 @@ def test_what_cannot_be_solved_is_refused() -> None:
     def numbers(f: Any, t: Any, y: Any, h: Any, solve: Any) -> Any:
         return y + solve(lambda k: 1.0, y)
 
+    def momenta(g: Any, t: Any, q: Any, v: Any, h: Any, solve: Any) -> Any:
+        w = solve(lambda w: g(t + h, q + w * h, w)[0] - g(t, q, v)[0], v)
+        return q + w * h, solve.damp(h, w)
+
     for function, words in (
         (nested, "calls f inside a residual with the result of another such call: name that slope as an unknown"),
         (without_calls, r"solves for 1 unknown\(s\) with 1 residual\(s\) and 0 call\(s\) of f"),
@@ -233,6 +237,8 @@ def test_what_cannot_be_solved_is_refused() -> None:
             implicit(function)
     with pytest.raises(StatementError, match="damps before it solves"):
         implicit(early, control=Control(2))
+    with pytest.raises(StatementError, match="damp is for steps of the law 'rhs'"):
+        trace("mine", momenta, law="momentum", implicit=True)
     with pytest.raises(StatementError, match="solve is for the laws 'rhs' and 'momentum'"):
         trace("mine", lambda a, t, q, v, h, solve: solve(lambda k: a(t, k), q), law="accelerations", implicit=True)
     with pytest.raises(StatementError, match="calls f with t and 1 vectors: it takes 2"):

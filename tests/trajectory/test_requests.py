@@ -55,6 +55,8 @@ def coupled() -> lg.System:
         ({"atol": np.array([1e-9])}, "atol is [1.e-09]: give one number. It is the same for all entries"),
         ({"atol": "a", "method": "dop853"}, "atol is 'a' (str): give a number"),
         ({"rtol": True}, "rtol is True (bool): give a number"),
+        ({"rtol": 1, "method": "dop853"}, "rtol = 1: errors as large as the state itself leave no digit of it."),
+        ({"rtol": 1.0}, "rtol = 1: errors as large as the state itself leave no digit of it."),
         ({"rtol": 2, "method": "scipy-rk45"}, "rtol = 2: errors as large as the state itself leave no digit of it."),
         (
             {"rtol": 1e-12, "method": lg.methods.Taylor(rtol=1e-3)},

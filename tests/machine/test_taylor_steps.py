@@ -1,0 +1,156 @@
+"""Taylor drivers of all machines in lockstep: the same times, steps, scales, limits and counts after each step.
+
+The states agree as well where a decision is taken wrongly: a shorter step only costs. So every entry of `DriverState`
+is compared, for series that terminate, fail, overflow, meet a wall, or have gaps, in any units, forwards and backwards.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from lagrange.equations.euler_lagrange import euler_lagrange
+from lagrange.machine.driver import DriverState, Outcome
+from lagrange.machine.llvm.packing import pack
+from lagrange.machine.llvm.taylor import CompiledJet, LlvmTaylorDriver
+from lagrange.machine.numpy_taylor import NumpySeries
+from lagrange.program.taylor import series_program
+from lagrange.statement.coordinate import t
+from lagrange.statement.statement import Statement
+from tests.models import SYSTEMS, c, k, m, omega, stated, x, y
+
+S = DriverState
+ORDERS = (5, 8, 14)
+
+
+def wall() -> Statement:
+    """A wall that comes into sight when it is near."""
+    return stated(kinetic=x.dot**2 / 2, potential=sp.exp(200 * (x - 1)), initial={x: 0.3, x.dot: 1.0})
+
+
+def gaps() -> Statement:
+    """A force in the fourth power of time: three of four coefficients are zero."""
+    return stated(kinetic=x.dot**2 / 2, forces={x: t**4 / 5 + t**8}, initial={x: 0.2})
+
+
+def late() -> Statement:
+    """At rest, and pushed by what has no term of low order."""
+    return stated(kinetic=x.dot**2 / 2, potential=x**12 / 3, initial={x: 0.01, x.dot: 0.4})
+
+
+def thrown() -> Statement:
+    return stated(kinetic=m * (x.dot**2 + y.dot**2) / 2, potential=m * y * 9, initial={y: 1.0, x.dot: 2.0, y.dot: 3.0})
+
+
+def tiny() -> Statement:
+    """A motion of 1e-30 in 1e-20 s."""
+    return stated(
+        kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2, parameters={k: 1e40}, initial={x: 1e-30, x.dot: 3e-11}
+    )
+
+
+def slow() -> Statement:
+    return stated(kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2, parameters={k: 1e-40}, initial={x: 1e25})
+
+
+def driven() -> Statement:
+    """Friction and a force in time, a mass matrix that moves."""
+    return stated(
+        kinetic=m * (x.dot**2 + (2 + sp.sin(x)) * y.dot**2) / 2,
+        potential=k * sp.sqrt(1 + x**2 + y**2),
+        forces={x: sp.cos(omega * t) - c * x.dot * y},
+        initial={x: 0.4, y.dot: 0.6},
+    )
+
+
+def pole() -> Statement:
+    """x = 1 / (1 - t): the steps shrink until they are lost in the time."""
+    return stated(kinetic=x.dot**2 / 2, potential=-(x**4) / 2, initial={x: 1.0, x.dot: 1.0})
+
+
+SPECIAL = {made.__name__: made for made in (wall, gaps, late, thrown, tiny, slow, driven, pole)}
+STATED = {**SPECIAL, **{name: SYSTEMS[name] for name in ("double pendulum", "Kepler orbit", "blocks", "charge")}}
+TIMES = {"tiny": 3e-20, "slow": 3e20, "pole": 1.5, "wall": 2.0}
+
+
+@cache
+def drivers(name: str, order: int) -> tuple[Statement, list[Any]]:
+    """Return a driver of each machine: interpreted, written out in vectors of several widths, and in loops."""
+    statement = STATED[name]()
+    program = series_program(euler_lagrange(statement))[0]
+    given = np.array([*(statement.defaults[p] for p in statement.parameters), *[1.0] * program.sides])
+    compiled = [CompiledJet(pack(program, lanes), which) for lanes, which in ((8, order), (1, order), (4, 0))]
+    return statement, [
+        NumpySeries(program).driver(order, given),
+        *(LlvmTaylorDriver(jet, order, given) for jet in compiled),
+    ]
+
+
+def assert_lockstep(name: str, order: int, direction: int, tolerances: tuple[float, float], **reals: float) -> Outcome:
+    statement, machines = drivers(name, order)
+    span = direction * TIMES.get(name, 6.0)
+    start = np.array(statement.initial)
+    states = [S(0.0, span, start, *tolerances, 0.0) for _ in machines]
+    for state in states:
+        for which, value in reals.items():
+            state.reals[getattr(S, which)] = value
+    outcome = Outcome.PAUSED
+    for _ in range(60):
+        outcomes = []
+        for driver, state in zip(machines, states, strict=True):
+            times, rows = np.zeros(2), np.zeros((6, len(start)))
+            state.counts[S.ROWS] = 0
+            outcomes.append(driver.advance(state, 1, times, rows))
+            if state.counts[S.ROWS]:
+                assert times[0] == state.t and (rows[0] == state.y).all()
+        outcome = outcomes[0]
+        assert outcomes == [outcome] * len(machines)
+        for state in states[2:]:
+            assert_same(state, states[1])
+        assert_alike(states[1], states[0], 0.2 if name == "wall" else 0.1)
+        if outcome is not Outcome.PAUSED:
+            break
+    return outcome
+
+
+def assert_same(state: DriverState, first: DriverState) -> None:
+    """Compiled forms differ by rounding, which is magnified where rows cancel."""
+    assert (state.counts == first.counts).all()
+    assert abs(state.reals[S.LOW] - first.reals[S.LOW]) <= 1e-15 * abs(first.t)
+    others = [i for i in range(len(first.reals)) if i != S.LOW]
+    assert state.reals[others] == pytest.approx(first.reals[others], rel=1e-8)
+    assert (abs(state.y - first.y) <= 1e-7 * np.maximum(abs(first.y), abs(first.y).max() * 1e-6)).all()
+
+
+def assert_alike(state: DriverState, first: DriverState, most: float) -> None:
+    """Compiled code takes logarithms to 0.007, so steps differ by some hundredths, and more where a wall comes near."""
+    same = [S.STEPS, S.REJECTED, S.FAILS, S.LOOK, S.ROWS]
+    assert (state.counts[same] == first.counts[same]).all()
+    assert abs(state.reals[S.LOW]) <= 1e-15 * abs(state.t) and abs(first.reals[S.LOW]) <= 1e-15 * abs(first.t)
+    alike = [S.T, S.ONCE, S.LIMIT] if state.t == state.reals[S.END] else [S.T, S.H, S.ONCE, S.LIMIT]
+    assert state.reals[alike] == pytest.approx(first.reals[alike], rel=most)
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("name", STATED)
+def test_all_machines_take_the_same_taylor_steps(name: str, order: int, direction: int) -> None:
+    assert_lockstep(name, order, direction, (1e-8, 1e-40 if name in ("tiny", "slow") else 1e-10))
+
+
+@pytest.mark.parametrize(
+    ("which", "value"), [("LONGEST", 0.011), ("LIMIT", 0.003), ("ONCE", 0.007), ("SCALE", 2.0**30)]
+)
+@pytest.mark.parametrize("name", ["double pendulum", "thrown"])
+def test_all_machines_keep_to_the_same_bounds(name: str, which: str, value: float) -> None:
+    assert_lockstep(name, 8, 1, (1e-8, 1e-10), **{which: value})
+
+
+@pytest.mark.parametrize("tolerances", [(1e-3, 0.0), (1e-12, 1e-3), (1e-15, 1e-15)])
+@pytest.mark.parametrize("name", ["driven", "Kepler orbit"])
+def test_all_machines_keep_to_the_same_tolerances(name: str, tolerances: tuple[float, float]) -> None:
+    assert_lockstep(name, 14, 1, tolerances)

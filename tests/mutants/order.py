@@ -1,0 +1,59 @@
+"""Which tests a mutant meets, in which order: those that call its function, the nearest and cheapest first."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from tests.mutants.mutate import Mutant
+
+SHARES = (0.3, 0.35, 0.35)
+"""How the time for a mutant is divided among its own test file, its folder and the others; what is left goes on."""
+
+
+@dataclass(frozen=True)
+class Reached:
+    """A test, its processor seconds, and the functions that it calls, as file:qualified name."""
+
+    test: str
+    seconds: float
+    functions: frozenset[str]
+
+
+def calls(mutant: Mutant, test: Reached) -> bool:
+    """Return whether a test runs the place of a mutant, or works with its file where that runs on import."""
+    return f"{mutant.file}:{mutant.function}" in test.functions
+
+
+def distance(mutant: Mutant, test: str) -> int:
+    """Return 0 for the test file named like the mutant's, 1 for the same folder, 2 for others."""
+    parts, name = mutant.file.split("/"), test.partition("::")[0]
+    if name == f"tests/{parts[1]}/test_{parts[-1]}":
+        return 0
+    return 1 if name.startswith(f"tests/{parts[1]}/") else 2
+
+
+def chosen(mutant: Mutant, tests: Sequence[Reached], budget: float) -> dict[str, float]:
+    """Return tests with their seconds, in the order in which a mutant meets them, within a budget of seconds.
+
+    Of the examples of one test the cheapest comes first, and the others behind the first ones of other tests.
+    """
+    near = [test for test in tests if calls(mutant, test)]
+    if not near:
+        near = [test for test in tests if any(name.startswith(f"{mutant.file}:") for name in test.functions)]
+    order: dict[str, float] = {}
+    left = 0.0
+    for wanted, share in enumerate(SHARES):
+        left += share * budget
+        examples: dict[str, int] = {}
+        ranked = []
+        for test in sorted(near, key=lambda test: test.seconds):
+            if distance(mutant, test.test) == wanted:
+                name = test.test.partition("[")[0]
+                examples[name] = examples.get(name, 0) + 1
+                ranked.append((examples[name], test.seconds, test.test))
+        for _, seconds, name in sorted(ranked):
+            if seconds <= left:
+                order[name] = seconds
+                left -= seconds
+    return order
