@@ -51,8 +51,8 @@ ABOUT = """Each mutant changes one thing in `lagrange/machine`, `trajectory`, `p
 difference, a product a quotient, a comparison is turned, a `not` dropped, a whole number one more, `and` becomes `or`;
 the same changes are made in the text of machine code that is emitted. Of all there are, those with the least names are
 taken, where a name is a hash of the seed and of what is changed (`tests/mutants/mutate.py`): {count} with the seed
-{seed}. A mutant meets the tests that call its function: first of the test file named like its own file, then of the
-folder, then of the others, in rising cost, until one fails or {budget:.0f} s of tests have passed.
+{seed}. A mutant meets the test files that call its function: first the one named like its own file, then those of the
+folder, then others, in rising cost, until a test fails or {budget:.0f} s of tests have passed.
 
 **Timed out** is a test that took five times its processor time on the source, and 10 s more."""
 

@@ -11,6 +11,10 @@ SHARES = (0.3, 0.35, 0.35)
 """How the time for a mutant is divided among its own test file, its folder and the others; what is left goes on."""
 
 
+FEW = 10
+"""Where fewer tests than this call a function it runs on import, and any test may depend on it."""
+
+
 @dataclass(frozen=True)
 class Reached:
     """A test, its processor seconds, and the functions that it calls, as file:qualified name."""
@@ -36,23 +40,26 @@ def distance(mutant: Mutant, test: str) -> int:
 def chosen(mutant: Mutant, tests: Sequence[Reached], budget: float) -> dict[str, float]:
     """Return tests with their seconds, in the order in which a mutant meets them, within a budget of seconds.
 
-    Of the examples of one test the cheapest comes first, and the others behind the first ones of other tests.
+    Those that call its function come first, then the others of their files: what a function makes may be kept, and
+    serve a test that does not call it. Of the examples of one test the cheapest comes first, and the others behind the
+    first ones of other tests.
     """
-    near = [test for test in tests if calls(mutant, test)]
-    if not near:
-        near = [test for test in tests if any(name.startswith(f"{mutant.file}:") for name in test.functions)]
+    direct = {test.test for test in tests if calls(mutant, test)}
+    if not direct:
+        direct = {test.test for test in tests if any(name.startswith(f"{mutant.file}:") for name in test.functions)}
+    files = {test.test.partition("::")[0] for test in tests if len(direct) < FEW or test.test in direct}
     order: dict[str, float] = {}
     left = 0.0
     for wanted, share in enumerate(SHARES):
         left += share * budget
         examples: dict[str, int] = {}
         ranked = []
-        for test in sorted(near, key=lambda test: test.seconds):
-            if distance(mutant, test.test) == wanted:
+        for test in sorted(tests, key=lambda test: test.seconds):
+            if test.test.partition("::")[0] in files and distance(mutant, test.test) == wanted:
                 name = test.test.partition("[")[0]
                 examples[name] = examples.get(name, 0) + 1
-                ranked.append((examples[name], test.seconds, test.test))
-        for _, seconds, name in sorted(ranked):
+                ranked.append((test.test not in direct, examples[name], test.seconds, test.test))
+        for _, _, seconds, name in sorted(ranked):
             if seconds <= left:
                 order[name] = seconds
                 left -= seconds

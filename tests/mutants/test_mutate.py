@@ -87,10 +87,14 @@ def test_the_order_in_which_a_mutant_meets_tests() -> None:
         Reached("tests/machine/test_taylor.py::near", 3.0, here),
         Reached("tests/laws/test_taylor.py::far", 1.0, here),
         Reached("tests/laws/test_taylor.py::endless", 1e6, here),
+        Reached("tests/show/test_table.py::none", 1.0, frozenset()),
     ]
-    assert [distance(mutant, test.test) for test in tests] == [0, 0, 0, 0, 1, 2, 2]
+    tests += [Reached(f"tests/laws/test_taylor.py::endless[{i}]", 1e6, here) for i in range(4)]
+    assert [distance(mutant, test.test) for test in tests[:7]] == [0, 0, 0, 0, 1, 2, 2]
     names = [test.partition("::")[2] for test in chosen(mutant, tests, 100.0)]
-    assert names == ["many[a]", "slow", "many[b]", "near", "far"]
-    assert [test.partition("::")[2] for test in chosen(mutant, tests, 12.0)] == ["many[a]", "many[b]", "near", "far"]
+    assert names == ["many[a]", "slow", "many[b]", "elsewhere", "near", "far"]
+    names = [test.partition("::")[2] for test in chosen(mutant, tests, 12.0)]
+    assert names == ["many[a]", "many[b]", "near", "far"]
     on_import = Mutant("0", mutant.file, 1, "", "constant", "1", "2", 0)
     assert len(chosen(on_import, tests, 100.0)) == 6
+    assert len(chosen(on_import, tests[1:8], 100.0)) == 6

@@ -10,6 +10,10 @@ import pytest
 from sympy import Rational, sqrt
 
 import lagrange as lg
+from lagrange.machine.driver import DriverState
+from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.leap import Leaps
+from lagrange.trajectory.methods.registry import find
 
 G, C = 9.81, 0.1
 LIMIT = math.sqrt(G / C)
@@ -109,3 +113,19 @@ def test_dry_friction_written_as_a_root_is_not_leapt_over() -> None:
     assert found.status in (lg.Status.NON_FINITE, lg.Status.STEP_TOO_SMALL)
     # x = 0.075 + A cos(2 t + phase) until the speed is zero: half a period after it would have been zero.
     assert found.t[-1] == pytest.approx((math.pi - math.atan2(0.25, 1.0 - 0.075)) / 2, rel=1e-9)
+
+
+@pytest.mark.parametrize("unit", [1e-30, 1e-6, 1e6, 1e30])
+def test_leaps_are_as_long_in_any_units_of_time(unit: float) -> None:
+    """From time zero, and from a time at which the shorter ones are lost in its spacing."""
+    model = thrown().compile()
+
+    def ahead(unit: float, at: float) -> list[float]:
+        problem = Problem(model, {}, 0.0, 5 * unit, np.zeros(4))
+        state = DriverState(at * unit, 5 * unit, problem.y0, 1e-9, 1e-12, 0.0)
+        return [(there - state.t) / unit for there in Leaps(problem, find("dop853")).ahead(state)]
+
+    for at, count in ((0.0, 6), (4.0, 6), (-1e5, 3)):
+        expected = ahead(1.0, at)
+        assert len(expected) == count
+        assert ahead(unit, at) == pytest.approx(expected, rel=1e-3)

@@ -83,6 +83,24 @@ def test_bursts_of_one_step_are_one_burst(name: str, target: str) -> None:
     assert (counts == same).all() and (counts == equal).all()
 
 
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", IMPLICIT)
+def test_a_driver_keeps_nothing_of_another_run(name: str, target: str) -> None:
+    """Bit by bit and correction by correction, with a run from elsewhere between: of a starter as well."""
+    compiled = model("double pendulum", target)
+    start = np.array(compiled.statement.initial)
+    plan = implicit(name).plan(Problem(compiled, compiled.parameter_values(), 0.0, 0.06, start))
+    driver = plan.driver(compiled, compiled.parameter_array())
+
+    def go(shift: float) -> tuple[Any, Any]:
+        state = DriverState(0.0, 0.06, start + shift, 1e-6, 1e-6, 0.02 if name in FIXED else 0.0)
+        assert driver.advance(state, 100, np.empty(100), np.empty((104, len(start)))) is Outcome.DONE
+        return state.y.copy(), state.counts.copy()
+
+    (first, counts), _, (again, same) = go(0.0), go(1.3), go(0.0)
+    assert (first == again).all() and (counts == same).all()
+
+
 # --- units, stiffness, round-off ------------------------------------------------------------------------------
 
 

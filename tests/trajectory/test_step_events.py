@@ -320,3 +320,14 @@ def test_backwards_through_resets(name: str) -> None:
     assert back.status is there.status is Status.SUCCESS, back.message
     assert len(there.t_events[0]) >= 3
     assert 1.2 - back.t_events[0] == pytest.approx(there.t_events[0], rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["dop853", "radau5", "rk4"])
+def test_events_in_time_turn_many_times_within_a_step(name: str) -> None:
+    """The step is halved until the event is resolved, and the event is taken at the times of its parts."""
+    model = build(kinetic=x.dot**2 / 2, initial={x.dot: 1.0})
+    given: dict[str, Any] = {"step": 2.0} if name in FIXED else {"rtol": 1e-6, "atol": 1e-6}
+    for start, end in ((0.0, 10.0), (10.0, 0.0)):
+        found = go(model, end, [sin(40 * t + 1), x - 9 + 8 * cos(7 * t)], name, start, **given)
+        expected = (np.arange(1, 128) * math.pi - 1) / 40
+        assert np.sort(found.t_events[0]) == pytest.approx(expected[expected < 10], rel=1e-11)

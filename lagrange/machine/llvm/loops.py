@@ -82,10 +82,8 @@ _SIGNATURE = f"define i32 @drive({LAW}, {RECORDS}, i64 %budget, ptr noalias %tim
 
 
 def _forget(e: Emitter, layout: Layout) -> None:
-    """Clear what is kept in the work array if it belongs to another run."""
+    """Clear what is kept in the work array if it belongs to another run; a starter makes all anew at each step."""
     places = [(layout.flags, 2), *((newton.flags, Newton.FLAGS) for newton in layout.solves)]
-    if layout.step.starter is not None:
-        places += [(layout.end + newton.flags, Newton.FLAGS) for newton in layout.starting.solves]
     if layout.solves:
         with e.when(e.value(f"icmp eq i64 {e.get('%counts', DriverState.KEPT, 'i64')}, 0")):
             e.put("1", "%counts", DriverState.KEPT, "i64")

@@ -1,0 +1,175 @@
+"""Drivers of both machines in lockstep: the same times, steps, norms, causes and counts after each step.
+
+A driver that decides wrongly about a step often only loses time, which no result shows. So every entry of
+`DriverState` is compared, for every method that is a step program, where steps are accepted, rejected, not numbers,
+without a solution, without a mass matrix, or too short.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from lagrange.compiler import machine
+from lagrange.equations.euler_lagrange import euler_lagrange
+from lagrange.machine.driver import DriverState, Outcome
+from lagrange.machine.model import Model
+from lagrange.program.step import Control, StepProgram, trace
+from lagrange.statement.coordinate import t
+from lagrange.statement.statement import Statement
+from lagrange.trajectory.integrator import Problem
+from tests.models import TARGETS, c, k, m, stated, x, y
+from tests.trajectory.runs import FIXED, IMPLICIT, SPLITTINGS, STEPPED, planned
+
+S = DriverState
+
+
+def driven() -> Statement:
+    return stated(
+        kinetic=m * (x.dot**2 + y.dot**2) / 2,
+        potential=k * sp.sqrt(1 + x**2 + y**2) + x**4 / 4,
+        forces={x: sp.cos(3 * t) - c * x.dot * y},
+        initial={x: 0.4, y.dot: 0.6},
+    )
+
+
+def separable() -> Statement:
+    return stated(
+        kinetic=m * (x.dot**2 + y.dot**2) / 2, potential=k * x**2 * y**2 + x**4, initial={x: 0.9, y: -0.4, y.dot: 0.6}
+    )
+
+
+def pole() -> Statement:
+    """x = 1 / (1 - t)."""
+    return stated(kinetic=x.dot**2 / 2, potential=-(x**4) / 2, initial={x: 1.0, x.dot: 1.0})
+
+
+def edge() -> Statement:
+    """Forces have no value beyond x = 0."""
+    return stated(kinetic=x.dot**2 / 2, potential=-sp.sqrt(x), initial={x: 1.0, x.dot: -3.0})
+
+
+def degenerate() -> Statement:
+    """The mass matrix has no inverse from x = 1 on."""
+    return stated(
+        kinetic=x.dot**2 / 2 + (y.dot + x.dot) ** 2 / 2 * sp.Max(0, 1 - x), initial={x: 0.5, x.dot: 1.0, y.dot: 0.2}
+    )
+
+
+SYSTEMS: dict[str, Callable[[], Statement]] = {
+    made.__name__: made for made in (driven, separable, pole, edge, degenerate)
+}
+
+
+@cache
+def models(name: str) -> list[Model]:
+    """Return a model on each machine."""
+    statement = SYSTEMS[name]()
+    equations = euler_lagrange(statement)
+    return [Model(statement, equations, machine(target)) for target in TARGETS]
+
+
+def assert_lockstep(
+    drivers: list[Any], start: Any, end: float, step: float, tolerances: tuple[float, float], **reals: float
+) -> Outcome:
+    """Take steps on both machines, one at a time, until something ends them."""
+    states = [S(0.0, end, start, *tolerances, step) for _ in drivers]
+    outcome = Outcome.PAUSED
+    for state in states:
+        for which, value in reals.items():
+            state.reals[getattr(S, which)] = value
+    for _ in range(60):
+        outcomes = []
+        for driver, state in zip(drivers, states, strict=True):
+            times, rows = np.zeros(1), np.zeros((5, len(start)))
+            state.counts[S.ROWS] = 0
+            outcomes.append(driver.advance(state, 1, times, rows))
+            if state.counts[S.ROWS]:
+                assert times[0] == state.t and (rows[0] == state.y).all()
+        assert outcomes[0] == outcomes[1]
+        assert_same(*states)
+        outcome = outcomes[0]
+        # Where forces lose their values a step behind a rejected one is longer or shorter by chance.
+        if outcome is not Outcome.PAUSED or states[0].cause is Outcome.NON_FINITE:
+            break
+    return outcome
+
+
+def assert_same(ours: DriverState, theirs: DriverState) -> None:
+    """Sums are taken in another order; an error vector, and so the next step, is a difference of what cancels."""
+    counts = [i for i in range(len(ours.counts)) if i != S.EVALUATIONS]
+    assert (ours.counts[counts] == theirs.counts[counts]).all()
+    # By chance round-off takes one correction more.
+    assert ours.count(S.EVALUATIONS) == pytest.approx(theirs.count(S.EVALUATIONS), rel=0.2)
+    reals = [i for i in range(len(ours.reals)) if i not in (S.RESIDUAL, S.PREVIOUS)]
+    assert ours.reals[reals] == pytest.approx(theirs.reals[reals], rel=1e-2)
+    assert ours.reals[S.PREVIOUS] == pytest.approx(theirs.reals[S.PREVIOUS], rel=1e-1)
+    assert ours.y == pytest.approx(theirs.y, rel=1e-3, abs=1e-3)
+
+
+def drivers(name: str, system: str) -> list[Any]:
+    found = []
+    for compiled in models(system):
+        start = np.array(compiled.statement.initial)
+        problem = Problem(compiled, compiled.parameter_values(), 0.0, 1.0, start)
+        found.append(planned(name, problem).driver(compiled, compiled.parameter_array()))
+    return found
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+@pytest.mark.parametrize("name", [*STEPPED, *IMPLICIT])
+def test_both_machines_decide_alike(name: str, system: str) -> None:
+    if name in SPLITTINGS and system in ("driven", "degenerate"):
+        pytest.skip("a splitting takes no forces of velocities, and no mass matrix that moves")
+    if (name, system) in (("trapezoidal", "pole"), ("trapezoidal", "edge"), ("radau5", "edge")):
+        pytest.skip("round-off decides which step is the last that has a solution")
+    start = np.array(models(system)[0].statement.initial)
+    for end in (2.0, -2.0):
+        step = np.copysign(0.07 if system == "driven" else 0.021, end) if name in FIXED else 0.0
+        outcome = assert_lockstep(drivers(name, system), start, end, step, (1e-5, 1e-7))
+        if system in ("driven", "separable") and name in FIXED:
+            assert outcome in (Outcome.DONE, Outcome.PAUSED)
+
+
+@pytest.mark.parametrize(("which", "value"), [("LONGEST", 0.013), ("H", 0.5), ("H", 1e-7), ("PREVIOUS", 1e-3)])
+@pytest.mark.parametrize("name", ["dopri5", "dop853", "verner9", "radau5", "radau3"])
+def test_both_machines_keep_to_the_same_bounds(name: str, which: str, value: float) -> None:
+    start = np.array(models("driven")[0].statement.initial)
+    for tolerances in ((1e-3, 1e-9), (1e-9, 1e-4)):
+        assert_lockstep(drivers(name, "driven"), start, 1.0, 0.0, tolerances, **{which: value})
+
+
+# --- steps that are not numbers -------------------------------------------------------------------------------
+
+
+def made(large: int) -> StepProgram:
+    """Return a step of which the state, the first or the second error vector is beyond all numbers."""
+
+    def step(f: Any, t: Any, y: Any, h: Any) -> Any:
+        first = f(t, y)
+        parts = [y + first * h, first * (h * 1e-3), first * (h * 1e-3)]
+        parts[large] = parts[large] + first * 1e308
+        return tuple(parts)
+
+    return trace(f"large{large}", step, control=Control(3, damped=True))
+
+
+@pytest.mark.parametrize("large", [0, 1, 2])
+def test_no_part_of_a_step_may_be_beyond_all_numbers(large: int) -> None:
+    step, compiled = made(large), models("driven")
+    both: list[Any] = [
+        machine(target).driver(step, one.kernel("rhs"), one.parameter_array())
+        for target, one in zip(TARGETS, compiled, strict=True)
+    ]
+    start = 100 * np.array(compiled[0].statement.initial)
+    states = [S(0.0, 1.0, start, 1e-6, 1e-6, 0.01) for _ in both]
+    for driver, state in zip(both, states, strict=True):
+        assert driver.advance(state, 1, np.zeros(1), np.zeros((5, 4))) is Outcome.PAUSED
+        assert state.cause is Outcome.NON_FINITE
+        assert (state.count(S.STEPS), state.count(S.REJECTED)) == (0, 1)
+    assert_same(*states)
