@@ -10,7 +10,9 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
+from sympy import Abs, Max, Min, Piecewise, cos
 
+import lagrange as lg
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine.llvm.driver import driver_ir
 from lagrange.machine.llvm.kernel import column_module, scalar_module
@@ -52,14 +54,21 @@ def digests() -> dict[str, str]:
     return {key: hashlib.sha256(text.encode()).hexdigest() for key, text in found.items()}
 
 
-def test_a_second_build_gives_the_same_text() -> None:
-    for name in NAMES:
-        assert texts(name) == texts(name)
+def reports() -> list[str]:
+    """What `check` prints of a scene, and of a system whose branches it has to look for."""
+    x, y = lg.coordinates("x y")
+    a, b = lg.parameters("a b")
+    branched = lg.System(
+        kinetic=(a * x.dot**2 + b * y.dot**2) / 2 + cos(x - y) * x.dot * y.dot / 3,
+        potential=Max(x, y, a) ** 2 + Abs(x - b) ** 3 + Piecewise((b * x, x + y < 40), (x**2, True)) + Min(x, y) * b,
+        forces={x: -a * x.dot + b * Abs(y.dot)},
+    )
+    return [str(branched.check(points=2)), str(lg.scene("falling-ball").check(points=2))]
 
 
-def test_every_process_gives_the_same_text() -> None:
+def in_processes(code: str) -> list[str]:
+    """Return what the code prints in several processes with hash seeds of their own."""
     root = str(Path(__file__).resolve().parent.parent)
-    code = "from tests.test_determinism import digests; print(sorted(digests().items()))"
     runs = []
     for seed in [0, 1, *(str(s) for s in ("random",) * (PROCESSES - 2))]:
         environment = {**os.environ, "PYTHONHASHSEED": str(seed), "PYTHONPATH": root}
@@ -73,6 +82,22 @@ def test_every_process_gives_the_same_text() -> None:
         out, err = run.communicate(timeout=300)
         assert run.returncode == 0, err.decode()
         answers.append(out.decode())
+    return answers
+
+
+def test_every_process_prints_the_same_check() -> None:
+    answers = in_processes("from tests.test_determinism import reports; print(*reports(), sep='\\n')")
+    assert answers[0].count("Everything holds.") == 2
+    assert set(answers) == {answers[0]}
+
+
+def test_a_second_build_gives_the_same_text() -> None:
+    for name in NAMES:
+        assert texts(name) == texts(name)
+
+
+def test_every_process_gives_the_same_text() -> None:
+    answers = in_processes("from tests.test_determinism import digests; print(sorted(digests().items()))")
     assert answers[0].count("scalar") == 4 * len(CHOSEN)
     assert set(answers) == {answers[0]}
 

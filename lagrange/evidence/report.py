@@ -42,7 +42,8 @@ class Report:
     `rows` has one row per quantity; `points` describes the points used; `outside` counts, by reason, the points that
     were drawn and put aside because the statement has no value or no derivative there; `unexplained` lists points
     where the statement has a value and the compiled code none, or the other way round; `notes` says what was not
-    covered; `limit` is the largest error that holds.
+    covered; `limit` is the largest error that holds. `seconds` is the time that it took. It is no part of
+    the printed report, which is the same in every process.
     """
 
     system: str
@@ -99,7 +100,7 @@ class Report:
 
     def _title(self) -> str:
         used = f"{len(self.points)} point" + "s" * (len(self.points) != 1)
-        return f"check of {self.system} ({self.target}): {used}, {self.seconds:.1f} s"
+        return f"check of {self.system} ({self.target}): {used}"
 
     def _remarks(self) -> Sequence[str]:
         verdict = "Everything holds." if self else f"{len(self.failures)} found wrong:"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -49,6 +50,9 @@ _WITH_EVENTS = (
 
 FEW = 10.0
 """A state below so many absolute tolerances has one digit, or none."""
+
+UNITS = "choose units in which its numbers are larger"
+"""The remedy where a tolerance for the state would be below the doubles that have all their digits."""
 
 _SINGULAR = (
     "the mass matrix is singular there, so the accelerations are not determined. Start elsewhere, or choose "
@@ -111,10 +115,10 @@ def small_state(status: Status, states: FloatArray, atol: float) -> Iterator[str
     """Yield a note if a complete run stays so small that the absolute tolerance leaves it few digits, or none."""
     largest = float(np.max(np.abs(states)))
     if status.complete and 0 < largest < FEW * atol:
-        yield (
-            f"No entry of the state exceeds {largest:.3g}, so atol = {atol:g} leaves it few digits, or none: lower "
-            f"atol to some {1e-9 * largest:.0e}."
-        )
+        lower = 1e-9 * largest
+        remedy = f"lower atol to some {lower:.0e}" if lower >= sys.float_info.min else UNITS
+        few = f"so atol = {atol:g} leaves it few digits, or none"
+        yield f"No entry of the state exceeds {largest:.3g}, {few}: {remedy}."
 
 
 def row_names(problem: Problem) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -122,6 +123,24 @@ def test_threads_share_a_flow(target: str) -> None:
         for _ in range(3):
             found = list(pool.map(lambda state: flow(state, 0.0, 2.0), states))
             assert all((a == b).all() for a, b in zip(found, expected, strict=True))
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", "rk4", "verlet", "radau5", "bdf2", "scipy-rk45", "scipy-lsoda"])
+def test_threads_share_a_flow_from_its_first_call_with_parameters_of_their_own(method: str) -> None:
+    """The bits of calls in a row, whatever runs beside them: other states, other parameters, either direction."""
+    flow, alone = (Flow(model("oscillator"), method=method) for _ in range(2))
+    values = dict.fromkeys(model("oscillator").statement.parameters, 1.0)
+    length = 2.0 if method.startswith("scipy") else 50.0
+    calls = [(np.array([1.0 + i / 7, 0.3]), length * (-1) ** i, {**values, k: 1.0 + i % 3}) for i in range(32)]
+    expected = [alone(y0, 0.0, end, parameters) for y0, end, parameters in calls]
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)  # threads change within a call, not once in several
+    try:
+        with ThreadPoolExecutor(8) as pool:
+            found = list(pool.map(lambda call: flow(call[0], 0.0, call[1], call[2]), calls))
+    finally:
+        sys.setswitchinterval(before)
+    assert [state.tobytes() for state in found] == [state.tobytes() for state in expected]
 
 
 @pytest.mark.parametrize("target", TARGETS)

@@ -91,5 +91,7 @@ def test_a_tolerance_that_leaves_no_digit_is_spoken_of_where_the_run_has_an_end(
     assert "exceeds 3.7, so atol = 0.5 leaves it few digits, or none" in "".join(
         small_state(Status.SUCCESS, states, 0.5)
     )
+    (note,) = small_state(Status.SUCCESS, np.array([[1e-305, 0.0]]), 1e-12)
+    assert note.endswith("few digits, or none: choose units in which its numbers are larger.") and "0e+00" not in note
     assert not [*small_state(Status.SUCCESS, states, 1e-3)]  # three digits are no reason to speak
     assert not [*small_state(Status.MAX_STEPS, states, 0.5)]  # what ended the run is said, and nothing beside it
