@@ -53,9 +53,15 @@ def too_long(file: str, source: str) -> Iterator[str]:
 RUNS_TEXT = frozenset(("eval", "exec", "sympify", "parse_expr", "lambdify", "S", "__import__"))
 
 
+RUNS_ITS_OWN = "lagrange/machine/python_source.py"
+"""The one file that runs source: what it has printed itself from a checked procedure, names and literals its own."""
+
+
 def runs_text(file: str, source: str) -> Iterator[str]:
     for node in ast.walk(ast.parse(source)):
         match node:
+            case ast.Call(func=ast.Name(id="exec")) if file == RUNS_ITS_OWN:
+                continue
             case ast.Call(func=ast.Name(id=name) | ast.Attribute(attr=name)) if name in RUNS_TEXT:
                 yield f"{file}:{node.lineno} calls {name}"
             case ast.ImportFrom(names=aliases):

@@ -12,7 +12,18 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-STAGES = ("errors", "statement", "graph", "equations", "program", "machine", "trajectory", "evidence", "show")
+STAGES = (
+    "errors",
+    "statement",
+    "graph",
+    "equations",
+    "program",
+    "procedure",
+    "machine",
+    "trajectory",
+    "evidence",
+    "show",
+)
 TOP = len(STAGES)
 """Where lagrange itself and the modules beside it stand: compiler, system, run, cli and the like."""
 TABLES = ("lagrange", "lagrange.compiler")

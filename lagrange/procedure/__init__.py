@@ -1,0 +1,1 @@
+"""How a program is run: algorithms with loops and memory, stated once for every language."""

@@ -1,0 +1,335 @@
+"""Build a procedure in plain Python: operators make values, `with` makes blocks, and the result is checked.
+
+p = Builder("norm", "The scaled size of an error.")
+error, scale = p.array("error", size=n), p.array("scale", size=n)
+with p.each(n) as i:
+    ratio = error[i] / scale[i]
+    total = p.sum(ratio * ratio)
+p.leave(p.sqrt(total.value / float(n)))
+norm = p.finish(REAL)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from lagrange.errors import LagrangeError
+from lagrange.procedure.form import (
+    CONSTANT,
+    FLAG,
+    PARTIAL,
+    REAL,
+    WHOLE,
+    Array,
+    Block,
+    Call,
+    Callee,
+    Declare,
+    Each,
+    Fold,
+    Kind,
+    Leave,
+    Let,
+    Loop,
+    Note,
+    Parameter,
+    Part,
+    Procedure,
+    Record,
+    Repeat,
+    Reserve,
+    Statement,
+    When,
+    result_kind,
+)
+from lagrange.procedure.values import VALUES, Fields, Flag, Memory, Real, Value, Variable, Whole
+from lagrange.procedure.verify import verify
+
+
+class Folded:
+    """What an `each` adds up or compares: its value is there behind the loop."""
+
+    def __init__(self, builder: Builder, ref: int) -> None:
+        self._builder, self._ref = builder, ref
+
+    @property
+    def value(self) -> Real:
+        """The number of all turns."""
+        return Real(self._builder, self._ref)
+
+
+class Branches:
+    """A condition that has been decided once, and the other way that it may go."""
+
+    def __init__(self, builder: Builder, place: int) -> None:
+        self._builder, self._place = builder, place
+
+    @contextmanager
+    def otherwise(self) -> Iterator[None]:
+        """Run the body where the condition did not hold."""
+        with self._builder.block() as body:
+            yield
+        statement = self._builder.current[self._place]
+        if not isinstance(statement, When) or self._place != len(self._builder.current) - 1:
+            raise LagrangeError("`otherwise` stands right behind the block of its condition.")
+        self._builder.current[self._place] = When(
+            statement.condition, statement.then, tuple(body), likely=statement.likely
+        )
+
+
+class Builder:
+    """A procedure under construction. Numbers of Python are taken wherever a value is."""
+
+    def __init__(self, name: str, about: str) -> None:
+        self.name, self.about = name, about
+        self.parameters: list[Parameter] = []
+        self.names: dict[int, str] = {}
+        self.current: list[Statement] = []
+        self._folds: list[Fold] | None = None
+        self._constants: dict[tuple[int, Kind, str], int] = {}
+        self._count = 0
+
+    # --- parameters
+
+    def given(self, name: str, kind: Kind) -> Any:
+        """Return a number that the caller gives."""
+        return VALUES[kind](self, self._parameter(name, kind))
+
+    def array(
+        self, name: str, kind: Kind = REAL, *, size: int | None = None, read: bool = False, room: int = 1
+    ) -> Memory:
+        """Return an array that the caller gives; see `Array`."""
+        array = Array(kind, size, read, room)
+        return Memory(self, self._parameter(name, array), array)
+
+    def record(self, name: str, record: Record) -> Any:
+        """Return a record that the caller gives."""
+        return Fields(self, self._parameter(name, record), record)
+
+    def function(self, name: str, callee: Callee) -> Callable[..., Any]:
+        """Return a function that the caller gives, to be called as in Python."""
+        ref = self._parameter(name, callee)
+        return lambda *args: self._call(ref, callee.results, callee.parameters, args)
+
+    def _parameter(self, name: str, kind: Kind | Array | Record | Callee) -> int:
+        if self.current:
+            raise LagrangeError(f"procedure {self.name}: the parameter {name} comes behind the first statement.")
+        ref = self._fresh()
+        self.parameters.append(Parameter(ref, name, kind))
+        return ref
+
+    # --- values
+
+    def operation(self, op: str, *args: Any) -> Any:
+        """Return an operation on values and numbers; numbers are of the kind of the values beside them."""
+        kinds = [arg.kind for arg in args if isinstance(arg, Value)]
+        kind = next((k for k in kinds if k is not FLAG), REAL)
+        found = [arg if isinstance(arg, Value) else self.constant(arg, kind) for arg in args]
+        result = result_kind(op, tuple(arg.kind for arg in found))
+        if result is None:
+            given = ", ".join(arg.kind for arg in found)
+            raise LagrangeError(f"procedure {self.name}: {op} takes no {given}.")
+        refs = tuple(arg.ref for arg in found)
+        return self.made(result, lambda ref: Let(ref, result, op, refs))
+
+    def constant(self, value: Any, kind: Kind) -> Any:
+        """Return a number of Python as a value."""
+        if isinstance(value, bool) != (kind is FLAG) or (kind is WHOLE and not isinstance(value, int)):
+            raise LagrangeError(f"procedure {self.name}: {value!r} is no {kind}.")
+        data: float | int | bool = float(value) if kind is REAL else value
+        return self.made(kind, lambda ref: Let(ref, kind, CONSTANT, (), data))
+
+    @property
+    def true(self) -> Flag:
+        """The flag that holds."""
+        return Flag.of(self.constant(value=True, kind=FLAG))
+
+    @property
+    def false(self) -> Flag:
+        """The flag that does not hold."""
+        return Flag.of(self.constant(value=False, kind=FLAG))
+
+    def operand(self, value: Any, kind: Kind) -> int:
+        """Return the number of a value, which is of a kind."""
+        found: Value = value if isinstance(value, Value) else self.constant(value, kind)
+        if found.kind is not kind:
+            raise LagrangeError(f"procedure {self.name}: a {found.kind} stands where a {kind} belongs.")
+        return found.ref
+
+    def made(self, kind: Kind, make: Callable[[int], Statement]) -> Any:
+        """Return the value of a new statement."""
+        ref = self._fresh()
+        self.add(make(ref))
+        return VALUES[kind](self, ref)
+
+    def real(self, value: Any) -> Real:
+        """Return a number, whole or flag as a real."""
+        if isinstance(value, Real):
+            return value
+        found = self.operation("real", value) if isinstance(value, Value) else self.constant(value, REAL)
+        assert isinstance(found, Real)
+        return found
+
+    def whole(self, value: Any) -> Whole:
+        """Return a number, real or flag as a whole."""
+        if isinstance(value, Whole):
+            return value
+        found = self.operation("whole", value) if isinstance(value, Value) else self.constant(value, WHOLE)
+        assert isinstance(found, Whole)
+        return found
+
+    def fma(self, a: Any, b: Any, c: Any) -> Any:
+        """Return a*b + c, rounded once."""
+        return self.operation("fma", a, b, c)
+
+    def sqrt(self, x: Any) -> Any:
+        """Return the square root."""
+        return self.operation("sqrt", x)
+
+    def larger(self, a: Any, b: Any) -> Any:
+        """Return the larger of two, NaN if either is."""
+        return self.operation("max", a, b)
+
+    def smaller(self, a: Any, b: Any) -> Any:
+        """Return the smaller of two, NaN if either is."""
+        return self.operation("min", a, b)
+
+    def choose(self, condition: Flag, a: Any, b: Any) -> Any:
+        """Return one value or the other; both are computed."""
+        return self.operation("select", condition, a, b)
+
+    # --- memory
+
+    def variable(self, value: Any, name: str = "") -> Variable:
+        """Return a variable with its first value; a number of Python is of the kind that it looks like."""
+        kind = _kind_of(value)
+        first, ref = self.operand(value, kind), self._fresh()
+        self.add(Declare(ref, kind, first))
+        if name:
+            self.names[ref] = name
+        return Variable(self, ref, kind)
+
+    def reserve(self, size: int, kind: Kind = REAL, *, room: int = 1) -> Memory:
+        """Return an array of the procedure's own, with undefined values."""
+        array, ref = Array(kind, size, room=room), self._fresh()
+        self.add(Reserve(ref, array))
+        return Memory(self, ref, array)
+
+    def part(self, memory: Memory, start: Any) -> Memory:
+        """Return an array from a place on."""
+        place, ref = self.operand(start, WHOLE), self._fresh()
+        self.add(Part(ref, memory.ref, place))
+        return Memory(self, ref, Array(memory.array.kind, None, memory.array.read, memory.array.room))
+
+    # --- control
+
+    @contextmanager
+    def block(self) -> Iterator[list[Statement]]:
+        """Collect the statements of a body."""
+        outside, self.current = self.current, []
+        inside = self.current
+        try:
+            yield inside
+        finally:
+            self.current = outside
+
+    @contextmanager
+    def when(self, condition: Flag, *, likely: bool | None = None) -> Iterator[Branches]:
+        """Run the body where the condition holds; what is yielded has `otherwise`."""
+        branches = Branches(self, len(self.current))
+        with self.block() as body:
+            yield branches
+        self.add(When(condition.ref, tuple(body), likely=likely))
+
+    @contextmanager
+    def loop(self, start: Any, stop: Any, step: int = 1) -> Iterator[Whole]:
+        """Run the body for an index from `start` while below `stop`."""
+        first, last, index = self.operand(start, WHOLE), self.operand(stop, WHOLE), self._fresh()
+        with self.block() as body:
+            yield Whole(self, index)
+        self.add(Loop(index, first, last, step, tuple(body)))
+
+    @contextmanager
+    def repeat(self, test: Callable[[], Flag]) -> Iterator[None]:
+        """Run the body as long as the test, which is built here, holds before it."""
+        with self.block() as asked:
+            condition = test().ref
+        with self.block() as body:
+            yield
+        self.add(Repeat(tuple(asked), condition, tuple(body)))
+
+    @contextmanager
+    def each(self, count: Any, *, width: int = PARTIAL, spill: bool = False) -> Iterator[Whole]:
+        """Run the body for each index below `count`, in any order; `sum` and `largest` may stand in it. See `Each`."""
+        number = self.operand(count, WHOLE)
+        index, outside, self._folds = self._fresh(), self._folds, []
+        if outside is not None:
+            raise LagrangeError(f"procedure {self.name}: an `each` stands in another.")
+        with self.block() as body:
+            yield Whole(self, index)
+        self.add(Each(index, number, tuple(body), tuple(self._folds), width, spill))
+        self._folds = None
+
+    def sum(self, value: Real) -> Folded:
+        """Return the sum of a value over the turns of the `each` around it; see `Fold`."""
+        return self._fold("add", value)
+
+    def largest(self, value: Real) -> Folded:
+        """Return the largest value over the turns of the `each` around it."""
+        return self._fold("max", value)
+
+    def _fold(self, op: str, value: Real) -> Folded:
+        if self._folds is None:
+            raise LagrangeError(f"procedure {self.name}: a sum of values stands outside of `each`.")
+        self._folds.append(Fold(self._fresh(), op, self.operand(value, REAL)))
+        return Folded(self, self._folds[-1].ref)
+
+    def call(self, callee: Procedure, *args: Any) -> Any:
+        """Return what another procedure gives: nothing, a value, or a tuple of values."""
+        return self._call(callee, callee.results, tuple(one.type for one in callee.parameters), args)
+
+    def _call(self, callee: Procedure | int, results: tuple[Kind, ...], types: tuple[Any, ...], args: Any) -> Any:
+        if len(args) != len(types):
+            raise LagrangeError(f"procedure {self.name}: a call gives {len(args)} arguments for {len(types)}.")
+        given = tuple(
+            self.operand(arg, kind) if isinstance(kind, Kind) else arg.ref
+            for arg, kind in zip(args, types, strict=True)
+        )
+        refs = tuple(self._fresh() for _ in results)
+        self.add(Call(refs, callee, given))
+        values = tuple(VALUES[kind](self, ref) for kind, ref in zip(results, refs, strict=True))
+        return values[0] if len(values) == 1 else values or None
+
+    def leave(self, *values: Any) -> None:
+        """End the procedure with its results. Numbers of Python are wholes where they are integers."""
+        self.add(Leave(tuple(self.operand(value, _kind_of(value)) for value in values)))
+
+    def note(self, text: str) -> None:
+        """Add a comment that printers keep."""
+        self.add(Note(text))
+
+    def add(self, statement: Statement) -> None:
+        """Add a statement to the block that is being built."""
+        if self.current and isinstance(self.current[-1], Leave):
+            raise LagrangeError(f"procedure {self.name}: a statement stands behind the end.")
+        self.current.append(statement)
+
+    def finish(self, *results: Kind) -> Procedure:
+        """Return the procedure. Raises LagrangeError where it is malformed."""
+        body: Block = tuple(self.current)
+        made = Procedure(self.name, self.about, tuple(self.parameters), results, body, dict(self.names))
+        verify(made)
+        return made
+
+    def _fresh(self) -> int:
+        self._count += 1
+        return self._count - 1
+
+
+def _kind_of(value: Any) -> Kind:
+    """Return the kind of a value, or of a number of Python."""
+    if isinstance(value, Value):
+        return value.kind
+    return FLAG if isinstance(value, bool) else WHOLE if isinstance(value, int) else REAL

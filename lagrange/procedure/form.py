@@ -1,0 +1,381 @@
+"""The form of a procedure: typed values, memory and control flow, in no language.
+
+A procedure is a block of statements. Values are numbered and assigned once; what changes is a variable, an array or a
+field of a record. There are three kinds of value, no pointers, no recursion and no exceptions: a procedure that fails
+returns a status. So the form prints as LLVM, C or Python, and `interpreter` runs it as it stands.
+
+    reals      doubles; a printer may give them lanes, and then flags are masks
+    wholes     64-bit signed integers: counts and places
+    flags      true or false
+"""
+
+from __future__ import annotations
+
+import ctypes
+import enum
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+
+class Kind(enum.StrEnum):
+    """What a value is."""
+
+    REAL = "real"
+    WHOLE = "whole"
+    FLAG = "flag"
+
+
+REAL, WHOLE, FLAG = Kind.REAL, Kind.WHOLE, Kind.FLAG
+
+Signature = tuple[tuple[Kind, ...], Kind]
+
+
+def _functions(names: str, *signatures: Signature) -> dict[str, tuple[Signature, ...]]:
+    return dict.fromkeys(names.split(), signatures)
+
+
+_UNARY: Signature = ((REAL,), REAL)
+_BINARY: Signature = ((REAL, REAL), REAL)
+_WHOLES: Signature = ((WHOLE, WHOLE), WHOLE)
+_COMPARED: tuple[Signature, Signature] = ((REAL, REAL), FLAG), ((WHOLE, WHOLE), FLAG)
+
+OPERATIONS: dict[str, tuple[Signature, ...]] = {
+    **_functions("add sub mul min max", _BINARY, _WHOLES),
+    **_functions("div power atan2 copysign", _BINARY),
+    **_functions("neg", _UNARY, ((WHOLE,), WHOLE)),
+    **_functions("quotient", _WHOLES),
+    **_functions("abs sqrt sign sin cos tan asin acos atan exp log sinh cosh tanh round", _UNARY),
+    **_functions("fma", ((REAL, REAL, REAL), REAL)),
+    **_functions("less less_equal equal", *_COMPARED),
+    **_functions("and or", ((FLAG, FLAG), FLAG)),
+    **_functions("not", ((FLAG,), FLAG)),
+    **_functions("select", *(((FLAG, kind, kind), kind) for kind in Kind)),
+    **_functions("real", ((WHOLE,), REAL), ((FLAG,), REAL)),
+    **_functions("whole", ((REAL,), WHOLE), ((FLAG,), WHOLE)),
+    **_functions("two_to", ((WHOLE,), REAL)),
+    **_functions("exponent", ((REAL,), WHOLE)),
+    **_functions("mantissa", ((REAL,), REAL)),
+}
+"""Every operation with the kinds that it takes and gives.
+
+Comparisons are false where an operand is NaN; `min` and `max` are NaN there. `fma` is a*b + c rounded once. `round`
+goes to the nearest whole number, ties to even. `quotient` rounds towards zero, and so does `whole` of a real within the
+range of wholes. A normal |x| is mantissa * 2**exponent with 1 <= mantissa < 2, and `two_to` k is 2**k, a normal.
+"""
+
+CONSTANT = "constant"
+"""The operation without operands: its datum is the value."""
+
+
+def result_kind(op: str, kinds: tuple[Kind, ...]) -> Kind | None:
+    """Return what an operation gives for operands of some kinds, or None where it does not take them."""
+    return next((result for taken, result in OPERATIONS.get(op, ()) if taken == kinds), None)
+
+
+@dataclass(frozen=True)
+class Record:
+    """Named numbers that live across calls, each in eight bytes: what one part of an algorithm keeps."""
+
+    name: str
+    fields: tuple[tuple[str, Kind], ...]
+
+    @classmethod
+    def of(cls, name: str, **fields: Kind) -> Record:
+        """Return a record with fields of reals and wholes."""
+        return cls(name, tuple(fields.items()))
+
+    @cached_property
+    def places(self) -> Mapping[str, int]:
+        """The place of each field."""
+        return {name: i for i, (name, _) in enumerate(self.fields)}
+
+    def kind(self, field: str) -> Kind:
+        """Return what a field holds."""
+        return self.fields[self.places[field]][1]
+
+    @cached_property
+    def structure(self) -> type[ctypes.Structure]:
+        """The record in memory: Python sets its fields as attributes, and machine code takes its address."""
+        types: dict[Kind, Any] = {REAL: ctypes.c_double, WHOLE: ctypes.c_int64}
+        return type(self.name, (ctypes.Structure,), {"_fields_": [(n, types[kind]) for n, kind in self.fields]})
+
+
+@dataclass(frozen=True)
+class Array:
+    """Memory for values of one kind; `size` is how many there are, or None where the caller decides.
+
+    Memory is only `read`, or written as well. Arrays of one call do not overlap. With `room`, whole blocks of that many
+    values may be read and written, the last one beyond `size`.
+    """
+
+    kind: Kind = REAL
+    size: int | None = None
+    read: bool = False
+    room: int = 1
+
+
+@dataclass(frozen=True)
+class Callee:
+    """The type of a function that a procedure is given: kinds of its reals and arrays, and of its results."""
+
+    parameters: tuple[Kind | Array, ...]
+    results: tuple[Kind, ...]
+
+
+Type = Kind | Array | Record | Callee
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A named argument; `ref` is its number."""
+
+    ref: int
+    name: str
+    type: Type
+
+
+@dataclass(frozen=True)
+class Let:
+    """A value by an operation on earlier ones. It has a `name` where the algorithm gives it one."""
+
+    ref: int
+    kind: Kind
+    op: str
+    args: tuple[int, ...] = ()
+    data: float | int | bool | None = None
+
+
+@dataclass(frozen=True)
+class Reserve:
+    """An array of the procedure's own, with undefined values, for the time of a call."""
+
+    ref: int
+    array: Array
+
+
+@dataclass(frozen=True)
+class Part:
+    """An array from one of its places on."""
+
+    ref: int
+    array: int
+    start: int
+
+
+@dataclass(frozen=True)
+class Load:
+    """A value of an array."""
+
+    ref: int
+    kind: Kind
+    array: int
+    index: int
+
+
+@dataclass(frozen=True)
+class Store:
+    """A value put into an array."""
+
+    array: int
+    index: int
+    value: int
+
+
+@dataclass(frozen=True)
+class Read:
+    """A field of a record."""
+
+    ref: int
+    kind: Kind
+    record: int
+    field: str
+
+
+@dataclass(frozen=True)
+class Write:
+    """A value put into a field of a record."""
+
+    record: int
+    field: str
+    value: int
+
+
+@dataclass(frozen=True)
+class Declare:
+    """A variable of the procedure with its first value."""
+
+    ref: int
+    kind: Kind
+    value: int
+
+
+@dataclass(frozen=True)
+class Get:
+    """The present value of a variable."""
+
+    ref: int
+    kind: Kind
+    variable: int
+
+
+@dataclass(frozen=True)
+class Set:
+    """Another value for a variable."""
+
+    variable: int
+    value: int
+
+
+@dataclass(frozen=True)
+class When:
+    """Statements under a condition, and others where it does not hold; `likely` is what a back end may assume."""
+
+    condition: int
+    then: Block
+    otherwise: Block = ()
+    likely: bool | None = None
+
+
+@dataclass(frozen=True)
+class Loop:
+    """Statements for an index from `start` while below `stop`."""
+
+    index: int
+    start: int
+    stop: int
+    step: int
+    body: Block
+
+
+@dataclass(frozen=True)
+class Repeat:
+    """Statements as long as a condition, computed before each turn, holds."""
+
+    test: Block
+    condition: int
+    body: Block
+
+
+PARTIAL = 4
+"""How many partial sums a `Fold` has."""
+
+
+@dataclass(frozen=True)
+class Fold:
+    """One number of the values that the turns of an `Each` give: their sum, or the largest, NaN if any is.
+
+    A sum adds value i to partial sum i mod 4, and in the end partial sums 0 and 1, 2 and 3, and both: so it is the same
+    with blocks of four and without.
+    """
+
+    ref: int
+    op: str
+    value: int
+
+
+@dataclass(frozen=True)
+class Each:
+    """Statements for each index from 0 to `count`, in any order or at once.
+
+    Arrays are read and written at the index itself, or read at a place that is the same for all; nothing is set, called
+    or decided inside. A printer may take up to `width` turns at a time, four where something is added up. What an array
+    has beyond `count` is left as it is, but with `spill`, or beyond its size.
+    """
+
+    index: int
+    count: int
+    body: Block
+    folds: tuple[Fold, ...] = ()
+    width: int = PARTIAL
+    spill: bool = False
+
+
+@dataclass(frozen=True)
+class Call:
+    """Results of another procedure, or of a function that this one was given, by its number."""
+
+    refs: tuple[int, ...]
+    callee: Procedure | int
+    args: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Leave:
+    """The end of the procedure, with its results."""
+
+    values: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Note:
+    """A comment that printers keep."""
+
+    text: str
+
+
+Statement = (
+    Let
+    | Reserve
+    | Part
+    | Load
+    | Store
+    | Read
+    | Write
+    | Declare
+    | Get
+    | Set
+    | When
+    | Loop
+    | Repeat
+    | Each
+    | Call
+    | Leave
+    | Note
+)
+Block = tuple[Statement, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Procedure:
+    """A checked algorithm: `about` says in a sentence what it does, and `names` how it calls some of its values."""
+
+    name: str
+    about: str
+    parameters: tuple[Parameter, ...]
+    results: tuple[Kind, ...]
+    body: Block
+    names: Mapping[int, str]
+
+    @cached_property
+    def callees(self) -> tuple[Procedure, ...]:
+        """The procedures that it calls, and those that they call, each once and before its callers."""
+        found: dict[Procedure, None] = {}
+        for call in calls(self.body):
+            if isinstance(call.callee, Procedure):
+                found |= dict.fromkeys((*call.callee.callees, call.callee))
+        return tuple(found)
+
+
+def inner(statement: Statement) -> tuple[Block, ...]:
+    """Return the blocks inside a statement."""
+    match statement:
+        case When(then=then, otherwise=otherwise):
+            return (then, otherwise)
+        case Repeat(test=test, body=body):
+            return (test, body)
+        case Loop(body=body) | Each(body=body):
+            return (body,)
+    return ()
+
+
+def calls(block: Block) -> list[Call]:
+    """Return every call in a block, in order."""
+    found: list[Call] = []
+    for statement in block:
+        if isinstance(statement, Call):
+            found.append(statement)
+        for one in inner(statement):
+            found += calls(one)
+    return found

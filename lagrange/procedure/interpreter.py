@@ -1,0 +1,316 @@
+"""Run a procedure as it stands, statement by statement: the reference for every printer.
+
+Reals are Python floats, wholes and flags are its ints and bools. An array is anything with places, taken from an
+offset; a record is an object with its fields as attributes, such as its `Record.structure`. A function that a
+procedure is given is called with `Span`s for arrays and returns a tuple of results.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from lagrange.procedure.form import (
+    CONSTANT,
+    PARTIAL,
+    REAL,
+    Array,
+    Block,
+    Call,
+    Declare,
+    Each,
+    Fold,
+    Get,
+    Leave,
+    Let,
+    Load,
+    Loop,
+    Note,
+    Part,
+    Procedure,
+    Read,
+    Repeat,
+    Reserve,
+    Set,
+    Store,
+    When,
+    Write,
+)
+
+Results = tuple[Any, ...]
+Environment = dict[int, Any]
+
+
+@dataclass(frozen=True)
+class Span:
+    """An array from one of its places on."""
+
+    memory: Any
+    start: int = 0
+
+    def __getitem__(self, index: int) -> Any:
+        return self.memory[self.start + index]
+
+    def __setitem__(self, index: int, value: Any) -> None:
+        self.memory[self.start + index] = value
+
+    def part(self, start: int) -> Span:
+        """Return the array from a place on."""
+        return Span(self.memory, self.start + start)
+
+
+def run(procedure: Procedure, *args: Any) -> Results:
+    """Return the results of a procedure for arguments in the order of its parameters."""
+    environment: Environment = {}
+    for parameter, arg in zip(procedure.parameters, args, strict=True):
+        plain = not isinstance(parameter.type, Array) or isinstance(arg, Span)
+        environment[parameter.ref] = arg if plain else Span(arg)
+    found = _block(procedure.body, environment)
+    return () if found is None else found
+
+
+def _block(block: Block, known: Environment) -> Results | None:
+    """Run statements; return the results where one ends the procedure."""
+    for statement in block:
+        found = _STATEMENTS[type(statement)](statement, known)
+        if found is not None:
+            return found
+    return None
+
+
+def _let(let: Let, known: Environment) -> None:
+    known[let.ref] = let.data if let.op == CONSTANT else OPERATIONS[let.op](*[known[arg] for arg in let.args])
+
+
+def _reserve(reserve: Reserve, known: Environment) -> None:
+    size = (reserve.array.size or 0) + reserve.array.room
+    known[reserve.ref] = Span([math.nan if reserve.array.kind is REAL else 0] * size)
+
+
+def _part(part: Part, known: Environment) -> None:
+    known[part.ref] = known[part.array].part(known[part.start])
+
+
+def _load(load: Load, known: Environment) -> None:
+    value = known[load.array][known[load.index]]
+    known[load.ref] = float(value) if load.kind is REAL else int(value)
+
+
+def _store(store: Store, known: Environment) -> None:
+    known[store.array][known[store.index]] = known[store.value]
+
+
+def _read(read: Read, known: Environment) -> None:
+    known[read.ref] = getattr(known[read.record], read.field)
+
+
+def _write(write: Write, known: Environment) -> None:
+    setattr(known[write.record], write.field, known[write.value])
+
+
+def _declare(declare: Declare, known: Environment) -> None:
+    known[declare.ref] = known[declare.value]
+
+
+def _get(get: Get, known: Environment) -> None:
+    known[get.ref] = known[get.variable]
+
+
+def _set(one: Set, known: Environment) -> None:
+    known[one.variable] = known[one.value]
+
+
+def _when(when: When, known: Environment) -> Results | None:
+    return _block(when.then if known[when.condition] else when.otherwise, known)
+
+
+def _loop(loop: Loop, known: Environment) -> Results | None:
+    for index in range(known[loop.start], known[loop.stop], loop.step):
+        known[loop.index] = index
+        found = _block(loop.body, known)
+        if found is not None:
+            return found
+    return None
+
+
+def _repeat(repeat: Repeat, known: Environment) -> Results | None:
+    while True:
+        _block(repeat.test, known)
+        if not known[repeat.condition]:
+            return None
+        found = _block(repeat.body, known)
+        if found is not None:
+            return found
+
+
+def _each(each: Each, known: Environment) -> None:
+    values: list[list[float]] = [[] for _ in each.folds]
+    for index in range(known[each.count]):
+        known[each.index] = index
+        _block(each.body, known)
+        for fold, collected in zip(each.folds, values, strict=True):
+            collected.append(known[fold.value])
+    for fold, collected in zip(each.folds, values, strict=True):
+        known[fold.ref] = _folded(fold, collected)
+
+
+def _folded(fold: Fold, values: Sequence[float]) -> float:
+    if fold.op == "max":
+        largest = -math.inf
+        for value in values:
+            largest = _max(largest, value)
+        return largest
+    sums = [0.0] * PARTIAL
+    for i, value in enumerate(values):
+        sums[i % PARTIAL] += value
+    return (sums[0] + sums[1]) + (sums[2] + sums[3])
+
+
+def _call(call: Call, known: Environment) -> None:
+    args = [known[arg] for arg in call.args]
+    callee = call.callee
+    results = run(callee, *args) if isinstance(callee, Procedure) else known[callee](*args)
+    known.update(zip(call.refs, results, strict=True))
+
+
+def _leave(leave: Leave, known: Environment) -> Results:
+    return tuple(known[value] for value in leave.values)
+
+
+_STATEMENTS: Mapping[type, Callable[[Any, Environment], Results | None]] = {
+    Let: _let,
+    Reserve: _reserve,
+    Part: _part,
+    Load: _load,
+    Store: _store,
+    Read: _read,
+    Write: _write,
+    Declare: _declare,
+    Get: _get,
+    Set: _set,
+    When: _when,
+    Loop: _loop,
+    Repeat: _repeat,
+    Each: _each,
+    Call: _call,
+    Leave: _leave,
+    Note: lambda note, known: None,
+}
+
+
+# --- arithmetic of doubles as processors do it: what has no value is NaN or infinite, and nothing raises
+
+
+def _divide(a: float, b: float) -> float:
+    if b:
+        return a / b
+    return math.nan if a == 0 or math.isnan(a) or math.isnan(b) else math.copysign(math.inf, a) * math.copysign(1.0, b)
+
+
+def _max(a: Any, b: Any) -> Any:
+    """Return the larger number; of two zeros that above."""
+    if a == b:
+        return b if math.copysign(1.0, a) < 0 else a
+    return a if a != a or a > b else b
+
+
+def _min(a: Any, b: Any) -> Any:
+    if a == b:
+        return a if math.copysign(1.0, a) < 0 else b
+    return a if a != a or a < b else b
+
+
+def fused(a: float, b: float, c: float) -> float:
+    """Return a*b + c, rounded once."""
+    if not (math.isfinite(a) and math.isfinite(b)):
+        return a * b + c
+    if not math.isfinite(c):
+        return c
+    exact = Fraction(a) * Fraction(b) + Fraction(c)
+    try:
+        return float(exact) if exact else a * b + c
+    except OverflowError:
+        return math.inf if exact > 0 else -math.inf
+
+
+def _power(a: float, b: float) -> float:
+    try:
+        found = math.pow(a, b)
+    except OverflowError:
+        odd = b == math.floor(b) and math.fmod(b, 2.0) != 0.0
+        return -math.inf if a < 0 and odd else math.inf
+    except ValueError:
+        if a == 0:
+            odd = math.fmod(b, 2.0) in (1.0, -1.0)
+            return math.copysign(math.inf, a) if odd else math.inf
+        return math.nan
+    return found
+
+
+def _total(function: Callable[[float], float], *, pole: float = math.nan) -> Callable[[float], float]:
+    """Return a function that gives NaN outside of its domain, infinity where it overflows, and `pole` at zero."""
+
+    def value(x: float) -> float:
+        try:
+            return function(x)
+        except OverflowError:
+            return math.inf if x > 0 or function is math.cosh else -math.inf
+        except ValueError:
+            return pole if x == 0 else math.nan
+
+    return value
+
+
+def _round(x: float) -> float:
+    return math.copysign(float(round(x)), x) if math.isfinite(x) else x
+
+
+def _quotient(a: int, b: int) -> int:
+    return abs(a) // abs(b) * (1 if (a < 0) == (b < 0) else -1)
+
+
+OPERATIONS: Mapping[str, Callable[..., Any]] = {
+    "add": lambda a, b: a + b,
+    "sub": lambda a, b: a - b,
+    "mul": lambda a, b: a * b,
+    "div": _divide,
+    "min": _min,
+    "max": _max,
+    "neg": lambda a: -a,
+    "quotient": _quotient,
+    "abs": abs,
+    "sqrt": _total(math.sqrt),
+    "sign": lambda a: 1.0 if a > 0 else -1.0 if a < 0 else a,
+    "sin": _total(math.sin),
+    "cos": _total(math.cos),
+    "tan": _total(math.tan),
+    "asin": _total(math.asin),
+    "acos": _total(math.acos),
+    "atan": math.atan,
+    "atan2": math.atan2,
+    "copysign": math.copysign,
+    "exp": _total(math.exp),
+    "log": _total(math.log, pole=-math.inf),
+    "sinh": _total(math.sinh),
+    "cosh": _total(math.cosh),
+    "tanh": math.tanh,
+    "power": _power,
+    "round": _round,
+    "fma": fused,
+    "less": lambda a, b: a < b,
+    "less_equal": lambda a, b: a <= b,
+    "equal": lambda a, b: a == b,
+    "and": lambda a, b: a and b,
+    "or": lambda a, b: a or b,
+    "not": lambda a: not a,
+    "select": lambda c, a, b: a if c else b,
+    "real": float,
+    "whole": int,
+    "two_to": lambda k: math.ldexp(1.0, k),
+    "exponent": lambda x: math.frexp(x)[1] - 1,
+    "mantissa": lambda x: 2.0 * abs(math.frexp(x)[0]),
+}
+"""Every operation of the form on Python's numbers."""

@@ -1,0 +1,205 @@
+"""Solve symmetric systems of any order: L D L^T where the matrix is definite, elimination with pivoting elsewhere.
+
+A matrix is given as its lower triangle by columns: entry (i, j), i >= j, at j*n + i. It is factored as L D L^T without
+pivoting, which is stable for a positive definite mass matrix. Where a pivot vanishes against its diagonal entry, at
+`PIVOT`, the matrix is factored again as P A = L U with scaled partial pivoting, which serves every regular matrix;
+only a pivot that vanishes there too is called singular.
+Source: G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed., 2013, sections 3.4 and 4.1.
+
+Factors are kept in an array of `factor_size(n)` reals: [kind, 1/d (n), permutation (n), columns (n*n)], kind 0 for
+L D L^T, where columns hold L below the diagonal, and 1 for L U, where the second part is not 1/d but row scales.
+"""
+
+from __future__ import annotations
+
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import FLAG, WHOLE, Procedure
+from lagrange.procedure.values import Memory, Whole
+
+PIVOT = 2.0**-46
+"""A symmetric matrix is singular to round-off where elimination with pivoting, its rows scaled, meets a pivot of at
+most this part of its row's largest entry: 64 rounding errors. The entries of its inverse, in units in which its
+diagonal is one, then exceed 1 / PIVOT."""
+
+
+def factor_size(n: int) -> int:
+    """Return the number of reals that the factors of a matrix of order n take."""
+    return 1 + 2 * n + n * n
+
+
+def _parts(factors: Memory, n: Whole) -> tuple[Memory, Memory, Memory]:
+    """Return 1/d or row scales, the permutation and the columns inside factors."""
+    return factors.at(1), factors.at(n + 1), factors.at(2 * n + 1)
+
+
+def _factor_symmetric() -> Procedure:
+    p = Builder("factor_symmetric", "Factor A = L D L^T by columns, and say whether every pivot can be trusted.")
+    n = p.given("n", WHOLE)
+    a, factors = p.array("a", read=True), p.array("factors")
+    reciprocals, _, columns = _parts(factors, n)
+    with p.loop(0, n) as j, p.loop(j, n) as i:
+        columns[j * n + i] = a[j * n + i]
+    trusted = p.variable(p.true, "trusted")
+    with p.loop(0, n) as j:
+        column = columns.at(j * n)
+        d = column[j].called("d")
+        trusted.value = trusted.value & (d > abs(a[j * n + j]) * PIVOT)
+        reciprocal = 1.0 / d
+        reciprocals[j] = reciprocal
+        p.note("The finished column is subtracted from the columns behind it.")
+        with p.loop(j + 1, n) as k:
+            factor = -(column[k] * reciprocal)
+            target = columns.at(k * n)
+            with p.loop(k, n) as i:
+                target[i] = p.fma(factor, column[i], target[i])
+        with p.loop(j + 1, n) as i:
+            column[i] = column[i] * reciprocal
+    p.leave(trusted.value)
+    return p.finish(FLAG)
+
+
+def _factor_pivoted() -> Procedure:
+    p = Builder("factor_pivoted", "Factor P A = L U with scaled pivots, and say whether A is singular to round-off.")
+    n = p.given("n", WHOLE)
+    a, factors = p.array("a", read=True), p.array("factors")
+    scales, permutation, columns = _parts(factors, n)
+    with p.loop(0, n) as j, p.loop(j, n) as i:
+        entry = a[j * n + i]
+        columns[j * n + i] = entry
+        columns[i * n + j] = entry
+    with p.loop(0, n) as i:
+        permutation[i] = p.real(i)
+        largest = p.variable(0.0, "largest")
+        with p.loop(0, n) as j:
+            size = abs(columns[j * n + i])
+            largest.value = p.choose(size > largest.value, size, largest.value)
+        scales[i] = 1.0 / largest.value
+    singular = p.variable(p.false, "singular")
+    with p.loop(0, n) as j:
+        _exchange(p, n, j, scales, permutation, columns)
+        pivot = columns[j * n + j].called("pivot")
+        p.note("A NaN is no verdict on the matrix: it passes through to the solution. A row of zeros gives 0 * inf.")
+        vanishes = (abs(pivot) * scales[j] <= PIVOT) | pivot.equals(0.0)
+        singular.value = singular.value | vanishes
+        reciprocal = 1.0 / pivot
+        with p.loop(j + 1, n) as i:
+            columns[j * n + i] = columns[j * n + i] * reciprocal
+        with p.loop(j + 1, n) as k:
+            factor = -columns[k * n + j]
+            with p.loop(j + 1, n) as i:
+                columns[k * n + i] = p.fma(factor, columns[j * n + i], columns[k * n + i])
+    p.leave(singular.value)
+    return p.finish(FLAG)
+
+
+def _exchange(p: Builder, n: Whole, j: Whole, scales: Memory, permutation: Memory, columns: Memory) -> None:
+    """Bring the row with the largest scaled entry of column j to row j."""
+    best, row = p.variable(-1.0, "best"), p.variable(j, "row")
+    with p.loop(j, n) as i:
+        size = abs(columns[j * n + i]) * scales[i]
+        with p.when(size > best.value):
+            best.value = size
+            row.value = i
+    chosen = row.value
+    for vector in (scales, permutation):
+        vector[j], vector[chosen] = vector[chosen], vector[j]
+    with p.loop(0, n) as k:
+        columns[k * n + j], columns[k * n + chosen] = columns[k * n + chosen], columns[k * n + j]
+
+
+def _factor_dense() -> Procedure:
+    p = Builder("factor_dense", "Factor a symmetric matrix, and say whether it is singular to round-off.")
+    n = p.given("n", WHOLE)
+    a, factors = p.array("a", read=True), p.array("factors")
+    trusted = p.call(FACTOR_SYMMETRIC, n, a, factors)
+    factors[0] = 0.0
+    with p.when(trusted):
+        p.leave(p.false)
+    factors[0] = 1.0
+    p.leave(p.call(FACTOR_PIVOTED, n, a, factors))
+    return p.finish(FLAG)
+
+
+def _solve_factored() -> Procedure:
+    p = Builder("solve_factored", "Replace a right-hand side by the solution; `spare` takes n reals.")
+    n = p.given("n", WHOLE)
+    factors, b, spare = p.array("factors", read=True), p.array("b"), p.array("spare")
+    reciprocals, permutation, columns = _parts(factors, n)
+    pivoted = ~factors[0].equals(0.0)
+    with p.when(pivoted):
+        with p.loop(0, n) as i:
+            spare[i] = b[i]
+        with p.loop(0, n) as i:
+            b[i] = spare[p.whole(permutation[i])]
+    with p.loop(0, n) as j:
+        factor, column = -b[j], columns.at(j * n)
+        with p.loop(j + 1, n) as i:
+            b[i] = p.fma(factor, column[i], b[i])
+    with p.when(pivoted) as ways, p.loop(0, n) as back:
+        j = n - 1 - back
+        column = columns.at(j * n)
+        x = b[j] / column[j]
+        b[j] = x
+        with p.loop(0, j) as i:
+            b[i] = p.fma(-x, column[i], b[i])
+    with ways.otherwise():
+        with p.loop(0, n) as i:
+            b[i] = b[i] * reciprocals[i]
+        with p.loop(0, n) as back:
+            j = n - 1 - back
+            column, total = columns.at(j * n), p.variable(b[j], "total")
+            with p.loop(j + 1, n) as i:
+                total.value = p.fma(-column[i], b[i], total.value)
+            b[j] = total.value
+    return p.finish()
+
+
+def _solve_lanes() -> Procedure:
+    p = Builder(
+        "solve_lanes",
+        "Solve one system per lane, entry k of lane l at k*lanes + l, and say whether any is singular. `work` takes "
+        "the matrix (n*n), the right-hand side (n), n reals, and the factors of one lane.",
+    )
+    n, lanes = p.given("n", WHOLE), p.given("lanes", WHOLE)
+    a, b, work = p.array("a", read=True), p.array("b"), p.array("work")
+    square = n * n
+    right, spare, factors = work.at(square), work.at(square + n), work.at(square + 2 * n)
+    singular = p.variable(p.false, "singular")
+    with p.loop(0, lanes) as lane:
+        with p.loop(0, square) as k:
+            work[k] = a[k * lanes + lane]
+        with p.loop(0, n) as k:
+            right[k] = b[k * lanes + lane]
+        singular.value = singular.value | p.call(FACTOR_DENSE, n, work, factors)
+        p.call(SOLVE_FACTORED, n, factors, right, spare)
+        with p.loop(0, n) as k:
+            b[k * lanes + lane] = right[k]
+    p.leave(singular.value)
+    return p.finish(FLAG)
+
+
+def _invert_dense() -> Procedure:
+    p = Builder(
+        "invert_dense",
+        "Write the inverse by columns, and say whether the matrix is singular; `work` takes the factors and n reals.",
+    )
+    n = p.given("n", WHOLE)
+    a, out, work = p.array("a", read=True), p.array("out"), p.array("work")
+    spare = work.at(n * n + 2 * n + 1)
+    singular = p.call(FACTOR_DENSE, n, a, work)
+    with p.loop(0, n) as j:
+        column = out.at(j * n)
+        with p.loop(0, n) as i:
+            column[i] = 0.0
+        column[j] = 1.0
+        p.call(SOLVE_FACTORED, n, work, column, spare)
+    p.leave(singular)
+    return p.finish(FLAG)
+
+
+FACTOR_SYMMETRIC = _factor_symmetric()
+FACTOR_PIVOTED = _factor_pivoted()
+FACTOR_DENSE = _factor_dense()
+SOLVE_FACTORED = _solve_factored()
+SOLVE_LANES = _solve_lanes()
+INVERT_DENSE = _invert_dense()

@@ -1,0 +1,187 @@
+"""Values of a procedure under construction: what an algorithm is written with, in plain Python operators."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from lagrange.errors import LagrangeError
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Get, Kind, Load, Part, Read, Record, Set, Store, Write
+
+if TYPE_CHECKING:
+    from lagrange.procedure.builder import Builder
+
+Number = float | int
+
+
+class Value:
+    """One number of a procedure. Every operation on it is a new statement of the block that is being built."""
+
+    kind: ClassVar[Kind]
+
+    def __init__(self, builder: Builder, ref: int) -> None:
+        self.builder, self.ref = builder, ref
+
+    def __bool__(self) -> bool:
+        raise LagrangeError("a value of a procedure is known when it runs: use `with p.when(...)` and not `if`.")
+
+    def called(self, name: str) -> Any:
+        """Return the value, and let listings and printed code call it by a name."""
+        self.builder.names[self.ref] = name
+        return self
+
+
+class _Ordered(Value):
+    """What the numbers share: reals and wholes."""
+
+    def _with(self, op: str, *others: Any) -> Any:
+        return self.builder.operation(op, self, *others)
+
+    def __add__(self, other: Any) -> Any:
+        return self._with("add", other)
+
+    def __sub__(self, other: Any) -> Any:
+        return self._with("sub", other)
+
+    def __mul__(self, other: Any) -> Any:
+        return self._with("mul", other)
+
+    def __radd__(self, other: Number) -> Any:
+        return self.builder.operation("add", other, self)
+
+    def __rsub__(self, other: Number) -> Any:
+        return self.builder.operation("sub", other, self)
+
+    def __rmul__(self, other: Number) -> Any:
+        return self.builder.operation("mul", other, self)
+
+    def __neg__(self) -> Any:
+        return self._with("neg")
+
+    def __lt__(self, other: Any) -> Flag:
+        return Flag.of(self._with("less", other))
+
+    def __le__(self, other: Any) -> Flag:
+        return Flag.of(self._with("less_equal", other))
+
+    def __gt__(self, other: Any) -> Flag:
+        return Flag.of(self.builder.operation("less", other, self))
+
+    def __ge__(self, other: Any) -> Flag:
+        return Flag.of(self.builder.operation("less_equal", other, self))
+
+    def equals(self, other: Any) -> Flag:
+        """Whether two numbers are the same; never where one is NaN."""
+        return Flag.of(self._with("equal", other))
+
+
+class Real(_Ordered):
+    """A double."""
+
+    kind = REAL
+
+    def __truediv__(self, other: Any) -> Real:
+        return self.builder.real(self._with("div", other))
+
+    def __rtruediv__(self, other: Number) -> Real:
+        return self.builder.real(self.builder.operation("div", other, self))
+
+    def __abs__(self) -> Real:
+        return self.builder.real(self._with("abs"))
+
+    def __pow__(self, exponent: Any) -> Real:
+        return self.builder.real(self._with("power", exponent))
+
+
+class Whole(_Ordered):
+    """A 64-bit integer."""
+
+    kind = WHOLE
+
+    def __floordiv__(self, other: Any) -> Any:
+        return self._with("quotient", other)
+
+
+class Flag(Value):
+    """True or false."""
+
+    kind = FLAG
+
+    @staticmethod
+    def of(value: Any) -> Flag:
+        """Return a value that is a flag."""
+        assert isinstance(value, Flag)
+        return value
+
+    def __and__(self, other: Flag) -> Flag:
+        return Flag.of(self.builder.operation("and", self, other))
+
+    def __or__(self, other: Flag) -> Flag:
+        return Flag.of(self.builder.operation("or", self, other))
+
+    def __invert__(self) -> Flag:
+        return Flag.of(self.builder.operation("not", self))
+
+
+VALUES: dict[Kind, Callable[[Builder, int], Any]] = {REAL: Real, WHOLE: Whole, FLAG: Flag}
+
+
+class Variable:
+    """A number that changes: read and set as `value`."""
+
+    def __init__(self, builder: Builder, ref: int, kind: Kind) -> None:
+        self.builder, self.ref, self.kind = builder, ref, kind
+
+    @property
+    def value(self) -> Any:
+        """The present value."""
+        return self.builder.made(self.kind, lambda ref: Get(ref, self.kind, self.ref))
+
+    @value.setter
+    def value(self, value: Any) -> None:
+        self.builder.add(Set(self.ref, self.builder.operand(value, self.kind)))
+
+
+class Memory:
+    """An array: read and written by place, and from a place on it is an array again."""
+
+    def __init__(self, builder: Builder, ref: int, array: Array) -> None:
+        self.builder, self.ref, self.array = builder, ref, array
+
+    def __getitem__(self, index: Any) -> Any:
+        place, kind = self.builder.operand(index, WHOLE), self.array.kind
+        return self.builder.made(kind, lambda ref: Load(ref, kind, self.ref, place))
+
+    def __setitem__(self, index: Any, value: Any) -> None:
+        place = self.builder.operand(index, WHOLE)
+        self.builder.add(Store(self.ref, place, self.builder.operand(value, self.array.kind)))
+
+    def at(self, start: Any) -> Memory:
+        """Return the array from a place on."""
+        return self.builder.part(self, start)
+
+
+class Fields:
+    """A record: its fields are read and set as attributes."""
+
+    def __init__(self, builder: Builder, ref: int, record: Record) -> None:
+        object.__setattr__(self, "_builder", builder)
+        object.__setattr__(self, "_record", record)
+        object.__setattr__(self, "ref", ref)
+
+    def __getattr__(self, name: str) -> Any:
+        kind = self._checked(name)
+        return self._builder.made(kind, lambda ref: Read(ref, kind, self.ref, name))
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        kind = self._checked(name)
+        self._builder.add(Write(self.ref, name, self._builder.operand(value, kind)))
+
+    def _checked(self, name: str) -> Kind:
+        record: Record = self.__dict__["_record"]
+        if name not in record.places:
+            raise LagrangeError(f"the record {record.name} has no field {name}: it has {', '.join(record.places)}.")
+        return record.kind(name)
+
+
+__all__ = ["Fields", "Flag", "Memory", "Part", "Real", "Value", "Variable", "Whole"]

@@ -1,0 +1,260 @@
+"""Check a procedure: every operand is there and of its kind, and every way through it ends with the results."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+from lagrange.errors import LagrangeError
+from lagrange.procedure.form import (
+    CONSTANT,
+    FLAG,
+    REAL,
+    WHOLE,
+    Array,
+    Block,
+    Call,
+    Callee,
+    Declare,
+    Each,
+    Get,
+    Kind,
+    Leave,
+    Let,
+    Load,
+    Loop,
+    Note,
+    Part,
+    Procedure,
+    Read,
+    Record,
+    Repeat,
+    Reserve,
+    Set,
+    Statement,
+    Store,
+    Type,
+    When,
+    Write,
+    result_kind,
+)
+
+
+def verify(procedure: Procedure) -> None:
+    """Raise LagrangeError unless a procedure is well formed."""
+    _Check(procedure).run()
+
+
+class _Check:
+    """Walks a procedure with the types of what is known at each place."""
+
+    def __init__(self, procedure: Procedure) -> None:
+        self.procedure = procedure
+        self.known: dict[int, Type] = {}
+        self.variables: dict[int, Kind] = {}
+        self.numbers: set[int] = set()
+        self.each: int | None = None
+
+    def run(self) -> None:
+        names = [parameter.name for parameter in self.procedure.parameters]
+        if len(dict.fromkeys(names)) != len(names):
+            raise self.error("two parameters have one name")
+        for parameter in self.procedure.parameters:
+            self.define(parameter.ref, parameter.type)
+        if not self.block(self.procedure.body) and self.procedure.results:
+            raise self.error("a way through it ends without results")
+
+    def error(self, what: str) -> LagrangeError:
+        return LagrangeError(f"procedure {self.procedure.name} is malformed: {what}")
+
+    def define(self, ref: int, kind: Type) -> None:
+        if ref in self.numbers:
+            raise self.error(f"%{ref} is defined twice")
+        self.numbers.add(ref)
+        self.known[ref] = kind
+
+    def type(self, ref: int) -> Type:
+        if ref not in self.known:
+            raise self.error(f"%{ref} is read where it is not known")
+        return self.known[ref]
+
+    def kind(self, ref: int, wanted: Kind) -> None:
+        if self.type(ref) is not wanted:
+            raise self.error(f"%{ref} is no {wanted}")
+
+    def array(self, ref: int) -> Array:
+        found = self.type(ref)
+        if not isinstance(found, Array):
+            raise self.error(f"%{ref} is no array")
+        return found
+
+    def record(self, ref: int, field: str) -> Kind:
+        found = self.type(ref)
+        if not isinstance(found, Record) or field not in found.places:
+            raise self.error(f"%{ref} is no record with the field {field}")
+        return found.kind(field)
+
+    @contextmanager
+    def scope(self) -> Iterator[None]:
+        """Forget at the end what was defined inside."""
+        known, variables = dict(self.known), dict(self.variables)
+        yield
+        self.known, self.variables = known, variables
+
+    def block(self, block: Block) -> bool:
+        """Check a block; return whether every way through it ends the procedure."""
+        with self.scope():
+            return self.statements(block)
+
+    def statements(self, block: Block) -> bool:
+        ended = False
+        for statement in block:
+            if ended:
+                raise self.error("a statement stands behind the end")
+            if self.each is not None and not isinstance(statement, (Let, Load, Store, Note)):
+                raise self.error(f"a turn of an `each` has a {type(statement).__name__}")
+            ended = self.statement(statement)
+        return ended
+
+    def statement(self, statement: Statement) -> bool:
+        """Check a statement; return whether the procedure ends with it."""
+        match statement:
+            case Let():
+                self.let(statement)
+            case Reserve(ref=ref, array=array):
+                if array.size is None:
+                    raise self.error(f"the array %{ref} of its own has no size")
+                self.define(ref, array)
+            case Part(ref=ref, array=array, start=start):
+                held = self.array(array)
+                self.kind(start, WHOLE)
+                self.define(ref, Array(held.kind, None, held.read, held.room))
+            case Load() | Store() | Read() | Write():
+                self.memory(statement)
+            case Declare() | Get() | Set():
+                self.variable(statement)
+            case Call():
+                self.call(statement)
+            case Leave(values=values):
+                self.kinds(values, self.procedure.results, "the end")
+                return True
+            case When() | Loop() | Repeat() | Each():
+                return self.control(statement)
+        return False
+
+    def let(self, let: Let) -> None:
+        if self.each is not None and self.each in let.args:
+            raise self.error("a turn of an `each` computes with its index")
+        if let.op == CONSTANT:
+            good = isinstance(let.data, {REAL: float, WHOLE: int, FLAG: bool}[let.kind]) and not let.args
+            found = let.kind if good and isinstance(let.data, bool) == (let.kind is FLAG) else None
+        else:
+            kinds = [self.type(arg) for arg in let.args]
+            found = result_kind(let.op, tuple(kind for kind in kinds if isinstance(kind, Kind)))
+        if found is not let.kind:
+            raise self.error(f"%{let.ref} = {let.op} gives no {let.kind}")
+        self.define(let.ref, let.kind)
+
+    def memory(self, statement: Load | Store | Read | Write) -> None:
+        match statement:
+            case Load(ref=ref, kind=kind, array=array, index=index):
+                self.place(array, index, kind)
+                self.define(ref, kind)
+            case Store(array=array, index=index, value=value):
+                if self.each is not None and index != self.each:
+                    raise self.error("a turn of an `each` stores at another place than its own")
+                if self.array(array).read:
+                    raise self.error(f"%{array} is only read")
+                self.place(array, index, self.array(array).kind)
+                self.kind(value, self.array(array).kind)
+            case Read(ref=ref, kind=kind, record=record, field=field):
+                if self.record(record, field) is not kind:
+                    raise self.error(f"the field {field} is no {kind}")
+                self.define(ref, kind)
+            case Write(record=record, field=field, value=value):
+                self.kind(value, self.record(record, field))
+
+    def place(self, array: int, index: int, kind: Kind) -> None:
+        self.kind(index, WHOLE)
+        if self.array(array).kind is not kind:
+            raise self.error(f"%{array} holds no {kind}")
+
+    def variable(self, statement: Declare | Get | Set) -> None:
+        match statement:
+            case Declare(ref=ref, kind=kind, value=value):
+                self.kind(value, kind)
+                self.numbers.add(ref)
+                self.variables[ref] = kind
+            case Get(ref=ref, kind=kind, variable=variable):
+                self.held(variable, kind)
+                self.define(ref, kind)
+            case Set(variable=variable, value=value):
+                found = self.type(value)
+                self.held(variable, found)
+
+    def held(self, variable: int, kind: Type) -> None:
+        if variable not in self.variables or self.variables[variable] is not kind:
+            raise self.error(f"%{variable} is no variable that holds a {kind}")
+
+    def call(self, call: Call) -> None:
+        if isinstance(call.callee, Procedure):
+            types = tuple(parameter.type for parameter in call.callee.parameters)
+            results = call.callee.results
+        else:
+            found = self.type(call.callee)
+            if not isinstance(found, Callee):
+                raise self.error(f"%{call.callee} is no function")
+            types, results = found.parameters, found.results
+        self.kinds(call.args, types, "a call")
+        if len(call.refs) != len(results):
+            raise self.error(f"a call takes {len(call.refs)} of {len(results)} results")
+        for ref, kind in zip(call.refs, results, strict=True):
+            self.define(ref, kind)
+
+    def kinds(self, refs: Sequence[int], types: Sequence[Type], where: str) -> None:
+        if len(refs) != len(types):
+            raise self.error(f"{where} has {len(refs)} values for {len(types)}")
+        for ref, wanted in zip(refs, types, strict=True):
+            if not _fits(self.type(ref), wanted):
+                raise self.error(f"{where} has %{ref} in the place of another type")
+
+    def control(self, statement: When | Loop | Repeat | Each) -> bool:
+        match statement:
+            case When(condition=condition, then=then, otherwise=otherwise):
+                self.kind(condition, FLAG)
+                return self.block(then) & self.block(otherwise)
+            case Loop(index=index, start=start, stop=stop, step=step, body=body):
+                self.kinds((start, stop), (WHOLE, WHOLE), "a loop")
+                if step <= 0:
+                    raise self.error("a loop has a step that is not above zero")
+                self.turns(index, body)
+            case Repeat(test=test, condition=condition, body=body):
+                with self.scope():
+                    if self.statements(test):
+                        raise self.error("the test of a loop ends the procedure")
+                    self.kind(condition, FLAG)
+                self.block(body)
+            case Each(index=index, count=count, body=body, folds=folds):
+                self.kind(count, WHOLE)
+                self.define(index, WHOLE)
+                self.each = index
+                with self.scope():
+                    self.statements(body)
+                    for fold in folds:
+                        self.kind(fold.value, REAL)
+                self.each = None
+                for fold in folds:
+                    self.define(fold.ref, REAL)
+        return False
+
+    def turns(self, index: int, body: Block) -> None:
+        with self.scope():
+            self.define(index, WHOLE)
+            self.statements(body)
+
+
+def _fits(found: Type, wanted: Type) -> bool:
+    """Whether an argument of one type stands where another is wanted: an array to read may be one to write."""
+    if isinstance(found, Array) and isinstance(wanted, Array):
+        return found.kind is wanted.kind and (wanted.read or not found.read)
+    return found == wanted

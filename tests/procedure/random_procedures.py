@@ -1,0 +1,133 @@
+"""Random procedures: every operation, kind of memory and way through, on numbers ordinary and extreme."""
+
+from __future__ import annotations
+
+import math
+import random
+from typing import Any
+
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Kind, Procedure, Record
+
+SIZE = 11
+"""Entries of the arrays: two blocks of four and three more."""
+
+KEPT = Record.of("Kept", x=REAL, count=WHOLE)
+
+# Sine and the like are left out: their last digit is the C library's own.
+REAL_UNARY = ("neg", "abs", "sqrt", "sign", "round")
+REAL_BINARY = ("add", "sub", "mul", "div", "min", "max", "copysign")
+WHOLE_BINARY = ("add", "sub", "min", "max")
+COMPARED = ("less", "less_equal", "equal")
+
+
+class RandomProcedure:
+    """Builds one procedure from a seed; with `fused`, multiply-adds are rounded once."""
+
+    def __init__(self, seed: int, *, fused: bool) -> None:
+        self.random, self.fused = random.Random(seed), fused
+        self.p = p = Builder(f"random{seed}", "A random procedure.")
+        x, y = p.given("x", REAL), p.given("y", REAL)
+        n = p.given("n", WHOLE)
+        self.data = p.array("data", size=SIZE, room=4)
+        self.kept = p.record("kept", KEPT)
+        self.variables = [p.variable(x, "first"), p.variable(1.5), p.variable(n), p.variable(n < 3)]
+        self.values: dict[Kind, list[Any]] = {REAL: [x, y], WHOLE: [n], FLAG: [x < y]}
+
+    def build(self) -> Procedure:
+        self.statements(9, depth=0)
+        p = self.p
+        p.leave(self.pick(REAL), self.pick(WHOLE), self.pick(FLAG), *(variable.value for variable in self.variables))
+        kinds = (variable.kind for variable in self.variables)
+        return p.finish(REAL, WHOLE, FLAG, *kinds)
+
+    def pick(self, kind: Kind) -> Any:
+        if kind is REAL and self.random.random() < 0.15:
+            return self.p.constant(self.random.choice((0.0, -0.0, 0.5, 3.0, -2.25, math.inf, 1e300)), REAL)
+        return self.random.choice(self.values[kind])
+
+    def place(self) -> Any:
+        """Return a whole number that is a place of the arrays."""
+        p = self.p
+        return p.smaller(p.larger(self.pick(WHOLE), 0), SIZE - 1)
+
+    def statements(self, count: int, depth: int) -> None:
+        ways = [self.compute] * 6 + [self.memory] * 3 + [self.change] * 3
+        ways += [self.branch, self.turns, self.each, self.while_small] if depth < 3 else []
+        for _ in range(count):
+            self.random.choice(ways)(depth)
+
+    def nested(self, depth: int) -> None:
+        """Build a body; what it defines is forgotten behind it."""
+        before = {kind: list(found) for kind, found in self.values.items()}
+        self.statements(self.random.randint(1, 4), depth + 1)
+        self.values = before
+
+    def keep(self, value: Any) -> None:
+        self.values[value.kind].append(value)
+
+    def compute(self, depth: int) -> None:
+        p, way = self.p, self.random.randrange(8)
+        if way < 3:
+            self.keep(p.operation(self.random.choice(REAL_BINARY), self.pick(REAL), self.pick(REAL)))
+        elif way == 3:
+            self.keep(p.operation(self.random.choice(REAL_UNARY), self.pick(REAL)))
+        elif way == 4:
+            a, b, c = (self.pick(REAL) for _ in range(3))
+            self.keep(p.fma(a, b, c) if self.fused else a * b + c)
+        elif way == 5:
+            self.keep(p.operation(self.random.choice(WHOLE_BINARY), self.pick(WHOLE), self.pick(WHOLE)))
+        elif way == 6:
+            kind = self.random.choice((REAL, WHOLE))
+            self.keep(p.operation(self.random.choice(COMPARED), self.pick(kind), self.pick(kind)))
+        else:
+            kind = self.random.choice((REAL, WHOLE, FLAG))
+            self.keep(p.choose(self.pick(FLAG), self.pick(kind), self.pick(kind)))
+
+    def memory(self, depth: int) -> None:
+        way = self.random.randrange(4)
+        if way == 0:
+            self.data[self.place()] = self.pick(REAL)
+        elif way == 1:
+            self.keep(self.data[self.place()])
+        elif way == 2:
+            self.kept.x = self.pick(REAL)
+            self.kept.count = self.pick(WHOLE)
+        else:
+            self.keep(self.kept.x)
+
+    def change(self, depth: int) -> None:
+        variable = self.random.choice(self.variables)
+        if self.random.random() < 0.5:
+            variable.value = self.pick(variable.kind)
+        self.keep(variable.value)
+
+    def branch(self, depth: int) -> None:
+        likely = self.random.choice((None, True, False))
+        with self.p.when(self.pick(FLAG), likely=likely) as ways:
+            self.nested(depth)
+        if self.random.random() < 0.5:
+            with ways.otherwise():
+                self.nested(depth)
+
+    def turns(self, depth: int) -> None:
+        with self.p.loop(0, self.random.randint(0, 4), self.random.choice((1, 2))) as i:
+            self.values[WHOLE].append(i)
+            self.nested(depth)
+            self.values[WHOLE].remove(i)
+
+    def each(self, depth: int) -> None:
+        p, outside = self.p, self.pick(REAL)
+        count = self.random.choice((1, 4, 7, SIZE, self.place()))
+        with p.each(count) as i:
+            value = p.operation(self.random.choice(REAL_BINARY), self.data[i], outside)
+            self.data[i] = p.choose(value < outside, value, -value)
+            total, largest = p.sum(value), p.largest(abs(value))
+        self.keep(total.value)
+        self.keep(largest.value)
+
+    def while_small(self, depth: int) -> None:
+        p, counted = self.p, self.p.variable(0)
+        with p.repeat(lambda: counted.value < 3):
+            counted.value = counted.value + 1
+            self.nested(depth)
