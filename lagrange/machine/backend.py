@@ -16,12 +16,6 @@ from lagrange.program.step import StepProgram
 FloatArray = NDArray[np.float64]
 
 
-PIVOT = 2.0**-46
-"""A symmetric matrix is singular to round-off where elimination with pivoting, its rows scaled, meets a pivot of at
-most this part of its row's largest entry: 64 rounding errors. The entries of its inverse, in units in which its
-diagonal is one, then exceed 1 / PIVOT."""
-
-
 class SingularMassMatrix(RunError):
     """The mass matrix has no inverse at the given state; `column` says which of a batch."""
 

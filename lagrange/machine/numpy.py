@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from lagrange.machine.arithmetic import FLOATS
-from lagrange.machine.backend import PIVOT, FloatArray, SingularMassMatrix
+from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.numpy_driver import NumpyDriver
 from lagrange.machine.numpy_taylor import NumpySeries
+from lagrange.procedure.linear.dense import PIVOT
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
 from lagrange.program.step import StepProgram

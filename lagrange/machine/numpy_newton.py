@@ -10,7 +10,7 @@ import numpy as np
 
 from lagrange.graph.node import Node
 from lagrange.machine.arithmetic import FLOATS
-from lagrange.machine.backend import PIVOT, FloatArray, SingularMassMatrix
+from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.driver import DriverState, Outcome
 from lagrange.machine.newton import (
     AGING,
@@ -38,6 +38,7 @@ from lagrange.machine.newton import (
     TURNS,
     Kept,
 )
+from lagrange.procedure.linear.dense import PIVOT
 from lagrange.program.actions import LAWS, Call, Combination, Damp, Solve, in_doubles, parts
 from lagrange.program.program import Program
 from lagrange.program.step import StepProgram

@@ -80,6 +80,9 @@ _OPERANDS: Mapping[str, tuple[int, ...]] = {
 }
 """How tightly each operand must bind to stand without parentheses."""
 
+TURNED = {"less": ">", "less_equal": ">="}
+"""Comparisons as they read where the constant comes first."""
+
 ATOM = 10
 
 INDICES = ("i", "j", "k", "l", "i5", "i6", "i7", "i8")
@@ -124,6 +127,7 @@ class _Printer:
         self.uses = _uses(procedure.body)
         self.waiting: dict[int, None] = {}
         """The values that have been printed nowhere yet."""
+        self.constants: dict[int, None] = {}
         self.depth = 1
         self.loops = 0
         self.taken |= dict.fromkeys(INDICES)
@@ -148,11 +152,15 @@ class _Printer:
 
     def write(self, line: str) -> None:
         """Print a statement, and before it the values that it might change."""
+        self.settle()
+        self.lines.append("    " * self.depth + line)
+
+    def settle(self) -> None:
+        """Give every value that waits a name here."""
         for ref in list(self.waiting):
             _, text = self.texts[ref]
             self.lines.append("    " * self.depth + f"{self.name(ref)} = {text}")
         self.waiting.clear()
-        self.lines.append("    " * self.depth + line)
 
     def text(self, ref: int, least: int = 0) -> str:
         """Return a value as an operand, in parentheses where it binds less tightly than it must."""
@@ -201,11 +209,15 @@ class _Printer:
 
     def let(self, let: Let) -> None:
         if let.op == CONSTANT:
+            self.constants[let.ref] = None
             self.texts[let.ref] = _literal(let.kind, let.data)
             return
         level, spelled = SPELLED.get(let.op, (9, f"_{let.op}({', '.join(f'{{{i}}}' for i in range(len(let.args)))})"))
         least = _OPERANDS.get(let.op, (0,) * len(let.args))
-        found = spelled.format(*[self.text(arg, one) for arg, one in zip(let.args, least, strict=True)])
+        args = [self.text(arg, one) for arg, one in zip(let.args, least, strict=True)]
+        if let.op in TURNED and let.args[0] in self.constants:
+            spelled = f"{{1}} {TURNED[let.op]} {{0}}"
+        found = spelled.format(*args)
         self.made(let.ref, level, found)
 
     def made(self, ref: int, level: int, text: str) -> None:
@@ -245,16 +257,24 @@ class _Printer:
                 shown = places if places[0] != "0" or step != 1 else places[1:]
                 self.turns(index, ", ".join(shown), body)
             case Repeat(test=test, condition=condition, body=body):
-                self.write("while True:")
-                self.inside(test)
-                self.depth += 1
-                self.write(f"if not {self.text(condition, 4)}:")
-                self.depth += 1
-                self.write("break")
-                self.depth -= 2
+                self.repeat(test, condition)
                 self.inside(body)
             case Each():
                 self.each(statement)
+
+    def repeat(self, test: Block, condition: int) -> None:
+        """Print the head of a loop under a condition, which stands inside where it takes more than a line."""
+        self.settle()
+        before = len(self.lines)
+        self.depth += 1
+        for statement in test:
+            self.statement(statement)
+        if len(self.lines) > before:
+            self.write(f"if not {self.text(condition, 4)}:")
+            self.lines += ["    " * (self.depth + 1) + "break"]
+        self.depth -= 1
+        head = "while True:" if len(self.lines) > before else f"while {self.text(condition)}:"
+        self.lines.insert(before, "    " * self.depth + head)
 
     def turns(self, index: int, places: str, body: Block) -> None:
         """Print a loop over places."""

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from lagrange.machine.arithmetic import FLOATS
-from lagrange.machine.backend import PIVOT, FloatArray, SingularMassMatrix
+from lagrange.machine.backend import FloatArray, SingularMassMatrix
+from lagrange.procedure.linear.dense import PIVOT
 from lagrange.program.series import SeriesProgram
 
 FARTHEST = 10.0

@@ -279,9 +279,10 @@ class Fold:
 class Each:
     """Statements for each index from 0 to `count`, in any order or at once.
 
-    Arrays are read and written at the index itself, or read at a place that is the same for all; nothing is set, called
-    or decided inside. A printer may take up to `width` turns at a time, four where something is added up. What an array
-    has beyond `count` is left as it is, but with `spill`, or beyond its size.
+    Arrays are read and written at the index itself, or read at a place that no turn writes. Turns have variables
+    of their own and loops with as many turns for each; nothing is called or decided inside. A printer may take up to
+    `width` turns at a time, four where something is added up. What an array has beyond `count` is left as it is, but
+    with `spill`, or beyond its size.
     """
 
     index: int
@@ -379,3 +380,14 @@ def calls(block: Block) -> list[Call]:
         for one in inner(statement):
             found += calls(one)
     return found
+
+
+def assigned(block: Block) -> tuple[int, ...]:
+    """Return the variables that a block sets, in order."""
+    found: dict[int, None] = {}
+    for statement in block:
+        if isinstance(statement, Set):
+            found[statement.variable] = None
+        for one in inner(statement):
+            found |= dict.fromkeys(assigned(one))
+    return tuple(found)

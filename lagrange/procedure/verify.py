@@ -9,6 +9,7 @@ from lagrange.errors import LagrangeError
 from lagrange.procedure.form import (
     CONSTANT,
     FLAG,
+    PARTIAL,
     REAL,
     WHOLE,
     Array,
@@ -39,6 +40,9 @@ from lagrange.procedure.form import (
     result_kind,
 )
 
+IN_TURNS = (Let, Load, Store, Part, Declare, Get, Set, Loop, Note)
+"""What may stand in a turn of an `each`: loops as well, of as many turns for each, and variables of its own."""
+
 
 def verify(procedure: Procedure) -> None:
     """Raise LagrangeError unless a procedure is well formed."""
@@ -54,6 +58,9 @@ class _Check:
         self.variables: dict[int, Kind] = {}
         self.numbers: set[int] = set()
         self.each: int | None = None
+        self.constants: set[int] = set()
+        self.own: set[int] = set()
+        """The variables that turns of the present `each` have declared."""
 
     def run(self) -> None:
         names = [parameter.name for parameter in self.procedure.parameters]
@@ -111,7 +118,7 @@ class _Check:
         for statement in block:
             if ended:
                 raise self.error("a statement stands behind the end")
-            if self.each is not None and not isinstance(statement, (Let, Load, Store, Note)):
+            if self.each is not None and not isinstance(statement, IN_TURNS):
                 raise self.error(f"a turn of an `each` has a {type(statement).__name__}")
             ended = self.statement(statement)
         return ended
@@ -154,6 +161,8 @@ class _Check:
         if found is not let.kind:
             raise self.error(f"%{let.ref} = {let.op} gives no {let.kind}")
         self.define(let.ref, let.kind)
+        if let.op == CONSTANT:
+            self.constants.add(let.ref)
 
     def memory(self, statement: Load | Store | Read | Write) -> None:
         match statement:
@@ -185,11 +194,15 @@ class _Check:
                 self.kind(value, kind)
                 self.numbers.add(ref)
                 self.variables[ref] = kind
+                if self.each is not None:
+                    self.own.add(ref)
             case Get(ref=ref, kind=kind, variable=variable):
                 self.held(variable, kind)
                 self.define(ref, kind)
             case Set(variable=variable, value=value):
                 found = self.type(value)
+                if self.each is not None and variable not in self.own:
+                    raise self.error("a turn of an `each` sets a variable from outside")
                 self.held(variable, found)
 
     def held(self, variable: int, kind: Type) -> None:
@@ -242,10 +255,19 @@ class _Check:
                     self.statements(body)
                     for fold in folds:
                         self.kind(fold.value, REAL)
+                    if folds and count not in self.constants:
+                        self.has_room(index, body)
                 self.each = None
+                self.own.clear()
                 for fold in folds:
                     self.define(fold.ref, REAL)
         return False
+
+    def has_room(self, index: int, body: Block) -> None:
+        """Refuse a sum of as many turns as the run decides over arrays that end with the last of them."""
+        for one in body:
+            if isinstance(one, (Load, Store)) and one.index == index and self.array(one.array).room < PARTIAL:
+                raise self.error(f"the array %{one.array} of a sum has no room for a whole block behind its end")
 
     def turns(self, index: int, body: Block) -> None:
         with self.scope():

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from lagrange.machine.llvm.engine import inversion
-from lagrange.machine.llvm.inverse import padded, work_size
 from lagrange.machine.llvm.memory import address
+from lagrange.procedure.linear.inverse import padded, work_size
 from tests.machine.matrices import REGULAR, SINGULAR, Matrix, indefinite, positive, scaled
 
 SIZES = range(1, 41)
 EPS = 2.0**-52
 
-_INVERT = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_int64, ctypes.c_int64, *([ctypes.c_void_p] * 3))
+_INVERT = ctypes.CFUNCTYPE(ctypes.c_bool, ctypes.c_int64, ctypes.c_int64, *([ctypes.c_void_p] * 3))
 
 
 def invert(a: Any) -> tuple[int, Any]:

@@ -29,7 +29,8 @@ class RandomProcedure:
         self.p = p = Builder(f"random{seed}", "A random procedure.")
         x, y = p.given("x", REAL), p.given("y", REAL)
         n = p.given("n", WHOLE)
-        self.data = p.array("data", size=SIZE, room=4)
+        self.data = p.array("data", size=SIZE, room=8)
+        self.table = p.array("table", size=SIZE, read=True)
         self.kept = p.record("kept", KEPT)
         self.variables = [p.variable(x, "first"), p.variable(1.5), p.variable(n), p.variable(n < 3)]
         self.values: dict[Kind, list[Any]] = {REAL: [x, y], WHOLE: [n], FLAG: [x < y]}
@@ -119,9 +120,12 @@ class RandomProcedure:
     def each(self, depth: int) -> None:
         p, outside = self.p, self.pick(REAL)
         count = self.random.choice((1, 4, 7, SIZE, self.place()))
-        with p.each(count) as i:
+        with p.each(count, width=self.random.choice((4, 8))) as i:
             value = p.operation(self.random.choice(REAL_BINARY), self.data[i], outside)
-            self.data[i] = p.choose(value < outside, value, -value)
+            inside = p.variable(value)
+            with p.loop(0, self.random.randint(0, 3)) as j:
+                inside.value = inside.value * 0.5 + self.table[j]
+            self.data[i] = p.choose(value < outside, inside.value, -value)
             total, largest = p.sum(value), p.largest(abs(value))
         self.keep(total.value)
         self.keep(largest.value)

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 
 from lagrange.machine.llvm import unrolled
 from lagrange.machine.llvm.emitter import Emitter
-from lagrange.machine.llvm.linear_solver import factor_size
 from lagrange.machine.llvm.spelling import BOOLEAN, LIBRARY, c_name, element, number, spell, truth
 from lagrange.machine.llvm.trigonometry import call_sine_and_cosine, sine_and_cosine
+from lagrange.procedure.linear.dense import factor_size
 from lagrange.program.program import Instruction, Program
 
 UNROLLED = 6
@@ -187,8 +187,7 @@ class Body:
         elif self.lanes == 1:
             matrix = self.matrix(instruction)
             self.values[i] = self.e.reserve("double", factor_size(n))
-            status = self.e.value(f"call i32 @factor_dense(i64 {n}, ptr {matrix}, ptr {self.values[i]})")
-            self.singular.append(self.e.value(f"icmp ne i32 {status}, 0"))
+            self.singular.append(self.e.value(f"call i1 @factor_dense(i64 {n}, ptr {matrix}, ptr {self.values[i]})"))
 
     def matrix(self, factor: Instruction) -> str:
         """Write the lower triangle to memory, by columns, lanes innermost, and return its address."""
@@ -225,7 +224,7 @@ class Body:
         """Solve the systems of all lanes in memory, and return whether one is singular."""
         work = self.scratch("work", "double", n * n + 2 * n + factor_size(n))
         arguments = f"i64 {n}, i64 {self.lanes}, ptr {matrix}, ptr {right}, ptr {work}"
-        return self.e.value(f"icmp ne i32 {self.e.value(f'call i32 @solve_lanes({arguments})')}, 0")
+        return self.e.value(f"call i1 @solve_lanes({arguments})")
 
     def with_pivoting(self, factor: Instruction, trusted: str, x: list[str], right: list[str]) -> list[str]:
         """Return x where all pivots could be trusted, else the solution with pivoting."""

@@ -10,9 +10,10 @@ from typing import Any
 
 import llvmlite.binding as llvm
 
-from lagrange.machine.llvm.inverse import inverse_module
-from lagrange.machine.llvm.linear_solver import library
+from lagrange.machine.llvm.procedures import module
 from lagrange.machine.llvm.spelling import LIBRARY, c_name
+from lagrange.procedure.linear.dense import FACTOR_DENSE, INVERT_DENSE, SOLVE_FACTORED, SOLVE_LANES
+from lagrange.procedure.linear.inverse import INVERT
 from lagrange.program.program import ARITY
 
 _LOADING = threading.Lock()
@@ -21,6 +22,10 @@ HUGE = 1_000_000
 """Characters of IR beyond which code is made quickly, not well: some 12,000 operations. The Jacobian of a chain of 30
 links (23,000 operations) then takes 1.2 s in place of 5.3 and runs 1.3 times as long (73 us); no right-hand side of a
 scene comes near it."""
+
+
+LINEAR_SOLVER = (FACTOR_DENSE, SOLVE_FACTORED, SOLVE_LANES, INVERT_DENSE)
+"""What models call of the solver of dense systems, compiled once per process."""
 
 
 class Module:
@@ -87,10 +92,10 @@ def linear_solver(*, often: bool) -> None:
 @cache
 def _linear_solver(often: bool) -> Module:
     start()
-    module = Module(library(), optimize=often, hurry=not often)
-    for name in ("factor_dense", "solve_factored", "solve_lanes", "invert_dense"):
-        llvm.add_symbol(name, module.address(name))
-    return module
+    made = Module(module(LINEAR_SOLVER), optimize=often, hurry=not often)
+    for procedure in LINEAR_SOLVER:
+        llvm.add_symbol(procedure.name, made.address(procedure.name))
+    return made
 
 
 def inversion() -> Module:
@@ -102,9 +107,9 @@ def inversion() -> Module:
 
 @cache
 def _inversion() -> Module:
-    module = Module(inverse_module())
-    llvm.add_symbol("invert", module.address("invert"))
-    return module
+    made = Module(module([INVERT], elsewhere=LINEAR_SOLVER))
+    llvm.add_symbol(INVERT.name, made.address(INVERT.name))
+    return made
 
 
 @cache

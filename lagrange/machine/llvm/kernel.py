@@ -18,10 +18,10 @@ from collections.abc import Iterator, Sequence
 from lagrange.machine.llvm import registers
 from lagrange.machine.llvm.body import UNROLLED, Body, shares_angle_function
 from lagrange.machine.llvm.emitter import Emitter
-from lagrange.machine.llvm.linear_solver import factor_size
 from lagrange.machine.llvm.spelling import BOOLEAN, declaration, intrinsics, library_functions, number, spell
 from lagrange.machine.llvm.trigonometry import angle_function
 from lagrange.machine.llvm.vectors import BLOCK
+from lagrange.procedure.linear.dense import factor_size
 from lagrange.program.program import Program
 
 FEW = 16
@@ -52,9 +52,9 @@ def _module(program: Program, functions: list[str], lanes: int, vector_names: di
     lines = [*intrinsics(lanes), *library_functions()]
     lines += [f"{declaration(name, op, lanes)} #0" for op, name in vector_names.items()]
     lines += [
-        "declare i32 @factor_dense(i64, ptr, ptr)",
+        "declare i1 @factor_dense(i64, ptr, ptr)",
         "declare void @solve_factored(i64, ptr, ptr, ptr)",
-        "declare i32 @solve_lanes(i64, i64, ptr, ptr, ptr)",
+        "declare i1 @solve_lanes(i64, i64, ptr, ptr, ptr)",
     ]
     if shares_angle_function(program):
         functions = [angle_function(lanes), *functions]

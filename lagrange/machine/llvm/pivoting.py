@@ -11,9 +11,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from lagrange.machine.backend import PIVOT
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.vectors import BLOCK, KIND, TRUTH, cut_block, lane_is, splat
+from lagrange.procedure.linear.dense import PIVOT
 
 WRITTEN_OUT = 16
 """Up to this order the blocks of a row are written out, and the search for a pivot."""

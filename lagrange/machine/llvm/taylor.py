@@ -153,8 +153,8 @@ def declarations(lanes: int) -> str:
     lines.append(f"declare {integers} @llvm.umax.v{lanes}i64({integers}, {integers})")
     lines.append(f"declare i64 @llvm.vector.reduce.umax.v{lanes}i64({integers})")
     lines.append("declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)")
-    lines.append("declare i32 @invert_dense(i64, ptr, ptr, ptr)")
-    lines.append("declare i32 @invert(i64, i64, ptr, ptr, ptr)")
+    lines.append("declare i1 @invert_dense(i64, ptr, ptr, ptr)")
+    lines.append("declare i1 @invert(i64, i64, ptr, ptr, ptr)")
     lines += library_functions()
     return "\n".join([*lines, ""])
 

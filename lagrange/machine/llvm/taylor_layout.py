@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from lagrange.machine.backend import FloatArray
-from lagrange.machine.llvm.inverse import padded, work_size
 from lagrange.machine.llvm.packing import Operand, Packing
+from lagrange.procedure.linear.inverse import padded, work_size
 from lagrange.program.series import SeriesProgram
 
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from lagrange.machine.llvm.emitter import Emitter, literal
-from lagrange.machine.llvm.inverse import padded
 from lagrange.machine.llvm.packing import Chunk, Operand, Packing
 from lagrange.machine.llvm.spelling import element, number
 from lagrange.machine.llvm.taylor_jet import (
@@ -28,6 +27,7 @@ from lagrange.machine.llvm.taylor_jet import (
 )
 from lagrange.machine.llvm.taylor_layout import Slots, TaylorLayout
 from lagrange.machine.llvm.taylor_rules import Arithmetic, Vector, coefficient, divided
+from lagrange.procedure.linear.inverse import padded
 
 TILE = 16
 """How many sums run in one loop: their totals stay in registers."""
@@ -276,8 +276,7 @@ class LoopedJet:
             for i in range(j, n):
                 e.put(placed.get((i, j), literal(0.0)), matrix, j * n + i)
         arguments = f"i64 {n}, i64 {padded(n)}, ptr {matrix}, ptr {inverse}, ptr {work}"
-        status = e.value(f"call i32 @invert({arguments})")
-        self.origin.body.singular.append(e.value(f"icmp ne i32 {status}, 0"))
+        self.origin.body.singular.append(e.value(f"call i1 @invert({arguments})"))
         return inverse
 
     def velocities(self) -> list[Vector]:

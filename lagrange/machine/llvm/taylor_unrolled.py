@@ -14,7 +14,6 @@ from collections.abc import Sequence
 
 from lagrange.machine.llvm import unrolled
 from lagrange.machine.llvm.emitter import Emitter, literal
-from lagrange.machine.llvm.linear_solver import factor_size
 from lagrange.machine.llvm.packing import Chunk, Operand, Packing
 from lagrange.machine.llvm.spelling import element, number
 from lagrange.machine.llvm.taylor_jet import (
@@ -29,6 +28,7 @@ from lagrange.machine.llvm.taylor_jet import (
 )
 from lagrange.machine.llvm.taylor_layout import TaylorLayout
 from lagrange.machine.llvm.taylor_rules import Arithmetic, Vector, coefficient, divided, reciprocal
+from lagrange.procedure.linear.dense import factor_size
 
 EXACT = 10
 """Up to this order a division by the order is rounded once; what a later coefficient adds to a step is so much less
@@ -284,8 +284,7 @@ class UnrolledJet:
         work = body.scratch("work", "double", factor_size(n) + n)
         for (i, j), value in lower.items():
             e.put(value, memory, j * n + i)
-        status = e.value(f"call i32 @invert_dense(i64 {n}, ptr {memory}, ptr {result}, ptr {work})")
-        singular = e.value(f"icmp ne i32 {status}, 0")
+        singular = e.value(f"call i1 @invert_dense(i64 {n}, ptr {memory}, ptr {result}, ptr {work})")
         slow = [e.get(result, j * n + i) for i, j in places]
         e.jump(f"{name}.join")
         e.label(f"{name}.join")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from lagrange.machine.backend import PIVOT
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.spelling import element, number, truth
+from lagrange.procedure.linear.dense import PIVOT
 
 Entries = dict[tuple[int, int], str]
 """Values of a lower triangle by (row, column); what is missing is zero."""

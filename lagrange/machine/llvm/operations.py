@@ -1,0 +1,143 @@
+"""How LLVM spells the operations of procedures, on numbers and on vectors of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from lagrange.machine.llvm.emitter import Emitter, literal, suffix
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Kind, Let
+
+KINDS = {REAL: "double", WHOLE: "i64", FLAG: "i1"}
+"""LLVM's type of each kind."""
+
+WIDTHS = (1, 4, 8)
+"""How many turns of an `each` may be taken at once."""
+
+_REALS = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
+_INTRINSICS = {
+    "fma": "fma",
+    "min": "minimum",
+    "max": "maximum",
+    "sqrt": "sqrt",
+    "abs": "fabs",
+    "copysign": "copysign",
+    "round": "rint",
+}
+_WHOLES = {"add": "add nsw", "sub": "sub nsw", "mul": "mul nsw", "quotient": "sdiv"}
+_WHOLE_INTRINSICS = {"min": "smin", "max": "smax"}
+_COMPARED = {"less": ("olt", "slt"), "less_equal": ("ole", "sle"), "equal": ("oeq", "eq")}
+_LIBRARY = {
+    name: {"power": "pow"}.get(name, name)
+    for name in ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "sinh", "cosh", "tanh", "power")
+}
+
+_CONVERTED = {
+    ("real", WHOLE): "sitofp i64 {} to double",
+    ("real", FLAG): "uitofp i1 {} to double",
+    ("whole", REAL): "fptosi double {} to i64",
+    ("whole", FLAG): "zext i1 {} to i64",
+}
+
+
+def type_of(kind: Kind, lanes: int = 1) -> str:
+    """Return LLVM's type of a value, or of a vector of values."""
+    return KINDS[kind] if lanes == 1 else f"<{lanes} x {KINDS[kind]}>"
+
+
+def declarations() -> str:
+    """Return the declarations of what procedures call from elsewhere."""
+    lines = []
+    for lanes in WIDTHS:
+        kind = "double" if lanes == 1 else f"<{lanes} x double>"
+        if lanes > 1:
+            lines.append(f"declare void @llvm.masked.store.v{lanes}f64.p0({kind}, ptr, i32, <{lanes} x i1>)")
+        for op, name in _INTRINSICS.items():
+            operands = ", ".join([kind] * {"fma": 3, "min": 2, "max": 2, "copysign": 2}.get(op, 1))
+            lines.append(f"declare {kind} @llvm.{name}.{suffix(kind)}({operands})")
+    lines += [f"declare i64 @llvm.{name}.i64(i64, i64)" for name in _WHOLE_INTRINSICS.values()]
+    for op, name in _LIBRARY.items():
+        lines.append(f"declare double @{name}({', '.join(['double'] * (2 if op in ('power', 'atan2') else 1))})")
+    return "\n".join(lines)
+
+
+def constant(let: Let) -> str:
+    """Return a constant as an operand."""
+    if let.kind is REAL:
+        return literal(0.0 if let.data is None else float(let.data))
+    return str(bool(let.data)).lower() if let.kind is FLAG else str(int(let.data or 0))
+
+
+def splat(e: Emitter, value: str, kind: Kind, lanes: int) -> str:
+    """Return a value in every lane of a vector."""
+    if lanes == 1:
+        return value
+    if not value.startswith("%"):
+        return "<" + ", ".join([f"{KINDS[kind]} {value}"] * lanes) + ">"
+    vector = type_of(kind, lanes)
+    one = e.value(f"insertelement {vector} poison, {KINDS[kind]} {value}, i64 0")
+    return e.value(f"shufflevector {vector} {one}, {vector} poison, <{lanes} x i32> zeroinitializer")
+
+
+def spell(e: Emitter, op: str, kinds: Sequence[Kind], args: Sequence[str], lanes: int = 1) -> str:
+    """Print an operation on operands of some kinds, each with that many lanes, and return the result."""
+    types = [type_of(kind, lanes) for kind in kinds]
+    kind = types[-1]
+    typed = ", ".join(f"{one} {arg}" for one, arg in zip(types, args, strict=True))
+    real = kinds[-1] is REAL
+    if op in ("and", "or"):
+        return e.value(f"{op} {kind} {args[0]}, {args[1]}")
+    if op == "not":
+        every = "true" if lanes == 1 else "<" + ", ".join(["i1 true"] * lanes) + ">"
+        return e.value(f"xor {kind} {args[0]}, {every}")
+    if op == "select":
+        return e.value(f"select {typed}")
+    if op == "neg":
+        return e.value(f"fneg {kind} {args[0]}" if real else f"sub nsw {kind} 0, {args[0]}")
+    if op in _COMPARED:
+        return e.value(f"{'fcmp' if real else 'icmp'} {_COMPARED[op][not real]} {kind} {args[0]}, {args[1]}")
+    if real and op in _REALS:
+        return e.value(f"{_REALS[op]} {kind} {args[0]}, {args[1]}")
+    if real and op in _INTRINSICS:
+        return e.value(f"call {kind} @llvm.{_INTRINSICS[op]}.{suffix(kind)}({typed})")
+    if op in _WHOLES:
+        return e.value(f"{_WHOLES[op]} {kind} {args[0]}, {args[1]}")
+    if op in _WHOLE_INTRINSICS:
+        return e.value(f"call i64 @llvm.{_WHOLE_INTRINSICS[op]}.i64({typed})")
+    return _single(e, op, kinds, args, lanes)
+
+
+def _single(e: Emitter, op: str, kinds: Sequence[Kind], args: Sequence[str], lanes: int) -> str:
+    """Print what is done one number at a time."""
+    if lanes > 1:
+        raise NotImplementedError(f"{op} has no form for several turns at once")
+    if (op, kinds[0]) in _CONVERTED:
+        return e.value(_CONVERTED[op, kinds[0]].format(args[0]))
+    if op in _LIBRARY:
+        return e.value(f"call double @{_LIBRARY[op]}({', '.join(f'double {arg}' for arg in args)})")
+    return _BITS[op](e, args[0])
+
+
+def _sign(e: Emitter, x: str) -> str:
+    above, below = (e.value(f"fcmp {how} double {x}, {literal(0.0)}") for how in ("ogt", "olt"))
+    negative = e.choose(below, literal(-1.0), x)
+    return e.choose(above, literal(1.0), negative)
+
+
+def _two_to(e: Emitter, k: str) -> str:
+    biased = e.value(f"add i64 {k}, 1023")
+    return e.value(f"bitcast i64 {e.value(f'shl i64 {biased}, 52')} to double")
+
+
+def _exponent(e: Emitter, x: str) -> str:
+    bits = e.value(f"bitcast double {x} to i64")
+    biased = e.value(f"and i64 {e.value(f'lshr i64 {bits}, 52')}, 2047")
+    return e.value(f"sub i64 {biased}, 1023")
+
+
+def _mantissa(e: Emitter, x: str) -> str:
+    bits = e.value(f"bitcast double {x} to i64")
+    kept = e.value(f"or i64 {e.value(f'and i64 {bits}, {2**52 - 1}')}, {1023 << 52}")
+    return e.value(f"bitcast i64 {kept} to double")
+
+
+_BITS = {"sign": _sign, "two_to": _two_to, "exponent": _exponent, "mantissa": _mantissa}

@@ -1,0 +1,183 @@
+"""Print the turns of an `each`, as many at once as a vector holds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from lagrange.machine.llvm.emitter import literal
+from lagrange.machine.llvm.operations import spell, splat, type_of
+from lagrange.procedure.form import (
+    PARTIAL,
+    REAL,
+    WHOLE,
+    Block,
+    Declare,
+    Each,
+    Fold,
+    Let,
+    Load,
+    Part,
+    Set,
+    Store,
+    inner,
+)
+
+if TYPE_CHECKING:
+    from lagrange.machine.llvm.procedures import Printer
+
+WRITTEN_OUT = 2
+"""Up to this many vectors the turns are written out."""
+
+
+@dataclass(frozen=True)
+class Turns:
+    """Some turns of an `each` that are printed at once: from an offset on, but for those that the mask leaves out."""
+
+    each: Each
+    lanes: int
+    offset: str
+    mask: str
+
+
+class Lanes:
+    """Prints an `each`, so many turns at once."""
+
+    def __init__(self, printer: Printer, each: Each, lanes: int) -> None:
+        self.printer, self.e, self.each, self.lanes = printer, printer.e, each, lanes
+        self.stride = max(lanes, PARTIAL) if each.folds else lanes
+        """So many turns are one of the machine's loop: all partial sums have a part in it."""
+
+    def run(self) -> None:
+        """Print all turns, and define what they add up to."""
+        printer, each = self.printer, self.each
+        count = printer.values[each.count]
+        for ref in self.outside():
+            printer.spread[ref] = splat(self.e, printer.values[ref], printer.kinds[ref], self.lanes)
+        start = [
+            splat(self.e, literal(0.0 if fold.op == "add" else float("-inf")), REAL, self.lanes) for fold in each.folds
+        ]
+        sums = [[one] * (self.stride // self.lanes) for one in start]
+        known = number(count)
+        if known is None:
+            self.looped(sums, count)
+        elif -(-known // self.stride) <= WRITTEN_OUT:
+            self.rest(sums, 0, known)
+        else:
+            whole = known - known % self.stride
+            self.looped(sums, str(whole))
+            self.rest(sums, whole, known)
+        printer.turns = None
+        printer.spread.clear()
+        for fold, found in zip(each.folds, sums, strict=True):
+            printer.define(fold.ref, self.total(fold, found), REAL)
+
+    def outside(self) -> list[int]:
+        """Return the numbers of single numbers from outside that turns compute with."""
+        if self.lanes == 1:
+            return []
+        wanted: dict[int, None] = {}
+        for one in operands(self.each.body):
+            if one in self.printer.values and one in self.printer.kinds:
+                wanted[one] = None
+        return [ref for ref in wanted if self.printer.kinds[ref] is not WHOLE]
+
+    def rest(self, sums: list[list[str]], begin: int, count: int) -> None:
+        """Write out the turns from one on."""
+        for offset in range(begin, count, self.lanes):
+            inside = [k < count - offset for k in range(self.lanes)]
+            mask = "" if all(inside) else "<" + ", ".join(f"i1 {str(one).lower()}" for one in inside) + ">"
+            self.take(str(offset), mask)
+            self.collect(sums, offset, mask)
+
+    def looped(self, sums: list[list[str]], count: str) -> None:
+        """Print turns in a loop of the machine, a stride at once."""
+        e = self.e
+        flat = [(i, k) for i, found in enumerate(sums) for k in range(len(found))]
+        carried = [(type_of(REAL, self.lanes), sums[i][k]) for i, k in flat]
+        with e.carry(0, count, carried, self.stride) as loop:
+            for (i, k), value in zip(flat, loop.values, strict=True):
+                sums[i][k] = value
+            for offset in range(0, self.stride, self.lanes):
+                mask = self.mask(loop.index, count)
+                self.take(e.value(f"add nsw i64 {loop.index}, {offset}") if offset else loop.index, mask)
+                self.collect(sums, offset, mask)
+            loop.following = [sums[i][k] for i, k in flat]
+        for (i, k), value in zip(flat, loop.values, strict=True):
+            sums[i][k] = value
+
+    def mask(self, index: str, count: str) -> str:
+        """Return which turns of a vector are below a count that is known when the procedure runs."""
+        stores = not self.each.spill and any(isinstance(one, Store) for one in accesses(self.each.body))
+        if self.lanes == 1 or not count.startswith("%") or not (stores or self.each.folds):
+            return ""
+        e, kind = self.e, type_of(WHOLE, self.lanes)
+        steps = "<" + ", ".join(f"i64 {k}" for k in range(self.lanes)) + ">"
+        places = e.value(f"add nsw {kind} {splat(e, index, WHOLE, self.lanes)}, {steps}")
+        return e.value(f"icmp slt {kind} {places}, {splat(e, count, WHOLE, self.lanes)}")
+
+    def take(self, offset: str, mask: str) -> None:
+        """Print the turns from an offset on."""
+        printer = self.printer
+        printer.turns = Turns(self.each, self.lanes, offset, mask)
+        printer.define(self.each.index, offset, WHOLE, wide=self.lanes > 1)
+        outside = dict(printer.held)
+        printer.block(self.each.body)
+        printer.held = {variable: printer.held[variable] for variable in outside}
+
+    def collect(self, sums: list[list[str]], begin: int, mask: str) -> None:
+        """Add what some turns give; those that the mask leaves out give a neutral number."""
+        for fold, found in zip(self.each.folds, sums, strict=True):
+            value, kind = self.printer.operand(fold.value, self.lanes), type_of(REAL, self.lanes)
+            if mask:
+                other = splat(self.e, literal(0.0 if fold.op == "add" else float("-inf")), REAL, self.lanes)
+                value = self.e.value(f"select <{self.lanes} x i1> {mask}, {kind} {value}, {kind} {other}")
+            slot = begin // self.lanes % len(found)
+            found[slot] = spell(self.e, fold.op, (REAL, REAL), [found[slot], value], self.lanes)
+
+    def total(self, fold: Fold, found: list[str]) -> str:
+        """Return the number of all partial sums, in a fixed order."""
+        e = self.e
+        if self.lanes > 1:
+            kind = type_of(REAL, self.lanes)
+            found = [e.value(f"extractelement {kind} {found[0]}, i64 {k}") for k in range(self.lanes)]
+        halves = [spell(e, fold.op, (REAL, REAL), found[k : k + 2]) for k in (0, 2)]
+        return spell(e, fold.op, (REAL, REAL), halves)
+
+
+def accesses(block: Block) -> Iterator[Load | Store]:
+    """Yield the reads and writes of arrays in a block."""
+    for statement in block:
+        if isinstance(statement, (Load, Store)):
+            yield statement
+        for one in inner(statement):
+            yield from accesses(one)
+
+
+def roots(block: Block) -> dict[int, int]:
+    """Return the arrays that the parts made in a block are of, by the number of the part."""
+    found: dict[int, int] = {}
+    for statement in block:
+        if isinstance(statement, Part):
+            found[statement.ref] = found.get(statement.array, statement.array)
+        for one in inner(statement):
+            found |= {ref: found.get(array, array) for ref, array in roots(one).items()}
+    return found
+
+
+def operands(block: Block) -> Iterator[int]:
+    """Yield the numbers of what is computed with, stored, held or added up in a block."""
+    for statement in block:
+        match statement:
+            case Let(args=args):
+                yield from args
+            case Store(value=value) | Declare(value=value) | Set(value=value):
+                yield value
+        for one in inner(statement):
+            yield from operands(one)
+
+
+def number(value: str) -> int | None:
+    """Return a constant whole number, or None for one that is known when the procedure runs."""
+    return None if value.startswith("%") else int(value)
