@@ -286,7 +286,7 @@ class _Printer:
 
     def each(self, each: Each) -> None:
         for fold in each.folds:
-            start = [f"[0.0] * {PARTIAL}", "-inf"][fold.op == "max"]
+            start = f"[0.0] * {PARTIAL}" if fold.op == "add" else "-inf"
             self.write(f"{self.name(fold.ref)} = {start}")
         self.turns(each.index, self.text(each.count), each.body)
         self.depth += 1
@@ -302,6 +302,9 @@ class _Printer:
         name = self.text(fold.ref)
         if fold.op == "max":
             return f"{name} = _max({name}, {self.text(fold.value)})"
+        if fold.op == "most":
+            value = self.text(fold.value)
+            return f"{name} = {value} if {value} > {name} else {name}"
         return f"{name}[{index} % {PARTIAL}] += {self.text(fold.value)}"
 
 

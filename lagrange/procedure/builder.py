@@ -261,7 +261,7 @@ class Builder:
         self.add(Repeat(tuple(asked), condition, tuple(body)))
 
     @contextmanager
-    def each(self, count: Any, *, width: int = PARTIAL, spill: bool = False) -> Iterator[Whole]:
+    def each(self, count: Any, *, width: int = PARTIAL, spill: bool = False, unrolled: bool = False) -> Iterator[Whole]:
         """Run the body for each index below `count`, in any order; `sum` and `largest` may stand in it. See `Each`."""
         number = self.operand(count, WHOLE)
         index, outside, self._folds = self._fresh(), self._folds, []
@@ -269,16 +269,16 @@ class Builder:
             raise LagrangeError(f"procedure {self.name}: an `each` stands in another.")
         with self.block() as body:
             yield Whole(self, index)
-        self.add(Each(index, number, tuple(body), tuple(self._folds), width, spill))
+        self.add(Each(index, number, tuple(body), tuple(self._folds), width, spill, unrolled))
         self._folds = None
 
     def sum(self, value: Real) -> Folded:
         """Return the sum of a value over the turns of the `each` around it; see `Fold`."""
         return self._fold("add", value)
 
-    def largest(self, value: Real) -> Folded:
-        """Return the largest value over the turns of the `each` around it."""
-        return self._fold("max", value)
+    def largest(self, value: Real, *, numbers: bool = False) -> Folded:
+        """Return the largest value over the turns of the `each` around it; of the `numbers` alone, or NaN if any is."""
+        return self._fold("most" if numbers else "max", value)
 
     def _fold(self, op: str, value: Real) -> Folded:
         if self._folds is None:

@@ -264,7 +264,9 @@ PARTIAL = 4
 
 @dataclass(frozen=True)
 class Fold:
-    """One number of the values that the turns of an `Each` give: their sum, or the largest, NaN if any is.
+    """One number of the values that the turns of an `Each` give, by `add`, `max` or `most`.
+
+    The largest is NaN if any value is, but with `most`, which leaves out what is NaN. Without turns it is -infinity.
 
     A sum adds value i to partial sum i mod 4, and in the end partial sums 0 and 1, 2 and 3, and both: so it is the same
     with blocks of four and without.
@@ -282,7 +284,7 @@ class Each:
     Arrays are read and written at the index itself, or read at a place that no turn writes. Turns have variables
     of their own and loops with as many turns for each; nothing is called or decided inside. A printer may take up to
     `width` turns at a time, four where something is added up. What an array has beyond `count` is left as it is, but
-    with `spill`, or beyond its size.
+    with `spill`, or beyond its size. With `unrolled` all turns are written out, which pays where there are few.
     """
 
     index: int
@@ -291,6 +293,7 @@ class Each:
     folds: tuple[Fold, ...] = ()
     width: int = PARTIAL
     spill: bool = False
+    unrolled: bool = False
 
 
 @dataclass(frozen=True)

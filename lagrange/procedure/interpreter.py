@@ -158,10 +158,10 @@ def _each(each: Each, known: Environment) -> None:
 
 
 def _folded(fold: Fold, values: Sequence[float]) -> float:
-    if fold.op == "max":
+    if fold.op != "add":
         largest = -math.inf
         for value in values:
-            largest = _max(largest, value)
+            largest = _max(largest, value) if fold.op == "max" else value if value > largest else largest
         return largest
     sums = [0.0] * PARTIAL
     for i, value in enumerate(values):

@@ -59,6 +59,8 @@ class _Check:
         self.numbers: set[int] = set()
         self.each: int | None = None
         self.constants: set[int] = set()
+        self.places: set[int] = set()
+        """What turns of an `each` make of their index: to be compared, and no place of an array."""
         self.own: set[int] = set()
         """The variables that turns of the present `each` have declared."""
 
@@ -150,8 +152,8 @@ class _Check:
         return False
 
     def let(self, let: Let) -> None:
-        if self.each is not None and self.each in let.args:
-            raise self.error("a turn of an `each` computes with its index")
+        if self.each is not None and any(arg == self.each or arg in self.places for arg in let.args):
+            self.places.add(let.ref)
         if let.op == CONSTANT:
             good = isinstance(let.data, {REAL: float, WHOLE: int, FLAG: bool}[let.kind]) and not let.args
             found = let.kind if good and isinstance(let.data, bool) == (let.kind is FLAG) else None
@@ -185,6 +187,8 @@ class _Check:
 
     def place(self, array: int, index: int, kind: Kind) -> None:
         self.kind(index, WHOLE)
+        if index in self.places:
+            raise self.error("a turn of an `each` reads or writes at a place made of its index")
         if self.array(array).kind is not kind:
             raise self.error(f"%{array} holds no {kind}")
 

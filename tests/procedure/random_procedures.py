@@ -126,9 +126,9 @@ class RandomProcedure:
             with p.loop(0, self.random.randint(0, 3)) as j:
                 inside.value = inside.value * 0.5 + self.table[j]
             self.data[i] = p.choose(value < outside, inside.value, -value)
-            total, largest = p.sum(value), p.largest(abs(value))
-        self.keep(total.value)
-        self.keep(largest.value)
+            folded = [p.sum(value), p.largest(abs(value)), p.largest(value, numbers=True)]
+        for one in folded:
+            self.keep(one.value)
 
     def while_small(self, depth: int) -> None:
         p, counted = self.p, self.p.variable(0)

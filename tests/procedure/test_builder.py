@@ -181,7 +181,7 @@ def loop_without_end(p: Builder) -> None:
         (set_in_a_turn, "sets a variable from outside"),
         (decided_in_a_turn, "has a When"),
         (stored_elsewhere, "stores at another place than its own"),
-        (place_of_a_turn, "computes with its index"),
+        (place_of_a_turn, "at a place made of its index"),
         (sum_without_room, "has no room for a whole block"),
         (sum_outside, "outside of `each`"),
         (turn_in_a_turn, "an `each` stands in another"),

@@ -151,6 +151,8 @@ class Printer:
 
     def operand(self, ref: int, lanes: int) -> str:
         """Return a value with so many entries, spread out if it is a single number."""
+        if self.turns is not None and ref == self.turns.each.index:
+            return self.turns.places
         if lanes == 1 or ref in self.wide:
             return self.values[ref]
         return self.spread.get(ref) or splat(self.e, self.values[ref], self.kinds[ref], lanes)

@@ -6,9 +6,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from lagrange.machine.llvm.emitter import literal
+from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.operations import spell, splat, type_of
 from lagrange.procedure.form import (
+    FLAG,
     PARTIAL,
     REAL,
     WHOLE,
@@ -39,6 +40,8 @@ class Turns:
     lanes: int
     offset: str
     mask: str
+    places: str
+    """The indices of the turns, as an operand."""
 
 
 class Lanes:
@@ -62,7 +65,7 @@ class Lanes:
         known = number(count)
         if known is None:
             self.looped(sums, count)
-        elif -(-known // self.stride) <= WRITTEN_OUT:
+        elif self.each.unrolled or -(-known // self.stride) <= WRITTEN_OUT:
             self.rest(sums, 0, known)
         else:
             whole = known - known % self.stride
@@ -81,7 +84,7 @@ class Lanes:
         for one in operands(self.each.body):
             if one in self.printer.values and one in self.printer.kinds:
                 wanted[one] = None
-        return [ref for ref in wanted if self.printer.kinds[ref] is not WHOLE]
+        return list(wanted)
 
     def rest(self, sums: list[list[str]], begin: int, count: int) -> None:
         """Write out the turns from one on."""
@@ -113,14 +116,22 @@ class Lanes:
         if self.lanes == 1 or not count.startswith("%") or not (stores or self.each.folds):
             return ""
         e, kind = self.e, type_of(WHOLE, self.lanes)
+        return e.value(f"icmp slt {kind} {self.places(index)}, {splat(e, count, WHOLE, self.lanes)}")
+
+    def places(self, offset: str) -> str:
+        """Return the indices of the turns from an offset on."""
+        if self.lanes == 1:
+            return offset
+        if not offset.startswith("%"):
+            return "<" + ", ".join(f"i64 {int(offset) + k}" for k in range(self.lanes)) + ">"
         steps = "<" + ", ".join(f"i64 {k}" for k in range(self.lanes)) + ">"
-        places = e.value(f"add nsw {kind} {splat(e, index, WHOLE, self.lanes)}, {steps}")
-        return e.value(f"icmp slt {kind} {places}, {splat(e, count, WHOLE, self.lanes)}")
+        kind = type_of(WHOLE, self.lanes)
+        return self.e.value(f"add nsw {kind} {splat(self.e, offset, WHOLE, self.lanes)}, {steps}")
 
     def take(self, offset: str, mask: str) -> None:
         """Print the turns from an offset on."""
         printer = self.printer
-        printer.turns = Turns(self.each, self.lanes, offset, mask)
+        printer.turns = Turns(self.each, self.lanes, offset, mask, self.places(offset))
         printer.define(self.each.index, offset, WHOLE, wide=self.lanes > 1)
         outside = dict(printer.held)
         printer.block(self.each.body)
@@ -134,7 +145,7 @@ class Lanes:
                 other = splat(self.e, literal(0.0 if fold.op == "add" else float("-inf")), REAL, self.lanes)
                 value = self.e.value(f"select <{self.lanes} x i1> {mask}, {kind} {value}, {kind} {other}")
             slot = begin // self.lanes % len(found)
-            found[slot] = spell(self.e, fold.op, (REAL, REAL), [found[slot], value], self.lanes)
+            found[slot] = joined(self.e, fold.op, found[slot], value, self.lanes)
 
     def total(self, fold: Fold, found: list[str]) -> str:
         """Return the number of all partial sums, in a fixed order."""
@@ -142,8 +153,16 @@ class Lanes:
         if self.lanes > 1:
             kind = type_of(REAL, self.lanes)
             found = [e.value(f"extractelement {kind} {found[0]}, i64 {k}") for k in range(self.lanes)]
-        halves = [spell(e, fold.op, (REAL, REAL), found[k : k + 2]) for k in (0, 2)]
-        return spell(e, fold.op, (REAL, REAL), halves)
+        left, right = (joined(e, fold.op, found[k], found[k + 1]) for k in (0, 2))
+        return joined(e, fold.op, left, right)
+
+
+def joined(e: Emitter, op: str, total: str, value: str, lanes: int = 1) -> str:
+    """Print one more value of a fold."""
+    if op != "most":
+        return spell(e, op, (REAL, REAL), [total, value], lanes)
+    larger = spell(e, "less", (REAL, REAL), [total, value], lanes)
+    return spell(e, "select", (FLAG, REAL, REAL), [larger, value, total], lanes)
 
 
 def accesses(block: Block) -> Iterator[Load | Store]:
