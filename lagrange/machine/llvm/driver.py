@@ -27,23 +27,12 @@ from lagrange.machine.llvm.loops import adaptive_loop, fixed_loop
 from lagrange.machine.llvm.memory import address, workspace
 from lagrange.machine.llvm.newton import newton_functions
 from lagrange.machine.llvm.newton_matrix import inversion_functions, kept, renew_functions
+from lagrange.machine.llvm.operations import declarations
+from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA
 from lagrange.machine.llvm.step import either_function, record_function, step_function
-from lagrange.machine.llvm.vectors import BLOCK, KIND, Layout
+from lagrange.machine.llvm.vectors import Layout
 from lagrange.machine.newton import Kept
 from lagrange.program.step import StepProgram
-
-DECLARED = f"""
-declare double @llvm.fabs.f64(double)
-declare double @llvm.sqrt.f64(double)
-declare double @llvm.maximum.f64(double, double)
-declare double @llvm.minimum.f64(double, double)
-declare double @llvm.fma.f64(double, double, double)
-declare {KIND} @llvm.fma.v{BLOCK}f64({KIND}, {KIND}, {KIND})
-declare {KIND} @llvm.fabs.v{BLOCK}f64({KIND})
-declare {KIND} @llvm.maximum.v{BLOCK}f64({KIND}, {KIND})
-declare double @pow(double, double)
-"""
-"""What the functions of a driver call from elsewhere."""
 
 
 class LlvmDriver:
@@ -111,7 +100,7 @@ def driver_ir(step: StepProgram, dimension: int) -> str:
     """Return the IR of the driver of a step for states of that dimension."""
     layout = Layout(step, dimension)
     loop = adaptive_loop if step.control else fixed_loop
-    parts = [DECLARED, *_step_functions(layout), record_function(layout)]
+    parts = [declarations(), METADATA, ATTRIBUTES, *_step_functions(layout), record_function(layout)]
     parts += inversion_functions(layout)
     if step.starter is not None:
         parts += [*_step_functions(layout.starting, "starter_"), either_function(layout)]

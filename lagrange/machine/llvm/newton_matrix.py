@@ -16,7 +16,7 @@ from lagrange.machine.backend import FloatArray
 from lagrange.machine.driver import Outcome
 from lagrange.machine.llvm.calls import LAW, RECORDS, leave_if, place_arguments
 from lagrange.machine.llvm.emitter import Emitter, literal
-from lagrange.machine.llvm.pivoting import inversion_function
+from lagrange.machine.llvm.procedures import function
 from lagrange.machine.llvm.vectors import (
     KIND,
     Layout,
@@ -30,6 +30,7 @@ from lagrange.machine.llvm.vectors import (
     unit_block,
 )
 from lagrange.machine.newton import LEAST_ROUND_OFF, ROUND_OFF, Kept
+from lagrange.procedure.linear.gauss_jordan import inversion
 from lagrange.program.actions import LAWS, Call, Combination, Solve
 
 
@@ -43,7 +44,7 @@ def inversion_functions(layout: Layout) -> list[str]:
     orders = {newton.unknowns: None for newton in layout.solves}
     orders |= {newton.length: None for newton in layout.solves if newton.damped or layout.step.law == "momentum"}
     orders |= {newton.unknowns: None for newton in layout.starting.solves}
-    return [inversion_function(order) for order in orders]
+    return [function(inversion(order), hidden=True) for order in orders]
 
 
 def _renew(layout: Layout, newton: Newton, prefix: str) -> str:
@@ -62,7 +63,7 @@ def _renew(layout: Layout, newton: Newton, prefix: str) -> str:
     singular = _invert(e, newton, newton.unknowns)
     _spread(e, newton)
     if step.law == "momentum":
-        with e.when(e.value(f"icmp ne i32 {singular}, 0")):
+        with e.when(singular):
             _blame_mass(e, layout, newton)
     for i, damp in enumerate(newton.damped):
         _damper(e, layout, newton, scalars.names[damp.factor], newton.dampers + i * newton.length * newton.width)
@@ -202,7 +203,7 @@ def _damper(e: Emitter, layout: Layout, newton: Newton, factor: str, target: int
 
 def _invert(e: Emitter, newton: Newton, order: int) -> str:
     places = [e.address("%work", place) for place in (newton.matrix, newton.pivots)]
-    return e.value(f"call i32 @invert{order}(ptr {places[0]}, ptr {places[1]})")
+    return e.value(f"call i1 @invert{order}(ptr {places[0]}, ptr {places[1]})")
 
 
 def _blame_mass(e: Emitter, layout: Layout, newton: Newton) -> None:
@@ -211,7 +212,7 @@ def _blame_mass(e: Emitter, layout: Layout, newton: Newton) -> None:
     with e.loop(0, newton.length) as a, e.loop(0, newton.length) as b:
         at = _index(e, (e.value(f"add nsw i64 {b}, {newton.length}"), None), (a, layout.dimension))
         e.put(e.get(derivative, at), matrix, _index(e, (a, None), (b, newton.width)))
-    leave_if(e, e.value(f"icmp ne i32 {_invert(e, newton, newton.length)}, 0"), Outcome.SINGULAR)
+    leave_if(e, _invert(e, newton, newton.length), Outcome.SINGULAR)
 
 
 def _spread(e: Emitter, newton: Newton) -> None:

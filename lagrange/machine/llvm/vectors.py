@@ -97,7 +97,7 @@ class Newton:
         self.derivative = self.dampers + len(damped) * length * self.width
         self.matrix = -(-(self.derivative + dimension * dimension) // BLOCK) * BLOCK
         self.pivots = self.matrix + self.unknowns * self.stride
-        self.end = self.pivots + 4 * self.stride
+        self.end = self.pivots + 3 * self.stride
 
     def damper(self, damp: Damp) -> int:
         """Return the offset of the matrix that damps."""

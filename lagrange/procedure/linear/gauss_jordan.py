@@ -97,13 +97,13 @@ class _Inversion:
                 row.value = p.choose(larger, i, row.value)
             return p.whole(row.value)
         found: list[tuple[Real, Whole]] = []
-        for i in range(self.n):
-            size = abs(self.row(i)[k]) * self.units[i]
-            candidate = (size >= 0.0) & (k <= i)
-            found.append((p.choose(candidate, size, -1.0), p.whole(i)))
+        for place in range(self.n):
+            size = abs(self.row(place)[k]) * self.units[place]
+            candidate = (size >= 0.0) & (k <= place)
+            found.append((p.choose(candidate, size, -1.0), p.whole(place)))
         while len(found) > 1:
-            pairs = zip(found[::2], found[1::2], strict=False)
-            found = [self.better(a, b) for a, b in pairs] + ([found[-1]] if len(found) % 2 else [])
+            pairs = [self.better(a, b) for a, b in zip(found[::2], found[1::2], strict=False)]
+            found = [*pairs, found[-1]] if len(found) % 2 else pairs
         return p.whole(p.choose(found[0][0] >= 0.0, found[0][1], k))
 
     def better(self, a: tuple[Real, Whole], b: tuple[Real, Whole]) -> tuple[Real, Whole]:
