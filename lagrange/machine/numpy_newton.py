@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -38,7 +39,8 @@ from lagrange.machine.newton import (
     TURNS,
     Kept,
 )
-from lagrange.procedure.linear.dense import PIVOT
+from lagrange.machine.python_source import loaded
+from lagrange.procedure.linear.gauss_jordan import inversion, row_stride
 from lagrange.program.actions import LAWS, Call, Combination, Damp, Solve, in_doubles, parts
 from lagrange.program.program import Program
 from lagrange.program.step import StepProgram
@@ -368,18 +370,15 @@ class Newton:
 
 
 def inverse(matrix: FloatArray) -> tuple[FloatArray, bool]:
-    """Return the inverse, with rows and columns measured in units of their own, and whether it is singular."""
-    sizes = abs(matrix)
-    if not np.isfinite(sizes).all():
-        return np.full_like(matrix, np.nan), False
-    columns = np.ones(len(matrix))
-    rows = 1 / (sizes * columns).max(axis=1)
-    columns = 1 / (rows[:, None] * sizes).max(axis=0)
-    rows = 1 / (sizes * columns).max(axis=1)
-    scaled = rows[:, None] * matrix * columns
-    try:
-        found = np.linalg.inv(scaled)
-    except np.linalg.LinAlgError:
-        return np.full_like(matrix, np.nan), True
-    bad = not 1 / (np.abs(found).max() * len(matrix)) > PIVOT
-    return columns[:, None] * found * rows, bad
+    """Return the inverse by the procedure that machine code runs, and whether the matrix is singular."""
+    n = len(matrix)
+    rows = np.zeros((n, row_stride(n)))
+    rows[:, :n] = matrix
+    entries = rows.ravel().tolist()
+    singular = _inversion(n)(entries, [0.0] * (3 * row_stride(n)))
+    return np.array(entries).reshape(rows.shape)[:, :n], singular
+
+
+@cache
+def _inversion(n: int) -> Callable[[list[float], list[float]], bool]:
+    return loaded(inversion(n))
