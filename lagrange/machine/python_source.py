@@ -229,9 +229,9 @@ class _Printer:
 
     def memory(self, statement: Load | Store | Read | Write) -> None:
         match statement:
-            case Load(ref=ref, array=array, index=index):
+            case Load(ref=ref, array=array, place=index):
                 self.made(ref, ATOM, f"{self.text(array)}[{self.text(index)}]")
-            case Store(array=array, index=index, value=value):
+            case Store(array=array, place=index, value=value):
                 self.write(f"{self.text(array)}[{self.text(index)}] = {self.text(value)}")
             case Read(ref=ref, record=record, field=field):
                 self.made(ref, ATOM, f"{self.text(record)}.{field}")
@@ -252,7 +252,7 @@ class _Printer:
                 if otherwise:
                     self.write("else:")
                     self.inside(otherwise)
-            case Loop(index=index, start=start, stop=stop, step=step, body=body):
+            case Loop(place=index, start=start, stop=stop, step=step, body=body):
                 places = [self.text(start), self.text(stop), *([str(step)] if step != 1 else [])]
                 shown = places if places[0] != "0" or step != 1 else places[1:]
                 self.turns(index, ", ".join(shown), body)
@@ -288,10 +288,10 @@ class _Printer:
         for fold in each.folds:
             start = f"[0.0] * {PARTIAL}" if fold.op == "add" else "-inf"
             self.write(f"{self.name(fold.ref)} = {start}")
-        self.turns(each.index, self.text(each.count), each.body)
+        self.turns(each.place, self.text(each.turns), each.body)
         self.depth += 1
         for fold in each.folds:
-            self.write(self.folded(fold, self.text(each.index)))
+            self.write(self.folded(fold, self.text(each.place)))
         self.depth -= 1
         for fold in each.folds:
             name = self.text(fold.ref)
@@ -327,15 +327,15 @@ def _uses(block: Block) -> dict[int, int]:
         match statement:
             case Let(args=args) | Call(args=args) | Leave(values=args):
                 use(args)
-            case Part(start=one) | Load(index=one) | Write(value=one) | Declare(value=one) | Set(value=one):
+            case Part(start=one) | Load(place=one) | Write(value=one) | Declare(value=one) | Set(value=one):
                 use([one])
-            case Store(index=index, value=value):
+            case Store(place=index, value=value):
                 use([index, value])
             case When(condition=one):
                 use([one])
             case Loop(start=start, stop=stop):
                 use([start, stop])
-            case Each(count=count, folds=folds):
+            case Each(turns=count, folds=folds):
                 use([count, *(fold.value for fold in folds)])
             case Repeat(condition=condition):
                 use([condition])

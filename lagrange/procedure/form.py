@@ -16,7 +16,7 @@ import enum
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 
 class Kind(enum.StrEnum):
@@ -127,8 +127,7 @@ class Callee:
 Type = Kind | Array | Record | Callee
 
 
-@dataclass(frozen=True)
-class Parameter:
+class Parameter(NamedTuple):
     """A named argument; `ref` is its number."""
 
     ref: int
@@ -136,8 +135,7 @@ class Parameter:
     type: Type
 
 
-@dataclass(frozen=True)
-class Let:
+class Let(NamedTuple):
     """A value by an operation on earlier ones. It has a `name` where the algorithm gives it one."""
 
     ref: int
@@ -147,16 +145,14 @@ class Let:
     data: float | int | bool | None = None
 
 
-@dataclass(frozen=True)
-class Reserve:
+class Reserve(NamedTuple):
     """An array of the procedure's own, with undefined values, for the time of a call."""
 
     ref: int
     array: Array
 
 
-@dataclass(frozen=True)
-class Part:
+class Part(NamedTuple):
     """An array from one of its places on."""
 
     ref: int
@@ -164,27 +160,24 @@ class Part:
     start: int
 
 
-@dataclass(frozen=True)
-class Load:
+class Load(NamedTuple):
     """A value of an array."""
 
     ref: int
     kind: Kind
     array: int
-    index: int
+    place: int
 
 
-@dataclass(frozen=True)
-class Store:
+class Store(NamedTuple):
     """A value put into an array."""
 
     array: int
-    index: int
+    place: int
     value: int
 
 
-@dataclass(frozen=True)
-class Read:
+class Read(NamedTuple):
     """A field of a record."""
 
     ref: int
@@ -193,8 +186,7 @@ class Read:
     field: str
 
 
-@dataclass(frozen=True)
-class Write:
+class Write(NamedTuple):
     """A value put into a field of a record."""
 
     record: int
@@ -202,8 +194,7 @@ class Write:
     value: int
 
 
-@dataclass(frozen=True)
-class Declare:
+class Declare(NamedTuple):
     """A variable of the procedure with its first value."""
 
     ref: int
@@ -211,8 +202,7 @@ class Declare:
     value: int
 
 
-@dataclass(frozen=True)
-class Get:
+class Get(NamedTuple):
     """The present value of a variable."""
 
     ref: int
@@ -220,16 +210,14 @@ class Get:
     variable: int
 
 
-@dataclass(frozen=True)
-class Set:
+class Set(NamedTuple):
     """Another value for a variable."""
 
     variable: int
     value: int
 
 
-@dataclass(frozen=True)
-class When:
+class When(NamedTuple):
     """Statements under a condition, and others where it does not hold; `likely` is what a back end may assume."""
 
     condition: int
@@ -238,19 +226,17 @@ class When:
     likely: bool | None = None
 
 
-@dataclass(frozen=True)
-class Loop:
-    """Statements for an index from `start` while below `stop`."""
+class Loop(NamedTuple):
+    """Statements for a place from `start` while below `stop`."""
 
-    index: int
+    place: int
     start: int
     stop: int
     step: int
     body: Block
 
 
-@dataclass(frozen=True)
-class Repeat:
+class Repeat(NamedTuple):
     """Statements as long as a condition, computed before each turn, holds."""
 
     test: Block
@@ -262,8 +248,7 @@ PARTIAL = 4
 """How many partial sums a `Fold` has."""
 
 
-@dataclass(frozen=True)
-class Fold:
+class Fold(NamedTuple):
     """One number of the values that the turns of an `Each` give, by `add`, `max` or `most`.
 
     The largest is NaN if any value is, but with `most`, which leaves out what is NaN. Without turns it is -infinity.
@@ -277,18 +262,17 @@ class Fold:
     value: int
 
 
-@dataclass(frozen=True)
-class Each:
-    """Statements for each index from 0 to `count`, in any order or at once.
+class Each(NamedTuple):
+    """Statements for each place from 0 to `turns`, in any order or at once.
 
-    Arrays are read and written at the index itself, or read at a place that no turn writes. Turns have variables
+    Arrays are read and written at the place itself, or read at a place that no turn writes. Turns have variables
     of their own and loops with as many turns for each; nothing is called or decided inside. A printer may take up to
-    `width` turns at a time, four where something is added up. What an array has beyond `count` is left as it is, but
+    `width` turns at a time, four where something is added up. What an array has beyond `turns` is left as it is, but
     with `spill`, or beyond its size. With `unrolled` all turns are written out, which pays where there are few.
     """
 
-    index: int
-    count: int
+    place: int
+    turns: int
     body: Block
     folds: tuple[Fold, ...] = ()
     width: int = PARTIAL
@@ -296,8 +280,7 @@ class Each:
     unrolled: bool = False
 
 
-@dataclass(frozen=True)
-class Call:
+class Call(NamedTuple):
     """Results of another procedure, or of a function that this one was given, by its number."""
 
     refs: tuple[int, ...]
@@ -305,15 +288,13 @@ class Call:
     args: tuple[int, ...]
 
 
-@dataclass(frozen=True)
-class Leave:
+class Leave(NamedTuple):
     """The end of the procedure, with its results."""
 
     values: tuple[int, ...]
 
 
-@dataclass(frozen=True)
-class Note:
+class Note(NamedTuple):
     """A comment that printers keep."""
 
     text: str

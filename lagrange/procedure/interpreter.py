@@ -95,12 +95,12 @@ def _part(part: Part, known: Environment) -> None:
 
 
 def _load(load: Load, known: Environment) -> None:
-    value = known[load.array][known[load.index]]
+    value = known[load.array][known[load.place]]
     known[load.ref] = float(value) if load.kind is REAL else int(value)
 
 
 def _store(store: Store, known: Environment) -> None:
-    known[store.array][known[store.index]] = known[store.value]
+    known[store.array][known[store.place]] = known[store.value]
 
 
 def _read(read: Read, known: Environment) -> None:
@@ -129,7 +129,7 @@ def _when(when: When, known: Environment) -> Results | None:
 
 def _loop(loop: Loop, known: Environment) -> Results | None:
     for index in range(known[loop.start], known[loop.stop], loop.step):
-        known[loop.index] = index
+        known[loop.place] = index
         found = _block(loop.body, known)
         if found is not None:
             return found
@@ -148,8 +148,8 @@ def _repeat(repeat: Repeat, known: Environment) -> Results | None:
 
 def _each(each: Each, known: Environment) -> None:
     values: list[list[float]] = [[] for _ in each.folds]
-    for index in range(known[each.count]):
-        known[each.index] = index
+    for index in range(known[each.turns]):
+        known[each.place] = index
         _block(each.body, known)
         for fold, collected in zip(each.folds, values, strict=True):
             collected.append(known[fold.value])

@@ -168,10 +168,10 @@ class _Check:
 
     def memory(self, statement: Load | Store | Read | Write) -> None:
         match statement:
-            case Load(ref=ref, kind=kind, array=array, index=index):
+            case Load(ref=ref, kind=kind, array=array, place=index):
                 self.place(array, index, kind)
                 self.define(ref, kind)
-            case Store(array=array, index=index, value=value):
+            case Store(array=array, place=index, value=value):
                 if self.each is not None and index != self.each:
                     raise self.error("a turn of an `each` stores at another place than its own")
                 if self.array(array).read:
@@ -240,7 +240,7 @@ class _Check:
             case When(condition=condition, then=then, otherwise=otherwise):
                 self.kind(condition, FLAG)
                 return self.block(then) & self.block(otherwise)
-            case Loop(index=index, start=start, stop=stop, step=step, body=body):
+            case Loop(place=index, start=start, stop=stop, step=step, body=body):
                 self.kinds((start, stop), (WHOLE, WHOLE), "a loop")
                 if step <= 0:
                     raise self.error("a loop has a step that is not above zero")
@@ -251,7 +251,7 @@ class _Check:
                         raise self.error("the test of a loop ends the procedure")
                     self.kind(condition, FLAG)
                 self.block(body)
-            case Each(index=index, count=count, body=body, folds=folds):
+            case Each(place=index, turns=count, body=body, folds=folds):
                 self.kind(count, WHOLE)
                 self.define(index, WHOLE)
                 self.each = index
@@ -270,7 +270,7 @@ class _Check:
     def has_room(self, index: int, body: Block) -> None:
         """Refuse a sum of as many turns as the run decides over arrays that end with the last of them."""
         for one in body:
-            if isinstance(one, (Load, Store)) and one.index == index and self.array(one.array).room < PARTIAL:
+            if isinstance(one, (Load, Store)) and one.place == index and self.array(one.array).room < PARTIAL:
                 raise self.error(f"the array %{one.array} of a sum has no room for a whole block behind its end")
 
     def turns(self, index: int, body: Block) -> None:

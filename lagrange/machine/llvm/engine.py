@@ -12,8 +12,9 @@ import llvmlite.binding as llvm
 
 from lagrange.machine.llvm.procedures import module
 from lagrange.machine.llvm.spelling import LIBRARY, c_name
-from lagrange.procedure.linear.dense import FACTOR_DENSE, INVERT_DENSE, SOLVE_FACTORED, SOLVE_LANES
-from lagrange.procedure.linear.inverse import INVERT
+from lagrange.procedure.form import Procedure
+from lagrange.procedure.linear.dense import factor_dense, invert_dense, solve_factored, solve_lanes
+from lagrange.procedure.linear.inverse import invert
 from lagrange.program.program import ARITY
 
 _LOADING = threading.Lock()
@@ -24,8 +25,9 @@ links (23,000 operations) then takes 1.2 s in place of 5.3 and runs 1.3 times as
 scene comes near it."""
 
 
-LINEAR_SOLVER = (FACTOR_DENSE, SOLVE_FACTORED, SOLVE_LANES, INVERT_DENSE)
-"""What models call of the solver of dense systems, compiled once per process."""
+def dense_solver() -> tuple[Procedure, ...]:
+    """Return what models call of the solver of dense systems, which is compiled once per process."""
+    return factor_dense(), solve_factored(), solve_lanes(), invert_dense()
 
 
 class Module:
@@ -92,8 +94,8 @@ def linear_solver(*, often: bool) -> None:
 @cache
 def _linear_solver(often: bool) -> Module:
     start()
-    made = Module(module(LINEAR_SOLVER), optimize=often, hurry=not often)
-    for procedure in LINEAR_SOLVER:
+    made = Module(module(dense_solver()), optimize=often, hurry=not often)
+    for procedure in dense_solver():
         llvm.add_symbol(procedure.name, made.address(procedure.name))
     return made
 
@@ -107,8 +109,8 @@ def inversion() -> Module:
 
 @cache
 def _inversion() -> Module:
-    made = Module(module([INVERT], elsewhere=LINEAR_SOLVER))
-    llvm.add_symbol(INVERT.name, made.address(INVERT.name))
+    made = Module(module([invert()], elsewhere=dense_solver()))
+    llvm.add_symbol(invert().name, made.address(invert().name))
     return made
 
 

@@ -151,7 +151,7 @@ class Printer:
 
     def operand(self, ref: int, lanes: int) -> str:
         """Return a value with so many entries, spread out if it is a single number."""
-        if self.turns is not None and ref == self.turns.each.index:
+        if self.turns is not None and ref == self.turns.each.place:
             return self.turns.places
         if lanes == 1 or ref in self.wide:
             return self.values[ref]
@@ -204,7 +204,7 @@ class Printer:
         """Print what is read or written."""
         e = self.e
         match statement:
-            case Load(ref=ref, kind=kind, array=array, index=index):
+            case Load(ref=ref, kind=kind, array=array, place=index):
                 lanes = self.lanes(index)
                 made = e.load(e.address(self.values[array], self.values[index], KINDS[kind]), type_of(kind, lanes))
                 self.define(ref, made, kind, wide=lanes > 1)
@@ -221,10 +221,10 @@ class Printer:
 
     def store(self, store: Store) -> None:
         """Store a number, or those of some turns, but for what the array has behind the last of them."""
-        e, lanes, array = self.e, self.lanes(store.index), self.array(store.array)
-        place = e.address(self.values[store.array], self.values[store.index], KINDS[array.kind])
+        e, lanes, array = self.e, self.lanes(store.place), self.array(store.array)
+        place = e.address(self.values[store.array], self.values[store.place], KINDS[array.kind])
         value, kind, turns = self.operand(store.value, lanes), type_of(array.kind, lanes), self.turns
-        count = None if turns is None else number(self.values[turns.each.count])
+        count = None if turns is None else number(self.values[turns.each.turns])
         if turns is None or not turns.mask or turns.each.spill or (count is not None and array.size == count):
             e.store(value, place, kind)
             return
@@ -285,7 +285,7 @@ class Printer:
         match statement:
             case When():
                 self.when(statement)
-            case Loop(index=index, start=start, stop=stop, step=step, body=body):
+            case Loop(place=index, start=start, stop=stop, step=step, body=body):
                 with self.repeated(body, index, self.values[start], step) as name:
                     self.define(index, f"%{name}.i", WHOLE)
                     test = self.e.value(f"icmp slt i64 %{name}.i, {self.values[stop]}")
@@ -367,7 +367,7 @@ class Printer:
         width = PARTIAL if each.folds else each.width
         whole = roots(each.body)
         through = [
-            self.array(whole.get(one.array, one.array)) for one in accesses(each.body) if one.index == each.index
+            self.array(whole.get(one.array, one.array)) for one in accesses(each.body) if one.place == each.place
         ]
         room = all(array.kind is REAL and array.room >= width for array in through)
         Lanes(self, each, width if room else 1).run()

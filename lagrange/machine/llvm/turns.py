@@ -55,7 +55,7 @@ class Lanes:
     def run(self) -> None:
         """Print all turns, and define what they add up to."""
         printer, each = self.printer, self.each
-        count = printer.values[each.count]
+        count = printer.values[each.turns]
         for ref in self.outside():
             printer.spread[ref] = splat(self.e, printer.values[ref], printer.kinds[ref], self.lanes)
         start = [
@@ -132,7 +132,7 @@ class Lanes:
         """Print the turns from an offset on."""
         printer = self.printer
         printer.turns = Turns(self.each, self.lanes, offset, mask, self.places(offset))
-        printer.define(self.each.index, offset, WHOLE, wide=self.lanes > 1)
+        printer.define(self.each.place, offset, WHOLE, wide=self.lanes > 1)
         outside = dict(printer.held)
         printer.block(self.each.body)
         printer.held = {variable: printer.held[variable] for variable in outside}

@@ -12,6 +12,8 @@ L D L^T, where columns hold L below the diagonal, and 1 for L U, where the secon
 
 from __future__ import annotations
 
+from functools import cache
+
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, WHOLE, Procedure
 from lagrange.procedure.values import Memory, Whole
@@ -32,7 +34,9 @@ def _parts(factors: Memory, n: Whole) -> tuple[Memory, Memory, Memory]:
     return factors.at(1), factors.at(n + 1), factors.at(2 * n + 1)
 
 
-def _factor_symmetric() -> Procedure:
+@cache
+def factor_symmetric() -> Procedure:
+    """Return L D L^T of a matrix, which says whether every pivot can be trusted."""
     p = Builder("factor_symmetric", "Factor A = L D L^T by columns, and say whether every pivot can be trusted.")
     n = p.given("n", WHOLE)
     a, factors = p.array("a", read=True), p.array("factors")
@@ -58,7 +62,9 @@ def _factor_symmetric() -> Procedure:
     return p.finish(FLAG)
 
 
-def _factor_pivoted() -> Procedure:
+@cache
+def factor_pivoted() -> Procedure:
+    """Return P A = L U of a matrix, which says whether it is singular."""
     p = Builder("factor_pivoted", "Factor P A = L U with scaled pivots, and say whether A is singular to round-off.")
     n = p.given("n", WHOLE)
     a, factors = p.array("a", read=True), p.array("factors")
@@ -107,20 +113,24 @@ def _exchange(p: Builder, n: Whole, j: Whole, scales: Memory, permutation: Memor
         columns[k * n + j], columns[k * n + chosen] = columns[k * n + chosen], columns[k * n + j]
 
 
-def _factor_dense() -> Procedure:
+@cache
+def factor_dense() -> Procedure:
+    """Return the factorization of a symmetric matrix by either."""
     p = Builder("factor_dense", "Factor a symmetric matrix, and say whether it is singular to round-off.")
     n = p.given("n", WHOLE)
     a, factors = p.array("a", read=True), p.array("factors")
-    trusted = p.call(FACTOR_SYMMETRIC, n, a, factors)
+    trusted = p.call(factor_symmetric(), n, a, factors)
     factors[0] = 0.0
     with p.when(trusted):
         p.leave(p.false)
     factors[0] = 1.0
-    p.leave(p.call(FACTOR_PIVOTED, n, a, factors))
+    p.leave(p.call(factor_pivoted(), n, a, factors))
     return p.finish(FLAG)
 
 
-def _solve_factored() -> Procedure:
+@cache
+def solve_factored() -> Procedure:
+    """Return the solution of a factored system."""
     p = Builder("solve_factored", "Replace a right-hand side by the solution; `spare` takes n reals.")
     n = p.given("n", WHOLE)
     factors, b, spare = p.array("factors", read=True), p.array("b"), p.array("spare")
@@ -154,7 +164,9 @@ def _solve_factored() -> Procedure:
     return p.finish()
 
 
-def _solve_lanes() -> Procedure:
+@cache
+def solve_lanes() -> Procedure:
+    """Return the solution of many systems, entries side by side."""
     p = Builder(
         "solve_lanes",
         "Solve one system per lane, entry k of lane l at k*lanes + l, and say whether any is singular. `work` takes "
@@ -170,15 +182,17 @@ def _solve_lanes() -> Procedure:
             work[k] = a[k * lanes + lane]
         with p.loop(0, n) as k:
             right[k] = b[k * lanes + lane]
-        singular.value = singular.value | p.call(FACTOR_DENSE, n, work, factors)
-        p.call(SOLVE_FACTORED, n, factors, right, spare)
+        singular.value = singular.value | p.call(factor_dense(), n, work, factors)
+        p.call(solve_factored(), n, factors, right, spare)
         with p.loop(0, n) as k:
             b[k * lanes + lane] = right[k]
     p.leave(singular.value)
     return p.finish(FLAG)
 
 
-def _invert_dense() -> Procedure:
+@cache
+def invert_dense() -> Procedure:
+    """Return the inverse of a symmetric matrix."""
     p = Builder(
         "invert_dense",
         "Write the inverse by columns, and say whether the matrix is singular; `work` takes the factors and n reals.",
@@ -186,20 +200,12 @@ def _invert_dense() -> Procedure:
     n = p.given("n", WHOLE)
     a, out, work = p.array("a", read=True), p.array("out"), p.array("work")
     spare = work.at(n * n + 2 * n + 1)
-    singular = p.call(FACTOR_DENSE, n, a, work)
+    singular = p.call(factor_dense(), n, a, work)
     with p.loop(0, n) as j:
         column = out.at(j * n)
         with p.loop(0, n) as i:
             column[i] = 0.0
         column[j] = 1.0
-        p.call(SOLVE_FACTORED, n, work, column, spare)
+        p.call(solve_factored(), n, work, column, spare)
     p.leave(singular)
     return p.finish(FLAG)
-
-
-FACTOR_SYMMETRIC = _factor_symmetric()
-FACTOR_PIVOTED = _factor_pivoted()
-FACTOR_DENSE = _factor_dense()
-SOLVE_FACTORED = _solve_factored()
-SOLVE_LANES = _solve_lanes()
-INVERT_DENSE = _invert_dense()

@@ -7,9 +7,11 @@ for all columns at once. Where a pivot cannot be trusted the matrix is inverted 
 
 from __future__ import annotations
 
+from functools import cache
+
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, WHOLE, Procedure
-from lagrange.procedure.linear.dense import INVERT_DENSE, PIVOT, factor_size
+from lagrange.procedure.linear.dense import PIVOT, factor_size, invert_dense
 from lagrange.procedure.values import Whole
 
 WIDTH = 8
@@ -32,7 +34,9 @@ def _aligned(k: Whole) -> Whole:
     return found
 
 
-def _factor() -> Procedure:
+@cache
+def factor_columns() -> Procedure:
+    """Return L D L^T by columns, in vectors."""
     p = Builder(
         "factor_columns",
         "Turn columns `lower` into L below the diagonal, and 1/d into `d`; say whether every pivot is trusted.",
@@ -60,7 +64,9 @@ def _factor() -> Procedure:
     return p.finish(FLAG)
 
 
-def _solve() -> Procedure:
+@cache
+def solve_columns() -> Procedure:
+    """Return the solution of L D L^T X = I."""
     p = Builder(
         "solve_columns", "Find X of L D L^T X = I; `x` has rows, which are columns as well, and begins as the identity."
     )
@@ -92,7 +98,9 @@ def _solve() -> Procedure:
     return p.finish()
 
 
-def _invert() -> Procedure:
+@cache
+def invert() -> Procedure:
+    """Return the inverse."""
     p = Builder("invert", "Write the inverse to `out`, and say whether the matrix is singular to round-off.")
     n, stride = p.given("n", WHOLE), p.given("stride", WHOLE)
     a, out, work = p.array("a", read=True), p.array("out", room=WIDTH), p.array("work", room=WIDTH)
@@ -108,17 +116,12 @@ def _invert() -> Procedure:
             column[i] = 0.0
         with p.loop(j, n) as i:
             work[j * stride + i] = a[j * n + i]
-    trusted = p.call(FACTOR_COLUMNS, n, stride, a, work, reciprocals)
+    trusted = p.call(factor_columns(), n, stride, a, work, reciprocals)
     with p.when(trusted):
-        p.call(SOLVE_COLUMNS, n, stride, work, reciprocals, out)
+        p.call(solve_columns(), n, stride, work, reciprocals, out)
         p.leave(p.false)
-    singular = p.call(INVERT_DENSE, n, a, work, work.at(n * n))
+    singular = p.call(invert_dense(), n, a, work, work.at(n * n))
     with p.loop(0, n) as j, p.loop(0, n) as i:
         out[j * stride + i] = work[j * n + i]
     p.leave(singular)
     return p.finish(FLAG)
-
-
-FACTOR_COLUMNS = _factor()
-SOLVE_COLUMNS = _solve()
-INVERT = _invert()
