@@ -209,9 +209,10 @@ def known(folder: Path) -> dict[str, Verdict]:
     return {verdict.name: verdict for verdict in (Verdict(**json.loads(line)) for line in lines)}
 
 
-def judge(mutant: Mutant, copy: Copy, tests: Sequence[Reached], budget: float, before: Verdict | None) -> Verdict:
-    """Let a mutant meet its tests."""
-    source = (ROOT / mutant.file).read_text("utf-8")
+def judge(
+    mutant: Mutant, copy: Copy, source: str, tests: Sequence[Reached], budget: float, before: Verdict | None
+) -> Verdict:
+    """Let a mutant of a source meet its tests."""
     (copy.place / mutant.file).write_text(mutated(source, mutant), encoding="utf-8")
     began, outcome, test = time.monotonic(), "survived", ""
     selected = chosen(mutant, tests, budget)
@@ -239,26 +240,24 @@ def parts(tests: Mapping[str, float]) -> list[dict[str, float]]:
 def run(folder: Path, processes: int, seed: int, count: int, budget: float, *, again: bool, only: str) -> None:
     """Let the mutants of a sample meet their tests, those that have not."""
     found, tests = known(folder), reached(folder)
-    sources = {path: digest((ROOT / path).read_text("utf-8")) for path in {m.file for m in sample(ROOT, seed, count)}}
-    left = [
-        mutant
-        for mutant in sample(ROOT, seed, count)
-        if only in mutant.file
-        and (
-            mutant.name not in found
-            or found[mutant.name].digest != sources[mutant.file]
-            or (again and found[mutant.name].outcome == "survived")
-        )
-    ]
+    taken = [mutant for mutant in sample(ROOT, seed, count) if only in mutant.file]
+    # The tree may change while this runs: copies, mutants and sources are those of now.
+    sources = {mutant.file: (ROOT / mutant.file).read_text("utf-8") for mutant in taken}
+
+    def is_left(mutant: Mutant) -> bool:
+        verdict = found.get(mutant.name)
+        if verdict is None or verdict.digest != digest(sources[mutant.file]):
+            return True
+        return again and verdict.outcome == "survived"
 
     def one(item: object, copy: Copy) -> None:
         assert isinstance(item, Mutant)
-        verdict = judge(item, copy, tests, budget, found.get(item.name))
+        verdict = judge(item, copy, sources[item.file], tests, budget, found.get(item.name))
         with (folder / "verdicts.jsonl").open("a", encoding="utf-8") as stream:
             stream.write(json.dumps(asdict(verdict)) + "\n")
         print(f"{verdict.outcome} after {verdict.seconds} s: {item}  {verdict.test}", flush=True)
 
-    each(left, folder, processes, one)
+    each([mutant for mutant in taken if is_left(mutant)], folder, processes, one)
 
 
 def confirm(folder: Path, verdicts: Iterable[Verdict]) -> str:

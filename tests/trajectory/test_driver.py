@@ -253,6 +253,7 @@ def test_a_brief_force_is_not_stepped_over(name: str, target: str) -> None:
         found = run(compiled, end, name, start=start)
         assert found.y[:, -1] == pytest.approx(expected, abs=2e-2)
         assert found.steps >= 1000
+        assert np.abs(np.diff(found.t)).max() == pytest.approx(0.1, rel=1e-9)
     free = run(build(target, kinetic=x.dot**2 / 2, forces={x: sp.Integer(1)}), 100.0, name)
     assert free.steps < 100
 

@@ -16,7 +16,7 @@ from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.implicit import ImplicitMethod
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.trajectory import Status
-from tests.models import SYSTEMS, TARGETS, VALUES, build, g, k, l, m, model, springs, theta, x
+from tests.models import SYSTEMS, TARGETS, VALUES, B, build, g, k, l, m, model, springs, theta, x
 from tests.trajectory.runs import CONTROLLED, EQUAL, FIXED, IMPLICIT, MOMENTA, SLOPES, exact, implicit, run
 
 # --- both machines, and the cost ------------------------------------------------------------------------------
@@ -215,6 +215,35 @@ def test_newton_does_not_leap_to_another_root(name: str, target: str) -> None:
         found = run(compiled, 3.0, name, step=step)
         assert found.status is Status.DIVERGED, found.message
         assert 0.9 * end <= found.t[-1] <= end and np.abs(found.y).max() < 3e6
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize(
+    ("name", "step", "force", "time"),
+    [
+        ("backward-euler", 0.1, x.dot**2 - x.dot**3 / 1000, 0.6),
+        ("backward-euler", 0.01, x.dot**2 - x.dot**3 / 1000, 0.94),
+        ("implicit-midpoint", 0.01, sp.exp(x.dot) - sp.exp(2 * x.dot) / 10_000, 0.37),
+    ],
+)
+def test_newton_does_not_wander_to_a_far_root(name: str, step: float, force: Any, time: float, target: str) -> None:
+    """When the near root is gone there is one at v = 1000, or at v = -4e5, and corrections lead there in the end."""
+    compiled = build(target, kinetic=x.dot**2 / 2, forces={x: force}, initial={x: 0.0, x.dot: 1.0})
+    found = run(compiled, 2.0, name, step=step)
+    assert found.status is Status.DIVERGED, found.message
+    assert found.t[-1] == pytest.approx(time)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", EQUAL)
+@pytest.mark.parametrize("size", [100.0, 1000.0])
+def test_a_law_that_rounds_more_than_its_terms_show(size: float, name: str, target: str) -> None:
+    """The force is a difference of cubes of `size`: corrections stop shrinking far above the round-off of residuals."""
+    compiled = build(target, kinetic=x.dot**2 / 2, potential=(x + B) ** 4 / 4 - B**3 * x, initial={x: 1.0})
+    found = run(compiled, 0.4 / size, name, step=2e-3 / size, parameters={B: size})
+    assert found.status is Status.SUCCESS, found.message
+    fine = exact(compiled, 0.4 / size, parameters={B: size})
+    assert found.y[0, -1] == pytest.approx(fine.y[0, -1], abs=0.5 if name == "backward-euler" else 1e-3)
 
 
 @pytest.mark.parametrize("target", TARGETS)
