@@ -16,10 +16,11 @@ from __future__ import annotations
 from importlib import import_module
 
 from lagrange.equations.euler_lagrange import Equations
-from lagrange.errors import StatementError, listing, suggestion
+from lagrange.errors import StatementError
 from lagrange.evidence.quick import quick_check
 from lagrange.machine.backend import Machine
 from lagrange.machine.model import Model
+from lagrange.statement.choice import one_of
 from lagrange.statement.statement import Statement
 
 MACHINES = {"llvm": "lagrange.machine.llvm.machine:LlvmMachine", "numpy": "lagrange.machine.numpy:NumpyMachine"}
@@ -41,10 +42,7 @@ def compile_model(statement: Statement, equations: Equations, target: str = "llv
 
 def machine(target: str) -> Machine:
     """Return the machine of a target. Raises StatementError for an unknown one, or one that is not installed."""
-    if target not in MACHINES:
-        raise StatementError(
-            f"there is no target {target!r}; the targets are {listing(MACHINES)}." + suggestion(str(target), MACHINES)
-        )
+    one_of(target, MACHINES, "there is no target {given}; the targets are {known}.")
     module, _, name = MACHINES[target].partition(":")
     try:
         made: Machine = getattr(import_module(module), name)()

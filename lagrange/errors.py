@@ -2,8 +2,16 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Iterable
 from difflib import get_close_matches
+from typing import Any
+
+MOST_DIGITS = 60
+"""A whole number of more digits is shown by its length."""
+
+LONGEST_NAME = 80
+"""Characters of a text that are looked at in search of the name that was meant."""
 
 
 class LagrangeError(Exception):
@@ -30,9 +38,31 @@ class RunError(LagrangeError):
     """A run, or one evaluation of a model, did not give a usable answer."""
 
 
+class _Short(reprlib.Repr):
+    """Writes any value in a few words, however long it is and whatever its own repr does."""
+
+    def __init__(self, most: int) -> None:
+        super().__init__()
+        self.maxlevel = 3
+        self.maxstring = self.maxother = most
+
+    def repr_int(self, x: int, level: int) -> str:
+        # Python refuses to write more than 4,300 digits.
+        digits = int(x.bit_length() * 0.30103) + 1
+        return repr(x) if digits <= MOST_DIGITS else f"a whole number of about {digits} digits"
+
+    def repr_instance(self, x: Any, level: int) -> str:
+        return " ".join(super().repr_instance(x, level).split())
+
+
+def shown(value: Any, most: int = 80) -> str:
+    """Return a value as a message quotes it: its repr, cut where it is long."""
+    return _Short(most).repr(value)
+
+
 def suggestion(given: str, known: Iterable[str]) -> str:
     """Return `` Did you mean 'x'?`` for the closest known name, or an empty string."""
-    match = get_close_matches(given, sorted(known), n=1, cutoff=0.6)
+    match = get_close_matches(given[:LONGEST_NAME], sorted(known), n=1, cutoff=0.6)
     return f" Did you mean {match[0]!r}?" if match else ""
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from lagrange.errors import StatementError
+from lagrange.errors import StatementError, shown
 from lagrange.evidence import work_precision
 from lagrange.evidence.work_precision import TOLERANCES
 from lagrange.machine.model import Model
@@ -48,7 +48,7 @@ def race(
     be meant, RunError where there is no end to race for, or no reference.
     """
     if not isinstance(system, (System, Model)):
-        raise StatementError(f"{system!r} is no system: give an lg.System, such as lg.scene('kepler').")
+        raise StatementError(f"{shown(system)} is no system: give an lg.System, such as lg.scene('kepler').")
     end = real_number(system.statement.run.t_end if t_end is None else t_end, "t_end")
     span = (0.0, end)
     terms = work_precision.terms(

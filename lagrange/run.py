@@ -10,8 +10,10 @@ from numpy.typing import ArrayLike
 from lagrange.machine.model import Model
 from lagrange.show.progress import progress_bar
 from lagrange.show.solution import Solution
+from lagrange.statement.number import flag
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrate import integrate as trajectory_of
+from lagrange.trajectory.integrate import time_span
 
 
 def integrate(
@@ -38,7 +40,7 @@ def integrate(
     `max_wall` is in seconds. Whatever happens along the way ends in `solution.status` with what was computed
     until then. Raises StatementError for a request that cannot be meant.
     """
-    with progress_bar(span, wanted=progress) as report:
+    with progress_bar(time_span(span), wanted=flag(progress, "progress")) as report:
         trajectory, values = trajectory_of(
             model,
             span,

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from lagrange.compiler import compile_model
 from lagrange.equations.derivation import Derivation, derive
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange
-from lagrange.errors import StatementError
+from lagrange.errors import StatementError, shown
 from lagrange.evidence.check import check
 from lagrange.evidence.regularity import check_mass_matrix
 from lagrange.evidence.report import Report
@@ -23,7 +23,7 @@ from lagrange.show.derivation import equations_latex, render
 from lagrange.show.solution import Solution
 from lagrange.statement import scene as scene_files
 from lagrange.statement.declare import declare
-from lagrange.statement.number import real_number
+from lagrange.statement.number import flag, real_number
 from lagrange.statement.statement import RunSettings, Statement
 from lagrange.trajectory.methods.registry import DEFAULT, find
 
@@ -83,6 +83,8 @@ class System:
     @classmethod
     def from_statement(cls, statement: Statement) -> System:
         """Return the system of a checked statement."""
+        if not isinstance(statement, Statement):
+            raise StatementError(f"{shown(statement)} is no statement: give the .statement of a system.")
         system = cls.__new__(cls)
         system._adopt(statement)
         return system
@@ -172,8 +174,8 @@ class System:
         A quick check of the compiled accelerations against numerical differentiation of T and V runs unless `check`
         is false. Raises RunError if it fails.
         """
-        if target not in self._models:
-            self._models[target] = compile_model(self.statement, self.laws, target, check=check)
+        if not isinstance(target, str) or target not in self._models:
+            self._models[target] = compile_model(self.statement, self.laws, target, check=flag(check, "check"))
         return self._models[target]
 
     def run(

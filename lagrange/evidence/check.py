@@ -19,12 +19,16 @@ from lagrange.evidence.sample import KINDS, PATIENCE, Point, Sampler
 from lagrange.evidence.switches import all_ways, describe_way
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import acceleration_of
+from lagrange.statement.number import whole_number
 from lagrange.statement.statement import Statement
 
 __all__ = ["check", "quick_check", "textbook_tape"]
 
 FAR_POINTS = 300
 """Points tried in search of branches of the energies that no other point has taken."""
+
+MOST_POINTS = 10_000
+"""Points of one check."""
 
 MOST_FAR_POINTS = 6
 """Points that may be added for them."""
@@ -58,8 +62,8 @@ def check(
     with the cube of the number of coordinates: 0.3 s for two, 5 s for ten, minutes for thirty. Raises
     StatementError for fewer than one point, and for a textbook without some coordinate.
     """
-    if points < 1:
-        raise StatementError(f"points is {points}: give a whole number from 1 up.")
+    points = whole_number(points, "points", 1, MOST_POINTS)
+    seed = whole_number(seed, "seed", 0)
     session = _Session(model, textbook, other, points, seed)
     for k in range(points):
         session.take(k)

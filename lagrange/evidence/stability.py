@@ -24,6 +24,7 @@ from lagrange.program.actions import LAWS, Call, Combination, Solve
 from lagrange.program.step import StepProgram
 from lagrange.statement.coordinate import coordinate
 from lagrange.statement.declare import declare
+from lagrange.statement.number import complex_array
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.plan import Planned, StepPlan
@@ -144,7 +145,7 @@ def growth(method: Any, z: ArrayLike) -> FloatArray:
     imaginary, or a StatementError is raised. At a pole of an implicit step the factor is infinite.
     """
     step = method if isinstance(method, StepProgram) else step_of(method)
-    rates = np.asarray(z, dtype=complex)
+    rates = complex_array(z, "z")
     if step.law == "accelerations" and (np.abs(rates.real) > 1e-12 * np.abs(rates)).any():
         raise StatementError(f"{step.name} takes no damping: its stability is a matter of imaginary rates alone.")
     with np.errstate(invalid="ignore"):

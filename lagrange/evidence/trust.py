@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.errors import RunError, StatementError
+from lagrange.errors import RunError, StatementError, shown
 from lagrange.machine.model import Model
-from lagrange.statement.number import real_number
+from lagrange.statement.number import flag, real_number
 from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
@@ -87,7 +87,7 @@ def trust_horizon(
     StatementError for a request that cannot be meant, RunError where no two twins can be run.
     """
     model = _compiled(system)
-    allowed = real_number(error, "error")
+    allowed, relative = real_number(error, "error"), flag(relative, "relative")
     if allowed <= 0:
         raise StatementError(f"error = {allowed:g}: give a positive one, such as 1e-3.")
     found, values = integrate(
@@ -128,7 +128,7 @@ def _compiled(system: Any) -> Model:
     make = getattr(system, "compile", None)
     model = make() if callable(make) else None
     if not isinstance(model, Model):
-        raise StatementError(f"{system!r} is no system: give an lg.System, such as lg.scene('double-pendulum').")
+        raise StatementError(f"{shown(system)} is no system: give an lg.System, such as lg.scene('double-pendulum').")
     return model
 
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from lagrange.errors import RunError, StatementError
 from lagrange.evidence.precise_run import precise_run
-from lagrange.machine.model import real_array
-from lagrange.statement.number import real_number
+from lagrange.statement.number import real_array, real_number
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import find

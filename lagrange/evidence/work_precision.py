@@ -10,14 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.errors import LagrangeError, RunError, StatementError, listing
+from lagrange.errors import LagrangeError, RunError, StatementError, listing, shown
 from lagrange.evidence.sensitivity import Sensitivity, sensitivity
 from lagrange.evidence.truth import Truth, truth
 from lagrange.machine.model import Model
-from lagrange.statement.number import real_number
+from lagrange.statement.expression import entries
+from lagrange.statement.number import flag, real_number, whole_number
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrate import integrate
-from lagrange.trajectory.integrator import Integrator, Problem
+from lagrange.trajectory.integrator import Integrator, Problem, run_by
 from lagrange.trajectory.methods.registry import find, names
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
@@ -190,7 +191,7 @@ class _Heat:
         chosen: dict[str, Any] = {"rtol": setting, "atol": setting} if adaptive else {"step": setting}
         problem = replace(self.problem, t_eval=self.outputs, **chosen)
         try:
-            found = _checked(method.integrate(problem))
+            found = _checked(run_by(method, problem))
             blank = replace(blank, steps=found.steps, evaluations=found.evaluations)
             blank = replace(blank, status=found.status.value, message=found.message)
             if not found.status.complete:
@@ -244,7 +245,7 @@ def terms(
         raise StatementError(f"a race from t = {t0:g} to t = {t1:g} has no length: give t_end=.")
     seconds = real_number(max_wall, "max_wall")
     if seconds <= 0:
-        raise StatementError(f"max_wall = {max_wall}: give a positive number of seconds.")
+        raise StatementError(f"max_wall = {shown(max_wall)}: give a positive number of seconds.")
     count = 1 if outputs is None else _whole("outputs", outputs)
     times = [t0 + (t1 - t0) * k / count for k in range(1, count)]
     return Terms(
@@ -253,22 +254,20 @@ def terms(
         steps=None if steps is None else _sizes("steps", steps),
         repeats=_whole("repeats", repeats),
         max_wall=seconds,
-        relative=bool(relative),
+        relative=flag(relative, "relative"),
     )
 
 
 def _whole(what: str, given: Any) -> int:
-    number = real_number(given, what)
-    if number < 1 or number != int(number):
-        raise StatementError(f"{what} = {given}: give a whole number of at least 1.")
-    return int(number)
+    return whole_number(given, what, 1)
 
 
 def _sizes(what: str, given: Any) -> tuple[float, ...]:
     """Return positive numbers without their repetitions."""
-    if isinstance(given, (str, bytes)) or not isinstance(given, Iterable):
-        raise StatementError(f"{what} is {given!r}: give a list of positive numbers, such as [1e-6, 1e-9].")
-    numbers = [real_number(x, f"an entry of {what}") for x in given]
+    listed = None if isinstance(given, (str, bytes)) else entries(given, what)
+    if listed is None:
+        raise StatementError(f"{what} is {shown(given)}: give a list of positive numbers, such as [1e-6, 1e-9].")
+    numbers = [real_number(x, f"an entry of {what}") for x in listed]
     wrong = [x for x in numbers if x <= 0]
     if wrong:
         raise StatementError(f"{what} contains {wrong[0]:g}: give positive numbers, such as 1e-6.")
@@ -281,10 +280,9 @@ def _contestants(methods: Any) -> list[tuple[str, Integrator]]:
     """Return the methods with the names that tell them apart."""
     if methods is None:
         chosen: list[Any] = list(RACED)
-    elif isinstance(methods, str) or not isinstance(methods, Iterable):
-        chosen = [methods]
     else:
-        chosen = list(methods)
+        listed = None if isinstance(methods, (str, bytes)) else entries(methods, "methods")
+        chosen = [methods] if listed is None else listed
     if not chosen:
         raise StatementError(f"methods is empty: name at least one; there are {listing(names())}.")
     found: dict[str, Integrator] = {}
@@ -313,13 +311,11 @@ def _fine_run(
     return run, values
 
 
-def _checked(run: Any) -> Trajectory:
+def _checked(found: Trajectory) -> Trajectory:
     """Return the run, or go on with the Ctrl-C that it ended with."""
-    if not isinstance(run, Trajectory):
-        raise StatementError(f"integrate() returned {run!r}: it must return an lg.Trajectory.")
-    if run.status is Status.INTERRUPTED:
+    if found.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
-    return run
+    return found
 
 
 def _ladder(problem: Problem) -> tuple[float, ...]:

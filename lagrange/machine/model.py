@@ -12,15 +12,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange
-from lagrange.errors import RunError, StatementError, listing
+from lagrange.errors import RunError, StatementError, listing, shown
 from lagrange.graph.node import Binding, Kind, Node, reachable
 from lagrange.machine.backend import FloatArray, Kernel, Machine, Series, SingularMassMatrix
 from lagrange.machine.numpy import NumpyMachine
 from lagrange.program.catalogue import QUANTITIES, lower_nodes, program_of
 from lagrange.program.switching import Switched
 from lagrange.program.taylor import series_program
+from lagrange.statement.choice import one_of
 from lagrange.statement.declare import parameter_values
-from lagrange.statement.number import real_number
+from lagrange.statement.expression import expression as expression_of
+from lagrange.statement.number import real_array, real_number, whole_number
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 
@@ -47,6 +49,8 @@ class Model:
     """
 
     def __init__(self, statement: Statement, equations: Equations, machine: Machine) -> None:
+        if not (isinstance(statement, Statement) and isinstance(equations, Equations)):
+            raise StatementError(f"a model is made by system.compile(), not of {shown(statement)} alone.")
         self.statement = statement
         self.equations = equations
         self.machine = machine
@@ -81,9 +85,8 @@ class Model:
         The names are rhs, jacobian, accelerations, mass_matrix, energy, momenta, lagrangian, forces and bias. On the
         llvm target a kernel has an `address` to call from compiled code.
         """
-        if name not in QUANTITIES:
-            raise StatementError(f"{name!r} is no quantity of a model: they are {listing(QUANTITIES)}.")
-        if name not in self._kernels:
+        if not isinstance(name, str) or name not in self._kernels:
+            one_of(name, QUANTITIES, "{given} is no quantity of a model: they are {known}.")
             self._kernels[name] = self.machine.load(program_of(name, self.equations))
         return self._kernels[name]
 
@@ -93,6 +96,7 @@ class Model:
         `watched` are nodes of the equations' graph whose series are wanted as well, behind those of the surfaces. The
         last few are kept: an event with another number in it is another series.
         """
+        watched = _nodes(watched)
         if watched not in self._series:
             program, switched = series_program(self.equations, watched)
             self._series[watched] = self.machine.series(program), switched
@@ -112,7 +116,9 @@ class Model:
         Where one is zero no series goes on, and none is seen to end: sqrt(x**2) continues as x. Powers of positions
         from -1 down, as in gravity, are left out: there the forces themselves are infinite, and the steps shrink.
         """
-        powers = [node for node in reachable([*nodes]) if node.kind is Kind.POWER and node.binding > Binding.PARAMETER]
+        powers = [
+            node for node in reachable([*_nodes(nodes)]) if node.kind is Kind.POWER and node.binding > Binding.PARAMETER
+        ]
         graph = self.equations.graph
         return tuple(
             dict.fromkeys(
@@ -192,6 +198,7 @@ class Model:
         `y` has shape (2n, batch) and `t` (batch,); the result has shape (batch,). Raises StatementError for an
         expression with anything else in it.
         """
+        expression = expression_of(expression, "the expression")
         survey = Survey()
         survey.add(expression, "the expression", accelerations=True)
         unknown = [leaf for leaf in (*survey.coordinates, *survey.parameters) if leaf not in self.equations.leaves]
@@ -208,17 +215,29 @@ class Model:
 
     def parameter_array(self, given: Parameters = None) -> FloatArray:
         """Return the parameters' values (k,) in the order that kernels take; such an array is returned as it is."""
+        if given is None:
+            return self._default_parameters
         if isinstance(given, np.ndarray):
-            if given.shape != (len(self.statement.parameters),):
+            array = real_array(given, "parameters")
+            if array.shape != (len(self.statement.parameters),):
                 raise StatementError(
-                    f"parameters has shape {given.shape}: give ({len(self.statement.parameters)},), the values of "
+                    f"parameters has shape {array.shape}: give ({len(self.statement.parameters)},), the values of "
                     f"{listing(p.name for p in self.statement.parameters)} in this order, or a dict."
                 )
-            return given.astype(float, copy=False)
-        if not given:
+            values = array.tolist()
+            if not (math.isfinite(sum(values)) and all(values[i] >= 0.0 for i in self._positive)):
+                # What a dict may not say an array may not either.
+                self.parameter_values(dict(zip(self.statement.parameters, values, strict=True)))
+            return array
+        if given == {}:
             return self._default_parameters
-        values = self.parameter_values(given)
-        return np.array([values[symbol] for symbol in self.statement.parameters], dtype=float)
+        chosen = self.parameter_values(given)
+        return np.array([chosen[symbol] for symbol in self.statement.parameters], dtype=float)
+
+    @cached_property
+    def _positive(self) -> list[int]:
+        """The parameters that may not be below zero."""
+        return [i for i, symbol in enumerate(self.statement.parameters) if symbol.is_nonnegative]
 
     @cached_property
     def _default_parameters(self) -> FloatArray:
@@ -230,18 +249,7 @@ class Model:
 
     def _call(self, kernel: Kernel, t: float | ArrayLike, state: State, parameters: Parameters) -> FloatArray:
         q, v = state
-        time: float | FloatArray
-        if isinstance(t, (float, int)):
-            time = float(t)
-        elif np.ndim(t) == 0:
-            time = real_number(t, "the time t")
-        else:
-            time = real_array(t, "the time t")
-            if q.ndim == 1 or time.shape != q.shape[1:]:
-                raise StatementError(
-                    f"t has shape {time.shape} and the states have {q.shape[1:] or 'no'} columns: give one time, or "
-                    "one per column."
-                )
+        time = self._time(t, q)
         values = self.parameter_array(parameters)
         try:
             result = kernel.columns(time, q, v, values) if q.ndim > 1 else kernel(time, np.concatenate(state), values)
@@ -252,6 +260,20 @@ class Model:
             if column is not None:
                 raise RunError(self.singular_message(time, q, column))
         return result
+
+    def _time(self, t: float | ArrayLike, q: FloatArray) -> float | FloatArray:
+        """Return the time of one state q (n,), or one or many of a batch (n, batch)."""
+        if type(t) is float and math.isfinite(t):
+            return t
+        if not isinstance(t, (list, tuple)) and not (isinstance(t, np.ndarray) and t.ndim):
+            return real_number(t, "the time t")
+        time = real_array(t, "the time t")
+        if q.ndim == 1 or time.shape != q.shape[1:]:
+            raise StatementError(
+                f"t has shape {time.shape} and the states have {q.shape[1:] or 'no'} columns: give one time, or "
+                "one per column."
+            )
+        return time
 
     @cached_property
     def _velocities_in_mass(self) -> tuple[str, ...]:
@@ -281,6 +303,8 @@ class Model:
         """
         if not self._alone:
             return None
+        q, v = self._state(q, v)
+        t, parameters = self._time(t, q), self.parameter_array(parameters)
         q, v = q.reshape(self.dimension, -1), v.reshape(self.dimension, -1)
         masses = self._masses.columns(t, q, v, parameters)
         none = (masses == 0.0).any(axis=0)
@@ -288,6 +312,12 @@ class Model:
 
     def singular_message(self, t: float | FloatArray, q: FloatArray, column: int | None = None) -> str:
         """Return a sentence that says at which configuration q, the first n rows, the mass matrix is singular."""
+        q = real_array(q, "q")
+        if q.ndim not in (1, 2):
+            raise StatementError(f"q has shape {q.shape}: give (n,), or (n, batch).")
+        if q.ndim == 2:
+            column = whole_number(column or 0, "column", 0, q.shape[1] - 1)
+        t = self._time(t, q)
         chosen = q if q.ndim == 1 else q[:, column or 0]
         time = float(np.broadcast_to(t, q.shape[1:])[column or 0]) if q.ndim > 1 else float(np.asarray(t))
         place = ", ".join(f"{name} = {x:.6g}" for name, x in zip(self.statement.names, chosen, strict=False))
@@ -325,15 +355,12 @@ class Model:
         return float(value) if value.ndim == 0 else value
 
 
-def real_array(value: ArrayLike, what: str) -> FloatArray:
-    """Return an array of doubles; complex numbers and symbols are refused."""
-    try:
-        array = np.asarray(value)
-    except ValueError as error:
-        raise StatementError(f"{what} is no array: {error}. Give rows of one length.") from error
-    if array.dtype.kind not in "fiu":
-        raise StatementError(f"{what} has entries of type {array.dtype}: give real numbers.")
-    return array.astype(float, copy=False)
+def _nodes(given: Iterable[Any]) -> tuple[Node, ...]:
+    """Return nodes of a graph. Raises StatementError for anything else."""
+    nodes = tuple(given) if isinstance(given, (tuple, list)) else None
+    if nodes is None or not all(isinstance(node, Node) for node in nodes):
+        raise StatementError(f"{shown(given)} is no tuple of nodes: give those of the model's equations.")
+    return nodes
 
 
 FEW = 64

@@ -7,8 +7,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from lagrange.errors import StatementError, listing, suggestion
+from lagrange.errors import StatementError
 from lagrange.show.names import latex_text, letters, markdown_text, plain_text
+from lagrange.statement.choice import one_of
 
 if TYPE_CHECKING:
     from lagrange.equations.derivation import Derivation
@@ -46,10 +47,7 @@ def render(derivation: Derivation, style: str = "text", findings: Sequence[str] 
     formulas between dollar signs. `findings` are sentences about the structure. A part that is too large to be written
     out is replaced by the sentence that says so. Raises StatementError for any other format.
     """
-    if style not in FORMATS:
-        raise StatementError(
-            f"{style!r} is no format of a derivation; they are {listing(FORMATS)}.{suggestion(style, FORMATS)}"
-        )
+    one_of(style, FORMATS, "{given} is no format of a derivation; they are {known}.")
     page = PAGES[style](derivation.statement)
     return page.write([*_sections(derivation), *([Section("Structure", tuple(findings))] if findings else [])])
 

@@ -11,13 +11,17 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
-from lagrange.errors import RunError, StatementError
+from lagrange.errors import RunError, StatementError, shown
 from lagrange.show.temporary import abandoned, lock, locked, sync_folder, uninterrupted
+from lagrange.statement.number import whole_number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _FULL = {errno.ENOSPC: "the disk is full", errno.EDQUOT: "the disk quota is used up", errno.EFBIG: "it is too large"}
+
+LEAST_DPI, MOST_DPI = 10, 1200
+"""Dots per inch of a picture: no letter can be drawn with fewer; drawing with more takes over a gigabyte of memory."""
 
 _ROWS_AT_ONCE = 4096
 
@@ -48,6 +52,7 @@ def write_rows(file: BinaryIO, names: Sequence[str], columns: Sequence[Iterable[
 
 def picture(figure: Figure, dpi: int = 150) -> Write:
     """Return what writes a figure as PNG."""
+    dpi = whole_number(dpi, "dpi", LEAST_DPI, MOST_DPI)
     return lambda file: figure.savefig(file, format="png", dpi=dpi)
 
 
@@ -116,6 +121,8 @@ def fill(file: BinaryIO, write: Write) -> None:
 
 def real_path(path: str | os.PathLike[str]) -> Path:
     """Return the path with its links followed. Raises StatementError for what is no path."""
+    if not isinstance(path, (str, os.PathLike)):
+        raise StatementError(f"the path is {shown(path)} ({type(path).__name__}): give the path of a file or folder.")
     try:
         return Path(os.path.realpath(path))
     except ValueError as error:

@@ -7,10 +7,11 @@ import math
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from lagrange.errors import StatementError, listing
+from lagrange.errors import StatementError, listing, shown
 from lagrange.evidence.work_precision import Entry, Result
 from lagrange.show.files import picture, write_atomically, write_rows
 from lagrange.show.race_plot import plot
@@ -55,6 +56,10 @@ class Race:
     span: tuple[float, float]
     relative: bool = False
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.result, Result):
+            raise StatementError(f"a race is made by lg.race(), not of {shown(self.result)}.")
+
     def __len__(self) -> int:
         return len(self.result.entries)
 
@@ -62,7 +67,9 @@ class Race:
         return iter(self.result.entries)
 
     def __getitem__(self, index: int) -> Entry:
-        return self.result.entries[index]
+        if not isinstance(index, Integral) or not -len(self) <= index < len(self):
+            raise StatementError(f"{shown(index)} is no place in a race: give a whole number below {len(self)}.")
+        return self.result.entries[int(index)]
 
     @property
     def records(self) -> list[dict[str, Any]]:

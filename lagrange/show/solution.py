@@ -17,7 +17,7 @@ import sympy
 from numpy.typing import ArrayLike
 from sympy.core.function import AppliedUndef
 
-from lagrange.errors import LagrangeError, RunError, StatementError, listing, suggestion
+from lagrange.errors import LagrangeError, RunError, StatementError, listing, shown, suggestion
 from lagrange.evidence.stiffness import Stiffness, stiffness
 from lagrange.machine.model import Model
 from lagrange.show.drift import EnergyDrift, energy_drift
@@ -26,7 +26,7 @@ from lagrange.show.plot import plot
 from lagrange.show.table import text_table
 from lagrange.show.transaction import write_together
 from lagrange.statement.coordinate import name_of, velocity_of
-from lagrange.statement.number import real_number
+from lagrange.statement.number import real_array
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 if TYPE_CHECKING:
@@ -50,6 +50,13 @@ class Solution:
     trajectory: Trajectory
     model: Model
     parameters: Mapping[Any, float]
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.trajectory, Trajectory) or not isinstance(self.model, Model):
+            raise StatementError(
+                f"a solution is made by system.run() or lg.integrate(), not of {shown(self.trajectory)} and "
+                f"{shown(self.model)}."
+            )
 
     @property
     def t(self) -> FloatArray:
@@ -123,9 +130,9 @@ class Solution:
 
         Raises StatementError for a time that the run did not reach: nothing is extrapolated.
         """
-        times = np.asarray(t)
-        if times.ndim > 1 or times.dtype.kind not in "fiu" or not np.isfinite(times).all():
-            raise StatementError(f"{str(t)[:80]} is not a time: give a finite number or a list of them.")
+        times = real_array(t, "t", width=len(self.names))
+        if times.ndim > 1 or not np.isfinite(times).all():
+            raise StatementError(f"{shown(t)} is not a time: give a finite number or a list of them.")
         low, high = sorted(self.trajectory.span)
         slack = _CLIPPED * (high - low)
         if times.size and not (low - slack <= times.min() and times.max() <= high + slack):
@@ -165,11 +172,6 @@ class Solution:
 
         It may contain coordinates, velocities, accelerations, parameters and t. Anything else is a StatementError.
         """
-        if not isinstance(expression, sympy.Expr):
-            if isinstance(expression, (str, sympy.MatrixBase)):
-                what = "a text" if isinstance(expression, str) else f"a matrix of shape {expression.shape}"
-                raise StatementError(f"{str(expression)[:80]!r} is {what}: give a SymPy expression with one value.")
-            expression = sympy.Float(real_number(expression, "the expression"))
         return self.model.evaluate_expression(expression, self.t, self.y, self.parameters)
 
     def require(self) -> Solution:
@@ -313,7 +315,9 @@ def _label(key: Any) -> str:
     """Return what a row is called: ``theta`` for theta(t), ``theta_dot`` for its derivative."""
     if isinstance(key, sympy.Derivative) and isinstance(key.expr, AppliedUndef) and key == velocity_of(key.expr):
         return f"{name_of(key.expr)}_dot"
-    return name_of(key) if isinstance(key, AppliedUndef) else str(key)
+    if isinstance(key, AppliedUndef):
+        return name_of(key)
+    return str(key) if isinstance(key, (str, sympy.Basic)) else shown(key)
 
 
 def _finite(value: Any) -> float | None:

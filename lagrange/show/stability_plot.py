@@ -9,6 +9,7 @@ import numpy as np
 
 from lagrange.errors import StatementError
 from lagrange.evidence.stability import ROUND_OFF, growth, step_of
+from lagrange.statement.number import real_number
 from lagrange.trajectory.methods.registry import find
 
 if TYPE_CHECKING:
@@ -27,6 +28,9 @@ def plot_stability(*methods: Any, left: float = -8.0, right: float = 4.0, top: f
     """
     from matplotlib.figure import Figure
 
+    left, right, top = real_number(left, "left"), real_number(right, "right"), real_number(top, "top")
+    if not (left < right and top > 0):
+        raise StatementError(f"left = {left:g}, right = {right:g} and top = {top:g}: give left < right and top > 0.")
     if not methods:
         raise StatementError("name at least one method, such as lg.methods.plot_stability('rk4', 'radau5').")
     x, y = np.linspace(left, right, _POINTS), np.linspace(-top, top, _POINTS | 1)

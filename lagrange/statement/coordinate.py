@@ -9,7 +9,8 @@ from typing import Any
 from sympy import Derivative, Symbol
 from sympy.core.function import AppliedUndef, UndefinedFunction
 
-from lagrange.errors import StatementError
+from lagrange.errors import StatementError, shown
+from lagrange.statement.number import flag
 from lagrange.statement.vocabulary import FUNCTIONS
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
@@ -25,7 +26,7 @@ def check_name(name: str, what: str) -> str:
     """Return the name, or refuse it: a letter, then letters, digits and underscores, at most 64 characters."""
     if not isinstance(name, str) or not NAME.fullmatch(name):
         raise StatementError(
-            f"{str(name)[:80]!r} cannot name a {what}: a name starts with a letter, goes on with letters, digits and "
+            f"{shown(name)} cannot name a {what}: a name starts with a letter, goes on with letters, digits and "
             "underscores, and has at most 64 characters."
         )
     return name
@@ -67,6 +68,7 @@ def parameters(names: str, *, positive: bool = True) -> Any:
     One name gives one symbol, several give a tuple.
     """
     found = []
+    positive = flag(positive, "positive")
     for name in _names(names, "parameter"):
         check_symbol(name, "parameter")
         found.append(Symbol(name, real=True, positive=True) if positive else Symbol(name, real=True))
@@ -91,5 +93,5 @@ def name_of(coordinate: Any) -> str:
 def _names(text: str, what: str) -> list[str]:
     names = text.replace(",", " ").split() if isinstance(text, str) else []
     if not names:
-        raise StatementError(f"{text!r} names no {what}: give a text such as 'x y'.")
+        raise StatementError(f"{shown(text)} names no {what}: give a text such as 'x y'.")
     return names

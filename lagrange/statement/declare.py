@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numbers
 from collections.abc import Container, Iterable, Mapping, Sequence
 from functools import lru_cache, partial
 from types import MappingProxyType
@@ -12,8 +11,10 @@ import numpy as np
 import sympy
 from sympy.core.function import AppliedUndef
 
-from lagrange.errors import StatementError, listing, suggestion
+from lagrange.errors import StatementError, listing, shown, suggestion
+from lagrange.statement.choice import one_of, text
 from lagrange.statement.coordinate import check_name, check_symbol, name_of, t, velocity_of
+from lagrange.statement.expression import entries, expression
 from lagrange.statement.number import real_number
 from lagrange.statement.statement import RunSettings, Statement
 from lagrange.statement.survey import Survey
@@ -41,7 +42,8 @@ def declare(
     run: RunSettings | None = None,
 ) -> Statement:
     """Check every part of a statement and return it frozen. Raises StatementError in the user's symbols."""
-    if list(constraints):
+    stated = constraints if isinstance(constraints, Mapping) else entries(constraints, "constraints")
+    if stated is None or len(stated):
         raise StatementError(
             "constraints are not supported yet: choose coordinates that satisfy them, and leave constraints empty."
         )
@@ -55,7 +57,7 @@ def declare(
     _check_velocities(chosen, survey, main)
 
     force_table = _forces(forces, by_name, survey)
-    dissipation = _expression(dissipation, "the dissipation")
+    dissipation = expression(dissipation, "the dissipation")
     survey.add(dissipation, "the dissipation")
     points = _positions(positions, survey)
     _check_declared(survey, chosen)
@@ -73,10 +75,10 @@ def declare(
         dissipation=clean(dissipation),
         parameters=tuple(symbols.values()),
         defaults=MappingProxyType(_defaults(values, symbols)),
-        initial=initial_state(initial or {}, chosen, (0.0,) * (2 * len(chosen))),
+        initial=initial_state({} if initial is None else initial, chosen, (0.0,) * (2 * len(chosen))),
         positions=MappingProxyType({label: tuple(map(clean, point)) for label, point in points.items()}),
         links=_links(links, points),
-        name=str(name),
+        name=text(name, "name"),
         about=about,
         source=source,
         run=run or RunSettings(),
@@ -151,29 +153,14 @@ def parameter_values(
 
 def _label(key: Any) -> str:
     if isinstance(key, str):
-        return key
+        return key[:80]
+    if not isinstance(key, sympy.Basic):
+        return shown(key)
     if isinstance(key, sympy.Derivative) and key == velocity_of(key.expr):
         return f"{name_of(key.expr)}_dot"
     if isinstance(key, sympy.Symbol):
         return str(key.name)
-    return name_of(key) if getattr(key, "args", None) == (t,) else str(key)
-
-
-def _expression(value: Any, what: str) -> Any:
-    if isinstance(value, str):
-        raise StatementError(
-            f"{what} is the text {value[:60]!r}: give a SymPy expression; texts belong in a scene file."
-        )
-    if isinstance(value, sympy.MatrixBase):
-        raise StatementError(f"{what} is a matrix of shape {value.shape}: give a scalar, such as its entry [0, 0].")
-    if isinstance(value, sympy.Expr):
-        return value
-    if isinstance(value, sympy.Basic):
-        raise StatementError(f"{what} is {str(value)[:60]}, which has no value: give an expression.")
-    number = real_number(value, what)
-    if isinstance(value, numbers.Rational):  # an int too, exactly
-        return sympy.Rational(value.numerator, value.denominator)
-    return sympy.Float(number)
+    return name_of(key) if key.args == (t,) else str(key)[:80]
 
 
 def _table(given: Any, what: str, entries: str) -> Mapping[Any, Any]:
@@ -188,37 +175,35 @@ def _energies(kinetic: Any, potential: Any, lagrangian: Any) -> tuple[Any, Any, 
     if lagrangian is not None:
         if kinetic is not None or potential is not None:
             raise StatementError("give either lagrangian=, or kinetic= and potential=, not both.")
-        whole = _expression(lagrangian, "the Lagrangian")
+        whole = expression(lagrangian, "the Lagrangian")
         return whole, sympy.S.Zero, whole
     if kinetic is None:
         raise StatementError("no kinetic energy: give kinetic= and potential=, or lagrangian=.")
-    kinetic = _expression(kinetic, "the kinetic energy")
-    potential = _expression(0 if potential is None else potential, "the potential energy")
+    kinetic = expression(kinetic, "the kinetic energy")
+    potential = expression(0 if potential is None else potential, "the potential energy")
     return kinetic, potential, kinetic - potential
 
 
 def _coordinates(given: Sequence[Any] | None, survey: Survey) -> tuple[Any, ...]:
-    if given is not None and not isinstance(given, Iterable):
-        raise StatementError(f"coordinates is {given!r}: give a list, such as [{given!r}].")
-    found = tuple(survey.coordinates) if given is None else tuple(given)
+    if given is not None and (not isinstance(given, Iterable) or (isinstance(given, np.ndarray) and not given.ndim)):
+        raise StatementError(f"coordinates is {shown(given)}: give a list, such as [{shown(given)}].")
+    found: dict[str, Any] = {}
+    for q in survey.coordinates if given is None else given:
+        if not isinstance(q, AppliedUndef) or q.args != (t,):
+            raise StatementError(
+                f"coordinates contains {shown(q)}, which is no coordinate: make one with lg.coordinate('x')."
+            )
+        name = check_symbol(name_of(q), "coordinate")
+        if name in found:
+            raise StatementError(f"coordinate {name} is listed twice: name each coordinate once.")
+        found[name] = q
     if not found:
         raise StatementError(
             "no coordinates: the energies contain no function of time. Make one with lg.coordinate('x')."
         )
-    for q in found:
-        if not isinstance(q, AppliedUndef) or q.args != (t,):
-            raise StatementError(
-                f"coordinates contains {q!r}, which is no coordinate: make one with lg.coordinate('x')."
-            )
-        check_symbol(name_of(q), "coordinate")
-    names = [name_of(q) for q in found]
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise StatementError(f"coordinate {twice} is listed twice: name each coordinate once.")
-    known = frozenset(names)
-    for name in names:
-        _check_rate(name, known, "coordinate")
-    return found
+    for name in found:
+        _check_rate(name, found, "coordinate")
+    return tuple(found.values())
 
 
 def _check_velocities(coordinates: tuple[Any, ...], survey: Survey, main: str) -> None:
@@ -252,7 +237,7 @@ def _forces(given: Mapping[Any, Any] | None, by_name: dict[str, Any], survey: Su
             )
         if by_name[label] in table:
             raise StatementError(f"forces names {label!r} twice: give the sum of the forces on it.")
-        table[by_name[label]] = _expression(value, f"the force on {label}")
+        table[by_name[label]] = expression(value, f"the force on {label}")
         survey.add(table[by_name[label]], f"the force on {label}")
     return table
 
@@ -260,13 +245,13 @@ def _forces(given: Mapping[Any, Any] | None, by_name: dict[str, Any], survey: Su
 def _positions(given: Mapping[str, Any] | None, survey: Survey) -> dict[str, tuple[Any, ...]]:
     points: dict[str, tuple[Any, ...]] = {}
     for label, point in _table(given, "positions", "name to point").items():
-        what = f"the position of {check_name(str(label), 'point')}"
+        what = f"the position of {check_name(label, 'point')}"
         if label == ORIGIN:
             raise StatementError("'origin' is the point at zero already: choose another name.")
         if not _has_length(point, 2, 3):
-            raise StatementError(f"{what} is {point!r}: give two or three expressions, (x, y) or (x, y, z).")
-        points[str(label)] = tuple(_expression(entry, what) for entry in point)
-        for entry in points[str(label)]:
+            raise StatementError(f"{what} is {shown(point)}: give two or three expressions, (x, y) or (x, y, z).")
+        points[label] = tuple(expression(entry, what) for entry in point)
+        for entry in points[label]:
             survey.add(entry, what)
     if len({len(point) for point in points.values()}) > 1:
         raise StatementError(
@@ -278,23 +263,24 @@ def _positions(given: Mapping[str, Any] | None, survey: Survey) -> dict[str, tup
 
 def _links(links: Iterable[Sequence[str]], points: dict[str, Any]) -> tuple[tuple[str, str], ...]:
     known = [ORIGIN, *points]
+    given = entries(links, "links")
+    if given is None:
+        raise StatementError(f"links is {shown(links)}: give a list of pairs of point names.")
     pairs = []
-    for link in links:
+    for link in given:
         if not _has_length(link, 2):
-            raise StatementError(f"links contains {link!r}: give pairs of point names, such as ('origin', 'bob').")
+            raise StatementError(f"links contains {shown(link)}: give pairs of point names, such as ('origin', 'bob').")
         for end in link:
-            if end not in known:
-                raise StatementError(
-                    f"links names {end!r}, which is no position; they are {listing(known)}."
-                    + suggestion(str(end), known)
-                )
+            one_of(end, known, "links names {given}, which is no position; they are {known}.")
         pairs.append((str(link[0]), str(link[1])))
     return tuple(pairs)
 
 
 def _has_length(value: Any, *lengths: int) -> bool:
     """Return whether the value is a sequence, or a vector, of one of these lengths."""
-    return isinstance(value, (list, tuple, np.ndarray, sympy.MatrixBase)) and len(value) in lengths
+    if isinstance(value, np.ndarray):
+        return value.ndim == 1 and len(value) in lengths
+    return isinstance(value, (list, tuple, sympy.MatrixBase)) and len(value) in lengths
 
 
 def _parameter_symbols(
@@ -314,7 +300,7 @@ def _parameter_symbols(
         if isinstance(key, str):
             symbols.setdefault(check_name(key, "parameter"), sympy.Symbol(key, real=True))
         elif not isinstance(key, sympy.Symbol):
-            raise StatementError(f"parameters names {key!r}: its keys are parameters (symbols) or their names.")
+            raise StatementError(f"parameters names {shown(key)}: its keys are parameters (symbols) or their names.")
     for name in symbols:
         _check_clash(name, by_name)
     return symbols, unify

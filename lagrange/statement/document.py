@@ -14,7 +14,7 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any, NoReturn
 
-from lagrange.errors import SceneError, StatementError, listing, suggestion
+from lagrange.errors import SceneError, StatementError, listing, shown, suggestion
 from lagrange.statement import places
 from lagrange.statement.number import TOO_LARGE, real_number
 from lagrange.statement.text import read_expression, read_number
@@ -42,6 +42,8 @@ class Document:
     """A TOML file as data. Raises SceneError for a file that cannot be read or is not TOML."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
+        if not isinstance(path, (str, os.PathLike)):
+            raise SceneError(f"{shown(path)} ({type(path).__name__}) is no path: give the path of a scene file.")
         self.file = str(path)
         self.content = self._decode(self._read(path)).replace("\r\n", "\n")
         self.data = self._parse()

@@ -7,13 +7,15 @@ from typing import Any
 
 import sympy
 
-from lagrange.errors import StatementError
+from lagrange.errors import StatementError, listing
 from lagrange.statement.coordinate import t
+from lagrange.statement.expression import entries, expression, vector
 
 
 def kinetic_energy(mass: Any, position: Sequence[Any] | Any) -> Any:
     """Return m |dr/dt|^2 / 2 of a point mass at `position`, a vector of any length (or one expression)."""
-    return mass * sum((sympy.diff(x, t) ** 2 for x in _vector(position, "position")), sympy.S.Zero) / 2
+    point = vector(position, "the position")
+    return expression(mass, "the mass") * sum((sympy.diff(x, t) ** 2 for x in point), sympy.S.Zero) / 2
 
 
 def rotational_energy(inertia: Any, angular_velocity: Any) -> Any:
@@ -22,54 +24,50 @@ def rotational_energy(inertia: Any, angular_velocity: Any) -> Any:
     `inertia` is a scalar, a vector of principal moments (k,) or a matrix (k, k); `angular_velocity` a scalar
     or a vector (k,) in the same axes.
     """
-    omega = sympy.Matrix(_vector(angular_velocity, "angular velocity"))
-    k = omega.rows
-    if isinstance(inertia, sympy.MatrixBase) and 1 not in inertia.shape:
-        tensor = sympy.Matrix(inertia)
-    elif isinstance(inertia, (Sequence, sympy.MatrixBase)):
-        rows = list(inertia)
-        if len(rows) != k:
-            raise StatementError(
-                f"the inertia has {len(rows)} entries and the angular velocity {k}: give as many moments as components."
-            )
-        tensor = sympy.Matrix(rows) if isinstance(rows[0], Sequence) else sympy.diag(*rows)
-    else:
-        tensor = inertia * sympy.eye(k)
-    if tensor.shape != (k, k):
+    omega = sympy.Matrix(vector(angular_velocity, "the angular velocity"))
+    return (omega.T * _tensor(inertia, omega.rows) * omega)[0, 0] / 2
+
+
+def _tensor(inertia: Any, k: int) -> Any:
+    """Return the tensor of inertia (k, k) of a scalar, of moments or of rows."""
+    given = entries(inertia, "the inertia")
+    if given is None:
+        return expression(inertia, "the inertia") * sympy.eye(k)
+    rows = [entries(row, f"row {i} of the inertia") for i, row in enumerate(given)]
+    lengths = [1 if row is None else len(row) for row in rows]
+    if any(row is not None for row in rows) and (len(rows), *set(lengths)) != (k, k):
+        shape = (len(rows), lengths[0])
+        what = f"has shape {shape}" if len(set(lengths)) == 1 else f"has rows of {listing(map(str, lengths))} entries"
+        raise StatementError(f"the inertia {what} and the angular velocity {k} components: give a ({k}, {k}) tensor.")
+    if len(given) != k:
         raise StatementError(
-            f"the inertia has shape {tensor.shape} and the angular velocity {k} components: give a ({k}, {k}) tensor."
+            f"the inertia has {len(given)} entries and the angular velocity {k}: give as many moments as components."
         )
-    return (omega.T * tensor * omega)[0, 0] / 2
+    if rows[0] is None:
+        return sympy.diag(*vector(given, "the inertia"))
+    return sympy.Matrix([vector(row, f"row {i} of the inertia") for i, row in enumerate(rows)])
 
 
 def gravity(mass: Any, position: Sequence[Any] | Any, g: Any, up: Sequence[Any] | None = None) -> Any:
     """Return m g times the height of `position` along `up`, by default the last axis: y in the plane, z in space."""
-    point = _vector(position, "position")
-    direction = _vector([0] * (len(point) - 1) + [1] if up is None else up, "upward direction")
+    point = vector(position, "the position")
+    direction = vector([0] * (len(point) - 1) + [1] if up is None else up, "the upward direction")
     if len(direction) != len(point):
         raise StatementError(f"up has {len(direction)} components and the position {len(point)}: give as many.")
     length = sympy.sqrt(sum(d**2 for d in direction))
     if length == 0:
         raise StatementError("up is the zero vector: give a direction such as (0, 1).")
-    return mass * g * sum((d * x for d, x in zip(direction, point, strict=True)), sympy.S.Zero) / length
+    weight = expression(mass, "the mass") * expression(g, "g")
+    return weight * sum((d * x for d, x in zip(direction, point, strict=True)), sympy.S.Zero) / length
 
 
 def spring(stiffness: Any, a: Sequence[Any] | Any, b: Sequence[Any] | Any, rest_length: Any = 0) -> Any:
     """Return k (|a - b| - rest_length)^2 / 2 of a spring between two points of the same dimension."""
-    start, end = _vector(a, "first end"), _vector(b, "second end")
+    start, end = vector(a, "the first end"), vector(b, "the second end")
+    k, rest = expression(stiffness, "the stiffness"), expression(rest_length, "the rest length")
     if len(start) != len(end):
         raise StatementError(f"the ends of the spring have {len(start)} and {len(end)} components: give as many.")
     squared = sum(((p - q) ** 2 for p, q in zip(start, end, strict=True)), sympy.S.Zero)
-    if rest_length == 0:
-        return stiffness * squared / 2
-    return stiffness * (sympy.sqrt(squared) - rest_length) ** 2 / 2
-
-
-def _vector(value: Any, what: str) -> list[Any]:
-    """Return the entries of a sequence or matrix, or of a single expression."""
-    if isinstance(value, str):
-        raise StatementError(f"the {what} is the text {value[:60]!r}: give SymPy expressions.")
-    entries = list(value) if isinstance(value, (Sequence, sympy.MatrixBase)) else [value]
-    if not entries:
-        raise StatementError(f"the {what} is empty: give at least one component.")
-    return [sympy.Integer(x) if isinstance(x, int) else sympy.Float(x) if isinstance(x, float) else x for x in entries]
+    if rest == 0:
+        return k * squared / 2
+    return k * (sympy.sqrt(squared) - rest) ** 2 / 2

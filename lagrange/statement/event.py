@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numbers
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 import sympy
 
-from lagrange.errors import StatementError, listing
+from lagrange.errors import StatementError, listing, shown
 from lagrange.statement.coordinate import t
 from lagrange.statement.declare import state_rows
+from lagrange.statement.expression import entries, expression
 from lagrange.statement.number import real_number
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
@@ -33,6 +34,26 @@ class Event:
     terminal: int = 0
     reset: Mapping[Any, Any] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        terminal = self.terminal
+        if not isinstance(terminal, (numbers.Integral, bool, np.bool_)) or terminal < 0:
+            raise StatementError(
+                f"terminal = {shown(terminal)}: give True, or the number of the occurrence that ends the run."
+            )
+        if not isinstance(self.reset, Mapping):
+            raise StatementError(
+                f"reset is {_written(self.reset)!r}: give a dict from coordinates and velocities to expressions, such "
+                "as {y.dot: -0.9*y.dot}."
+            )
+        chosen = {key: _value(value) for key, value in self.reset.items()}
+        for name, value in (
+            ("expression", _zero(self.expression)),
+            ("direction", _sign(self.direction)),
+            ("terminal", int(terminal)),
+            ("reset", MappingProxyType(chosen)),
+        ):
+            object.__setattr__(self, name, value)
+
 
 def event(
     expression: Any, *, direction: float = 0, terminal: bool | int = False, reset: Mapping[Any, Any] | None = None
@@ -47,54 +68,62 @@ def event(
 
     Raises StatementError for what cannot be meant.
     """
-    if isinstance(expression, sympy.Eq):
-        expression = expression.lhs - expression.rhs
-    if not isinstance(expression, sympy.Expr):
-        raise StatementError(f"the event is {_instead_of(expression)}")
-    if not isinstance(terminal, (numbers.Integral, bool, np.bool_)) or terminal < 0:
-        raise StatementError(f"terminal = {terminal!r}: give True, or the number of the occurrence that ends the run.")
-    count, side = int(terminal), real_number(direction, "direction")
-    if reset is not None and not isinstance(reset, Mapping):
-        raise StatementError(
-            f"reset is {str(reset)[:80]!r}: give a dict from coordinates and velocities to expressions, such as "
-            "{y.dot: -0.9*y.dot}."
+    return Event(expression, _sign(direction), terminal, {} if reset is None else reset)
+
+
+def _sign(direction: float) -> int:
+    side = real_number(direction, "direction")
+    return (side > 0) - (side < 0)
+
+
+def _zero(given: Any) -> Any:
+    """Return the expression whose zero is the event, of an equation too."""
+    if isinstance(given, sympy.Eq):
+        return expression(given.lhs, "the left side of the event") - expression(
+            given.rhs, "the right side of the event"
         )
-    chosen = {key: _expression(value) for key, value in (reset or {}).items()}
-    return Event(expression, (side > 0) - (side < 0), count, MappingProxyType(chosen))
+    if not isinstance(given, sympy.Expr) or given.is_Matrix:
+        raise StatementError(f"the event is {_instead_of(given)}")
+    return given
 
 
 def _instead_of(given: Any) -> str:
     """Return what was given for the expression of an event, and what to write in its place."""
-    shown = str(given)[:80]
+    written = _written(given)
     match given:
         case str() | bytes():
-            return f"{shown!r}, a text: give the symbol or the expression itself, such as theta or theta.dot - 1."
+            return f"{written!r}, a text: give the symbol or the expression itself, such as theta or theta.dot - 1."
         case bool() | np.bool_() | sympy.logic.boolalg.BooleanAtom():
-            return f"{shown}, which Python makes of a comparison such as theta.dot == 0: give theta.dot alone."
+            return f"{written}, which Python makes of a comparison such as theta.dot == 0: give theta.dot alone."
         case sympy.core.relational.Relational():
-            zero = str(given.lhs - given.rhs)[:80]
+            zero = str(sympy.Add(given.lhs, sympy.Mul(-1, given.rhs)))[:80]
             return (
-                f"{shown!r}, a relation: give the difference of its sides, {zero}, whose zero is the event, and "
+                f"{written!r}, a relation: give the difference of its sides, {zero}, whose zero is the event, and "
                 "direction=1 or -1 for the side to which it goes."
             )
         case numbers.Number() | np.ndarray():
             return (
-                f"{shown}, a number, which stays as it is along a run: give an expression in coordinates or velocities."
+                f"{written}, a number, which stays as it is along a run: give an expression in coordinates or "
+                "velocities."
             )
     hidden = " A Python function hides its formula, and its roots could be missed." if callable(given) else ""
-    return f"{shown!r}: give a SymPy expression whose zero is the event, such as theta - 1.{hidden}"
+    return f"{written!r}: give a SymPy expression whose zero is the event, such as theta - 1.{hidden}"
 
 
-def _expression(value: Any) -> Any:
-    """Return a number as SymPy, and anything else as it is."""
-    if isinstance(value, sympy.Basic):
-        return value
-    if not isinstance(value, (numbers.Number, np.ndarray)):
-        raise StatementError(
-            f"the value of a reset is {str(value)[:80]!r} ({type(value).__name__}): give an expression of the state "
-            "before, such as -0.9*y.dot, or a number."
-        )
-    return sympy.Float(real_number(value, "the value of a reset"))
+def _written(given: Any) -> str:
+    return str(given)[:80] if isinstance(given, (str, sympy.Basic)) else shown(given)
+
+
+def _value(value: Any) -> Any:
+    """Return what a reset sets a coordinate or velocity to."""
+    if isinstance(value, sympy.Expr):
+        return expression(value, "the value of a reset")
+    if isinstance(value, (numbers.Number, np.ndarray)):
+        return sympy.Float(real_number(value, "the value of a reset"))
+    raise StatementError(
+        f"the value of a reset is {shown(value)} ({type(value).__name__}): give an expression of the state "
+        "before, such as -0.9*y.dot, or a number."
+    )
 
 
 def declare_events(events: Any, statement: Statement) -> tuple[Event, ...]:
@@ -104,9 +133,10 @@ def declare_events(events: Any, statement: Statement) -> tuple[Event, ...]:
     alone = (Event, sympy.Basic, str, bytes, numbers.Number, np.bool_)
     if isinstance(events, alone) or callable(events):
         events = [events]
-    if not isinstance(events, Iterable):
-        raise StatementError(f"events is {str(events)[:80]!r}: give a list of expressions, or of lg.event(...).")
-    found = tuple(given if isinstance(given, Event) else event(given) for given in events)
+    listed = entries(events, "events")
+    if listed is None:
+        raise StatementError(f"events is {shown(events)!r}: give a list of expressions, or of lg.event(...).")
+    found = tuple(given if isinstance(given, Event) else event(given) for given in listed)
     for place, one in enumerate(found):
         survey = _check(one.expression, f"event {place}", statement)
         if not survey.coordinates and not one.expression.has(t):
@@ -124,8 +154,6 @@ def declare_events(events: Any, statement: Statement) -> tuple[Event, ...]:
                     f"the reset of event {place} names {str(key)[:80]!r}, which is no coordinate or velocity of this "
                     f"system; they are {listing(known)}."
                 )
-            if not isinstance(value, sympy.Expr):
-                raise StatementError(f"the reset of event {place} gives {str(value)[:80]!r}: give an expression.")
             _check(value, f"the reset of event {place}", statement)
     return found
 

@@ -1,15 +1,30 @@
-"""Numbers from users: finite, real, and said to be otherwise in words."""
+"""Numbers, arrays and truth values from users: finite, real, and said to be otherwise in words."""
 
 from __future__ import annotations
 
 import math
 import numbers
+from collections.abc import Sized
 from typing import Any
 
 import numpy as np
 import sympy
+from numpy.typing import ArrayLike, NDArray
 
-from lagrange.errors import StatementError
+from lagrange.errors import StatementError, shown
+
+FloatArray = NDArray[np.float64]
+
+DOUBLE = np.dtype(float)
+
+MOST_NUMBERS = 2**29
+"""Entries that an array of a user's, or what is computed for it, may have: they take 4 GiB. A larger one is refused
+before it is made: the system would end the process instead of telling why."""
+
+_PLAIN = frozenset((float, int))
+
+_NO_NUMBERS = (bool, np.bool_, np.ma.MaskedArray)
+"""What NumPy takes for numbers inside a list of others."""
 
 TOO_LARGE = "too large for a floating-point number: give one below 1.8e308"
 
@@ -22,15 +37,90 @@ def real_number(value: Any, what: str) -> float:
     return number
 
 
+def flag(value: Any, what: str) -> bool:
+    """Return a truth value. Raises StatementError for anything else, which Python would take for one."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise StatementError(f"{what} = {shown(value)}: give True or False.")
+    return bool(value)
+
+
+def whole_number(value: Any, what: str, least: int, most: int | None = None) -> int:
+    """Return a whole number from `least` up, to `most` if that is given; 3.0 is one too."""
+    number = real_number(value, what)
+    if number != int(number) or number < least or (most is not None and number > most):
+        bounds = f"of at least {least}" if most is None else f"from {least} to {most}"
+        raise StatementError(f"{what} = {shown(value)}: give a whole number {bounds}.")
+    return int(number)
+
+
+def real_array(value: ArrayLike, what: str, *, width: int = 1) -> FloatArray:
+    """Return an array of doubles.
+
+    Complex numbers, texts, truth values, symbols and masks are refused: converted, they would lose what they say. So
+    is what takes too much memory; `width` is how many numbers are computed for each entry.
+    """
+    if type(value) is np.ndarray and value.dtype is DOUBLE and value.size * width <= MOST_NUMBERS:
+        return value
+    array = _array(value, what, width, "fiu")
+    if array.dtype is DOUBLE:
+        return array
+    with np.errstate(over="ignore"):  # an entry beyond all doubles is infinite
+        return array.astype(float)
+
+
+def complex_array(value: ArrayLike, what: str) -> NDArray[np.complex128]:
+    """Return an array of complex numbers; see `real_array`."""
+    with np.errstate(over="ignore"):
+        return _array(value, what, 2, "fiuc").astype(complex)
+
+
+def _array(value: ArrayLike, what: str, width: int, kinds: str) -> NDArray[Any]:
+    """Return an array whose entries are of some kinds, by NumPy's letters."""
+    if isinstance(value, np.ma.MaskedArray):
+        raise StatementError(f"{what} is a masked array: give the values alone, such as its .compressed().")
+    entries = value.size if isinstance(value, np.ndarray) else _count(value, what)
+    if entries * width > MOST_NUMBERS:
+        raise StatementError(
+            f"{what} has {entries:.3g} entries, which takes {8 * entries * width / 2**30:.3g} GiB of memory: give "
+            f"fewer at once, so that {MOST_NUMBERS / 2**27:g} GiB are enough."
+        )
+    try:
+        array = np.asarray(value)
+    except (ValueError, TypeError, OverflowError) as error:
+        raise StatementError(f"{what} is no array: {error}. Give rows of one length.") from error
+    if array.dtype.kind not in kinds:
+        raise StatementError(
+            f"{what} has entries of type {array.dtype}: give {'' if 'c' in kinds else 'real '}numbers."
+        )
+    return array
+
+
+def _count(value: Any, what: str, above: tuple[int, ...] = ()) -> int:
+    """Return the number of entries of a list, with those of the lists in it; refuse what is no number."""
+    if isinstance(value, range) or not isinstance(value, (list, tuple)):
+        return len(value) if isinstance(value, Sized) and not isinstance(value, np.ndarray) else np.size(value)
+    kinds = set(map(type, value))  # far fewer than entries, as a rule
+    if kinds <= _PLAIN:
+        return len(value)
+    if id(value) in above:
+        raise StatementError(f"{what} contains itself: give a list of numbers.")
+    for kind in sorted(kinds, key=lambda kind: kind.__name__):
+        if issubclass(kind, _NO_NUMBERS):
+            raise StatementError(f"{what} has entries of type {kind.__name__}: give real numbers.")
+    if not any(issubclass(kind, (list, tuple, range, np.ndarray)) for kind in kinds):
+        return len(value)
+    return sum(_count(one, what, (*above, id(value))) for one in value)
+
+
 def _as_float(value: Any, what: str) -> float:
-    if isinstance(value, np.ndarray) and value.ndim == 0:
+    if isinstance(value, np.ndarray) and value.ndim == 0 and not isinstance(value, np.ma.MaskedArray):
         value = value[()]
     if isinstance(value, sympy.Basic):
         return _from_sympy(value, what)
     if isinstance(value, numbers.Complex) and not isinstance(value, numbers.Real):
         raise StatementError(f"{what} is {value!r}, a complex number: give a real number.")
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, numbers.Real):
-        raise StatementError(f"{what} is {value!r} ({type(value).__name__}): give a number.")
+    if isinstance(value, (bool, np.bool_, np.timedelta64)) or not isinstance(value, numbers.Real):
+        raise StatementError(f"{what} is {shown(value)} ({type(value).__name__}): give a number.")
     try:
         return float(value)
     except OverflowError:
@@ -38,13 +128,18 @@ def _as_float(value: Any, what: str) -> float:
 
 
 def _from_sympy(value: Any, what: str) -> float:
-    if not isinstance(value, sympy.Expr):
+    if not isinstance(value, sympy.Expr) or isinstance(value, sympy.Lambda):
         raise StatementError(f"{what} is {str(value)[:60]}, which has no value: give a number.")
     if value.free_symbols or not value.is_number:
         raise StatementError(f"{what} is {str(value)[:60]}, an expression with symbols in it: give a number.")
     if value in (sympy.nan, sympy.zoo):
         raise StatementError(f"{what} is {value}: give a finite number.")
-    number = complex(value)
+    try:
+        number = complex(value)
+    except (TypeError, ValueError) as error:
+        raise StatementError(f"{what} is {str(value)[:60]}, which has no value: give a number.") from error
+    except OverflowError:
+        raise StatementError(f"{what} is {TOO_LARGE}.") from None
     if number.imag != 0.0:
         raise StatementError(f"{what} is {value}, a complex number: give a real number.")
     return number.real

@@ -12,6 +12,7 @@ from typing import Any
 import sympy
 
 from lagrange.errors import SceneError, StatementError, listing, suggestion
+from lagrange.statement.choice import one_of
 from lagrange.statement.coordinate import check_name, check_symbol, coordinate, velocity_of
 from lagrange.statement.declare import ORIGIN, declare
 from lagrange.statement.document import Document, kind_of
@@ -54,12 +55,7 @@ def load(name: str) -> Statement:
 def library_path(name: str) -> Path:
     """Return the file of a scene of the library."""
     files = {path.stem: path for path in LIBRARY.glob("*.toml")}
-    if name not in files:
-        given = str(name)[:80]
-        raise StatementError(
-            f"the library has no scene {given!r}; it has {listing(sorted(files))}.{suggestion(given, files)}"
-        )
-    return files[name]
+    return files[one_of(name, sorted(files), "the library has no scene {given}; it has {known}.")]
 
 
 def library() -> list[LibraryScene]:

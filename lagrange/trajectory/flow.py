@@ -11,19 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lagrange.errors import RunError, StatementError
+from lagrange.errors import RunError, StatementError, shown
 from lagrange.machine.backend import Driver
 from lagrange.machine.driver import DriverState, Outcome
-from lagrange.machine.model import Model, real_array
-from lagrange.statement.number import real_number
+from lagrange.machine.model import Model
+from lagrange.statement.number import real_array, real_number
 from lagrange.trajectory.driver import LARGEST_BURST
 from lagrange.trajectory.integrate import step_limit
-from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.integrator import Problem, run_by
 from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.plan import Plan, Planned
 from lagrange.trajectory.trajectory import FloatArray
 
-_DOUBLE = np.dtype(float)
 _NO_TIMES, _NO_ROWS = np.empty(0), np.empty((0, 0))
 
 
@@ -49,7 +48,7 @@ class Flow:
         max_steps: int | None = None,
     ) -> None:
         if not isinstance(model, Model):
-            raise StatementError(f"{model!r} is no compiled model: give system.compile().")
+            raise StatementError(f"{shown(model)} is no compiled model: give system.compile().")
         self._integrator = find(DEFAULT if method is None else method)
         self._model = model
         self._dimension = 2 * model.dimension
@@ -81,8 +80,7 @@ class Flow:
         if isinstance(parameters, np.ndarray):
             values = self._model.parameter_array(parameters).tolist()
             parameters = dict(zip(self._model.statement.parameters, values, strict=True))
-        known = isinstance(y0, np.ndarray) and y0.dtype is _DOUBLE
-        start: FloatArray = np.asarray(y0) if known else real_array(y0, "y0")
+        start = real_array(y0, "y0")
         if start.shape != (self._dimension,):
             raise StatementError(f"y0 has shape {start.shape}: give [q, v] of shape ({self._dimension},).")
         if not (type(t0) is type(t1) is float and math.isfinite(t1 - t0)):
@@ -140,7 +138,7 @@ class Flow:
         """Run the integrator as a run would, for its verdict in words or for an integrator without a step program."""
         values = self._model.parameter_values(parameters)
         problem = replace(self._problem, t0=t0, t1=t1, y0=y0, parameters=values)
-        trajectory = self._integrator.integrate(problem)
+        trajectory = run_by(self._integrator, problem)
         if not trajectory.status.complete:
             raise RunError(trajectory.message)
         return trajectory.y[:, -1].copy()

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lagrange.errors import StatementError, listing
+from lagrange.errors import StatementError, listing, shown
 from lagrange.machine.model import Model
 from lagrange.statement.declare import initial_state
 from lagrange.statement.event import declare_events
-from lagrange.statement.number import real_number
-from lagrange.trajectory.integrator import Integrator, Problem
+from lagrange.statement.number import real_array, real_number, whole_number
+from lagrange.trajectory.integrator import Integrator, Problem, run_by
 from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.plan import promises
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
@@ -52,10 +52,8 @@ def integrate(
     Raises StatementError for a request that cannot be meant; what happens along the way ends in a status.
     """
     if not isinstance(model, Model):
-        raise StatementError(f"{model!r} is no compiled model: give system.compile(), or call system.run().")
-    if isinstance(span, (str, bytes)) or np.ndim(span) != 1 or len(span) != 2:
-        raise StatementError(f"the time span is {span!r}: give two times, such as (0.0, 10.0).")
-    t0, t1 = real_number(span[0], "the first time"), real_number(span[1], "the last time")
+        raise StatementError(f"{shown(model)} is no compiled model: give system.compile(), or call system.run().")
+    t0, t1 = time_span(span)
     statement = model.statement
     values = model.parameter_values(parameters)
     problem = Problem(
@@ -63,8 +61,8 @@ def integrate(
         parameters=values,
         t0=t0,
         t1=t1,
-        y0=np.array(initial_state(initial or {}, statement.coordinates, statement.initial)),
-        t_eval=_output_times(t_eval, t0, t1),
+        y0=np.array(initial_state({} if initial is None else initial, statement.coordinates, statement.initial)),
+        t_eval=_output_times(t_eval, t0, t1, 2 * model.dimension),
         rtol=rtol,
         atol=atol,
         step=step,
@@ -76,11 +74,7 @@ def integrate(
     integrator = find(DEFAULT if method is None else method)
     _check_events(problem, integrator)
     energy = _check_start(problem)
-    trajectory: Any = integrator.integrate(problem)
-    if not isinstance(trajectory, Trajectory):
-        raise StatementError(
-            f"method {integrator.name} returned {trajectory!r}: integrate() must return an lg.Trajectory."
-        )
+    trajectory = run_by(integrator, problem)
     return _with_energy(problem, trajectory, energy), values
 
 
@@ -139,13 +133,21 @@ def _energy(problem: Problem, y: FloatArray) -> float:
     return float(problem.model.kernel("energy")(problem.t0, y, problem.parameter_array))
 
 
-def _output_times(t_eval: ArrayLike | None, t0: float, t1: float) -> FloatArray | None:
+def time_span(span: Sequence[float]) -> tuple[float, float]:
+    """Return the first and the last time. Raises StatementError for what is no pair of them."""
+    many = span.ndim == 1 if isinstance(span, np.ndarray) else isinstance(span, Sequence)
+    if not many or isinstance(span, (str, bytes)) or len(span) != 2:
+        raise StatementError(f"the time span is {shown(span)}: give two times, such as (0.0, 10.0).")
+    return real_number(span[0], "the first time"), real_number(span[1], "the last time")
+
+
+def _output_times(t_eval: ArrayLike | None, t0: float, t1: float, width: int) -> FloatArray | None:
+    """Return the output times, checked; `width` numbers are wanted at each."""
     if t_eval is None:
         return None
-    times = np.asarray(t_eval)
-    if times.ndim != 1 or times.dtype.kind not in "fiu":
-        raise StatementError(f"t_eval has shape {times.shape} and entries of type {times.dtype}: give a list of times.")
-    times = times.astype(float)
+    times = real_array(t_eval, "t_eval", width=width)
+    if times.ndim != 1:
+        raise StatementError(f"t_eval has shape {times.shape}: give a list of times.")
     low, high = min(t0, t1), max(t0, t1)
     slack = ROUND_OFF * (high - low)
     times = np.where((times > high) & (times <= high + slack), high, times)
@@ -165,10 +167,7 @@ def step_limit(max_steps: int | None) -> int:
     """Return how many steps may be tried. Raises StatementError for what is no whole number of at least 1."""
     if max_steps is None:
         return MAX_STEPS
-    number = real_number(max_steps, "max_steps")
-    if number < 1 or number != int(number):
-        raise StatementError(f"max_steps = {max_steps}: give a whole number of at least 1.")
-    return int(number)
+    return whole_number(max_steps, "max_steps", 1)
 
 
 def _wall(max_wall: float | None) -> float | None:

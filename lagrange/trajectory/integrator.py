@@ -9,8 +9,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from lagrange.errors import StatementError, shown
 from lagrange.machine.model import Model
 from lagrange.statement.event import Event
+from lagrange.statement.number import flag, real_array, whole_number
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 
@@ -32,6 +34,12 @@ class Claims:
     events: bool = False
     energy: bool = False
     dense: int = 0
+
+    def __post_init__(self) -> None:
+        whole_number(self.order, "order", 0)
+        whole_number(self.dense, "dense", 0)
+        for name in ("adaptive", "symplectic", "symmetric", "a_stable", "explicit", "events", "energy"):
+            flag(getattr(self, name), name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,10 +67,25 @@ class Problem:
     events: tuple[Event, ...] = ()
     progress: Callable[[float], None] | None = None
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "y0", real_array(self.y0, "y0"))
+        if self.t_eval is not None:
+            object.__setattr__(self, "t_eval", real_array(self.t_eval, "t_eval"))
+
     @cached_property
     def parameter_array(self) -> FloatArray:
         """The parameters' values (k,), as kernels take them."""
         return np.array([self.parameters[symbol] for symbol in self.model.statement.parameters], dtype=float)
+
+
+def run_by(integrator: Integrator, problem: Problem) -> Trajectory:
+    """Run a problem. Raises StatementError where a method of a user's returns something else than a trajectory."""
+    found: Any = integrator.integrate(problem)
+    if not isinstance(found, Trajectory):
+        raise StatementError(
+            f"method {integrator.name} returned {shown(found)}: integrate() must return an lg.Trajectory."
+        )
+    return found
 
 
 class Integrator(Protocol):

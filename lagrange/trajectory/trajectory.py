@@ -9,6 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lagrange.errors import StatementError, shown
+from lagrange.statement.number import real_array, real_number
+
 FloatArray = NDArray[np.float64]
 
 
@@ -56,3 +59,20 @@ class Trajectory:
     form: str = ""
     t_events: tuple[FloatArray, ...] = ()
     y_events: tuple[FloatArray, ...] = ()
+
+    def __post_init__(self) -> None:
+        t, y = real_array(self.t, "t of a trajectory"), real_array(self.y, "y of a trajectory")
+        if t.ndim != 1 or y.ndim != 2 or y.shape[1] != len(t):
+            raise StatementError(
+                f"a trajectory has t of shape {t.shape} and y of shape {y.shape}: give (N,) and (2n, N)."
+            )
+        if not isinstance(self.status, Status) or not callable(self.dense):
+            raise StatementError(
+                f"a trajectory has the status {shown(self.status)} and the dense output {shown(self.dense)}: give an "
+                "lg.Status and a function of times."
+            )
+        if not isinstance(self.span, tuple) or len(self.span) != 2:
+            raise StatementError(f"a trajectory has the span {shown(self.span)}: give its first and last time.")
+        object.__setattr__(self, "t", t)
+        object.__setattr__(self, "y", y)
+        object.__setattr__(self, "span", (real_number(self.span[0], "span"), real_number(self.span[1], "span")))

@@ -275,7 +275,7 @@ def test_a_singular_mass_matrix_everywhere_fails_with_a_reason() -> None:
 
 @pytest.mark.parametrize("points", [0, -3])
 def test_fewer_than_one_point_is_refused(points: int) -> None:
-    with pytest.raises(StatementError, match=f"points is {points}"):
+    with pytest.raises(StatementError, match=f"points = {points}: give a whole number from 1 to 10000"):
         checked(StandIn(statements.pendulum()), points=points)
 
 

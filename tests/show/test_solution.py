@@ -67,8 +67,8 @@ def test_states_between_the_outputs() -> None:
         (5.1, "t = 5.1 is outside the run, which went from 0 to 5"),
         ([1.0, -0.5], "t = -0.5 is outside the run"),
         (np.nan, "is not a time"),
-        ("2", "is not a time"),
-        (1j, "is not a time"),
+        ("2", "t has entries of type <U1: give real numbers"),
+        (1j, "t has entries of type complex128: give real numbers"),
         ([[1.0]], "is not a time"),
     ],
 )
@@ -99,7 +99,7 @@ def test_energy_and_expressions() -> None:
 @pytest.mark.parametrize(
     ("expression", "words"),
     [
-        ("x**2", "'x**2' is a text: give a SymPy expression"),
+        ("x**2", "the expression is the text 'x**2': give a SymPy expression"),
         (sympy.Matrix([x, x]), "is a matrix of shape (2, 1)"),
         (sympy.Symbol("stiffness") * x, "stiffness"),
         (1j, "complex"),

@@ -11,7 +11,7 @@ import pytest
 import sympy
 
 from lagrange.errors import StatementError
-from lagrange.statement.number import real_number
+from lagrange.statement.number import flag, real_array, real_number
 
 
 @pytest.mark.parametrize(
@@ -29,6 +29,68 @@ def test_numbers_of_every_kind(value: Any) -> None:
 @pytest.mark.parametrize("value", [2, np.int64(2), sympy.Integer(2), 2.0])
 def test_whole_numbers(value: Any) -> None:
     assert real_number(value, "m") == 2.0
+
+
+ENTRIES: list[tuple[Any, str]] = [
+    ([1j, 0], "q has entries of type complex128: give real numbers."),
+    (["1", "2"], "q has entries of type <U1: give real numbers."),
+    ([b"1"], "q has entries of type |S1: give real numbers."),
+    ([True, False], "q has entries of type bool: give real numbers."),
+    ([1.0, True], "q has entries of type bool: give real numbers."),
+    ([[1.0, 2.0], [np.bool_(0), 1.0]], "q has entries of type bool"),
+    (np.array([1.0, None]), "q has entries of type object: give real numbers."),
+    ([10**400], "q has entries of type object: give real numbers."),
+    (np.array([1], "m8[s]"), "q has entries of type timedelta64[s]: give real numbers."),
+    (np.ma.array([1.0, 2.0]), "q is a masked array: give the values alone, such as its .compressed()."),
+    ([1.0, np.ma.masked], "q has entries of type MaskedConstant: give real numbers."),
+    ([[1.0, 2.0], [3.0]], "q is no array: setting an array element with a sequence."),
+    (
+        np.broadcast_to(1.0, 10**9),
+        "q has 1e+09 entries, which takes 7.45 GiB of memory: give fewer at once, so that 4 ",
+    ),
+    (
+        range(10**9),
+        "q has 1e+09 entries, which takes 7.45 GiB of memory: give fewer at once, so that 4 GiB are enough.",
+    ),
+    ([range(10**9), range(10**9)], "q has 2e+09 entries"),
+]
+
+
+@pytest.mark.parametrize(("value", "message"), ENTRIES, ids=lambda case: str(type(case)))
+def test_what_is_no_array_of_real_numbers(value: Any, message: str) -> None:
+    with pytest.raises(StatementError) as caught:
+        real_array(value, "q")
+    assert message in str(caught.value)
+
+
+def test_a_list_that_contains_itself_is_refused() -> None:
+    value: list[Any] = [1.0]
+    value.append(value)
+    with pytest.raises(StatementError, match="q contains itself: give a list of numbers"):
+        real_array(value, "q")
+
+
+@pytest.mark.parametrize(
+    "value",
+    [[1, 2.0], (1.0, 2), np.array([1, 2]), np.array([1.0, 2.0], ">f8"), range(1, 3), [np.float64(1), np.int8(2)]],
+)
+def test_arrays_of_every_kind(value: Any) -> None:
+    assert real_array(value, "q").tolist() == [1.0, 2.0]
+    assert real_array(value, "q").dtype == np.dtype(float)
+
+
+def test_room_is_counted_for_what_is_computed_for_each_entry() -> None:
+    times = np.broadcast_to(0.5, 10**8)
+    assert real_array(times, "t").size == 10**8
+    with pytest.raises(StatementError, match=r"t has 1e.08 entries, which takes 5.96 GiB of memory"):
+        real_array(times, "t", width=8)
+
+
+@pytest.mark.parametrize("value", [0, 1, None, "yes", np.array([1, 2]), 0.0])
+def test_what_is_no_truth_value(value: Any) -> None:
+    with pytest.raises(StatementError, match=r"progress = .*: give True or False"):
+        flag(value, "progress")
+    assert flag(np.bool_(1), "progress") is True
 
 
 m = sympy.Symbol("m")

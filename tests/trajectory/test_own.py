@@ -221,5 +221,5 @@ def test_a_tableau_that_is_not_one_is_refused(given: dict[str, Any], words: str)
 
 @pytest.mark.parametrize("part", ["x", None, 10**400])
 def test_a_composition_of_what_is_no_number_is_refused(part: Any) -> None:
-    with pytest.raises(lg.StatementError, match="the composition mine has a coefficient that is no number"):
+    with pytest.raises(lg.StatementError, match="coefficient 1 of the composition mine is"):
         composition([1, part], name="mine", order=2)

@@ -2,24 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any
 
-from lagrange.errors import StatementError
+import numpy as np
+import sympy
+
+from lagrange.errors import StatementError, shown
 from lagrange.program.step import Control, StepProgram, trace
+from lagrange.statement.choice import text
+from lagrange.statement.expression import entries
+from lagrange.statement.number import whole_number
 from lagrange.trajectory.dense import RungeKuttaPath, StepPath, hermite_path
 from lagrange.trajectory.driver import drive
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods import classical, dop853, dopri5, tsit5
 from lagrange.trajectory.methods.rooted_trees import Row
-from lagrange.trajectory.methods.runge_kutta import ButcherTableau, ErrorEstimate
-from lagrange.trajectory.methods.settings import adaptive_settings, fixed_settings
+from lagrange.trajectory.methods.runge_kutta import HIGHEST, ButcherTableau, ErrorEstimate
+from lagrange.trajectory.methods.settings import adaptive_settings, check_options, fixed_settings
 from lagrange.trajectory.methods.verner9 import verner9
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
+
+FRACTION = re.compile(r"\s*[+-]?[0-9]{0,99}(\.[0-9]{0,99})?(/[0-9]{1,99}|[eE][+-]?[0-9]{1,3})?\s*")
+"""An entry of a tableau as text: 2/3, -1 or 0.25."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +44,11 @@ class RungeKutta:
     step: float | None = None
     rtol: float | None = None
     atol: float | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.tableau, ButcherTableau):
+            raise StatementError(f"{shown(self.tableau)} is no tableau: make one with lg.methods.tableau().")
+        check_options(self.step, self.rtol, self.atol)
 
     @property
     def name(self) -> str:
@@ -154,9 +169,12 @@ def tableau(
     or text such as "2/3". `embedded` are the weights of a second solution, of `embedded_order`, or one less than
     `order`: the method then controls its steps by the difference. Raises StatementError with the condition that fails.
     """
-    if not isinstance(A, Iterable):
-        raise StatementError(f"the tableau {name!r} has A = {A!r}: give its rows, each a list.")
-    lines = [_entries(name, line) for line in A]
+    listed = _listed(text(name, "name"), A)
+    if listed is None:
+        raise StatementError(f"the tableau {name!r} has A = {shown(A)}: give its rows, each a list.")
+    lines = [_entries(name, line) for line in listed]
+    if embedded_order is not None:
+        embedded_order = whole_number(embedded_order, "embedded_order", 1, HIGHEST)
     if any(entry for i, line in enumerate(lines) for entry in line[i:]):
         raise StatementError(f"the tableau {name!r} is not explicit: A must be zero on and above its diagonal.")
     weights = _entries(name, b)
@@ -174,17 +192,32 @@ def tableau(
     return made.hermite()
 
 
+def _listed(name: str, given: Any) -> list[Any] | None:
+    """Return the rows of a matrix, or the entries of a row; one row or column is a matrix too."""
+    if isinstance(given, (np.ndarray, sympy.MatrixBase)) and len(given.shape) == 2:
+        return list(given.tolist())
+    return entries(given, f"a row of the tableau {name!r}")
+
+
 def _entries(name: str, line: Any) -> Row:
+    listed = _listed(name, line)
     try:
-        entries = tuple(x if isinstance(x, float) else Fraction(x) for x in line)
-        for entry in entries:
+        found = tuple(x if isinstance(x, float) else _fraction(x) for x in ([line] if listed is None else listed))
+        for entry in found:
             float(entry)  # A fraction may lie beyond all doubles.
-        return entries
+        return found
     except (TypeError, ValueError, ArithmeticError) as error:
         raise StatementError(
             f"the tableau {name!r} has an entry that is no number ({error}): give numbers, or text such as '2/3', each "
             "row a list."
         ) from error
+
+
+def _fraction(entry: Any) -> Fraction:
+    """Return an exact number, of a short text too: Python would compute all digits of 1e1000000000."""
+    if isinstance(entry, bool) or (isinstance(entry, str) and not FRACTION.fullmatch(entry)):
+        raise ValueError(shown(entry))
+    return Fraction(entry)
 
 
 def explicit_method(A: Any, b: Any, *, name: str, order: int, step: float | None = None) -> RungeKutta:

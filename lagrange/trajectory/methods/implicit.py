@@ -5,18 +5,20 @@ Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any
 
+from lagrange.errors import StatementError, shown
 from lagrange.program.step import Control, StepProgram, trace
+from lagrange.statement.choice import one_of, text
 from lagrange.trajectory.dense import StepPath, hermite_path
 from lagrange.trajectory.driver import drive
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.gauss import Real, collocation_tableau, gauss_tableau
-from lagrange.trajectory.methods.settings import adaptive_settings, fixed_settings
+from lagrange.trajectory.methods.settings import adaptive_settings, check_options, fixed_settings
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
@@ -43,6 +45,16 @@ class ImplicitMethod:
     atol: float | None = None
 
     def __post_init__(self) -> None:
+        text(self.name, "name")
+        if not isinstance(self.claims, Claims):
+            raise StatementError(f"the claims of {self.name} are {shown(self.claims)}: give an lg.Claims.")
+        one_of(self.law, ("rhs", "momentum"), "the law of a method is not {given}: give one of {known}.")
+        for what, given in (("function", self.function), ("starter", self.starter), ("path", self.path)):
+            if not (callable(given) and isinstance(given, Hashable)) and (given is not None or what == "function"):
+                raise StatementError(f"the {what} of {self.name} is {shown(given)}: give a function.")
+        if self.control is not None and not isinstance(self.control, Control):
+            raise StatementError(f"the control of {self.name} is {shown(self.control)}: give a Control.")
+        check_options(self.step, self.rtol, self.atol)
         if self.path is None:
             object.__setattr__(self, "claims", replace(self.claims, dense=max(3, self.claims.order - 1)))
 

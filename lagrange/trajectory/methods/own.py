@@ -14,15 +14,17 @@ from functools import lru_cache
 from numbers import Real
 from typing import Any
 
-from lagrange.errors import StatementError
+from lagrange.errors import StatementError, shown
 from lagrange.machine.numpy_newton import numbers_of
 from lagrange.program.step import StepProgram, trace
+from lagrange.statement.choice import text
+from lagrange.statement.number import whole_number
 from lagrange.trajectory.dense import hermite_path
 from lagrange.trajectory.driver import drive
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.rooted_trees import Number
 from lagrange.trajectory.methods.runge_kutta import ROUND_OFF, ButcherTableau
-from lagrange.trajectory.methods.settings import fixed_settings
+from lagrange.trajectory.methods.settings import check_options, fixed_settings
 from lagrange.trajectory.methods.splitting import check_splits
 from lagrange.trajectory.methods.trial import TrialVector, kind_of, number, refusal
 from lagrange.trajectory.plan import StepPlan
@@ -48,6 +50,12 @@ class StepMethod:
     order: int
     function: Callable[..., Any]
     step: float | None = None
+
+    def __post_init__(self) -> None:
+        text(self.name, "name")
+        whole_number(self.order, "order", 1)
+        _arguments(self.name, self.function)
+        check_options(self.step)
 
     @property
     def claims(self) -> Claims:
@@ -77,8 +85,8 @@ def step_method(function: Callable[..., Any], *, order: int, name: str = "", ste
     record alone, and must do the same at every call. Raises StatementError in words.
     """
     if isinstance(order, bool) or not isinstance(order, int) or order < 1:
-        raise StatementError(f"order = {order!r}: give the order of the method, a whole number from 1 on.")
-    called = name or getattr(function, "__name__", "") or "step"
+        raise StatementError(f"order = {shown(order)}: give the order of the method, a whole number from 1 on.")
+    called = text(name, "name") or getattr(function, "__name__", "") or "step"
     _check_recorded(called, function, check_consistent(called, function, order))
     return StepMethod(called, order, function, step)
 

@@ -10,7 +10,8 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from lagrange.errors import StatementError, listing, suggestion
+from lagrange.errors import StatementError, listing, shown, suggestion
+from lagrange.statement.number import flag
 from lagrange.trajectory.integrator import Claims, Integrator
 from lagrange.trajectory.methods.explicit import (
     BS3,
@@ -126,9 +127,10 @@ def register(name: str, method: Any, *, order: int | None = None, replaces: bool
     """
     if not isinstance(name, str) or not NAME.fullmatch(name):
         raise StatementError(
-            f"name = {name!r}: give small letters and digits, starting with a letter, parts joined by '-', such as "
-            "'my-method'."
+            f"name = {shown(name)}: give small letters and digits, starting with a letter, parts joined by '-', such "
+            "as 'my-method'."
         )
+    replaces = flag(replaces, "replaces")
     if name in BUILT_IN or name in _offered() or (name in _registered and not replaces):
         again = " Pass replaces=True to replace it." if name in _registered else ""
         raise StatementError(f"there is a method {name!r} already: give another name.{again}")
@@ -150,8 +152,8 @@ def _maker(name: str, method: Any, order: int | None) -> Callable[[], Integrator
         return lambda: instance
     if not callable(method):
         raise StatementError(
-            f"{name} cannot be {method!r}: give a ButcherTableau, an integrator, its class, or a step function with "
-            "its order."
+            f"{name} cannot be {shown(method)}: give a ButcherTableau, an integrator, its class, or a step function "
+            "with its order."
         )
     if _needed(method):
         raise StatementError(
@@ -233,12 +235,12 @@ def find(method: Any) -> Integrator:
     if not isinstance(method, str):
         if isinstance(method, type) or not callable(getattr(method, "integrate", None)):
             raise StatementError(
-                f"method is {method!r}: give a name, such as '{DEFAULT}', or an instance, such as "
+                f"method is {shown(method)}: give a name, such as '{DEFAULT}', or an instance, such as "
                 "lg.methods.RK4(step=0.01)."
             )
         if not isinstance(getattr(method, "claims", None), Claims):
             raise StatementError(
-                f"method {method!r} has no claims: give it a `claims` of type lg.Claims, such as its order."
+                f"method {shown(method)} has no claims: give it a `claims` of type lg.Claims, such as its order."
             )
         instance: Integrator = method
         return instance
@@ -251,7 +253,7 @@ def find(method: Any) -> Integrator:
         return made
     meant = ELSEWHERE.get(method.lower())
     hint = f" Did you mean {meant!r}?" if meant else suggestion(method.lower(), names())
-    raise StatementError(f"there is no method {method!r}; the methods are {listing(names())}.{hint}")
+    raise StatementError(f"there is no method {shown(method)}; the methods are {listing(names())}.{hint}")
 
 
 def table() -> Table:

@@ -9,7 +9,9 @@ from functools import cached_property
 from itertools import zip_longest
 from math import isfinite
 
-from lagrange.errors import StatementError
+from lagrange.errors import StatementError, shown
+from lagrange.statement.choice import text
+from lagrange.statement.number import whole_number
 from lagrange.trajectory.methods.rooted_trees import Number, Row, Tree, density, dot, formula, size, stage_weights
 
 ROUND_OFF = 1e-12
@@ -28,6 +30,10 @@ def row(text: str) -> Row:
 def rows(text: str) -> tuple[Row, ...]:
     """Read one row of coefficients per line that has any."""
     return tuple(row(line) for line in text.splitlines() if line.strip())
+
+
+def _is_row(given: object) -> bool:
+    return isinstance(given, tuple) and all(isinstance(x, (int, float, Fraction)) for x in given)
 
 
 @dataclass(frozen=True)
@@ -89,6 +95,7 @@ class ButcherTableau:
     source: str = ""
 
     def __post_init__(self) -> None:
+        self._check_kinds()
         self._check_shapes()
         sums = tuple(sum(line, Fraction(0)) for line in self.rows)
         object.__setattr__(self, "c", self.c or sums[: self.stages])
@@ -159,6 +166,16 @@ class ButcherTableau:
         if not abs(float(off)) <= (0.0 if exact else ROUND_OFF * scale):
             pair = (given, expected) if exact else (f"{float(given):.17g}", f"{float(expected):.17g}")
             raise self._refuse(f"{condition} fails by {float(off):.3g} ({pair[0]} instead of {pair[1]})")
+
+    def _check_kinds(self) -> None:
+        text(self.name, "name")
+        whole_number(self.order, "order", 0)
+        rows = self.A if isinstance(self.A, tuple) else (None,)
+        if not all(_is_row(row) for row in (*rows, self.b, self.c)):
+            raise self._refuse("b, c and the rows of A are tuples of numbers; lg.methods.tableau() takes lists")
+        for what, part, kind in (("error", self.error, ErrorEstimate), ("dense", self.dense, DenseOutput)):
+            if part is not None and not isinstance(part, kind):
+                raise self._refuse(f"{what} is {shown(part)} and not {kind.__name__}(...)")
 
     def _check_shapes(self) -> None:
         s = len(self.b)

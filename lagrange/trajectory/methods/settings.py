@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
 
-from lagrange.errors import StatementError
+from lagrange.errors import StatementError, shown
 from lagrange.statement.number import real_number
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.plan import Tolerances
@@ -31,6 +32,23 @@ LEAST_ATOL = 1e-300
 """Added in place of an absolute tolerance of zero, so that a coordinate that is exactly zero can have an error."""
 
 
+def step_size(value: Any) -> float:
+    """Return the size of equal steps. Raises StatementError for what is no positive number."""
+    size = real_number(value, "step")
+    if size <= 0:
+        raise StatementError(f"step = {size:g}: give a positive size; the direction follows from the time span.")
+    return size
+
+
+def check_options(step: Any = None, rtol: Any = None, atol: Any = None) -> None:
+    """Refuse options of a method that no run could use, when the method is made."""
+    if step is not None:
+        step_size(step)
+    for what, value in (("rtol", rtol), ("atol", atol)):
+        if value is not None:
+            _number(what, value)
+
+
 def adaptive_settings(
     name: str,
     problem: Problem,
@@ -44,6 +62,7 @@ def adaptive_settings(
 
     What both give must be the same. `least` is the smallest relative tolerance that the method can use.
     """
+    check_problem(name, problem)
     if problem.step is not None or step is not None:
         raise StatementError(
             f"{name} chooses its steps by itself: give rtol and atol, or a fixed-step method such as rk4."
@@ -62,13 +81,14 @@ def fixed_settings(
     name: str, problem: Problem, step: float | None, rtol: float | None, atol: float | None
 ) -> Tolerances:
     """Return the step of a fixed-step method: the run's, else the method's own, else a thousandth of the span."""
+    check_problem(name, problem)
     if problem.rtol is not None or problem.atol is not None or rtol is not None or atol is not None:
         raise StatementError(
             f"{name} takes equal steps and cannot aim at a tolerance: give step= in place of rtol and atol, or an "
             "adaptive method such as dop853."
         )
     span = abs(problem.t1 - problem.t0)
-    given = [real_number(size, "step") for size in (problem.step, step) if size is not None]
+    given = [step_size(size) for size in (problem.step, step) if size is not None]
     if len(given) == 2 and given[0] != given[1]:
         raise StatementError(
             f"step is given twice, {given[0]:g} for the run and {given[1]:g} for {name} itself: give it in one place."
@@ -77,11 +97,15 @@ def fixed_settings(
         note = f"No step was given: {EQUAL_STEPS} equal steps of {span / EQUAL_STEPS:.6g} were taken."
         return Tolerances(step=span / EQUAL_STEPS, notes=(note,))
     size = given[0]
-    if size <= 0:
-        raise StatementError(f"step = {size:g}: give a positive size; the direction follows from the time span.")
     if span / size > 1e15 or problem.t0 + size == problem.t0:
         raise StatementError(f"step = {size:g} is below the spacing of floating-point times near t = {problem.t0:g}.")
     return Tolerances(step=size)
+
+
+def check_problem(name: str, problem: Problem) -> None:
+    """Refuse what is no problem."""
+    if not isinstance(problem, Problem):
+        raise StatementError(f"{name} cannot run {shown(problem)}: give an lg.Problem, or call lg.integrate().")
 
 
 def _tolerance(name: str, what: str, asked: Any, own: Any, default: float) -> float:
@@ -96,19 +120,19 @@ def _tolerance(name: str, what: str, asked: Any, own: Any, default: float) -> fl
 
 def _number(what: str, value: Any) -> float:
     """Return a tolerance. Raises StatementError for what is none, in words."""
-    if type(value) is float and 0 <= value < 1:
+    if type(value) is float and 0 < value < 1:
         return value
-    if np.ndim(value) and not isinstance(value, str):
+    single = isinstance(value, (str, bytes)) or (isinstance(value, np.ndarray) and value.ndim == 0)
+    if isinstance(value, Collection) and not single:
         raise StatementError(
-            f"{what} is {str(value)[:80]}: give one number. It is the same for all entries of the state; choose units "
+            f"{what} is {shown(value)}: give one number. It is the same for all entries of the state; choose units "
             "in which these are of like size."
         )
-    wrong = f"{what} = {str(value)[:80]}: give a finite tolerance that is not negative."
     if isinstance(value, (float, np.floating)) and not math.isfinite(value):
-        raise StatementError(wrong)
+        raise StatementError(f"{what} = {value}: give a finite tolerance that is not negative.")
     number = real_number(value, what)
-    if number < 0:
-        raise StatementError(wrong)
+    if math.copysign(1.0, number) < 0:
+        raise StatementError(f"{what} = {number:g}: give a finite tolerance that is not negative.")
     if what == "rtol" and number >= 1:
         raise StatementError(
             f"rtol = {number:g}: errors as large as the state itself leave no digit of it. Give a part of it, such as "

@@ -14,12 +14,15 @@ from functools import lru_cache
 from itertools import groupby, pairwise
 from typing import Any
 
-from lagrange.errors import StatementError
+from lagrange.errors import StatementError, shown
 from lagrange.program.step import StepProgram, trace
+from lagrange.statement.choice import text
+from lagrange.statement.expression import entries
+from lagrange.statement.number import real_array, real_number, whole_number
 from lagrange.trajectory.dense import hermite_path
 from lagrange.trajectory.driver import drive
 from lagrange.trajectory.integrator import Claims, Problem
-from lagrange.trajectory.methods.settings import fixed_settings
+from lagrange.trajectory.methods.settings import check_options, check_problem, fixed_settings
 from lagrange.trajectory.methods.words import check_words
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.trajectory import Trajectory
@@ -60,6 +63,10 @@ class Splitting:
     source: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
+        text(self.name, "name")
+        whole_number(self.order, "order", 1)
+        object.__setattr__(self, "stages", _pairs(self.name, self.stages))
+        check_options(self.step)
         for what, total in (("kicks", sum(k for k, _ in self.stages)), ("drifts", sum(d for _, d in self.stages))):
             if not abs(total - 1) <= 1e-14:
                 raise StatementError(f"the {what} of {self.name} add up to {total:.17g}: they must add up to one step.")
@@ -93,8 +100,20 @@ class Splitting:
         return drive(problem, self.plan(problem), self.name)
 
 
+def _pairs(name: str, stages: Any) -> Stages:
+    """Return the stages of a splitting as pairs of floats."""
+    if isinstance(stages, tuple) and all(isinstance(x, tuple) and [*map(type, x)] == [float, float] for x in stages):
+        return stages
+    listed = entries(stages, f"the stages of {name}")
+    pairs = [real_array(stage, f"stage {i} of {name}") for i, stage in enumerate(listed or ())]
+    if any(pair.shape != (2,) for pair in pairs):
+        raise StatementError(f"the stages of {name} are {shown(stages)}: give pairs (kick, drift).")
+    return tuple((float(kick), float(drift)) for kick, drift in pairs)
+
+
 def check_splits(name: str, problem: Problem) -> None:
     """Refuse a system whose kinetic energy is not separable or whose forces depend on velocities."""
+    check_problem(name, problem)
     structure = problem.model.equations.structure
     if not structure.constant_mass:
         reason = "its mass matrix changes along the motion"
@@ -145,12 +164,12 @@ def composition(
     Coefficients that read the same from both ends make a symmetric method, of even order. Raises StatementError if
     they do not add up to 1 or the order is not the claimed one.
     """
-    if first not in ("drift", "kick"):
-        raise StatementError(f"first = {first!r}: a composition starts with a 'drift' or a 'kick'.")
-    try:
-        parts = [float(c) for c in coefficients]
-    except (TypeError, ValueError, OverflowError) as error:
-        raise StatementError(f"the composition {name} has a coefficient that is no number ({error}).") from error
+    if not isinstance(first, str) or first not in ("drift", "kick"):
+        raise StatementError(f"first = {shown(first)}: a composition starts with a 'drift' or a 'kick'.")
+    listed = entries(coefficients, f"the coefficients of {text(name, 'name')}")
+    if listed is None:
+        raise StatementError(f"the composition {name} has coefficients = {shown(coefficients)}: give a list.")
+    parts = [real_number(c, f"coefficient {i} of the composition {name}") for i, c in enumerate(listed)]
     if not parts:
         raise StatementError(f"the composition {name} has no coefficients: give at least one.")
     ends = [0.0, *parts, 0.0]

@@ -10,9 +10,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from lagrange.errors import StatementError
+from lagrange.errors import StatementError, shown
 from lagrange.machine.driver import DriverState, Outcome
 from lagrange.machine.model import Model
+from lagrange.statement.number import real_number
 from lagrange.trajectory.driver import drive
 from lagrange.trajectory.fault import Fault
 from lagrange.trajectory.integrator import Problem
@@ -60,8 +61,11 @@ at most; where that is infinite, the solver chooses."""
 def check_bounds(name: str, max_step: float, first_step: float | None) -> None:
     """Refuse bounds of steps that are not positive times."""
     for option, value in (("max_step", max_step), ("first_step", first_step)):
-        if value is not None and not value > 0:
-            raise StatementError(f"{option} = {value} cannot bound a step of {name}: give a positive time.")
+        if value is None and option == "first_step":
+            continue
+        size = value if isinstance(value, float) else real_number(value, option)
+        if not size > 0 or (option == "first_step" and size == np.inf):
+            raise StatementError(f"{option} = {shown(value)} cannot bound a step of {name}: give a positive time.")
 
 
 def drive_stepwise(

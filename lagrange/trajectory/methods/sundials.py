@@ -8,11 +8,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
+from numbers import Integral
 from typing import Any, final
 
 import numpy as np
 
-from lagrange.errors import StatementError
+from lagrange.errors import StatementError, shown
 from lagrange.trajectory.fault import Fault
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.law import Law
@@ -52,13 +53,17 @@ class CVODE:
     max_order: int | None = None
 
     def __post_init__(self) -> None:
-        if self.method not in ORDERS:
-            raise StatementError(f"method = {self.method!r} is no family of CVODE's formulas: give 'BDF' or 'Adams'.")
+        if not isinstance(self.method, str) or self.method not in ORDERS:
+            raise StatementError(
+                f"method = {shown(self.method)} is no family of CVODE's formulas: give 'BDF' or 'Adams'."
+            )
         check_bounds(self.name, self.max_step, self.first_step)
         highest = ORDERS[self.method]
-        if self.max_order is not None and self.max_order not in range(1, highest + 1):
+        order = self.max_order
+        whole = isinstance(order, Integral) and not isinstance(order, bool)
+        if order is not None and not (whole and 1 <= order <= highest):
             raise StatementError(
-                f"max_order = {self.max_order} is no order of {self.method} formulas: give a whole number from 1 to "
+                f"max_order = {shown(order)} is no order of {self.method} formulas: give a whole number from 1 to "
                 f"{highest}."
             )
 

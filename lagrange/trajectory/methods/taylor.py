@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from lagrange.errors import StatementError
+from lagrange.errors import StatementError, shown
 from lagrange.graph.node import Node
 from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
 from lagrange.machine.driver import DriverState
@@ -19,7 +19,7 @@ from lagrange.trajectory.impact import Impact, impact, root_of
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.leap import Leaps
 from lagrange.trajectory.methods.explicit import DOP853
-from lagrange.trajectory.methods.settings import adaptive_settings
+from lagrange.trajectory.methods.settings import adaptive_settings, check_options
 from lagrange.trajectory.plan import Tolerances
 from lagrange.trajectory.series_path import SeriesPath
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
@@ -52,10 +52,11 @@ class Taylor:
     order: int | None = None
 
     def __post_init__(self) -> None:
+        check_options(None, self.rtol, self.atol)
         whole = isinstance(self.order, int) and not isinstance(self.order, bool)
         if self.order is not None and not (whole and LOWEST <= self.order <= MOST):
             raise StatementError(
-                f"order = {self.order!r}: give a whole number from {LOWEST} to {MOST}, or leave it out."
+                f"order = {shown(self.order)}: give a whole number from {LOWEST} to {MOST}, or leave it out."
             )
 
     @property

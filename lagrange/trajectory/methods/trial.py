@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from lagrange.errors import StatementError
+from lagrange.errors import StatementError, shown
 from lagrange.trajectory.methods.rooted_trees import Number
 
 ARITHMETIC = {
@@ -35,7 +35,9 @@ def refusal(name: str, what: str) -> StatementError:
 
 def kind_of(thing: object) -> str:
     """Return what a thing is, in words."""
-    return f"the number {thing}" if isinstance(thing, Real) else f"a {type(thing).__name__}"
+    if isinstance(thing, Rational) and thing.denominator == 1:
+        thing = int(thing.numerator)
+    return f"the number {shown(thing)}" if isinstance(thing, Real) else f"a {type(thing).__name__}"
 
 
 def number(value: Real) -> Number:

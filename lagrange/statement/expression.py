@@ -1,0 +1,88 @@
+"""The gate to SymPy: what users give becomes an expression here, or is refused.
+
+SymPy converts what it is given, and where that is text it runs it: `sympify` evaluates it as Python, also inside lists
+and matrices. So nothing that a user gave reaches SymPy but through this module, one entry after the other.
+"""
+
+from __future__ import annotations
+
+import numbers
+from collections.abc import Iterable, Mapping, Set
+from itertools import islice
+from typing import Any
+
+import numpy as np
+import sympy
+
+from lagrange.errors import StatementError, shown
+from lagrange.statement.number import real_number
+
+MOST_ENTRIES = 10_000
+"""Of one vector; a generator may have no end."""
+
+TEXTS = (str, bytes, bytearray, memoryview)
+
+
+def expression(value: Any, what: str) -> Any:
+    """Return a SymPy expression with one value, from an expression or a number; `what` names it in the refusal."""
+    if isinstance(value, sympy.Expr) and not value.is_Matrix and not isinstance(value, sympy.Lambda):
+        return value
+    if isinstance(value, np.ndarray) and value.shape == () and not isinstance(value, np.ma.MaskedArray):
+        return expression(value[()], what)
+    if isinstance(value, TEXTS):
+        raise StatementError(
+            f"{what} is the text {shown(value, 60)}: give a SymPy expression; texts belong in a scene file."
+        )
+    if isinstance(value, sympy.MatrixBase) or getattr(value, "is_Matrix", False) is True:
+        raise StatementError(f"{what} is a matrix of shape {value.shape}: give a scalar, such as its entry [0, 0].")
+    if isinstance(value, sympy.Basic) and not isinstance(value, sympy.Expr):
+        raise StatementError(f"{what} is {str(value)[:60]}, which has no value: give an expression.")
+    number = real_number(value, what)
+    if isinstance(value, numbers.Rational):  # an int too, exactly
+        return sympy.Rational(int(value.numerator), int(value.denominator))
+    return sympy.Float(number)
+
+
+def entries(value: Any, what: str) -> list[Any] | None:
+    """Return what a container holds, as it is, or None for what is no container; text, sets and dicts are refused.
+
+    A list, a tuple, a generator, an array or a matrix is one; a matrix with several rows and columns gives its rows.
+    """
+    if isinstance(value, TEXTS):
+        raise StatementError(f"{what} is the text {shown(value, 60)}: give SymPy expressions.")
+    if isinstance(value, (Mapping, Set)):
+        raise StatementError(f"{what} is a {type(value).__name__}, which has no order: give a list.")
+    if isinstance(value, (sympy.MatrixBase, np.ndarray, sympy.NDimArray)):
+        return _of_array(value, what)
+    if isinstance(value, sympy.Basic) and not isinstance(value, sympy.Tuple):
+        return None
+    if not isinstance(value, Iterable):
+        return None
+    found = list(islice(value, MOST_ENTRIES + 1))
+    if len(found) > MOST_ENTRIES:
+        raise StatementError(f"{what} has more than {MOST_ENTRIES} entries: give fewer.")
+    return found
+
+
+def _of_array(value: Any, what: str) -> list[Any] | None:
+    if isinstance(value, np.ma.MaskedArray):
+        raise StatementError(f"{what} is a masked array: give the values alone.")
+    shape = value.shape
+    if shape == ():
+        return None
+    if len(shape) > 2 or max(shape) > MOST_ENTRIES:
+        raise StatementError(f"{what} has shape {shape}: give a vector, or a matrix, of at most {MOST_ENTRIES}.")
+    listed: list[Any] = value.tolist()
+    if len(shape) == 2 and 1 in shape:
+        return [entry for row in listed for entry in row]
+    return listed
+
+
+def vector(value: Any, what: str) -> list[Any]:
+    """Return the entries of a sequence, array or matrix as expressions, or a single expression as a vector of one."""
+    found = entries(value, what)
+    if found is None:
+        return [expression(value, what)]
+    if not found:
+        raise StatementError(f"{what} is empty: give at least one component.")
+    return [expression(entry, f"component {i} of {what}") for i, entry in enumerate(found)]

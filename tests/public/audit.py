@@ -1,0 +1,127 @@
+"""Calls everything public with text in every argument, in every container, and says what the text brought about.
+
+Run as a program in a folder of its own: the hook that listens cannot be taken off a process.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections import UserString, deque
+from collections.abc import Callable
+from pathlib import Path
+from types import CodeType
+from typing import Any
+
+import numpy as np
+import sympy
+
+import lagrange as lg
+from tests.public.surface import arguments, surface
+from tests.public.test_wrong_calls import raw
+
+MARK = "canary_of_the_audit"
+TEXT = f'__import__("os").system("touch {MARK}")'
+
+STARTS = ("os.system", "subprocess.Popen", "os.exec", "os.posix_spawn", "os.spawn", "os.fork", "os.startfile")
+"""Events that no public call has a reason for."""
+
+heard: list[str] = []
+
+
+def hook(event: str, given: tuple[Any, ...]) -> None:
+    if event in STARTS or (event in ("compile", "exec", "import") and any(map(speaks, given))):
+        heard.append(event)
+
+
+def speaks(thing: Any) -> bool:
+    """Return whether the text is in a source or in compiled code."""
+    if isinstance(thing, CodeType):
+        return any(map(speaks, (*thing.co_consts, *thing.co_names)))
+    if isinstance(thing, bytes):
+        return MARK.encode() in thing
+    return isinstance(thing, str) and MARK in thing
+
+
+class Told:
+    """An object whose text is code."""
+
+    def __str__(self) -> str:
+        return TEXT
+
+    __repr__ = __str__
+
+
+class Own(str):
+    """A text of a class of its own."""
+
+    __slots__ = ()
+
+
+x = lg.coordinate("x")
+
+CONTAINERS: dict[str, Callable[[], Any]] = {
+    "text": lambda: TEXT,
+    "list": lambda: [TEXT],
+    "list of two": lambda: [TEXT, TEXT],
+    "list behind a number": lambda: [1.0, TEXT],
+    "list behind an expression": lambda: [x, TEXT],
+    "nested list": lambda: [[TEXT]],
+    "square list": lambda: [[TEXT, TEXT], [TEXT, TEXT]],
+    "list of an array": lambda: [np.array([TEXT], object)],
+    "tuple": lambda: (TEXT,),
+    "pair": lambda: (0.0, TEXT),
+    "dict key": lambda: {TEXT: 1.0},
+    "dict value": lambda: {x: TEXT},
+    "dict value by name": lambda: {"x": TEXT},
+    "dict of a parameter": lambda: {"m": [TEXT]},
+    "dict of a point": lambda: {"bob": (TEXT, x)},
+    "dict of dict": lambda: {x: {TEXT: TEXT}},
+    "set": lambda: {TEXT},
+    "deque": lambda: deque([TEXT]),
+    "generator": lambda: (text for text in [TEXT]),
+    "map": lambda: map(str, [TEXT, TEXT]),
+    "object array": lambda: np.array([TEXT, TEXT], object),
+    "square object array": lambda: np.array([[TEXT, x], [x, TEXT]], object),
+    "object array without dimension": lambda: np.array(TEXT, object),
+    "text array": lambda: np.array([TEXT]),
+    "numpy text": lambda: np.str_(TEXT),
+    "bytes": TEXT.encode,
+    "bytearray": lambda: bytearray(TEXT.encode()),
+    "array of bytes": lambda: np.array([TEXT.encode()]),
+    "subclass": lambda: Own(TEXT),
+    "list of a subclass": lambda: [Own(TEXT)],
+    "user string": lambda: UserString(TEXT),
+    "object": Told,
+    "list of objects": lambda: [Told()],
+    "array of objects": lambda: np.array([Told()], object),
+    "symbol": lambda: sympy.Symbol(TEXT),
+    "function": lambda: sympy.Function(TEXT)(lg.t),
+    "matrix of symbols": lambda: sympy.Matrix([sympy.Symbol(TEXT), x]),
+    "tuple of symbols": lambda: sympy.Tuple(sympy.Symbol(TEXT), x),
+    "equation": lambda: sympy.Eq(x, sympy.Symbol(TEXT)),
+    "event": lambda: [sympy.Symbol(TEXT) - x],
+}
+
+
+def main(folder: Path) -> dict[str, Any]:
+    """Return how many calls there were, and what is wrong with some."""
+    sys.addaudithook(hook)
+    calls, wrong = 0, []
+    for public in surface():
+        for parameter in public.parameters:
+            for container, make in CONTAINERS.items():
+                given = arguments(public, folder) | {parameter.name: make()}
+                heard.clear()  # what the test itself made is not heard
+                positional = [given.pop(p.name) for p in public.parameters if p.kind is p.POSITIONAL_ONLY]
+                if parameter.kind is parameter.VAR_POSITIONAL:
+                    positional = [given.pop(parameter.name)]
+                failure = raw(public, positional, given)
+                calls += 1
+                if failure or heard:
+                    wrong.append(f"{public.name}({parameter.name}={container}): {failure or heard}")
+    return {"calls": calls, "wrong": wrong, "canary": [path.name for path in Path.cwd().iterdir() if path.name == MARK]}
+
+
+if __name__ == "__main__":
+    json.dump(main(Path.cwd()), sys.stdout)

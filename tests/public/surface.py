@@ -1,0 +1,291 @@
+"""Every public callable, derived from what the package exports, and arguments with which each can be called."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import sympy
+
+import lagrange as lg
+from lagrange.evidence.report import Report
+from lagrange.statement.scene import LIBRARY
+from lagrange.trajectory.flow import Flow
+from lagrange.trajectory.methods.registry import Table
+
+
+@cache
+def system() -> lg.System:
+    x, y = lg.coordinates("x y")
+    m, k = lg.parameters("m k")
+    return lg.System(
+        kinetic=m * (x.dot**2 + y.dot**2) / 2,
+        potential=k * (x**2 + y**2) / 2,
+        parameters={m: 1.0, k: 2.0},
+        initial={x: 1.0},
+        positions={"bob": (x, y)},
+        name="bob",
+    )
+
+
+@cache
+def model() -> lg.Model:
+    return system().compile("numpy")
+
+
+@cache
+def solution() -> lg.Solution:
+    return lg.integrate(model(), (0.0, 0.5), method="rk4", step=0.1)
+
+
+@cache
+def race() -> lg.Race:
+    x = system().coordinates[0]
+    end = np.cos(np.sqrt(2.0) * 0.1), 0.0, -np.sqrt(2.0) * np.sin(np.sqrt(2.0) * 0.1), 0.0
+    return lg.race(model(), 0.1, {x: 1.0}, methods=["rk4"], steps=[0.01], repeats=1, reference=end)
+
+
+def problem() -> lg.Problem:
+    y0 = np.array([1.0, 0.0, 0.0, 0.0])
+    return lg.Problem(model(), model().parameter_values(), 0.0, 0.1, y0)
+
+
+@cache
+def flow() -> Flow:
+    return lg.flow(model(), method="rk4", step=0.1)
+
+
+@cache
+def report() -> Report:
+    return system().check(points=1)
+
+
+INSTANCES: dict[type, Callable[[], Any]] = {
+    lg.System: system,
+    lg.Model: model,
+    lg.Solution: solution,
+    lg.Race: race,
+    lg.Problem: problem,
+    lg.Trajectory: lambda: solution().trajectory,
+    lg.Event: lambda: lg.event(system().coordinates[0]),
+    lg.Claims: lambda: lg.Claims(order=4),
+    lg.TrustHorizon: lambda: lg.trust_horizon(model(), (0.0, 0.1)),
+    lg.methods.ButcherTableau: lambda: lg.methods.RK4().tableau,
+    lg.methods.RungeKutta: lg.methods.RK4,
+    lg.methods.ImplicitMethod: lg.methods.Gauss2,
+    lg.methods.Splitting: lg.methods.Verlet,
+    lg.methods.Taylor: lg.methods.Taylor,
+    lg.methods.StepMethod: lambda: lg.methods.step_method(euler, order=1),
+    lg.methods.Stability: lambda: lg.methods.stability("euler"),
+    lg.methods.CVODE: lg.methods.CVODE,
+    lg.methods.ScipyRK45: lg.methods.ScipyRK45,
+    lg.methods.ScipyRK23: lg.methods.ScipyRK23,
+    lg.methods.ScipyDOP853: lg.methods.ScipyDOP853,
+    lg.methods.ScipyRadau: lg.methods.ScipyRadau,
+    lg.methods.ScipyBDF: lg.methods.ScipyBDF,
+    lg.methods.ScipyLSODA: lg.methods.ScipyLSODA,
+    Flow: flow,
+    Report: report,
+    Table: lg.methods.table,
+}
+"""An instance of every public class, and of what public functions return that can be called in its turn."""
+
+
+def euler(f: Any, t: Any, y: Any, h: Any) -> Any:
+    return y + f(t, y) * h
+
+
+@dataclass(frozen=True)
+class Public:
+    """A public callable: its name, how to get it, and its parameters without `self`."""
+
+    name: str
+    get: Callable[[], Callable[..., Any]]
+    parameters: tuple[inspect.Parameter, ...]
+
+
+@cache
+def exported() -> dict[str, Any]:
+    """Return what `lagrange` and `lagrange.methods` export, by name."""
+    found = {f"lg.{name}": getattr(lg, name) for name in lg.__all__ if name != "__version__"}
+    return found | {f"lg.methods.{name}": getattr(lg.methods, name) for name in lg.methods.__all__}
+
+
+def classes() -> list[type]:
+    """Return the public classes of which there are instances."""
+    found = [value for value in exported().values() if isinstance(value, type) and is_made(value)]
+    return [*dict.fromkeys([*found, *INSTANCES])]
+
+
+def is_made(kind: type) -> bool:
+    """Return whether a class is called by users: no error, no enumeration, no protocol."""
+    return not issubclass(kind, (Exception, Enum)) and kind is not lg.Integrator
+
+
+SPECIAL = ("__call__", "__getitem__")
+
+
+def surface() -> list[Public]:
+    """Return every public callable: functions, constructors, methods and class methods."""
+    found = []
+    for name, value in exported().items():
+        if callable(value) and (not isinstance(value, type) or is_made(value)):
+            found.append(Public(name, partial(itself, value), parameters(value)))
+    for kind in classes():
+        for name, member in inspect.getmembers(kind, callable):
+            if (not name.startswith("_") or name in SPECIAL) and not isinstance(member, type) and is_ours(kind, name):
+                get = partial(method, kind, name)
+                found.append(Public(f"{kind.__name__}.{name}", get, parameters(get())))
+    return found
+
+
+def itself(function: Callable[..., Any]) -> Callable[..., Any]:
+    return function
+
+
+def method(kind: type, name: str) -> Callable[..., Any]:
+    """Return a method of the instance of a class."""
+    bound: Callable[..., Any] = getattr(INSTANCES[kind](), name)
+    return bound
+
+
+def is_ours(kind: type, name: str) -> bool:
+    """Return whether a method is written in this package."""
+    return next(base for base in kind.__mro__ if name in vars(base)).__module__.startswith("lagrange.")
+
+
+def parameters(function: Callable[..., Any]) -> tuple[inspect.Parameter, ...]:
+    if function is lg.Status:
+        function = lg.Status._missing_  # the signature of an enumeration is that of its metaclass
+    return tuple(inspect.signature(function).parameters.values())
+
+
+def sound(folder: Path) -> dict[str, Any]:
+    """Return an argument that is right somewhere, by the name of the parameter."""
+    x, y = system().coordinates
+    m, k = lg.parameters("m k")
+    stated: dict[str, Any] = {
+        "A": [[0, 0], ["1/2", 0]],
+        "a": (x, y),
+        "angular_velocity": [x.dot, y.dot],
+        "b": [0, 1],
+        "claims": lg.Claims(order=1, explicit=False),
+        "coefficients": [1.0],
+        "coordinates": [x, y],
+        "embedded": None,
+        "equations": model().equations,
+        "expression": x - y,
+        "forces": {x: -x.dot},
+        "function": euler,
+        "given": {m: 2.0},
+        "inertia": [m, k],
+        "initial": {x: 1.0},
+        "key": x,
+        "kinetic": m * (x.dot**2 + y.dot**2) / 2,
+        "lagrangian": None,
+        "machine": model().machine,
+        "mass": m,
+        "model": model(),
+        "name": "rhs",
+        "names": "p q",
+        "nodes": (),
+        "order": 1,
+        "parameters": {m: 2.0},
+        "position": (x, y),
+        "positions": {"bob": (x, y)},
+        "potential": k * x**2 / 2,
+        "problem": problem(),
+        "rest_length": 1,
+        "result": race().result,
+        "statement": system().statement,
+        "stages": ((1.0, 1.0),),
+        "stiffness": k,
+        "system": system(),
+        "tableau": lg.methods.RK4().tableau,
+        "trajectory": solution().trajectory,
+        "watched": (),
+    }
+    return stated | numbers(folder)
+
+
+def numbers(folder: Path) -> dict[str, Any]:
+    """Return what is neither an expression nor a record."""
+    return {
+        "atol": None,
+        "check": False,
+        "column": None,
+        "digits": None,
+        "dpi": 20,
+        "error": 1e-3,
+        "events": [system().coordinates[0]],
+        "max_wall": 1.0,
+        "max_steps": 1000,
+        "method": "rk4",
+        "methods": ["rk4"],
+        "outputs": None,
+        "path": folder / "file",
+        "points": 1,
+        "q": [0.1, 0.2],
+        "reference": [1.0, 0.0, 0.0, 0.0],
+        "repeats": 1,
+        "rtol": None,
+        "span": (0.0, 0.1),
+        "step": 0.05,
+        "steps": [0.05],
+        "style": "text",
+        "t": 0.0,
+        "t0": 0.0,
+        "t1": 0.1,
+        "t_end": 0.1,
+        "t_eval": None,
+        "target": "numpy",
+        "index": 0,
+        "time": 0.1,
+        "status": lg.Status.SUCCESS,
+        "message": "It went well.",
+        "rejected": 0,
+        "evaluations": 4,
+        "wall": 0.1,
+        "dense": solution().trajectory.dense,
+        "witnesses": ("rk4",),
+        "v": [0.1, 0.2],
+        "y": [0.1, 0.2, 0.3, 0.4],
+        "y0": np.array([0.1, 0.2, 0.3, 0.4]),
+        "z": [1j],
+    }
+
+
+OWN: dict[str, dict[str, Any]] = {
+    "System.from_scene": {"path": LIBRARY / "pendulum.toml"},
+    "lg.Claims": {"events": True, "dense": 3},
+    "lg.Trajectory": {"t": [0.0, 0.1], "y": np.zeros((4, 2))},
+    "lg.Stability": {"real": 1.0, "imaginary": 1.0},
+    "lg.methods.ButcherTableau": {"order": 2, "A": ((), (0.5,)), "b": (0, 1), "error": None, "dense": None},
+    "lg.methods.ImplicitMethod": {"path": None},
+    "lg.scene": {"name": "pendulum"},
+    "lg.coordinate": {"name": "u"},
+    "lg.event": {"expression": sympy.Symbol("u")},
+    "lg.gravity": {"g": lg.parameters("g")},
+    "lg.spring": {"b": (0, 0)},
+    "lg.methods.composition": {"order": 2},
+    "lg.methods.tableau": {"order": 2},
+    "lg.methods.explicit_method": {"order": 2},
+    "lg.methods.Taylor": {"order": 12},
+    "lg.methods.growth": {"z": [1j]},
+    "lg.methods.CVODE": {"method": "BDF"},
+    "lg.methods.register": {"name": "mine", "method": euler, "order": 1, "replaces": True},
+}
+"""Arguments of callables whose parameters mean something else there."""
+
+
+def arguments(public: Public, folder: Path) -> dict[str, Any]:
+    """Return arguments for the parameters of a callable that have a known one, without those of variable number."""
+    known = sound(folder) | OWN.get(public.name, {})
+    kinds = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+    return {p.name: known[p.name] for p in public.parameters if p.kind not in kinds and p.name in known}

@@ -1,0 +1,127 @@
+"""Wrong calls of everything public: each ends in a sentence of ours, or in a TypeError for a wrong signature."""
+
+from __future__ import annotations
+
+import random
+import signal
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import lagrange as lg
+from lagrange.trajectory.methods import registry
+from tests.public.surface import INSTANCES, Public, arguments, classes, surface
+from tests.public.values import KINDS, MADE
+
+CALLS = 2000
+SEED = 20_240_229
+LONGEST = 10.0
+"""Seconds of one call, on a busy machine; the slowest takes a tenth of that."""
+
+CHANGED = (0.6, 0.85)
+"""Up to the first, one argument is wrong; up to the second, two are; else all are."""
+
+
+@pytest.fixture(autouse=True)
+def registered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Forget the methods that are registered here."""
+    monkeypatch.setattr(registry, "_registered", {})
+
+
+def wrong(chance: random.Random) -> Any:
+    """Return some value."""
+    kind = chance.randrange(len(KINDS) + 1)
+    return chance.choice(MADE)() if kind == len(KINDS) else chance.choice(KINDS[kind])
+
+
+def call(public: Public, chance: random.Random, folder: Path) -> tuple[list[Any], dict[str, Any]]:
+    """Return arguments, some of them wrong."""
+    given = arguments(public, folder)
+    names = [p.name for p in public.parameters if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]
+    how = chance.random()
+    count = 1 if how < CHANGED[0] else 2 if how < CHANGED[1] else len(names)
+    for name in chance.sample(names, min(count, len(names))):
+        given[name] = wrong(chance)
+    many = [wrong(chance)] if any(p.kind is p.VAR_POSITIONAL for p in public.parameters) else []
+    alone = [p.name for p in public.parameters if p.kind is p.POSITIONAL_ONLY]
+    return [*(given.pop(name) for name in alone if name in given), *many], given
+
+
+@contextmanager
+def alarm(seconds: float) -> Iterator[None]:
+    """Raise TimeoutError in a call that does not end."""
+
+    def late(*_: Any) -> None:
+        raise TimeoutError(f"after {seconds} s")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+class Caught:
+    """Keeps whatever exception ends its block."""
+
+    error: BaseException | None = None
+
+    def __enter__(self) -> None:
+        """Begin."""
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> bool:
+        self.error = error
+        return isinstance(error, Exception)
+
+
+def raw(public: Public, positional: list[Any], named: dict[str, Any]) -> str:
+    """Return what a call raised that is no error of ours, with the place in our code; nothing if all is well."""
+    function, caught = public.get(), Caught()
+    with caught, alarm(LONGEST):
+        function(*positional, **named)
+    error = caught.error
+    if isinstance(error, lg.LagrangeError):
+        return "" if str(error).strip() else "an error without a sentence"
+    frames = traceback.extract_tb(error.__traceback__) if error else []
+    if error is None or (isinstance(error, TypeError) and len(frames) == 1):
+        return ""  # done, or a wrong signature
+    ours = [frame for frame in frames if "/lagrange/" in frame.filename]
+    place = f"{Path(ours[-1].filename).name}:{ours[-1].lineno}" if ours else "?"
+    return f"{type(error).__name__}: {str(error)[:80]} at {place}"
+
+
+def test_wrong_calls_end_in_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    chance = random.Random(SEED)
+    found = surface()
+    failures = []
+    for number in range(CALLS):
+        public = found[number % len(found)]
+        positional, named = call(public, chance, tmp_path)
+        if failure := raw(public, positional, named):
+            failures.append(f"{public.name}: {failure}")
+    assert failures == []
+
+
+def test_every_public_class_has_an_instance_whose_methods_are_called() -> None:
+    assert [kind.__name__ for kind in classes() if kind not in INSTANCES] == []
+
+
+def test_what_is_called_rightly_works(tmp_path: Path) -> None:
+    """The arguments that stay as they are must be right, or no wrong one would be looked at."""
+    refused = {}
+    for public in surface():
+        given = arguments(public, tmp_path)
+        if all(p.default is not p.empty or p.name in given for p in public.parameters):
+            caught = Caught()
+            with caught:
+                public.get()(**given)
+            if caught.error:
+                refused[public.name] = str(caught.error)
+    assert refused == {}
