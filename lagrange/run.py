@@ -7,6 +7,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from lagrange.evidence.stiffness import with_stiff_end
 from lagrange.machine.model import Model
 from lagrange.show.progress import progress_bar
 from lagrange.show.solution import Solution
@@ -56,7 +57,7 @@ def integrate(
             parameters=parameters,
             progress=report,
         )
-    return Solution(trajectory, model, values)
+    return Solution(with_stiff_end(model, trajectory, values, float(span[1])), model, values)
 
 
 def flow(

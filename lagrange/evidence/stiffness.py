@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -15,9 +15,10 @@ from lagrange.machine.model import Model
 from lagrange.machine.numpy import NumpyMachine
 from lagrange.program.catalogue import program_of
 from lagrange.trajectory.dense import RungeKuttaPath
+from lagrange.trajectory.messages import number
 from lagrange.trajectory.methods.runge_kutta import ButcherTableau
 from lagrange.trajectory.series_path import SeriesPath
-from lagrange.trajectory.trajectory import FloatArray, Trajectory
+from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 LOOKS = 20
 """So many of the accepted steps are looked at, evenly spread; a run of fewer than three times as many is not."""
@@ -42,6 +43,13 @@ that part: the stiff spring of a pendulum moves so little that its velocity is w
 
 REMEDY = "radau5"
 """The method to name."""
+
+LIMITS = {
+    Status.MAX_STEPS: "max_steps is used up",
+    Status.MAX_WALL: "max_wall is used up",
+    Status.STEP_TOO_SMALL: "the next step is below the spacing of floating-point times",
+}
+"""The ends of a run whose steps have become too short, and what each says of them."""
 
 Polynomial = tuple[float, ...]
 """Coefficients, that of the lowest power first."""
@@ -96,6 +104,22 @@ def stiffness(model: Model, trajectory: Trajectory, parameters: Mapping[Any, Any
         except SingularMassMatrix:
             return None
         return _found(trajectory.method, polynomial, h, changes, jacobians)
+
+
+def with_stiff_end(model: Model, trajectory: Trajectory, parameters: Mapping[Any, Any], towards: float) -> Trajectory:
+    """Return a run that gave up on the way to a time, with the cause in its message if that was stiffness.
+
+    Its steps may have become so short that the status speaks of a singularity, which the solution does not have.
+    """
+    if trajectory.status not in LIMITS or (found := stiffness(model, trajectory, parameters)) is None:
+        return trajectory
+    begin, end = trajectory.span
+    return replace(
+        trajectory,
+        message=f"{trajectory.method} stopped at t = {number(end)} on the way from {number(begin)} to "
+        f"{number(towards)}, after {trajectory.steps} steps: {LIMITS[trajectory.status]}. The run is "
+        f"{found.sentence()} {REMEDY} is an implicit method, whose steps stability does not limit.",
+    )
 
 
 def _kernel(
