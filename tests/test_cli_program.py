@@ -116,16 +116,17 @@ def test_a_terminal_that_knows_no_accents(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals are sent the POSIX way")
-def test_ctrl_c_keeps_the_partial_result(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_keeps_the_partial_result(tmp_path: Path, number: signal.Signals, code: int) -> None:
     # SciPy's steps are slow enough that the run is still going on any machine: ours would be through in two seconds.
     options = ["--method", "scipy-dop853", "--rtol", "1e-10", "--t-end", "1e6", "--points", "9", "--out"]
     program = [sys.executable, "-m", "lagrange", "run", "double-pendulum", *options, str(tmp_path)]
     for pause in (3.0, 6.0, 12.0, 24.0):  # on a busy machine it may still be compiling, and has nothing to keep yet
         with subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
             time.sleep(pause)
-            process.send_signal(signal.SIGINT)
+            process.send_signal(number)
             printed, complaint = process.communicate(timeout=60)
-        assert process.returncode == 130, complaint
+        assert process.returncode == code, complaint
         assert "Traceback" not in complaint
         if printed:
             break

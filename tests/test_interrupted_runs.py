@@ -67,7 +67,7 @@ class Runs:
     def wait(self, process: subprocess.Popen[str], *, writing: bool) -> None:
         """Wait until the folder in which new files are prepared is there, or is gone."""
         while process.poll() is None and any(self.folder.glob(".lagrange-*")) is not writing:
-            time.sleep(0.0005)
+            time.sleep(0.002)
 
     def held(self) -> int:
         """Return the angle of the run that the folder holds, having seen that all its files are of that run."""

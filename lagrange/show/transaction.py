@@ -56,7 +56,7 @@ def recover(folder: str | os.PathLike[str]) -> None:
 def _recover(home: Path, stage: Path) -> None:
     part = stage / {LEAVING: "old", ARRIVING: "new"}.get(stage.name.rpartition(".")[2], "nothing")
     for path in sorted(part.iterdir()) if part.is_dir() else []:
-        path.replace(real_path(home / path.name))
+        path.replace(real_path(home / path.name.partition("-")[2]))
     sync_folder(home)
     shutil.rmtree(stage)
 
@@ -79,6 +79,7 @@ class _Transaction:
     def __init__(self, home: Path, targets: dict[str, Path]) -> None:
         self.home = home
         self.targets = targets
+        self.parts = {name: f"{number:02}-{name}" for number, name in enumerate(targets)}  # in the order of arrival
         self.key = f"{_STEM}{os.urandom(8).hex()}"
         self.state = ""
         self.left: list[str] = []
@@ -114,7 +115,7 @@ class _Transaction:
         return [self.targets[name] for name in new]
 
     def _fill(self, name: str, write: Write, mode: int | None) -> str:
-        part = self.stage / "new" / name
+        part = self.stage / "new" / self.parts[name]
         try:
             with part.open("xb") as file:
                 fill(file, write)
@@ -130,12 +131,12 @@ class _Transaction:
             self._turn(LEAVING)
             for name in reversed(self.targets):
                 if self.targets[name].exists():
-                    self.targets[name].replace(self.stage / "old" / name)
+                    self.targets[name].replace(self.stage / "old" / self.parts[name])
                     self.left.append(name)
             sync_folder(self.home)
             self._turn(ARRIVING)
             for name in new:
-                (self.stage / "new" / name).replace(self.targets[name])
+                (self.stage / "new" / self.parts[name]).replace(self.targets[name])
                 self.arrived.append(name)
             sync_folder(self.home)
         except BaseException as error:
@@ -148,12 +149,12 @@ class _Transaction:
 
     def _take_back(self, cause: BaseException) -> None:
         try:
-            for name in self.arrived:
-                self.targets[name].replace(self.stage / "new" / name)
+            for name in reversed(self.arrived):
+                self.targets[name].replace(self.stage / "new" / self.parts[name])
             if self.state == ARRIVING:
                 self._turn(LEAVING)
-            for name in self.left:
-                (self.stage / "old" / name).replace(self.targets[name])
+            for name in reversed(self.left):
+                (self.stage / "old" / self.parts[name]).replace(self.targets[name])
         except OSError:
             kept, self.state = self.stage, ""
             raise RunError(

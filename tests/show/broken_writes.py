@@ -1,6 +1,7 @@
 """A program for tests: stop a change of files at each of its operations in turn, and print what was left as JSON.
 
-Its arguments are a folder, what happens (kill, full, dead, SIGINT, SIGTERM), and what is written (together, single).
+Its arguments are a folder, what happens (kill, full, dead, SIGINT, SIGTERM, and full+3 for killed
+three operations after the disk was full), and what is written (together, single).
 """
 
 from __future__ import annotations
@@ -30,15 +31,16 @@ def new(file: BinaryIO) -> None:
 def stop(how: str, folder: Path, number: int) -> Callable[[], None]:
     """Let the operation of that number in the folder, counted from 0, be stopped; return what counts one."""
     count = 0
+    killed = number if how == "kill" else number + int(how[5:]) if how.startswith("full+") else -1
 
     def operation() -> None:
         nonlocal count
         count += 1
         if count - 1 == number and how.startswith("SIG"):
             os.kill(os.getpid(), signal.Signals[how])
-        elif count - 1 == number and how == "kill":
+        elif count - 1 == killed:
             os.kill(os.getpid(), signal.SIGKILL)
-        elif (count - 1 == number and how == "full") or (count - 1 >= number and how == "dead"):
+        elif (count - 1 == number and how.startswith("full")) or (count - 1 >= number and how == "dead"):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     def hook(event: str, arguments: tuple[Any, ...]) -> None:

@@ -64,7 +64,7 @@ def test_a_writer_that_fails_leaves_what_was_there(tmp_path: Path, failure: Base
 
 
 @posix
-@pytest.mark.parametrize("how", ["kill", "full", "dead", "SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("how", ["kill", "full", "dead", "SIGINT", "SIGTERM", *(f"full+{k}" for k in range(1, 7))])
 def test_stopped_anywhere_it_is_one_run(tmp_path: Path, how: str) -> None:
     for found in stopped(tmp_path, how, "together"):
         seen = {name: words for name, words in found["left"].items() if not name.startswith(".")}
@@ -72,7 +72,7 @@ def test_stopped_anywhere_it_is_one_run(tmp_path: Path, how: str) -> None:
         assert seen.pop("mine.txt") == "old"
         assert len(set(seen.values())) <= 1, "no file of one run stands beside a file of another"
         assert "c.json" not in seen or seen in (OLD, NEW), "the last file is there only while all are"
-        if how in ("full", "SIGINT"):
+        if how in ("full", "SIGINT", "SIGTERM"):
             assert seen in (OLD, NEW)
         if how == "SIGINT":
             assert not hidden
@@ -131,7 +131,7 @@ def test_what_cannot_be_put_back_is_said_and_kept(tmp_path: Path, monkeypatch: p
     monkeypatch.undo()
     (kept,) = tmp_path.glob(".lagrange-*")
     assert str(kept) in str(refusal.value) and "puts it back or completes the change" in str(refusal.value)
-    assert sorted(path.name for path in (kept / "old").iterdir()) == ["b.png", "c.json"]
+    assert sorted(path.name for path in (kept / "old").iterdir()) == ["01-b.png", "02-c.json"]
     recover(tmp_path)
     assert contents(tmp_path) == OLD
 
@@ -157,7 +157,7 @@ def test_the_states_in_which_a_process_may_be_killed(tmp_path: Path) -> None:
     for state, part, expected in ((WRITING, "new", {}), (LEAVING, "old", {"a": "x"}), (ARRIVING, "new", {"a": "x"})):
         folder = tmp_path / state
         (folder / f".lagrange-00.{state}" / part).mkdir(parents=True)
-        (folder / f".lagrange-00.{state}" / part / "a").write_text("x")
+        (folder / f".lagrange-00.{state}" / part / "00-a").write_text("x")
         (folder / f".lagrange-01.{state}").mkdir()
         recover(folder)
         assert contents(folder) == expected
