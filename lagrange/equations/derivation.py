@@ -53,6 +53,9 @@ class Derivation:
     statement: Statement
     _page: _Page
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return derive, (self.statement,)
+
     @cached_property
     def lagrangian(self) -> Any:
         """L = T - V, merged and collected."""

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import mpmath
 import numpy as np
 
 from lagrange.errors import RunError, StatementError
@@ -88,7 +89,8 @@ def _independent(
 
     def run(precision: int) -> tuple[tuple[Any, ...], ...]:
         found = precise_run(statement, problem.parameters, problem.t0, start, times, digits=precision, max_wall=LONGEST)
-        return tuple(map(tuple, found))
+        # Numbers of a context of their own do not pickle; taking them over keeps every digit.
+        return tuple(tuple(map(mpmath.mp.convert, one)) for one in found)
 
     try:
         rough, states = run(chosen - APART), run(chosen)

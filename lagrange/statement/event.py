@@ -54,6 +54,10 @@ class Event:
         ):
             object.__setattr__(self, name, value)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Read-only views of dicts do not pickle.
+        return Event, (self.expression, self.direction, self.terminal, dict(self.reset))
+
 
 def event(
     expression: Any, *, direction: float = 0, terminal: bool | int = False, reset: Mapping[Any, Any] | None = None

@@ -53,6 +53,7 @@ class Flow:
         self._model = model
         self._dimension = 2 * model.dimension
         self._max_steps = step_limit(max_steps)
+        self._stated = (rtol, atol, step)
         self._local = _Prepared()
         unit = Problem(
             model=model,
@@ -69,6 +70,9 @@ class Flow:
         plan = self._integrator.plan(unit) if isinstance(self._integrator, Planned) else None
         # Where something is watched the driver comes back on the way, and a run is what deals with that.
         self._plan: Plan | None = None if plan is None or plan.watched else plan
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _prepared, (self._model, self._integrator, *self._stated, self._max_steps)
 
     def __call__(
         self, y0: ArrayLike, t0: float, t1: float, parameters: Mapping[Any, Any] | FloatArray | None = None
@@ -142,3 +146,10 @@ class Flow:
         if not trajectory.status.complete:
             raise RunError(trajectory.message)
         return trajectory.y[:, -1].copy()
+
+
+def _prepared(
+    model: Model, method: Any, rtol: float | None, atol: float | None, step: float | None, max_steps: int
+) -> Flow:
+    """Return the flow of a pickle."""
+    return Flow(model, method=method, rtol=rtol, atol=atol, step=step, max_steps=max_steps)

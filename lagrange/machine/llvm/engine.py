@@ -10,6 +10,7 @@ from typing import Any
 
 import llvmlite.binding as llvm
 
+from lagrange.machine.copies import Shared
 from lagrange.machine.llvm.procedures import module
 from lagrange.machine.llvm.spelling import LIBRARY, c_name
 from lagrange.procedure.form import Procedure
@@ -30,7 +31,7 @@ def dense_solver() -> tuple[Procedure, ...]:
     return factor_dense(), solve_factored(), solve_lanes(), invert_dense()
 
 
-class Module:
+class Module(Shared):
     """Machine code with the functions of one IR text; it owns the memory that its addresses point to."""
 
     def __init__(self, text: str, *, optimize: bool = False, hurry: bool = False) -> None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import ctypes
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
+from lagrange.machine.copies import ArrivedKernel, Shared
 from lagrange.machine.llvm import registers
 from lagrange.machine.llvm.body import UNROLLED, prepared_size
 from lagrange.machine.llvm.engine import Module, lanes, linear_solver, vector_routines
@@ -20,7 +22,7 @@ _SCALAR = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_void_p, cty
 _COLUMNS = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, *([ctypes.c_void_p] * 5))
 
 
-class LlvmKernel:
+class LlvmKernel(Shared):
     """A program in machine code. Calls release the interpreter lock; threads may share a kernel."""
 
     def __init__(self, program: Program) -> None:
@@ -34,6 +36,9 @@ class LlvmKernel:
         self._scalar = _SCALAR(self.address)
         self._prepared: tuple[bytes, FloatArray] | None = None
         self._size = prepared_size(program) + 1
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return ArrivedKernel, (LlvmKernel, self._program)
 
     @property
     def program(self) -> Program:

@@ -13,6 +13,7 @@ import numpy as np
 
 from lagrange.errors import RunError
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
+from lagrange.machine.copies import Shared
 from lagrange.machine.driver import OUTCOMES, DriverState, Outcome
 from lagrange.machine.llvm.body import prepared_size, shares_angle_function
 from lagrange.machine.llvm.engine import Module, inversion, lanes, linear_solver
@@ -36,13 +37,16 @@ _RUN = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 _SERIES = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_double, *([ctypes.c_void_p] * 4), ctypes.c_int64)
 
 
-class LlvmSeries:
+class LlvmSeries(Shared):
     """A series program in machine code: written out for each order that is asked for, or in loops for all orders."""
 
     def __init__(self, program: SeriesProgram) -> None:
         self.program = program
         self._packing = pack(program, lanes())
         self._compiled: dict[int, CompiledJet] = {}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return LlvmSeries, (self.program,)
 
     def form(self, order: int) -> str:
         """Return how the series is computed."""

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 Real = float | Fraction
-Tableau = tuple[list[list[Any]], list[Any], list[Any]]
+Tableau = tuple[tuple[tuple[Any, ...], ...], tuple[Any, ...], tuple[Any, ...]]
 """A, b and c of a Runge-Kutta method."""
 
 BITS = 200
@@ -40,14 +40,15 @@ def collocation_tableau(points: Sequence[Real]) -> Tableau:
     def integral(line: Sequence[Any], end: Any) -> Any:
         return sum(factor * end**k / k for k, factor in enumerate(line, 1))
 
-    return [[integral(line, c) for line in basis] for c in points], [integral(line, 1) for line in basis], [*points]
+    A = tuple(tuple(integral(line, c) for line in basis) for c in points)
+    return A, tuple(integral(line, 1) for line in basis), tuple(points)
 
 
 def gauss_tableau(stages: int) -> Tableau:
     """Return A, b, c of collocation at the zeros of the Legendre polynomial on [0, 1]."""
     zeros = [_zero(x, stages) for x in np.polynomial.legendre.leggauss(stages)[0]]
     A, b, c = collocation_tableau([(1 + x) / 2 for x in zeros])
-    return [list(map(_rounded, row)) for row in A], list(map(_rounded, b)), c
+    return tuple(tuple(map(_rounded, row)) for row in A), tuple(map(_rounded, b)), c
 
 
 def _zero(near: float, degree: int) -> Fraction:

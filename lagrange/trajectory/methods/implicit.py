@@ -119,18 +119,23 @@ def ImplicitMidpoint(step: float | None = None) -> ImplicitMethod:
     return ImplicitMethod("implicit-midpoint", claims, implicit_midpoint, step=step)
 
 
-def collocation(A: Sequence[Sequence[Real]], b: Sequence[Real], c: Sequence[Real]) -> Callable[..., Any]:
-    """Return the step function of an implicit Runge-Kutta method, whose unknowns are the slopes of its stages."""
+@dataclass(frozen=True)
+class Collocation:
+    """The step function of an implicit Runge-Kutta method, whose unknowns are the slopes of its stages."""
 
-    def step(f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
+    A: tuple[tuple[Real, ...], ...]
+    b: tuple[Real, ...]
+    c: tuple[Real, ...]
+
+    def __call__(self, f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
+        """Take a step."""
+
         def residuals(*slopes: Any) -> tuple[Any, ...]:
-            stages = [y + weighted(row, slopes) * h for row in A]
-            return tuple(f(t + h * ci, stage) - k for ci, stage, k in zip(c, stages, slopes, strict=True))
+            stages = [y + weighted(row, slopes) * h for row in self.A]
+            return tuple(f(t + h * ci, stage) - k for ci, stage, k in zip(self.c, stages, slopes, strict=True))
 
-        slopes = solve(residuals, lambda: (f(t, y),) * len(b))
-        return y + weighted(b, slopes) * h
-
-    return step
+        slopes = solve(residuals, lambda: (f(t, y),) * len(self.b))
+        return y + weighted(self.b, slopes) * h
 
 
 def weighted(weights: Sequence[Real], vectors: Sequence[Any]) -> Any:
@@ -138,8 +143,8 @@ def weighted(weights: Sequence[Real], vectors: Sequence[Any]) -> Any:
     return sum(vector * weight for weight, vector in zip(weights, vectors, strict=True))
 
 
-GAUSS2, GAUSS3 = (collocation(*gauss_tableau(stages)) for stages in (2, 3))
-STARTER = collocation(*collocation_tableau((Fraction(1, 3), Fraction(1))))
+GAUSS2, GAUSS3 = (Collocation(*gauss_tableau(stages)) for stages in (2, 3))
+STARTER = Collocation(*collocation_tableau((Fraction(1, 3), Fraction(1))))
 """Radau's step of 2 stages, order 3, with equal steps: what a method of two steps starts with."""
 
 

@@ -9,6 +9,7 @@ Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -28,17 +29,41 @@ DAMPING = {2: 6**-0.5, 3: 1 / (3 + 3 ** (2 / 3) - 3 ** (1 / 3))}
 none, 1 / the size of the complex ones."""
 
 
-def radau(stages: int) -> Callable[..., Any]:
-    """Return the step function, with the error vector behind the state."""
-    A, _, c = collocation_tableau(POINTS[stages])
-    gamma = DAMPING[stages]
-    # The embedded weights make a quadrature of order s with the weight gamma at 0; hF = A^-1 Z turns them to Z.
-    moments = np.vander(c, increasing=True).T
-    embedded = np.linalg.solve(moments, 1 / np.arange(1, stages + 1) - gamma * np.eye(stages)[0])
-    weights = [float(w) for w in (embedded - A[-1]) @ np.linalg.inv(A)]
-    basis = [np.poly1d(line[::-1]) for line in lagrange_basis((0.0, *c))[1:]]
+@dataclass(frozen=True)
+class Radau:
+    """The step function of so many stages, with the error vector behind the state."""
 
-    def predict(ratio: Any, *old: Any) -> tuple[Any, ...]:
+    stages: int
+
+    def __call__(self, f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Any) -> tuple[Any, Any]:
+        """Take a step."""
+        A, _, c = collocation_tableau(POINTS[self.stages])
+        gamma = DAMPING[self.stages]
+
+        def residuals(*Z: Any) -> list[Any]:
+            slopes = [f(t + h * ci, y + z) for ci, z in zip(c, Z, strict=True)]
+            return [weighted(row, slopes) * h - z for row, z in zip(A, Z, strict=True)]
+
+        first = f(t, y)
+        Z = solve(residuals, (y * 0,) * self.stages, self.predict)
+        error = solve.damp(h * gamma, first * (h * gamma) + weighted(self.embedded(), Z))
+        return y + Z[-1], error
+
+    def embedded(self) -> list[float]:
+        """Return the weights of the increments in the error."""
+        A, _, c = collocation_tableau(POINTS[self.stages])
+        # The embedded weights make a quadrature of order s with the weight gamma at 0; hF = A^-1 Z turns them to Z.
+        moments = np.vander(c, increasing=True).T
+        weights = np.linalg.solve(
+            moments, 1 / np.arange(1, self.stages + 1) - DAMPING[self.stages] * np.eye(self.stages)[0]
+        )
+        return [float(w) for w in (weights - A[-1]) @ np.linalg.inv(A)]
+
+    def predict(self, ratio: Any, *old: Any) -> tuple[Any, ...]:
+        """Return the increments on the polynomial through those of the step before."""
+        _, _, c = collocation_tableau(POINTS[self.stages])
+        basis = [np.poly1d(line[::-1]) for line in lagrange_basis((0.0, *c))[1:]]
+
         def at(polynomial: Any, ci: float) -> Any:
             value: Any = 0
             for coefficient in polynomial.coeffs:
@@ -47,35 +72,25 @@ def radau(stages: int) -> Callable[..., Any]:
 
         return tuple(weighted([at(one, ci) for one in basis], old) - old[-1] for ci in c)
 
-    def step(f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Any) -> tuple[Any, Any]:
-        def residuals(*Z: Any) -> list[Any]:
-            slopes = [f(t + h * ci, y + z) for ci, z in zip(c, Z, strict=True)]
-            return [weighted(row, slopes) * h - z for row, z in zip(A, Z, strict=True)]
 
-        first = f(t, y)
-        Z = solve(residuals, (y * 0,) * stages, predict)
-        error = solve.damp(h * gamma, first * (h * gamma) + weighted(weights, Z))
-        return y + Z[-1], error
-
-    return step
+RADAU3, RADAU5 = Radau(2), Radau(3)
 
 
-RADAU3, RADAU5 = radau(2), radau(3)
+@dataclass(frozen=True)
+class RadauPath:
+    """What makes the path of so many stages: a polynomial of degree s + 1 for each step, of order s + 1."""
 
+    stages: int
 
-def path(stages: int) -> Callable[[Problem, FloatArray, FloatArray], CollocationPath]:
-    """Return what makes the path: a polynomial of degree s + 1 for each step, of order s + 1."""
-    A, _, c = collocation_tableau(POINTS[stages])
-    basis = [np.poly1d(line[::-1]) for line in lagrange_basis((0.0, *c))[1:]]
-
-    def make(problem: Problem, times: FloatArray, states: FloatArray) -> CollocationPath:
+    def __call__(self, problem: Problem, times: FloatArray, states: FloatArray) -> CollocationPath:
+        """Return the path."""
+        A, _, c = collocation_tableau(POINTS[self.stages])
+        basis = tuple(np.poly1d(line[::-1]) for line in lagrange_basis((0.0, *c))[1:])
         slope, jacobian = problem.model.kernel("rhs"), problem.model.kernel("jacobian")
         return CollocationPath(slope, problem.parameter_array, times, states, jacobian, A, c, basis)
 
-    return make
 
-
-PATHS = {stages: path(stages) for stages in POINTS}
+PATHS = {stages: RadauPath(stages) for stages in POINTS}
 
 
 def _method(

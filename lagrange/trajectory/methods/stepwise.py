@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -116,7 +117,7 @@ class SolverPlan:
         """Return the solver's own path, which leaps where the state was reset."""
         jumps = set() if watch is None else {one.row for one in watch.breaks}
         steps = iter(self.pieces)
-        pieces = [_standing(states[i + 1]) if i in jumps else next(steps) for i in range(len(times) - 1)]
+        pieces = [partial(_standing, states[i + 1]) if i in jumps else next(steps) for i in range(len(times) - 1)]
         return PiecewisePath(times, states[0], tuple(pieces))
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
@@ -124,8 +125,8 @@ class SolverPlan:
         return state.y
 
 
-def _standing(y: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    return lambda times: np.repeat(y[:, None], len(times), axis=1)
+def _standing(y: FloatArray, times: FloatArray) -> FloatArray:
+    return np.repeat(y[:, None], len(times), axis=1)
 
 
 class SolverDriver:

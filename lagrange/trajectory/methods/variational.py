@@ -9,11 +9,12 @@ Source: J. E. Marsden, M. West, Discrete mechanics and variational integrators, 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from lagrange.trajectory.integrator import Claims
-from lagrange.trajectory.methods.gauss import gauss_tableau
+from lagrange.trajectory.methods.gauss import Real, gauss_tableau
 from lagrange.trajectory.methods.implicit import ImplicitMethod, weighted
 
 Momenta = Callable[..., tuple[Any, Any]]
@@ -47,13 +48,20 @@ def variational_trapezoid(g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Cal
     return q + mean * h, end
 
 
-def galerkin(A: Sequence[Sequence[float]], b: Sequence[float], c: Sequence[float]) -> Callable[..., Any]:
-    """Return the step that integrates q' = v and p' = f with a tableau in the points c of the step.
+@dataclass(frozen=True)
+class Galerkin:
+    """The step that integrates q' = v and p' = f with a tableau in the points c of the step.
 
     With Gauss's points it is that of an action of polynomials of degree s, integrated in s points.
     """
 
-    def step(g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
+    A: tuple[tuple[Real, ...], ...]
+    b: tuple[Real, ...]
+    c: tuple[Real, ...]
+
+    def __call__(self, g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
+        """Take a step."""
+        A, b, c = self.A, self.b, self.c
         before, _ = g(t, q, v)
 
         def residuals(*velocities: Any) -> list[Any]:
@@ -68,10 +76,8 @@ def galerkin(A: Sequence[Sequence[float]], b: Sequence[float], c: Sequence[float
         *inner, end = solve(residuals, (v,) * (len(b) + 1))
         return q + weighted(b, inner) * h, end
 
-    return step
 
-
-def mean_value_gradient(points: int) -> Callable[..., Any]:
+def mean_value_gradient(points: int) -> Galerkin:
     """Return the step along the mean of the gradient of the energy on the straight line of the step in (q, p).
 
     The energy changes by the mean gradient times the step, which is perpendicular to it: it is conserved as far as
@@ -80,10 +86,10 @@ def mean_value_gradient(points: int) -> Callable[..., Any]:
     Lubich, G. Wanner, Geometric Numerical Integration, V.5.
     """
     _, b, c = gauss_tableau(points)
-    return galerkin([[ci * weight for weight in b] for ci in c], b, c)
+    return Galerkin(tuple(tuple(ci * weight for weight in b) for ci in c), b, c)
 
 
-GALERKIN4, GALERKIN6 = (galerkin(*gauss_tableau(stages)) for stages in (2, 3))
+GALERKIN4, GALERKIN6 = (Galerkin(*gauss_tableau(stages)) for stages in (2, 3))
 DISCRETE_GRADIENT = mean_value_gradient(5)
 
 
