@@ -78,7 +78,7 @@ def all_forms(equations: Equations) -> list[SeriesProgram]:
     switched = switch(e.graph, (*e.momenta, *e.forces, *mass))
     n = len(e.q)
     p, f, triangles = switched.outputs[:n], switched.outputs[n : 2 * n], switched.outputs[2 * n :]
-    found = assemblies(e, switched.sides, p, f, triangles, switched.surfaces)
+    found = assemblies(e, switched, p, f, triangles, switched.surfaces)
     return [assembly.program("series") for assembly in found]
 
 

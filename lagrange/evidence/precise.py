@@ -262,4 +262,7 @@ def _constant(node: Any, prec: int) -> Any:
         return tuple(node._mpf_)
     if node in _NAMED:
         return _NAMED[node](prec)
+    if node.is_number:
+        # In a branch that is not taken, as SymPy writes sqrt(-1), it does not matter.
+        return OutsideDomain(f"{node} is no finite real number")
     raise OutsideDomain(f"{node} has no value here: it is no coordinate, velocity, parameter or number of this system")

@@ -2,13 +2,15 @@
 
 Both modes read the same local rules, `PARTIALS`. A choice (piecewise, min, max) is differentiated branch by branch and
 the choice is made last: pushing a zero through the branch not taken would multiply it by that branch's
-infinities.
+infinities. For the same reason a derivative that a choice is multiplied by, and that may be infinite, goes into the
+branches that are not zero: that of sqrt(max(x, 0)) is 0 for x < 0.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
+from lagrange.graph.branches import Domains
 from lagrange.graph.functions import FUNCTIONS
 from lagrange.graph.node import Graph, Kind, Node, exact, reachable
 
@@ -60,13 +62,14 @@ def tangents(outputs: Iterable[Node], direction: Mapping[Node, Node]) -> Callabl
     """Return a function giving the derivative of each output along the direction {symbol: component}."""
     outputs = list(outputs)
     table: dict[Node, Node] = dict(direction)
+    domains = Domains()
     for node in reachable(outputs, _mask(direction)):
         if node not in table and node.kind is not Kind.SYMBOL:
-            _push(node, table)
+            _push(node, table, domains)
     return lambda node: table.get(node, node.graph.zero)
 
 
-def _push(node: Node, table: dict[Node, Node]) -> None:
+def _push(node: Node, table: dict[Node, Node], domains: Domains) -> None:
     """Enter the tangents of one node (of a solved system: of all its unknowns) from those of its arguments."""
     graph = node.graph
     if node.kind is Kind.COMPONENT:
@@ -78,7 +81,7 @@ def _push(node: Node, table: dict[Node, Node]) -> None:
         table[node] = graph.sum([(c, table[a]) for c, a in zip(coefficients, node.args, strict=True) if a in table])
     elif node.kind in PARTIALS:
         moving = [(table[node.args[i]], partial) for i, partial in PARTIALS[node.kind](node) if node.args[i] in table]
-        table[node] = graph.sum([(1, graph.product(pair)) for pair in moving])
+        table[node] = graph.sum([(1, _chosen(tangent, partial, domains)) for tangent, partial in moving])
 
 
 def _push_component(node: Node, table: dict[Node, Node]) -> None:
@@ -105,6 +108,7 @@ def _sweep(
     """Return the adjoint of every symbol of the mask; `inner` has the gradients of choices."""
     incoming: dict[Node, list[tuple[int, Node]]] = {output: [(1, graph.one)]}
     adjoints: dict[Node, Node] = {}
+    domains = Domains()
     for node in reversed(order):
         if node not in incoming:
             continue
@@ -113,7 +117,7 @@ def _sweep(
             adjoints[node] = adjoint
         elif node in inner:
             for symbol, partial in inner[node].items():
-                incoming.setdefault(symbol, []).append((1, graph.product((adjoint, partial))))
+                incoming.setdefault(symbol, []).append((1, _chosen(partial, adjoint, domains)))
         elif node.kind is Kind.SUM:
             for coefficient, arg in zip(node.data[1], node.args, strict=True):
                 if arg.depends & mask:
@@ -144,6 +148,16 @@ def _branchwise(node: Node, derivatives: list[Node]) -> Node:
     undefined = last.kind is Kind.CALL and last.data == "nan"
     otherwise = last if undefined else derivatives[-1]
     return node.graph.piecewise(list(zip(_conditions(node), derivatives, strict=False)), otherwise)
+
+
+def _chosen(derivative: Node, factor: Node, domains: Domains) -> Node:
+    """Return a derivative times a factor, which goes into the branches of a choice where it may be infinite."""
+    graph = derivative.graph
+    choice = derivative.kind is Kind.CALL and derivative.data == "piecewise" and graph.zero in derivative.args
+    if not choice or not domains.limited(factor):
+        return graph.product((derivative, factor))
+    values = [_chosen(value, factor, domains) for value in _values(derivative)]
+    return graph.piecewise(list(zip(_conditions(derivative), values, strict=False)), values[-1])
 
 
 def _is_choice(node: Node) -> bool:

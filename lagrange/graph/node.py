@@ -13,6 +13,7 @@ import math
 from collections.abc import Collection, Iterable, Sequence
 from fractions import Fraction
 from numbers import Rational
+from operator import itemgetter
 from typing import Any, TypeAlias
 
 from lagrange.errors import StatementError
@@ -176,7 +177,7 @@ class Graph:
             merged[node] = merged[node] + coefficient if node in merged else coefficient
         if len(merged) > 1:
             constant = constant + self._join_squares(merged)
-        items = sorted(((node.id, node, exact(c)) for node, c in merged.items() if c), key=_first)
+        items = sorted(((node.id, node, exact(c)) for node, c in merged.items() if c), key=itemgetter(0))
         constant = exact(constant)
         if not items:
             return self.constant(constant)
@@ -270,9 +271,27 @@ class Graph:
             if base.kind is Kind.SUM and len(base.args) == 1 and not base.data[0]:
                 scale = _constant_power(base.data[1][0], exponent)
                 return self.product((self.constant(scale), self.power(base.args[0], exponent)))
+            if base.kind is Kind.CALL and base.data == "abs" and exponent % 2 == 0:
+                return self.power(base.args[0], exponent)
+        elif (parts := self._squares(base)) is not None:
+            return self.product([self.power(part, exact(n * exponent)) for part, n in parts])
         if base.kind is Kind.CONSTANT and base.data in (0, 1) and exponent > 0:
             return base
         return self._intern(Kind.POWER, (base,), exponent)
+
+    def _squares(self, base: Node) -> list[tuple[Node, int]] | None:
+        """Return (part, n) of a product of part**n in which all that moves has even powers: (x**2)**e is |x|**(2 e).
+
+        Else None. The series of sqrt(x**2) itself would go on as x behind x = 0.
+        """
+        if _is_scaled(base) and base.data[1][0] > 0:
+            parts = self._squares(base.args[0])
+            return None if parts is None else [(self.constant(base.data[1][0]), 1), *parts]
+        moving = [factor for factor in _factors(base) if factor.binding > Binding.PARAMETER]
+        rest = [(factor, 1) for factor in _factors(base) if factor not in moving]
+        if not moving or any(f.kind is not Kind.POWER or f.data % 2 for f in moving):
+            return None
+        return [*rest, *((self.call("abs", factor.args[0]), factor.data) for factor in moving)]
 
     def call(self, name: str, *args: Node) -> Node:
         """Return the function of that name, an entry of `FUNCTIONS`, at the arguments."""
@@ -300,8 +319,7 @@ class Graph:
         Without `otherwise` the value is undefined (NaN) where no condition holds.
         """
         last = self.call("nan") if otherwise is None else otherwise
-        values = [value for _, value in branches]
-        if all(value is last for value in values):
+        if all(value is last for _, value in branches):
             return last
         flat = [node for pair in branches for node in pair]
         return self._intern(Kind.CALL, (*flat, last), "piecewise")
@@ -339,10 +357,6 @@ def reachable(outputs: Iterable[Node], mask: int = -1, held: Collection[Node] = 
             found.add(node)
             stack.extend(arg for arg in node.args if mask == -1 or arg.depends & mask)
     return sorted(found.difference(held), key=_by_id)
-
-
-def _first(item: tuple[int, Node, Exact]) -> int:
-    return item[0]
 
 
 def _by_id(node: Node) -> int:

@@ -76,7 +76,7 @@ class Jet:
         places = [(i, j) for block in self.program.blocks for i in block for j in block if j <= i]
         for (i, j), entry in zip(places, triangles, strict=True):
             mass[i, j] = mass[j, i] = entry
-        if mass.dtype == float and np.isfinite(mass).all():
+        if mass.dtype == float:
             inverse(mass)  # refuses what is singular to the round-off of doubles
         return mass
 
@@ -91,14 +91,15 @@ class Jet:
     def _solve(self, mass: Numbers, right: Sequence[Any]) -> Numbers:
         """Return the solution of mass x = right by elimination with pivoting, in any arithmetic.
 
-        With many digits only a pivot of zero is singular; for doubles there is a stricter test before.
+        With many digits only a pivot of zero is singular; for doubles there is a stricter test before, and an entry
+        that is not finite is no verdict on the matrix.
         """
         a = np.concatenate([mass, np.array(right, dtype=mass.dtype)[:, None]], axis=1)
-        n = len(right)
+        n, finite = len(right), mass.dtype != float or bool(np.isfinite(mass).all())
         for j in range(n):
             pivot = j + int(np.argmax(np.abs(a[j:, j])))
             a[[j, pivot]] = a[[pivot, j]]
-            if not a[j, j]:
+            if finite and not a[j, j]:
                 raise SingularMassMatrix
             a[j + 1 :] -= np.outer(a[j + 1 :, j] / a[j, j], a[j])
         for j in reversed(range(n)):

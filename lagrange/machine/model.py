@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange
 from lagrange.errors import RunError, StatementError, listing, shown
+from lagrange.graph.branches import either, read_when, where_read
 from lagrange.graph.node import Binding, Kind, Node, reachable
 from lagrange.machine.backend import FloatArray, Kernel, Machine, Series, SingularMassMatrix
 from lagrange.machine.numpy import NumpyMachine
@@ -106,29 +107,27 @@ class Model:
         return self._series[watched]
 
     @cached_property
-    def square_roots(self) -> tuple[Node, ...]:
+    def square_roots(self) -> Mapping[Node, Node]:
         """The square roots of what has a fractional power in momenta and forces; see `roots_in`."""
         return self.roots_in((*self.equations.momenta, *self.equations.forces))
 
-    def roots_in(self, nodes: Iterable[Node]) -> tuple[Node, ...]:
-        """Return the square roots of what has a fractional power in some nodes.
+    def roots_in(self, nodes: Iterable[Node]) -> Mapping[Node, Node]:
+        """Return the square roots of what has a fractional power in some nodes, with what is under each.
 
-        Where one is zero no series goes on, and none is seen to end: sqrt(x**2) continues as x. Powers of positions
-        from -1 down, as in gravity, are left out: there the forces themselves are infinite, and the steps shrink.
+        Where one is zero no series goes on, and none is seen to end: sqrt(x**2) continues as x. A root in a branch that
+        is not taken counts as 1. Powers of positions from -1 down, as in gravity, are left out: there the forces
+        themselves are infinite, and the steps shrink.
         """
-        powers = [
-            node for node in reachable([*_nodes(nodes)]) if node.kind is Kind.POWER and node.binding > Binding.PARAMETER
-        ]
-        graph = self.equations.graph
-        return tuple(
-            dict.fromkeys(
-                graph.power(node.args[0], Fraction(1, 2))
-                for node in powers
-                if isinstance(node.data, Fraction)
-                and node.data.denominator > 1
-                and (node.data > -1 or node.binding >= Binding.VELOCITY)
-            )
-        )
+        graph, nodes = self.equations.graph, _nodes(nodes)
+        powers = [node for node in reachable(nodes) if node.kind is Kind.POWER and node.binding > Binding.PARAMETER]
+        bases: dict[Node, Node] = {}
+        read = read_when(graph, nodes)
+        for node in powers:
+            broken = isinstance(node.data, Fraction) and node.data.denominator > 1
+            if broken and (node.data > -1 or node.binding >= Binding.VELOCITY):
+                base, when = node.args[0], read(node)
+                bases[base] = either(bases[base], when) if base in bases else when
+        return {where_read(graph.power(base, Fraction(1, 2)), when): base for base, when in bases.items()}
 
     def accelerations(
         self, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Parameters = None

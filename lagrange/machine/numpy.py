@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lagrange.machine.arithmetic import FLOATS
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
@@ -80,6 +81,7 @@ def _solve(n: int, matrix: FloatArray, *right: Any) -> FloatArray:
     whole = matrix[..., None] if columns and matrix.ndim == 2 else matrix
     a = np.broadcast_to(whole, (n, n, *columns)).reshape(n, n, -1).copy()
     b = np.array(np.broadcast_arrays(*right, np.empty(columns))[:n], dtype=float).reshape(n, -1)
+    finite = np.asarray(np.isfinite(a).all(axis=(0, 1)))
     scale = _scale(a)
     a *= scale[:, None] * scale
     b *= scale
@@ -91,14 +93,14 @@ def _solve(n: int, matrix: FloatArray, *right: Any) -> FloatArray:
             here, there = array[j].copy(), array[pick, ..., lanes]
             array[j] = np.moveaxis(there, 0, -1)
             array[pick, ..., lanes] = np.moveaxis(here, -1, 0)
-        _check_pivot(a[j, j], largest[j], columns)
+        _check_pivot(a[j, j], largest[j], finite, columns)
         factor = a[j + 1 :, j] / a[j, j]
         a[j + 1 :] -= factor[:, None] * a[j]
         b[j + 1 :] -= factor * b[j]
     x = np.empty_like(b)
     for j in reversed(range(n)):
         x[j] = (b[j] - (a[j, j + 1 :] * x[j + 1 :]).sum(axis=0)) / a[j, j]
-    return (scale * x).reshape((n, *columns))
+    return np.where(finite, scale * x, np.nan).reshape((n, *columns))
 
 
 def _scale(a: FloatArray) -> FloatArray:
@@ -107,9 +109,9 @@ def _scale(a: FloatArray) -> FloatArray:
     return np.where((diagonal > 0).all(axis=0), 1 / np.sqrt(np.abs(diagonal)), 1.0)
 
 
-def _check_pivot(pivot: FloatArray, largest: FloatArray, columns: tuple[int, ...]) -> None:
-    """Refuse a pivot that is zero to round-off; a NaN is no verdict on the matrix and passes through."""
-    singular = (np.abs(pivot) <= PIVOT * largest) | (pivot == 0.0)
+def _check_pivot(pivot: FloatArray, largest: FloatArray, finite: NDArray[np.bool_], columns: tuple[int, ...]) -> None:
+    """Refuse a pivot that is zero to round-off, but in matrices with an entry that is not finite: no verdict."""
+    singular = finite & ((np.abs(pivot) <= PIVOT * largest) | (pivot == 0.0))
     if singular.any():
         raise SingularMassMatrix(int(np.argmax(singular)) if columns else None)
 

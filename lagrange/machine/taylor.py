@@ -102,7 +102,7 @@ def best_order(cost: Cost, tolerance: float) -> int:
 def constants(program: SeriesProgram, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the table of constants, and the inverse (n, n) of a constant mass matrix, else an empty array.
 
-    Raises SingularMassMatrix.
+    The inverse is NaN where a parameter is, such as a side that is still to be found. Raises SingularMassMatrix.
     """
     with np.errstate(all="ignore"):
         values = FLOATS.evaluate(program.constants, 0.0, [0.0] * (2 * program.dimension), list(parameters))
@@ -110,6 +110,8 @@ def constants(program: SeriesProgram, parameters: FloatArray) -> tuple[FloatArra
     if not program.constant_mass:
         return table, np.empty((0, 0))
     whole = np.zeros((program.dimension, program.dimension))
+    if np.isnan(parameters).any():
+        return table, np.full_like(whole, np.nan)
     for block in program.blocks:
         count = len(block) * (len(block) + 1) // 2
         whole[np.ix_(block, block)] = inverse(symmetric(len(block), rest[:count]))
@@ -125,7 +127,12 @@ def symmetric(n: int, triangle: list[float]) -> FloatArray:
 
 
 def inverse(matrix: FloatArray) -> FloatArray:
-    """Return the inverse of a symmetric matrix (n, n). Raises SingularMassMatrix by the criterion of `PIVOT`."""
+    """Return the inverse of a symmetric matrix (n, n), NaN where an entry is not finite: that is no verdict on it.
+
+    Raises SingularMassMatrix by the criterion of `PIVOT`.
+    """
+    if not np.isfinite(matrix).all():
+        return np.full_like(matrix, np.nan)
     diagonal = np.abs(np.diag(matrix))
     units = np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), 1.0)
     try:

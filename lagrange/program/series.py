@@ -71,14 +71,15 @@ class SeriesProgram:
     `constants` gives the table of coefficients; `numbers` has the value of each that is known now, else None. `start`
     gives, for `started`, the values of order 0. The lower triangles of the mass matrix, block by block, follow behind
     the one or, if it is constant, the other. Both take the parameters, then the `sides` of the switching surfaces (see
-    `lagrange.program.switching`); `start` takes the table as well, and its state is [q, v] and what rounding lost of
-    it. `momenta` and `forces` say which values are p, up to a constant, and f (None: zero); `watched` those of the
-    surfaces and events.
+    `lagrange.program.switching`), which have the signs of what `surfaces` gives; `start` takes the table as well, and
+    its state is [q, v] and what rounding lost of it. `momenta` and `forces` say which values are p, up to a constant,
+    and f (None: zero); `watched` those of the surfaces and events.
     """
 
     name: str
     dimension: int
     sides: int
+    surfaces: Program
     constants: Program
     numbers: tuple[float | None, ...]
     rules: tuple[Rule, ...]
@@ -240,6 +241,8 @@ def _problems(program: SeriesProgram) -> Iterator[str]:
     sizes[0 if program.constant_mass else 1] += sum(len(b) * (len(b) + 1) // 2 for b in program.blocks)
     if [len(program.constants.outputs), len(program.start.outputs)] != sizes:
         yield "the start does not give every value of order 0 and the mass matrix"
+    if len(program.surfaces.outputs) != max(program.sides, 1):
+        yield "there is not one side for each surface"
     outputs = [i for i in (*program.forces, *program.watched) if i is not None]
     if any(not 0 <= i < len(program.rules) for i in (*outputs, *program.momenta) if i is not None):
         yield "an output is no value"

@@ -3,14 +3,16 @@
 A series holds on one side of a surface only. Every switch is a question about the sign of some smooth g(q, v, t);
 here each g gets a symbol, its side, that is 1 where g > 0, -1 where g < 0 and 0 while g stays zero. With the sides
 as run-time constants abs(a) is side * a, sign(a) is the side itself and a condition is one about sides. Who runs the
-series watches each g, ends a step on its surface, and goes on with the other side.
+series watches each g, ends a step on its surface, and goes on with the other side. A g that may have no value counts
+as 1 where it stands in a branch that is not taken.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from lagrange.graph.branches import Domains, either, read_when, where_read
 from lagrange.graph.functions import CONDITIONS
 from lagrange.graph.node import Binding, Graph, Kind, Node, reachable
 from lagrange.graph.rebuild import rebuild
@@ -21,54 +23,88 @@ SWITCHES = frozenset(("abs", "sign", "min", "max", "less", "less_equal", "equal"
 
 @dataclass(frozen=True, eq=False)
 class Switched:
-    """Expressions made smooth: `outputs` in terms of `sides`, one symbol for each of the `surfaces`."""
+    """Expressions made smooth: `outputs` in terms of `sides`, one symbol for each of the `surfaces`.
+
+    `stated` has the surfaces in terms of the state alone, with the switches that are in them; `expressions` has them
+    as they stand in the statement, whatever branch that is in.
+    """
 
     outputs: tuple[Node, ...]
     surfaces: tuple[Node, ...]
     sides: tuple[Node, ...]
+    stated: tuple[Node, ...]
+    expressions: tuple[Node, ...]
 
 
 def switch(graph: Graph, outputs: Sequence[Node]) -> Switched:
     """Replace every switch that moves by its side; what depends on parameters alone stays as it is."""
-    switches = _Switches(graph)
+    switches = _Switches(graph, read_when(graph, outputs))
     table: dict[Node, Node] = {}
-    for node in reachable(outputs):
-        args = [table[arg] for arg in node.args]
-        if node.kind is Kind.CALL and node.data in SWITCHES and any(a.binding > Binding.PARAMETER for a in args):
-            table[node] = switches.replace(node.data, args)
-        else:
-            table[node] = rebuild(node, args)
-    return Switched(tuple(table[node] for node in outputs), tuple(switches.surfaces), tuple(switches.sides))
+    switches.smooth(outputs, table)
+    conditions = [switches.condition(i) for i in range(len(switches.sides))]
+    switches.smooth(conditions, table)
+    return Switched(
+        outputs=tuple(table[node] for node in outputs),
+        surfaces=tuple(where_read(g, table[c]) for g, c in zip(switches.surfaces, conditions, strict=True)),
+        sides=tuple(switches.sides),
+        stated=tuple(where_read(g, c) for g, c in zip(switches.expressions, conditions, strict=True)),
+        expressions=tuple(switches.expressions),
+    )
 
 
 class _Switches:
     """The surfaces found so far; a surface and its negative are one."""
 
-    def __init__(self, graph: Graph) -> None:
-        self.graph = graph
+    def __init__(self, graph: Graph, read: Callable[[Node], Node]) -> None:
+        self.graph, self.read = graph, read
+        self.domains = Domains()
         self.surfaces: list[Node] = []
         self.sides: list[Node] = []
-        self.known: dict[Node, Node] = {}
+        self.expressions: list[Node] = []
+        self.conditions: list[Node] = []
+        self.known: dict[Node, tuple[int, Node]] = {}
 
-    def side(self, g: Node) -> Node:
-        """Return the side of g > 0: a symbol, its negative if -g is known, or the sign of a constant."""
+    def smooth(self, outputs: Sequence[Node], table: dict[Node, Node]) -> None:
+        """Enter the smooth form of some nodes, and of all that they are computed from, in the table."""
+        for node in reachable(outputs, held=table.keys()):
+            args = [table[arg] for arg in node.args]
+            if node.kind is Kind.CALL and node.data in SWITCHES and any(a.binding > Binding.PARAMETER for a in args):
+                table[node] = self.replace(node, args)
+            else:
+                table[node] = rebuild(node, args)
+
+    def condition(self, surface: int) -> Node:
+        """Return the condition under which a surface is looked at: always, where it always has a value."""
+        limited = self.domains.limited(self.expressions[surface])
+        return self.conditions[surface] if limited else self.graph.one
+
+    def side(self, g: Node, stated: Node, when: Node) -> Node:
+        """Return the side of g > 0: a symbol, its negative if -g is known, or the sign of a constant.
+
+        `stated` is g with the switches that are in it, and `when` the condition under which it is read.
+        """
         if g.binding <= Binding.PARAMETER:
             return self.graph.call("sign", g)
         if g not in self.known:
-            symbol = self.graph.symbol(f"side {len(self.sides)}", Binding.PARAMETER)
+            place = len(self.sides)
+            symbol = self.graph.symbol(f"side {place}", Binding.PARAMETER)
             self.surfaces.append(g)
             self.sides.append(symbol)
-            self.known[g] = symbol
-            self.known[-g] = -symbol
-        return self.known[g]
+            self.expressions.append(stated)
+            self.conditions.append(when)
+            self.known[g] = place, symbol
+            self.known[-g] = place, -symbol
+        place, side = self.known[g]
+        self.conditions[place] = either(self.conditions[place], when)
+        return side
 
-    def replace(self, name: str, args: Sequence[Node]) -> Node:
-        """Return a switch in terms of sides."""
-        graph = self.graph
+    def replace(self, node: Node, args: Sequence[Node]) -> Node:
+        """Return a switch in terms of sides; `args` are its arguments, smooth."""
+        graph, name, when = self.graph, node.data, self.read(node)
         if name in ("abs", "sign"):
-            side = self.side(args[0])
+            side = self.side(args[0], node.args[0], when)
             return side if name == "sign" else side * args[0]
-        side = self.side(args[0] - args[1])
+        side = self.side(args[0] - args[1], node.args[0] - node.args[1], when)
         if name in CONDITIONS:
             return graph.call(name, side, graph.zero)
         first, second = args if name == "min" else args[::-1]

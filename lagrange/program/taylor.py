@@ -26,13 +26,13 @@ def series_program(equations: Equations, watched: Sequence[Node] = ()) -> tuple[
     p, f = switched.outputs[:n], switched.outputs[n : 2 * n]
     triangles = switched.outputs[2 * n : len(outputs) - count]
     seen = (*switched.surfaces, *switched.outputs[len(outputs) - count :])
-    best = min(assemblies(equations, switched.sides, p, f, triangles, seen), key=lambda assembly: assembly.cost)
+    best = min(assemblies(equations, switched, p, f, triangles, seen), key=lambda assembly: assembly.cost)
     return best.program("series"), switched
 
 
 def assemblies(
     e: Equations,
-    sides: Sequence[Node],
+    switched: Switched,
     p: Sequence[Node],
     f: Sequence[Node],
     triangles: Sequence[Node],
@@ -44,7 +44,7 @@ def assemblies(
         # form may count on p.
         f, p = bias_forces(f, p, e.q, e.v, e.time), [e.graph.zero] * len(p)
     return [
-        _Assembly(e, form, triangles, seen, sides, apart=apart)
+        _Assembly(e, form, triangles, seen, switched, apart=apart)
         for form in forms(p, f, e.q, e.v, e.time)
         for apart in (False, True)
     ]
@@ -59,12 +59,12 @@ class _Assembly:
         form: Form,
         triangles: Sequence[Node],
         watched: Sequence[Node],
-        sides: Sequence[Node],
+        switched: Switched,
         *,
         apart: bool,
     ) -> None:
         self.equations = equations
-        self.triangles, self.sides = triangles, sides
+        self.triangles, self.switched = triangles, switched
         self.constant_mass = all(entry.binding <= Binding.PARAMETER for entry in triangles)
         graph = equations.graph
         forces = [node for terms in form.forces for _, node in terms]
@@ -135,7 +135,7 @@ class _Assembly:
         started = tuple(sorted(needed)) or (0,)
         table = list(b.constants) or [e.graph.one]
         mass = list(self.triangles)
-        symbols = (*e.parameters, *self.sides)
+        symbols = (*e.parameters, *self.switched.sides)
         entries = [e.graph.symbol(f"constant {place}", Binding.PARAMETER) for place in range(len(table))]
         known = [node if node.kind is Kind.CONSTANT else entries[place] for place, node in enumerate(table)]
         n = len(e.q)
@@ -144,11 +144,12 @@ class _Assembly:
         initial = [known_node(values[value]) for value in started]
         constants = [*table, *mass] if self.constant_mass else table
         first = initial if self.constant_mass else [*initial, *mass]
-        state = (*e.q, *e.v)
+        state, stated = (*e.q, *e.v), self.switched.stated or (e.graph.zero,)
         return SeriesProgram(
             name=name,
             dimension=len(e.q),
-            sides=len(self.sides),
+            sides=len(self.switched.sides),
+            surfaces=lower(f"{name}_surfaces", stated, (len(stated),), state, e.time, e.parameters),
             constants=lower(f"{name}_constants", constants, (len(constants),), state, e.time, symbols),
             numbers=tuple(float(c.data) if c.kind is Kind.CONSTANT else None for c in table),
             rules=tuple(b.rules),

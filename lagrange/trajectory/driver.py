@@ -134,7 +134,8 @@ def _bursts(
         while True:
             while verdict.smooth and watch is not None and (onwards := watch.leap(state)) is not None:
                 verdict = onwards
-                rows.add(state.t, state.y)
+                if verdict.jumped:
+                    rows.add(state.t, state.y)
             if (
                 verdict.status is Status.STEP_TOO_SMALL
                 and verdict.smooth

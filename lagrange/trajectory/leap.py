@@ -7,6 +7,7 @@ but no series leads on. A step by a method without series does, over so little t
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -20,8 +21,11 @@ SHARE = 1e-6
 """A leap takes this part of the run."""
 
 CHANGE = 0.01
-"""No acceleration changes on a leap by more than this part of itself, or of what would change the velocity by itself
-along the run: a force that jumps, or is infinite, is not leapt over."""
+"""No acceleration changes on a leap by more than this part of itself, or of what would change the
+velocity by itself along the run: a force that jumps, or is infinite, is not leapt over."""
+
+BEHIND = 2.0**-10
+"""The part of a leap that lies behind the surface on which it begins."""
 
 IN_A_ROW = 3
 """So many leaps may follow one another without a step between them. What has no series for longer has none."""
@@ -55,8 +59,12 @@ class Leaps:
         least = 64 * 2.0**-52 * max(abs(state.t), 2.0**-60 * span)
         return [state.t + math.copysign(min(x, abs(left)), left) for x in lengths if x > least]
 
-    def landing(self, state: DriverState, there: float) -> FloatArray | None:
-        """Return the state (2n,) at a time ahead, or None where forces change too much for a leap."""
+    def landing(self, state: DriverState, there: float, *, switched: Callable[[float], bool]) -> FloatArray | None:
+        """Return the state (2n,) at a time ahead, or None where forces change too much for a leap.
+
+        `switched` says whether the equations switch on a surface within some time: what counts then is how forces
+        change behind it.
+        """
         part = replace(
             self.problem,
             t0=state.t,
@@ -74,7 +82,10 @@ class Leaps:
         y = run.y[:, -1]
         if run.status is not Status.SUCCESS:
             return None
-        return y if self._steady(state.t, state.y, there, y) else None
+        begun, start = state.t + BEHIND * (there - state.t), (state.t, state.y)
+        if switched(abs(begun - state.t) / 2):
+            start = begun, run.dense(np.array([begun]))[:, 0]
+        return y if self._steady(*start, there, y) else None
 
     def land(self, state: DriverState, there: float, y: FloatArray, row: int) -> None:
         """Let the run go on from a state ahead; `row` is the row that the leap begins from."""
@@ -88,7 +99,7 @@ class Leaps:
         state.y[:] = y
 
     def _steady(self, t: float, y: FloatArray, there: float, end: FloatArray) -> bool:
-        """Return whether the accelerations at both ends of a leap are nearly the same."""
+        """Return whether the accelerations at two times on a leap are nearly the same."""
         kernel, parameters, n = self.problem.model.kernel("rhs"), self.problem.parameter_array, len(y) // 2
         try:
             first, last = kernel(t, y, parameters)[n:], kernel(there, end, parameters)[n:]

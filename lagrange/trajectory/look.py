@@ -126,6 +126,11 @@ class Look:
         changed = np.array([side.sign for side in relay]) * here < 0
         return np.flatnonzero(changed & (np.abs(here) > JUMP * largest)).tolist()
 
+    def falls(self, which: int, soon: float) -> bool:
+        """Return whether something watched comes to zero within some time by its first derivative."""
+        g, slope = self.watched[:2, which]
+        return bool(g * slope < 0 and abs(g) <= abs(slope) * soon / abs(self.scale))
+
     @property
     def ends(self) -> bool:
         """Whether the series of the state terminate, and say nothing about the length of a step."""

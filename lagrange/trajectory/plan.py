@@ -76,7 +76,10 @@ class Watcher(Protocol):
         """Whether something is to happen at the state although the driver found no step from there."""
 
     def leap(self, state: DriverState) -> Verdict | None:
-        """Go on behind a point from which the driver finds no step; return how, or None where there is no way."""
+        """Go on behind a point from which the driver finds no step; return how, or None where there is no way.
+
+        The state has jumped then, or the verdict says in other words why the run ends.
+        """
 
 
 class Plan(Protocol):

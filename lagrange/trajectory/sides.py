@@ -9,11 +9,15 @@ Source: A. F. Filippov, Differential Equations with Discontinuous Righthand Side
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from itertools import islice, product
 
 import numpy as np
 
+from lagrange.machine.arithmetic import FLOATS
+from lagrange.machine.backend import SingularMassMatrix
+from lagrange.program.series import SeriesProgram
+from lagrange.trajectory.look import JUMP
 from lagrange.trajectory.trajectory import FloatArray
 
 DOUBT = 64 * 2.0**-52
@@ -34,20 +38,14 @@ class Sliding(Exception):
         self.surface = surface
 
 
-def apparent_sides(surfaces: Surfaces, count: int, noise: FloatArray) -> FloatArray:
-    """Return the sign of every surface at a state, 0 where g is zero to within its noise.
+def stated_sides(program: SeriesProgram, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
+    """Return the sign of every surface at a state (2n,), each from its own value there.
 
-    A surface may depend on the sides of those before it, so the signs are read again until they stay.
+    No mass matrix enters: one that depends on the sides may have no inverse with others.
     """
-    sides = np.zeros(count)
-    for _ in range(count + 1):
-        g = surfaces(sides)
-        doubtful = [is_zero(g[:, i], float(noise[i])) for i in range(count)]
-        found = np.where(doubtful, 0.0, np.sign(g[0]))
-        if np.array_equal(found, sides, equal_nan=True):
-            break
-        sides = found
-    return sides
+    with np.errstate(all="ignore"):
+        values = FLOATS.evaluate(program.surfaces, t, y, parameters)
+        return np.asarray(np.sign(np.array(values[: program.sides], dtype=float)))
 
 
 def settled_sides(surfaces: Surfaces, sides: FloatArray, choices: Mapping[int, tuple[int, ...]]) -> FloatArray:
@@ -55,20 +53,42 @@ def settled_sides(surfaces: Surfaces, sides: FloatArray, choices: Mapping[int, t
 
     `choices` has the sides to try for each of those surfaces, the likely one first; 0 is the side of a motion that
     stays on the surface by itself. Where the equations have no value behind a surface, the motion goes there all the
-    same: the run is to end by that. Raises Sliding.
+    same: the run is to end by that. Raises Sliding, or SingularMassMatrix if no choice that has a mass matrix is
+    consistent.
     """
     undefined: FloatArray | None = None
+    singular: SingularMassMatrix | None = None
     for combination in islice(product(*choices.values()), MOST_TRIALS):
         trial = sides.copy()
         trial[list(choices)] = combination
-        g = surfaces(trial)
+        try:
+            g = _reread(surfaces, trial, choices)
+        except SingularMassMatrix as error:
+            singular = error
+            continue
         if not np.isfinite(g).all():
             undefined = trial if undefined is None else undefined
         elif all(leaving(g[:, i])[0] == side for i, side in zip(choices, combination, strict=True)):
             return trial
     if undefined is not None:
         return undefined
-    raise Sliding(next(iter(choices)))
+    raise Sliding(next(iter(choices))) if singular is None else singular
+
+
+def _reread(surfaces: Surfaces, trial: FloatArray, chosen: Container[int]) -> FloatArray:
+    """Return the series of the surfaces, and correct the sides that are clearly others with those chosen.
+
+    A surface may depend on the sides of others, and one in a branch that was not taken may have had no side.
+    """
+    g = surfaces(trial)
+    for _ in trial:
+        clear = np.abs(g[0]) > JUMP * np.where(np.isfinite(g), np.abs(g), 0.0).max(axis=0)
+        wrong = [i for i in np.flatnonzero(clear & (np.sign(g[0]) != trial)) if i not in chosen]
+        if not wrong:
+            break
+        trial[wrong] = np.sign(g[0, wrong])
+        g = surfaces(trial)
+    return g
 
 
 def is_zero(g: FloatArray, noise: float = 0.0) -> bool:

@@ -96,12 +96,16 @@ def rootless(name: str) -> Verdict:
     )
 
 
-def without_series(name: str, value: float) -> Verdict:
-    """Return the end of a run at a place beyond which no series of something watched leads."""
+def without_series(name: str, value: float, *, smooth: bool) -> Verdict:
+    """Return the end of a run at a place beyond which no series of something watched leads.
+
+    Of a surface in a branch that ends there that is no end of the motion: then it is `smooth`.
+    """
     return Verdict(
         Status.NON_FINITE,
         f"{name}, which is watched, has a pole there or leaves its domain: its value is {value:.4g}, and no series of "
         "it leads on. End the run before it, or watch an expression without the division, root or logarithm.",
+        smooth=smooth,
     )
 
 

@@ -16,12 +16,12 @@ from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
 from lagrange.machine.driver import DriverState
 from lagrange.machine.taylor import FAILURES
 from lagrange.trajectory.impact import Impact
-from lagrange.trajectory.leap import Leaps
+from lagrange.trajectory.leap import SHARE, Leaps
 from lagrange.trajectory.look import Look, degree, hides, near, signed_scale, state_at, unit
 from lagrange.trajectory.meeting import Meeting, PlannedStep
 from lagrange.trajectory.occurrence import TOGETHER, Crowd, Occurrence, Record
 from lagrange.trajectory.roots import Root, Side, roots
-from lagrange.trajectory.sides import Sliding, apparent_sides, is_zero, leaving, settled_sides
+from lagrange.trajectory.sides import Sliding, is_zero, leaving, settled_sides, stated_sides
 from lagrange.trajectory.trajectory import FloatArray, Status
 from lagrange.trajectory.verdict import (
     Verdict,
@@ -86,14 +86,18 @@ class Watch(Record):
             return self._finish(state)
         look = self._look(state)
         if not np.isfinite(look.watched).all():
-            return undefined(self.names(), look.watched)
+            verdict = undefined(self.names(), look.watched)
+            # On a surface rounding may leave the state where a branch that begins there has no value.
+            return replace(verdict, smooth=verdict.smooth or self._switches(look, 0.0))
         h, left = float(state.reals[S.H]), float(state.reals[S.END] - state.t - state.reals[S.LOW])
         s, limiting = look.trusted(h / look.scale, wary=self.hidden)
         if self.steep:
             s, limiting = look.verified(s, limiting, self.series, state.t, state.y, self.values)
         whole = s == h / look.scale
         if not whole and abs(s * look.scale) < TOGETHER * abs(state.t) + 2.0**-70 * abs(left):
-            return without_series(self.names()[limiting], float(look.watched[0, limiting]))
+            name, value = self.names()[limiting], float(look.watched[0, limiting])
+            ends = without_series(name, value, smooth=limiting < self.surfaces)
+            return rootless(name) if self._is_root(limiting) else ends
         for which in look.jumps(s, self.relay):
             self.relay[which] = Side(int(np.sign(look.watched[0, which])))
         found, after = self._roots(look, s, last=whole and h == left)
@@ -118,14 +122,15 @@ class Watch(Record):
         return bool(self.pending) and state.count(S.STEPS) == self.planned.steps
 
     def leap(self, state: DriverState) -> Verdict | None:
-        """Leap over a point without a series; return how the run goes on from there, or None if it cannot."""
+        """Leap over a point without a series; return how the run goes on from there, or ends at a root; or None."""
         events = [self.surfaces + i for i, impact in enumerate(self.impacts) if not impact.root]
         for there in self.leaps.ahead(state):
-            y = self.leaps.landing(state, there)
+            y = self.leaps.landing(state, there, switched=lambda soon: self._switches(self._look(state), soon))
             if y is None:
                 continue
             sides = [self.relay[i].sign for i in events]
-            ends = np.sign(self._look(state, y).watched[0, events])
+            values = np.concatenate([self.parameters, stated_sides(self.series.program, there, y, self.parameters)])
+            ends = np.sign(self.series.rows(self.order, there, y, signed_scale(state), values)[0, len(y) :][events])
             # A zero from which the motion begins is no event, but one with a reset is not to be leapt over either.
             if all(
                 b in (0, a) or (a == 0 and not self.impacts[i - self.surfaces].reset)
@@ -136,6 +141,20 @@ class Watch(Record):
                 self.driver.restart(state)
                 done = there == state.reals[S.END]
                 return replace(Verdict(Status.SUCCESS) if done else self.begin(state), jumped=True)
+        return self._rootless(state)
+
+    def _switches(self, look: Look, soon: float) -> bool:
+        """Whether the state is on a surface, or comes to one within some time."""
+        met = (which for which in range(self.surfaces) if which in self.starting or look.falls(which, soon))
+        return next(met, None) is not None
+
+    def _rootless(self, state: DriverState) -> Verdict | None:
+        """Return the end of the run at a square root that becomes zero where the state is, or None."""
+        look, soon = self._look(state), SHARE * abs(float(state.reals[S.END] - state.reals[S.START]))
+        for which in filter(self._is_root, range(len(self.relay))):
+            # What is under the root is its square, and falls twice as fast.
+            if look.watched[0, which] == 0 or look.falls(which, 2 * soon):
+                return replace(rootless(self.names()[which]), smooth=False)
         return None
 
     def _start(self, state: DriverState, stayed: Mapping[int, float]) -> Verdict:
@@ -143,14 +162,15 @@ class Watch(Record):
 
         `stayed` has what is known to be zero at the state, unless it is much larger than the value given there.
         """
+        self.sides = stated_sides(self.series.program, state.t, state.y, self.parameters)
         try:
             look = self._look(state)
             noise = look.noise.copy()
             for which, size in stayed.items():
                 noise[which] = max(noise[which], 4 * size)
             if self.surfaces:
-                self.sides = apparent_sides(self._at(state), self.surfaces, noise)
-                unsettled = {i: (0, 1, -1) for i in range(self.surfaces) if self.sides[i] == 0}
+                g = self._at(state)(self.sides)
+                unsettled = {i: (0, 1, -1) for i in range(self.surfaces) if is_zero(g[:, i], float(noise[i]))}
                 self.sides = settled_sides(self._at(state), self.sides, unsettled) if unsettled else self.sides
                 look = self._look(state)
         except Sliding as found:
@@ -258,7 +278,7 @@ class Watch(Record):
         late = [m for m in found if m.root.time >= s - close]
         self._remember(state)
         self.pending = pending + [m for m in late if m.which not in waiting]
-        if any(m.which >= self.surfaces and self._impact(m).root for m in self.pending):
+        if any(self._is_root(m.which) for m in self.pending):
             # Forces may have a kink there, and its other side be what the state, rounded, is on: no step proves itself.
             state.counts[S.FAILS] = FAILURES
         self._record([m for m in found if m.root.time < s - close], look, state)
@@ -320,13 +340,21 @@ class Watch(Record):
         """Return events met on a surface as the motion leaves it: an event may turn back there, as abs(x) does."""
         found = []
         for m in met:
-            after = leaving(self._look(state).near[:, m.which])[0]
+            g = self._look(state).near[:, m.which]
+            after = leaving(g)[0]
+            if self._is_root(m.which) and g[0] > 0 and not g[1:].any():
+                # The branch in which the root stands ends here, and the motion goes on in another.
+                self.relay[m.which] = Side(1)
+                continue
             self.relay[m.which] = Side(after)
             found.append(replace(m, root=Root(m.root.time, after if after != before[m.which].sign else 0)))
         return found
 
     def _impact(self, meeting: Meeting) -> Impact:
         return self.impacts[meeting.which - self.surfaces]
+
+    def _is_root(self, which: int) -> bool:
+        return which >= self.surfaces and self.impacts[which - self.surfaces].root
 
     def _jump(self, met: Sequence[Meeting], state: DriverState, *, ends: bool) -> Verdict:
         """Reset the state, every event from the state before, and start the motion anew."""

@@ -141,11 +141,17 @@ def test_sums_of_powers_of_sine_and_cosine_keep_their_value(
     assert abs(evaluate(node, {x: a, y: b}) - expected) < 1e-12
 
 
-def test_a_square_root_of_a_square_is_not_taken_for_the_base(g: Graph) -> None:
+def test_a_square_root_of_a_square_is_the_absolute_value(g: Graph) -> None:
     (x,) = leaves(g, "x")
-    root = (x**2) ** Fraction(1, 2)
-    assert root is not x
-    assert evaluate(root, {x: mpmath.mpf(-3)}) == 3
+    m = g.symbol("m", Binding.PARAMETER)
+    size = g.call("abs", x)
+    assert (x**2) ** Fraction(1, 2) is size and evaluate(size, {x: mpmath.mpf(-3)}) == 3
+    assert (x**2) ** Fraction(3, 2) is size**3 and (x**6) ** Fraction(1, 4) is size ** Fraction(3, 2)
+    assert (x**-2) ** Fraction(1, 2) is 1 / size and size**2 is x**2 and size**-4 is x**-4
+    assert (4 * m * x**2) ** Fraction(1, 2) is g.constant(4) ** Fraction(1, 2) * m ** Fraction(1, 2) * size
+    for other in (x**3, -(x**2), x**2 + 1, x * x**2):
+        root = other ** Fraction(1, 2)
+        assert root.kind is Kind.POWER and root.args == (other,)
 
 
 def test_even_and_odd_functions_share_the_node_of_the_opposite_argument(g: Graph) -> None:

@@ -124,6 +124,23 @@ def test_nan_in_gives_nan_out_and_is_not_called_singular(target: str, where: str
         assert np.isnan(solve(target, a, b, where)).any(), n
 
 
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("target", TARGETS)
+def test_an_entry_that_is_not_finite_is_no_verdict_wherever_it_stands(target: str, bad: float) -> None:
+    """Also where the other rows have nothing in its column, and a zero would be the pivot."""
+    for n in SIZES:
+        for i, j in ((n - 1, 0), (n // 2, 0), (n - 1, n // 2)):
+            a = np.eye(n)
+            a[i, j] = a[j, i] = bad
+            assert not np.isfinite(solve(target, a, np.ones(n))).all() or i == j, (n, i, j)
+            a[:, i] = a[i] = bad
+            assert not np.isfinite(solve(target, a, np.ones(n))).all(), (n, i, j)
+            a = np.eye(n)
+            a[i, i] = bad  # nothing moves what is infinitely heavy, unless it counts as no number
+            found = solve(target, a, np.ones(n))
+            assert not np.isfinite(found).all() or abs(found[i]) == 0.0, (n, i)
+
+
 @pytest.mark.parametrize("target", TARGETS)
 def test_nan_stays_in_its_column(target: str) -> None:
     rng = np.random.default_rng(6)

@@ -73,18 +73,21 @@ def factor_pivoted() -> Procedure:
         entry = a[j * n + i]
         columns[j * n + i] = entry
         columns[i * n + j] = entry
+    nothing = p.variable(0.0, "nothing")
     with p.loop(0, n) as i:
         permutation[i] = p.real(i)
         largest = p.variable(0.0, "largest")
         with p.loop(0, n) as j:
             size = abs(columns[j * n + i])
             largest.value = p.choose(size > largest.value, size, largest.value)
+            p.note("Zero times a NaN or an infinity is NaN, and stays.")
+            nothing.value = p.fma(size, 0.0, nothing.value)
         scales[i] = 1.0 / largest.value
     singular = p.variable(p.false, "singular")
     with p.loop(0, n) as j:
         _exchange(p, n, j, scales, permutation, columns)
         pivot = columns[j * n + j].called("pivot")
-        p.note("A NaN is no verdict on the matrix: it passes through to the solution. A row of zeros gives 0 * inf.")
+        p.note("A row of zeros gives 0 * inf.")
         vanishes = (abs(pivot) * scales[j] <= PIVOT) | pivot.equals(0.0)
         singular.value = singular.value | vanishes
         reciprocal = 1.0 / pivot
@@ -94,7 +97,8 @@ def factor_pivoted() -> Procedure:
             factor = -columns[k * n + j]
             with p.loop(j + 1, n) as i:
                 columns[k * n + i] = p.fma(factor, columns[j * n + i], columns[k * n + i])
-    p.leave(singular.value)
+    p.note("An entry that is not finite is no verdict on the matrix: it passes through to the solution.")
+    p.leave(singular.value & nothing.value.equals(0.0))
     return p.finish(FLAG)
 
 

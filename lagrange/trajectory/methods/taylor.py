@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -22,6 +23,7 @@ from lagrange.trajectory.methods.explicit import DOP853
 from lagrange.trajectory.methods.settings import adaptive_settings, check_options
 from lagrange.trajectory.plan import Tolerances
 from lagrange.trajectory.series_path import SeriesPath
+from lagrange.trajectory.sides import stated_sides
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 from lagrange.trajectory.watch import Watch
 
@@ -104,15 +106,16 @@ class TaylorPlan:
         return bool(self.series.program.watched)
 
     def driver(self, model: Model, parameters: FloatArray) -> TaylorDriver:
-        """Return the driver, with the sides of surfaces still to be found; see `Plan`."""
-        return self.series.driver(self.order, np.concatenate([parameters, np.zeros(self.series.program.sides)]))
+        """Return the driver, with the sides of surfaces, NaN, still to be found; see `Plan`."""
+        unknown = np.full(self.series.program.sides, np.nan)
+        return self.series.driver(self.order, np.concatenate([parameters, unknown]))
 
     def watch(self, problem: Problem, driver: TaylorDriver) -> Watch | None:
         """Return what watches events and surfaces; see `Plan`."""
         if not self.watched:
             return None
         parameters, own = problem.parameter_array, self.tolerances
-        leaps = Leaps(problem, DOP853(rtol=own.rtol, atol=own.atol))
+        leaps = Leaps(problem, DOP853(rtol=own.margin * own.rtol, atol=own.margin * own.atol))
         return Watch(self.series, self.order, driver, parameters, self.impacts, partial(watched_names, problem), leaps)
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: Watch | None) -> SeriesPath:
@@ -126,8 +129,9 @@ class TaylorPlan:
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
         """Return the state with the first coefficients that are not finite in place of the rows that have them."""
-        sides = np.zeros(self.series.program.sides)
-        values = np.concatenate([problem.parameter_array, sides])
+        parameters = problem.parameter_array
+        sides = stated_sides(self.series.program, state.t, state.y, parameters)
+        values = np.concatenate([parameters, sides])
         try:
             rows = self.series.rows(self.order, state.t, state.y, state.reals[DriverState.SCALE], values)
         except SingularMassMatrix:
@@ -139,9 +143,9 @@ class TaylorPlan:
         return np.where(np.isfinite(rows[np.argmax(bad)]), state.y, rows[np.argmax(bad)])
 
 
-def _roots(model: Model, events: tuple[Node, ...]) -> tuple[Node, ...]:
-    """Return the square roots to be watched, those of the equations and of the events."""
-    return tuple(dict.fromkeys((*model.square_roots, *model.roots_in(events)))) if events else model.square_roots
+def _roots(model: Model, events: tuple[Node, ...]) -> Mapping[Node, Node]:
+    """Return the square roots to be watched, those of the equations and of the events, with what is under each."""
+    return {**model.square_roots, **model.roots_in(events)} if events else model.square_roots
 
 
 def watched_names(problem: Problem) -> list[str]:
@@ -151,9 +155,9 @@ def watched_names(problem: Problem) -> list[str]:
     square_roots = _roots(model, events)
     _, switched = model.series((*events, *square_roots))
     plain = dict(model.statement.plain)
-    surfaces = [model.equations.express(surface) for surface in switched.surfaces]
+    surfaces = [model.equations.express(surface) for surface in switched.expressions]
     shown = [*surfaces, *(event.expression for event in problem.events)]
     # SymPy would print sqrt(x**2) as Abs(x), which is what the user is asked to write instead.
-    roots = [model.equations.express(root.args[0]) for root in square_roots]
-    names = [str(expression.xreplace(plain))[:80] for expression in (*shown, *roots)]
+    bases = [model.equations.express(base) for base in square_roots.values()]
+    names = [str(expression.xreplace(plain))[:80] for expression in (*shown, *bases)]
     return [*names[: len(shown)], *(f"sqrt({name})" for name in names[len(shown) :])]

@@ -1,0 +1,218 @@
+"""A branch that is not taken is asked for nothing, in any method: against runs of equations written by hand.
+
+The truth is SciPy's DOP853 on each stretch between the switches, found as its events: no branch is anywhere in it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from sympy import And, Max, Piecewise, Rational, acos, log, sign, sqrt
+
+from lagrange.evidence.check import check
+from lagrange.machine.model import Model
+from lagrange.statement.coordinate import t
+from lagrange.statement.event import event
+from lagrange.trajectory.integrate import integrate
+from lagrange.trajectory.methods.registry import find
+from lagrange.trajectory.trajectory import Status, Trajectory
+from tests.models import TARGETS, build, x
+
+Law = Callable[[float, float, float], float]
+
+END, START = 3.0, (-0.5, 0.1)
+HALF = Rational(1, 2)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A potential and a force beside the pull of 1, and the laws below and above the zero of `switch`."""
+
+    below: Law
+    above: Law
+    potential: Any = 0
+    force: Any = 0
+    switch: Law = lambda time, q, v: q
+
+
+def only(value: Any, condition: Any) -> Any:
+    return Piecewise((value, condition), (0, True))
+
+
+def free(time: float, q: float, v: float) -> float:
+    return 1.0
+
+
+def hertz(time: float, q: float, v: float) -> float:
+    return 1 - 50 * float(max(q, 0.0) ** 1.5)
+
+
+def root(time: float, q: float, v: float) -> float:
+    return 1 - 30 * math.sqrt(max(q, 0.0))
+
+
+CASES = {
+    "Hertz": Case(free, hertz, only(20 * x ** Rational(5, 2), x > 0)),
+    "Hertz, decimal": Case(free, hertz, only(20 * x**2.5, x > 0)),
+    "Hertz, the other way round": Case(free, hertz, Piecewise((0, x <= 0), (20 * x ** Rational(5, 2), True))),
+    "Hertz as a force": Case(free, hertz, force=only(-50 * x ** Rational(3, 2), x > 0)),
+    "Hertz by max": Case(free, hertz, 20 * Max(x, 0) ** Rational(5, 2)),
+    "max in the branch": Case(free, hertz, force=only(-50 * Max(x, -1) ** Rational(3, 2), x > 0)),
+    "an infinite slope": Case(free, root, only(20 * x ** Rational(3, 2), x > 0)),
+    "an infinite slope by max": Case(free, root, 20 * Max(x, 0) ** Rational(3, 2)),
+    "damped contact": Case(
+        free,
+        lambda time, q, v: 1 - 50 * max(q, 0.0) ** 1.5 * (1 + max(v, 0.0) / 4),
+        force=only(-50 * x ** Rational(3, 2) * (1 + Max(x.dot, 0) / 4), x > 0),
+    ),
+    "logarithm": Case(
+        free,
+        lambda time, q, v: 1 - 10 * math.log(q),
+        force=only(-10 * log(x), x > HALF),
+        switch=lambda time, q, v: q - 0.5,
+    ),
+    "pole": Case(
+        free, lambda time, q, v: 1 - 1 / q**2, force=only(-1 / x**2, x > HALF), switch=lambda time, q, v: q - 0.5
+    ),
+    "arc": Case(
+        free,
+        lambda time, q, v: 1 - 4 * math.acos(q - 0.25),
+        force=only(-4 * acos(x - HALF / 2), (x > HALF / 2) & (x < 5 * HALF / 2)),
+        switch=lambda time, q, v: q - 0.25,
+    ),
+    "a jump with a root behind it": Case(
+        free,
+        lambda time, q, v: 1 - 5 * (1 + math.sqrt(max(q, 0.0))),
+        force=only(-5 - 5 * sqrt(x), x > 0),
+    ),
+    "a condition joined with one of a domain": Case(
+        free,
+        lambda time, q, v: 1 - 20 * q,
+        force=only(-20 * x, And(x > 0, sqrt(x) > HALF)),
+        switch=lambda time, q, v: q - 0.25,
+    ),
+    "a speed": Case(
+        free,
+        lambda time, q, v: 1 - 3 * math.sqrt(max(v - 0.25, 0.0)),
+        force=only(-3 * sqrt(x.dot - HALF / 2), x.dot > HALF / 2),
+        switch=lambda time, q, v: v - 0.25,
+    ),
+    "a time": Case(
+        free,
+        lambda time, q, v: 1 - 4 * math.sqrt(max(time - 1, 0.0)),
+        force=only(-4 * sqrt(t - 1), t > 1),
+        switch=lambda time, q, v: time - 1,
+    ),
+    "a step": Case(free, lambda time, q, v: 1 - 20 * q, force=-10 * x * (1 + sign(x))),
+}
+"""What is written in a branch has no value, or no derivative, where the run begins."""
+
+
+def system(name: str, target: str = "llvm") -> Model:
+    case = CASES[name]
+    return build(
+        target,
+        kinetic=x.dot**2 / 2,
+        potential=case.potential - x,
+        forces={x: case.force},
+        coordinates=[x],
+        initial={x: START[0], x.dot: START[1]},
+    )
+
+
+def solve(law: Law, switch: Law, now: float, state: Any, direction: float) -> Any:
+    """Return the motion under a law until the switch becomes zero in a direction."""
+
+    def crossing(time: float, y: Any) -> float:
+        return switch(time, *y)
+
+    vars(crossing).update(terminal=True, direction=direction)
+    run: Any = solve_ivp
+    options = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13, "max_step": 0.01}
+    return run(lambda time, y: [y[1], law(time, *y)], (now, END), state, events=crossing, **options)
+
+
+@cache
+def truth(name: str) -> Any:
+    """Return the state at the end: stretch by stretch, each with the one law that holds there."""
+    case, now, state = CASES[name], 0.0, np.array(START)
+    above = False
+    while now < END:
+        found: Any = solve(case.above if above else case.below, case.switch, now, state, -1.0 if above else 1.0)
+        now, state, above = float(found.t[-1]), found.y[:, -1], not above
+    return state
+
+
+def go(model: Model, method: Any, **options: Any) -> Trajectory:
+    return integrate(model, (0.0, END), None, method=method, **options)[0]
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_series_goes_through(name: str, target: str) -> None:
+    found = go(system(name, target), "taylor")
+    assert found.status is Status.SUCCESS, found.message
+    assert found.y[:, -1] == pytest.approx(truth(name), abs=2e-8)
+    # The path between the steps knows the branches as well.
+    middle = found.dense(np.linspace(0.0, END, 200))
+    assert middle[1:, 1:-1] == pytest.approx(np.gradient(middle[0], END / 199)[None, 1:-1], abs=0.05)
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("method", ["dopri5", "dop853", "radau5", "gauss2", "velocity-verlet", "scipy-lsoda"])
+def test_every_other_method_goes_through(name: str, method: str) -> None:
+    """Equal steps of 1e-3 step over a kink or jump with an error of their size."""
+    adaptive = find(method).claims.adaptive
+    model = system(name)
+    if method == "velocity-verlet" and name in ("a speed", "damped contact"):
+        pytest.skip("a splitting takes no force that depends on velocities")
+    found = go(model, method, **({"rtol": 1e-8, "atol": 1e-10} if adaptive else {"step": 1e-3}))
+    assert found.status is Status.SUCCESS, found.message
+    assert found.y[:, -1] == pytest.approx(truth(name), abs=1e-5 if adaptive else 2e-2)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_check_holds_in_every_branch(name: str) -> None:
+    report = check(system(name), points=6)
+    assert report, str(report)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_the_jacobian_of_a_branch_that_is_not_taken_is_that_of_the_other(target: str) -> None:
+    for name in ("an infinite slope by max", "an infinite slope", "Hertz", "Hertz by max"):
+        model = system(name, target)
+        assert model.jacobian(0.0, [-0.5, 0.1]).tolist() == [[0.0, 1.0], [0.0, 0.0]], name
+        assert np.isfinite(model.jacobian(0.0, np.array([[-0.5] * 9, [0.1] * 9]))).all(), name
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", "radau5", "scipy-lsoda"])
+def test_an_event_with_a_branch(method: str) -> None:
+    """The indentation as it is written: zero before the contact, and deepest where the speed is zero."""
+    depth = Piecewise((x ** Rational(3, 2), x > 0), (-1, True)) - Rational(1, 64)
+    model = system("Hertz")
+    found = go(model, method, events=[event(depth, direction=1), event(x.dot, direction=-1)], rtol=1e-10, atol=1e-12)
+    assert found.status is Status.SUCCESS, found.message
+    assert len(found.t_events[0]) == len(found.t_events[1]) > 0
+    assert found.y_events[0][:, 0] == pytest.approx(1 / 16, abs=1e-8)
+
+
+def test_a_root_in_the_branch_that_is_taken_still_ends_the_run() -> None:
+    model = build(kinetic=x.dot**2 / 2, forces={x: -sqrt(x) - 1}, coordinates=[x], initial={x: 0.5})
+    found = go(model, "taylor")
+    assert found.status is Status.NON_FINITE and "sqrt(x)" in found.message
+    assert found.y[0, -1] == pytest.approx(0.0, abs=1e-9)
+    other = build(
+        kinetic=x.dot**2 / 2,
+        forces={x: Piecewise((-sqrt(x) - 1, x > -1), (0, True))},
+        coordinates=[x],
+        initial={x: 0.5},
+    )
+    found = go(other, "taylor")
+    assert found.status is Status.NON_FINITE and "sqrt(x)" in found.message
