@@ -109,6 +109,21 @@ def test_a_run_that_ends_early_fails_and_keeps_what_there_is(
     assert json.loads((tmp_path / "out" / "card.json").read_text("utf-8"))["complete"] is False
 
 
+COLLISION = DROP.replace('"m*g*y"', '"-m/y"').replace("y = 5.0", "y = 1.0").replace("g = 10.0\n", "")
+
+
+def test_a_run_that_does_not_follow_the_motion_fails_and_keeps_what_there_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "collision.toml"
+    path.write_text(COLLISION, "utf-8")
+    assert main(["run", str(path), "--out", str(tmp_path / "out"), "--method", "verlet", "--step", "1e-3"]) == 1
+    assert capsys.readouterr().out.startswith("drop: unreliable")
+    assert len((tmp_path / "out" / "trajectory.csv").read_text("utf-8").splitlines()) == 2002
+    card = json.loads((tmp_path / "out" / "card.json").read_text("utf-8"))
+    assert (card["status"], card["complete"], card["step"]) == ("unreliable", False, 1e-3)
+
+
 def test_a_run_without_output_leaves_no_old_picture(
     scene: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

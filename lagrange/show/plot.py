@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lagrange.errors import StatementError
+from lagrange.show.colours import colours
 from lagrange.show.names import letters
-from lagrange.trajectory.trajectory import FloatArray
+from lagrange.trajectory.trajectory import FloatArray, Status
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,7 +32,6 @@ _PANELS = 28
 _SHORT = 10
 """A longer name stands above its panel and not beside it."""
 
-_COLOURS = ("#0b6e99", "#d1495b", "#3c7d45", "#a35c00", "#6a4c93", "#00798c", "#8d5b4c", "#4a5568")
 _INK, _GRID, _QUIET = "#222222", "#e3e3e3", "#8a8a8a"
 _VIEW = np.radians((-60.0, 25.0))
 """Azimuth and elevation from which paths in space are seen."""
@@ -104,7 +104,10 @@ def _dress(axis: Axes, title: str = "") -> None:
 
 def _title(solution: Solution) -> str:
     title = f"{solution.model.statement.name}   {solution.method}, {solution.steps} steps"
-    return title if solution.status.complete else f"{title}   ended early: {solution.status.value}"
+    if solution.status.complete:
+        return title
+    what = "not the motion" if solution.status is Status.UNRELIABLE else "ended early"
+    return f"{title}   {what}: {solution.status.value}"
 
 
 def _sample_times(t: FloatArray) -> FloatArray:
@@ -120,8 +123,8 @@ def _sample_times(t: FloatArray) -> FloatArray:
 
 def _draw_coordinates(axis: Axes, names: Sequence[str], t: FloatArray, rows: FloatArray) -> None:
     _dress(axis)
-    for k, row in enumerate(rows):
-        axis.plot(t, row, color=_COLOURS[k % len(_COLOURS)], linewidth=1.3)
+    for row, colour in zip(rows, colours(len(rows)), strict=True):
+        axis.plot(t, row, color=colour, linewidth=1.3)
     if len(names) == 1 and len(names[0]) <= _SHORT:
         axis.set_ylabel(f"${letters(names)[names[0]]}$", rotation=0, ha="right", va="center")
     else:
@@ -203,9 +206,9 @@ def _draw_scene(axis: Axes, scene: Scene) -> None:
     for start, end in scene.links:
         ends = np.array([scene.points[start][:, -1], scene.points[end][:, -1]])
         axis.plot(*ends.T, color=_QUIET, linewidth=1.6, zorder=3)
-    for k, (name, point) in enumerate(scene.points.items()):
+    for (name, point), own in zip(scene.points.items(), colours(len(scene.points)), strict=True):
         fixed = name == "origin"
-        colour = _INK if fixed else _COLOURS[k % len(_COLOURS)]
+        colour = _INK if fixed else own
         if not fixed:
             axis.plot(*point, color=colour, linewidth=0.9, alpha=0.75, zorder=2)
             axis.plot(*point[:, 0], "o", mfc="white", mec=colour, markersize=5, zorder=4)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import textwrap
-from itertools import groupby
+from itertools import cycle, groupby
 from typing import TYPE_CHECKING
 
 from lagrange.errors import StatementError
+from lagrange.show.colours import colours
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -15,7 +16,6 @@ if TYPE_CHECKING:
     from lagrange.evidence.work_precision import Entry
     from lagrange.show.race import Race
 
-_COLOURS = ("#0b6e99", "#d1495b", "#3c7d45", "#a35c00", "#6a4c93", "#00798c", "#8d5b4c", "#4a5568")
 _MARKERS = "osD^vP*Xh<>p"
 _INK, _GRID, _QUIET = "#222222", "#e3e3e3", "#8a8a8a"
 
@@ -34,10 +34,11 @@ def plot(race: Race) -> Figure:
     axis = figure.add_subplot()
     axis.set_xscale("log")
     axis.set_yscale("log")
-    for k, name in enumerate(race.methods):
+    styles = zip(race.methods, colours(len(race.methods)), cycle(_MARKERS), strict=False)
+    for name, colour, marker in styles:
         entries = [entry for entry in shown if entry.method == name]
         if entries:
-            _draw(axis, name, entries, k)
+            _draw(axis, name, entries, colour, marker)
     _mark_limits(axis, race)
     _dress(axis, race)
     failed = len(race) - len(shown)
@@ -51,9 +52,8 @@ def plot(race: Race) -> Figure:
     return figure
 
 
-def _draw(axis: Axes, name: str, entries: list[Entry], k: int) -> None:
+def _draw(axis: Axes, name: str, entries: list[Entry], colour: str, marker: str) -> None:
     """Draw a method; errors below what the reference tells are open and joined by nothing."""
-    colour, marker = _COLOURS[k % len(_COLOURS)], _MARKERS[k % len(_MARKERS)]
     rival = name.startswith(("scipy-", "cvode"))
     for resolved, group in groupby(entries, key=lambda entry: entry.resolved):
         part = list(group)

@@ -190,6 +190,9 @@ class Solution:
             "message": self.message,
             "method": self.method,
             "form": self.trajectory.form,
+            "step": _finite(self.trajectory.step),
+            "rtol": _finite(self.trajectory.rtol),
+            "atol": _finite(self.trajectory.atol),
             "steps": self.steps,
             "rejected": self.trajectory.rejected,
             "evaluations": self.evaluations,
@@ -282,6 +285,7 @@ class Solution:
         begun, reached = self.trajectory.span
         return [
             ("method", ", ".join(part for part in (self.method, self.trajectory.form) if part)),
+            *self._setting_lines(),
             ("time", f"{begun:.6g} to {reached:.6g}, {len(self.t) or 'no'} outputs"),
             ("steps", f"{self.steps} ({self.trajectory.rejected} rejected), {self.evaluations} evaluations"),
             (
@@ -292,6 +296,19 @@ class Solution:
             *([("stiffness", self.stiff.sentence())] if self.stiff else []),
             ("wall time", _duration(self.wall)),
             ("message", self.message),
+        ]
+
+    def _setting_lines(self) -> list[tuple[str, str]]:
+        run = self.trajectory
+        if run.step is not None:
+            return [("step", f"{run.step:.6g}")]
+        if run.rtol is None:
+            return []
+        return [
+            (
+                "tolerances",
+                f"rtol = {run.rtol:g}, atol " + ("follows the scale" if run.atol is None else f"= {run.atol:g}"),
+            )
         ]
 
     def _event_lines(self) -> list[tuple[str, str]]:
@@ -321,8 +338,7 @@ def _label(key: Any) -> str:
 
 
 def _finite(value: Any) -> float | None:
-    number = float(value)
-    return number if math.isfinite(number) else None
+    return None if value is None or not math.isfinite(value) else float(value)
 
 
 def _duration(seconds: float) -> str:

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from lagrange.errors import StatementError
 from lagrange.evidence.stability import ROUND_OFF, growth, step_of
+from lagrange.show.colours import colours
 from lagrange.statement.number import real_number
 from lagrange.trajectory.methods.registry import find
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_COLOURS = ("#0b6e99", "#d1495b", "#3c7d45", "#a35c00", "#6a4c93", "#4a5568", "#00798c", "#8d5b4c")
 _POINTS = 401
 
 
@@ -41,7 +40,7 @@ def plot_stability(*methods: Any, left: float = -8.0, right: float = 4.0, top: f
     axis = figure.add_subplot()
     lines, names = [], []
     everywhere = np.ones(grid.shape, dtype=bool)
-    for method, colour in zip(methods, _cycled(len(methods)), strict=True):
+    for method, colour in zip(methods, colours(len(methods)), strict=True):
         sizes = growth(step_of(method), plane)
         axis.contour(x, y, sizes, levels=[1.0 + ROUND_OFF], colors=[colour], linewidths=1.6)
         everywhere &= sizes <= 1.0 + ROUND_OFF
@@ -54,7 +53,3 @@ def plot_stability(*methods: Any, left: float = -8.0, right: float = 4.0, top: f
     axis.legend(lines, names, loc="upper left", frameon=False)
     axis.set_title("A step does not amplify on the left of, or inside, its line")
     return figure
-
-
-def _cycled(count: int) -> Sequence[str]:
-    return [_COLOURS[i % len(_COLOURS)] for i in range(count)]

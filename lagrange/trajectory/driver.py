@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 
 import numpy as np
 
@@ -100,6 +101,9 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
         span=(float(times[0]), float(times[-1])),
         dense=path,
         form=plan.form,
+        step=None if tolerances.rtol else tolerances.step,
+        rtol=tolerances.rtol or None,
+        atol=tolerances.atol if tolerances.rtol else None,
         t_events=() if watch is None else watch.t_events[: len(problem.events)],
         y_events=() if watch is None else watch.y_events[: len(problem.events)],
     )
@@ -178,16 +182,16 @@ def _bursts(
 
 def _closing(problem: Problem, plan: Plan, name: str, state: DriverState, status: Status, cause: str) -> str:
     """Return the sentence for the end of a run, with the culprit found by taking the failed step again."""
+    told = partial(message, status, problem, rtol=plan.tolerances.rtol or None)
     if (fault := state.fault) is not None:
-        return message(status, problem, fault.t, fault.y, name, slope=fault.slope, detail=fault.detail)
+        return told(fault.t, fault.y, name, slope=fault.slope, detail=fault.detail)
     if status is Status.SINGULAR:
-        detail = problem.model.singular_message(state.t, state.y)
-        return message(status, problem, state.t, state.y, name, detail=detail)
+        return told(state.t, state.y, name, detail=problem.model.singular_message(state.t, state.y))
     if status is Status.DIVERGED:
-        return message(status, problem, state.t, state.y, name, detail=unsolved(state.reals[DriverState.RESIDUAL]))
+        return told(state.t, state.y, name, detail=unsolved(state.reals[DriverState.RESIDUAL]))
     if status is not Status.NON_FINITE or cause:
-        return message(status, problem, state.t, state.y, name, cause=cause)
-    return message(status, problem, state.t, plan.failed(problem, state), name, slope=_ahead(problem, state))
+        return told(state.t, state.y, name, cause=cause)
+    return told(state.t, plan.failed(problem, state), name, slope=_ahead(problem, state))
 
 
 def _ahead(problem: Problem, state: DriverState) -> FloatArray:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from lagrange.machine.model import Model
 from lagrange.statement.declare import initial_state
 from lagrange.statement.event import declare_events
 from lagrange.statement.number import real_array, real_number, whole_number
+from lagrange.trajectory.conservation import energy, verified
 from lagrange.trajectory.integrator import Integrator, Problem, run_by
 from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.plan import promises
@@ -22,10 +22,6 @@ from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 MAX_STEPS = 10_000_000
 """Steps tried, accepted or not, before a run gives up: the states of a double pendulum then take 0.4 GB."""
-
-
-LOST = 0.1
-"""Part of the energy, or of the kinetic energy where that is larger, whose loss or gain the message of a run tells."""
 
 ROUND_OFF = 1e-12
 """Output times beyond an end by less than this part of the span are that end, written with other round-off."""
@@ -73,35 +69,9 @@ def integrate(
     )
     integrator = find(DEFAULT if method is None else method)
     _check_events(problem, integrator)
-    energy = _check_start(problem)
+    before = _check_start(problem)
     trajectory = run_by(integrator, problem)
-    return _with_energy(problem, trajectory, energy), values
-
-
-def _with_energy(problem: Problem, trajectory: Trajectory, before: float) -> Trajectory:
-    """Return the trajectory, with a note if it did not keep the energy that the equations conserve.
-
-    Equal steps jump over a collision or through a singular configuration and know nothing of it.
-    """
-    model, states = problem.model, trajectory.y
-    if not trajectory.status.complete or not model.conservative or not states.size:
-        return trajectory
-    if any(event.reset for event in problem.events):
-        return trajectory
-    n, p = model.dimension, problem.parameter_array
-    ends = [(y[:n], y[n:]) for y in (problem.y0, states[:, -1])]
-    with np.errstate(all="ignore"):
-        after = _energy(problem, states[:, -1])
-        if abs(after - before) <= LOST * abs(before):
-            return trajectory
-        moving = max(abs(float(v @ model.momenta(q, v, problem.t0, p))) for q, v in ends) / 2
-    if math.isfinite(after) and abs(after - before) <= LOST * moving:
-        return trajectory
-    note = (
-        f"The energy, which the equations of motion conserve, went from {before:.6g} to {after:.6g}: the run does not "
-        "follow the motion. Shorten the step, or take an adaptive method such as dop853."
-    )
-    return replace(trajectory, message=f"{trajectory.message} {note}")
+    return verified(problem, trajectory, before, adaptive=integrator.claims.adaptive), values
 
 
 def _check_events(problem: Problem, integrator: Integrator) -> None:
@@ -116,21 +86,16 @@ def _check_events(problem: Problem, integrator: Integrator) -> None:
 def _check_start(problem: Problem) -> float:
     """Return the energy of the initial state; refuse one at which it is no finite number."""
     model, y0 = problem.model, problem.y0
-    energy = _energy(problem, y0)
-    if math.isfinite(energy):
-        return energy
+    value = energy(problem, y0)
+    if math.isfinite(value):
+        return value
     names = (*model.statement.names, *(f"{name}.dot" for name in model.statement.names))
     state = listing(f"{name} = {x:.6g}" for name, x in zip(names, y0, strict=True))
     raise StatementError(
-        f"the energy of {model.statement.name} is {energy} at the initial state ({state}), so the motion cannot start "
+        f"the energy of {model.statement.name} is {value} at the initial state ({state}), so the motion cannot start "
         "there. Look for an overflow, a division by zero, or a sqrt or log outside its domain, in the kinetic and "
         "potential energy; give another initial state or other parameters."
     )
-
-
-def _energy(problem: Problem, y: FloatArray) -> float:
-    """Return the energy of a state, at the time of the start."""
-    return float(problem.model.kernel("energy")(problem.t0, y, problem.parameter_array))
 
 
 def time_span(span: Sequence[float]) -> tuple[float, float]:

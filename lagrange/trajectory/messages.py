@@ -15,6 +15,7 @@ from lagrange.trajectory.trajectory import FloatArray, Status
 _SENTENCES: dict[Status, str] = {
     Status.SUCCESS: "reached t = {t}.",
     Status.EVENT: "stopped at an event at t = {t}.",
+    Status.UNRELIABLE: "reached t = {t}, and does not follow the motion.",
     Status.MAX_STEPS: "used up max_steps = {max_steps} {where}, where {largest}.",
     Status.MAX_WALL: "used up {max_wall} {where}, where {largest}.",
     Status.NON_FINITE: "stopped {where}: {non_finite}.",
@@ -25,28 +26,26 @@ _SENTENCES: dict[Status, str] = {
     Status.INTERRUPTED: "was interrupted {where}; what was computed until then is kept.",
 }
 
-_REMEDIES: dict[Status, str] = {
-    Status.SUCCESS: "",
-    Status.EVENT: "",
-    Status.MAX_STEPS: "Raise max_steps, or loosen rtol (with equal steps: lengthen them); a stiff system wants an "
-    "implicit method such as radau5.",
-    Status.MAX_WALL: "Raise max_wall, or loosen rtol (with equal steps: lengthen them); a stiff system wants an "
-    "implicit method such as radau5.",
-    Status.NON_FINITE: "Look for a division by zero, an overflow, or a sqrt, log or power outside its domain in the "
-    "energies and forces near that state, and check the initial state and the parameters.",
-    Status.SINGULAR: "",
-    Status.STEP_TOO_SMALL: "The solution probably has a singularity there: end the run before it, or check the signs "
-    "of the forces. If it has none, loosen rtol and atol.",
-    Status.DIVERGED: "Take a shorter step, or a method with step control such as radau5; where forces jump, as with "
-    "sign(v), a step may have no solution: smooth the jump, such as by tanh(v/0.001).",
-    Status.INTERRUPTED: "",
-}
+_GIVEN_UP = "Raise {limit}, {other}{events}; a stiff system wants an implicit method such as radau5."
+"""The remedy for a run that used up its limit."""
 
-_WITH_EVENTS = (
-    "Raise {limit}, or loosen rtol (with equal steps: lengthen them), or end the run at an event with terminal=True; a "
-    "stiff system wants an implicit method such as radau5."
+_DOMAIN = (
+    "Look for a division by zero, an overflow, or a sqrt, log or power outside its domain in the energies and forces "
+    "near that state, and check the initial state and the parameters."
 )
-"""The remedy for a run with events that used up its limit."""
+
+_SINGULARITY = "The solution probably has a singularity there: end the run before it, or check the signs of the forces."
+
+_JUMPS = "where forces jump, as with sign(v), a step may have no solution: smooth the jump, such as by tanh(v/0.001)."
+
+LOOSE = 1e-5
+"""From this rtol on a run may stray into a singularity that the motion does not reach."""
+
+GROWN = 1e6
+"""A state that became so many times larger than it was blows up: finer steps may show that the motion does not."""
+
+SLOW = 1e-6
+"""A last correction below this part of the unknowns is no sign of a far solution: the corrections shrink too slowly."""
 
 FEW = 10.0
 """A state below so many absolute tolerances has one digit, or none."""
@@ -70,13 +69,14 @@ def message(
     slope: FloatArray | None = None,
     detail: str = "",
     cause: str = "",
+    rtol: float | None = None,
 ) -> str:
     """Return the sentence for a run of `method` that ended with `status` at time t.
 
     `y` (2n,) is the state to talk about: the one with entries that are not finite, else the last accepted one. `slope`
     (2n,) is its derivative, where that is what went wrong. `detail` is a further cause in a sentence of its own; for a
     singular mass matrix it is the model's report, and takes the place of ours. `cause` is the whole cause and the
-    remedy, from who knows better.
+    remedy, from who knows better. `rtol` is the relative tolerance, None for equal steps.
     """
     where = f"at t = {number(t)} on the way from {number(problem.t0)} to {number(problem.t1)}"
     if cause:
@@ -96,15 +96,46 @@ def message(
     sentence = _SENTENCES[status]
     spoken = sentence.format(**{name: value() for name, value in fields.items() if f"{{{name}}}" in sentence})
     detail = "" if status is Status.SINGULAR else detail
-    remedy = _REMEDIES[status]
-    if problem.events and status in (Status.MAX_STEPS, Status.MAX_WALL):
-        remedy = _WITH_EVENTS.format(limit="max_steps" if status is Status.MAX_STEPS else "max_wall")
-    parts = (method, spoken, detail, remedy)
+    parts = (method, spoken, detail, _remedy(status, problem, y, method, rtol))
     return " ".join(part for part in parts if part)
+
+
+def _remedy(status: Status, problem: Problem, y: FloatArray, method: str, rtol: float | None) -> str:
+    """Return what to do about an end of a run, if anything."""
+    finer = "shorten the step" if rtol is None else f"lower rtol (now {rtol:g}) and atol"
+    grown = _grown(problem, y)
+    stray = rtol is None or rtol >= LOOSE or grown
+    if status in (Status.MAX_STEPS, Status.MAX_WALL):
+        coarser = "lengthen the step" if rtol is None else "loosen rtol"
+        return _GIVEN_UP.format(
+            limit="max_steps" if status is Status.MAX_STEPS else "max_wall",
+            other=f"or, if the motion does not grow like that, {finer}" if grown else f"or {coarser}",
+            events=", or end the run at an event with terminal=True" if problem.events else "",
+        )
+    if status is Status.NON_FINITE:
+        return f"{_DOMAIN} If the motion is finite there, {finer}." if stray else _DOMAIN
+    if status is Status.STEP_TOO_SMALL:
+        return f"{_SINGULARITY} If it has none, {finer if stray else 'loosen rtol and atol'}."
+    if status is Status.DIVERGED:
+        other = "radau5" if method != "radau5" else "taylor"
+        what = "Take a shorter step, or a method with step control" if rtol is None else "Take another method,"
+        return f"{what} such as {other}; {_JUMPS}"
+    return ""
+
+
+def _grown(problem: Problem, y: FloatArray) -> bool:
+    """Return whether a state is one that has blown up, as far as it is finite."""
+    sizes = np.abs(y[np.isfinite(y)])
+    return bool(sizes.max(initial=0.0) > GROWN * (float(np.abs(problem.y0).max()) or 1.0))
 
 
 def unsolved(residual: float) -> str:
     """Return how far the equations of an implicit step were from being solved, as a sentence."""
+    if residual < SLOW:
+        return (
+            f"The corrections of its unknowns shrink too slowly: the last was {residual:.2g} of their size, and "
+            "Newton's method needs round-off. The equations of the step may have a double root there, or none."
+        )
     return (
         f"The last correction of its unknowns was still {residual:.2g} of their size, and Newton's method needs it to "
         "vanish."

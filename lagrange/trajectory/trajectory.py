@@ -16,10 +16,14 @@ FloatArray = NDArray[np.float64]
 
 
 class Status(enum.Enum):
-    """How a run ended."""
+    """How a run ended.
+
+    UNRELIABLE is a run that reached its end and broke a law that the motion obeys: it does not follow the motion.
+    """
 
     SUCCESS = "success"
     EVENT = "event"
+    UNRELIABLE = "unreliable"
     MAX_STEPS = "max_steps"
     MAX_WALL = "max_wall"
     NON_FINITE = "non_finite"
@@ -30,7 +34,7 @@ class Status(enum.Enum):
 
     @property
     def complete(self) -> bool:
-        """Whether the run reached what was asked for."""
+        """Whether the run reached what was asked for, and nothing speaks against what it has."""
         return self in (Status.SUCCESS, Status.EVENT)
 
 
@@ -42,7 +46,8 @@ class Trajectory:
     accepted time, and `dense` maps times (K,) between them to states (2n, K). `steps` were accepted and `rejected`
     tried in vain; `evaluations` are those of the right-hand side, or of the series. `wall` is in seconds, what is
     compiled once for many runs apart. `form` says how the method computed its steps, where it has a choice. For
-    each event, `t_events` has its times (k,) and `y_events` the states there, (k, 2n), before any reset.
+    each event, `t_events` has its times (k,) and `y_events` the states there, (k, 2n), before any reset. `step` is the
+    length of equal steps, `rtol` and `atol` are the tolerances of the others; what a method does not have is None.
     """
 
     t: FloatArray
@@ -59,6 +64,9 @@ class Trajectory:
     form: str = ""
     t_events: tuple[FloatArray, ...] = ()
     y_events: tuple[FloatArray, ...] = ()
+    step: float | None = None
+    rtol: float | None = None
+    atol: float | None = None
 
     def __post_init__(self) -> None:
         t, y = real_array(self.t, "t of a trajectory"), real_array(self.y, "y of a trajectory")

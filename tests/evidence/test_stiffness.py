@@ -25,10 +25,11 @@ BOGACKI_SHAMPINE = ButcherTableau(
     b=row("2/9 1/3 4/9 0"),
     error=ErrorEstimate(row("-5/72 1/12 1/9 -1/8"), 2),
 ).hermite()
+UNDAMPED = ("bs3", "dopri5", "tsit5")
 EXPLICIT = ("dopri5", "dop853", "taylor", RungeKutta(BOGACKI_SHAMPINE))
 NAMES = ("dopri5", "dop853", "taylor", "bogacki-shampine")
 
-x = lg.coordinate("x")
+x, y = lg.coordinates("x y")
 
 
 def oscillator(force: Any, k: float = 1.0) -> lg.System:
@@ -87,6 +88,27 @@ def test_stiff_decay_is_seen(method: Any, rtol: float, system: lg.System, t_end:
 def test_a_stiff_spring_is_seen_where_it_hardly_moves(method: Any) -> None:
     found = pendulum(1e8, t_end=0.3, method=method, rtol=1e-5, atol=1e-8).stiff
     assert found and found.rate == pytest.approx(1e4, rel=0.05) and found.slower > 30
+
+
+@pytest.mark.parametrize("method", UNDAMPED)
+@pytest.mark.parametrize("rtol", [1e-9, 1e-6, 1e-5])
+def test_an_undamped_stiff_oscillation_is_seen(method: str, rtol: float) -> None:
+    """A stiff spring at rest beside a slow one: along the imaginary axis the limit is where |R| begins to exceed 1."""
+    springs = lg.System(
+        kinetic=(x.dot**2 + y.dot**2) / 2, potential=(1e8 * x**2 + y**2) / 2, initial={x: 1e-12, y: 1.0}
+    )
+    solution = springs.run(2.0, method=method, rtol=rtol, atol=rtol / 1e3)
+    found = solution.stiff
+    assert found and found.rate == pytest.approx(1e4, rel=1e-6) and "use radau5" in repr(solution)
+    assert found.product == pytest.approx(found.limit, rel=0.3)
+
+
+def test_the_limit_on_the_imaginary_axis_is_where_growth_begins() -> None:
+    # Where |R(iy)| first exceeds 1: 1.0 for Dormand and Prince, sqrt(3) for Bogacki and Shampine's third order.
+    for tableau, limit in ((DOPRI5, 1.0), (BOGACKI_SHAMPINE, 3**0.5)):
+        polynomial = stability_polynomial(tableau)
+        for angle in (math.pi / 2, math.pi / 2 + 1e-9, math.pi / 2 - 1e-9):
+            assert stability_limit(polynomial, angle) == pytest.approx(limit, abs=0.03)
 
 
 def test_equal_steps_near_the_limit_are_seen() -> None:

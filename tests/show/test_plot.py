@@ -149,6 +149,7 @@ def test_runs_of_any_length_and_direction(times: Any) -> None:
 
 def test_a_run_that_ended_early_says_so() -> None:
     assert "ended early: singular" in drawn(oscillator(status=Status.SINGULAR)).get_suptitle()
+    assert "not the motion: unreliable" in drawn(oscillator(status=Status.UNRELIABLE)).get_suptitle()
 
 
 def test_a_state_that_is_not_finite_can_be_drawn() -> None:

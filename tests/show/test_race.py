@@ -163,6 +163,12 @@ def test_what_is_not_shown_is_said() -> None:
     assert "did not reach" not in made(ENTRIES[:4]).plot().get_supxlabel()
 
 
+def test_no_two_methods_share_a_colour() -> None:
+    entries = [replace(ENTRIES[0], method=f"method-{k}") for k in range(39)]
+    lines = made(entries).plot().axes[0].get_lines()
+    assert len({line.get_color() for line in lines}) == 39
+
+
 def test_the_picture_is_written(tmp_path: Path) -> None:
     assert made().to_png(tmp_path / "plot.png").read_bytes().startswith(b"\x89PNG")
 

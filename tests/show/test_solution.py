@@ -20,6 +20,7 @@ from lagrange.statement.coordinate import coordinate, t
 from lagrange.statement.declare import declare
 from lagrange.statement.event import event
 from lagrange.system import System
+from lagrange.trajectory.methods.explicit import DOP853
 from lagrange.trajectory.trajectory import Status
 from tests.show.examples import k, m, oscillator, solved, x
 
@@ -127,6 +128,23 @@ def test_repr_is_the_status_card() -> None:
         assert words in repr(HARMONIC)
     assert "energy drift" in repr(HARMONIC) and "of the initial energy" in repr(HARMONIC)
     assert "message       done" in repr(HARMONIC), "which says what the method chose on its own"
+
+
+def test_the_card_says_what_was_aimed_at() -> None:
+    settings = ("step", "rtol", "atol")
+    unknown = HARMONIC.card()
+    assert [unknown[key] for key in settings] == [None] * 3 and "tolerances" not in repr(HARMONIC)
+    system = System(kinetic=x.dot**2 / 2, potential=x**2 / 2, initial={x: 1})
+    equal = system.run(1.0, method="rk4", step=0.125)
+    assert [equal.card()[key] for key in settings] == [0.125, None, None] and "\nstep          0.125\n" in repr(equal)
+    assert [system.run(0.0, method="rk4").card()[key] for key in settings] == [0.0, None, None]
+    for method in ("taylor", "scipy-rk45", DOP853(rtol=1e-7, atol=1e-8)):
+        given: dict[str, Any] = {"rtol": 1e-7, "atol": 1e-8} if isinstance(method, str) else {}
+        aimed = system.run(1.0, method=method, **given)
+        assert [aimed.card()[key] for key in settings] == [None, 1e-7, 1e-8]
+        assert "\ntolerances    rtol = 1e-07, atol = 1e-08\n" in repr(aimed)
+    scaled = replace(HARMONIC, trajectory=replace(HARMONIC.trajectory, rtol=1e-9))
+    assert "tolerances    rtol = 1e-09, atol follows the scale" in repr(scaled)
 
 
 def test_html_is_escaped() -> None:

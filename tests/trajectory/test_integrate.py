@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from typing import Any
 
@@ -81,12 +82,70 @@ def falling(potential: Any, **given: Any) -> Any:
 LOST = r"The energy, which the equations of motion conserve, went from -1 to \S+: the run does not follow the motion\. "
 
 
-def test_a_run_that_loses_the_energy_says_so() -> None:
+def test_a_run_that_loses_the_energy_is_unreliable() -> None:
     """Equal steps jump through the centre of an attraction, and come out with an energy of their own."""
     found = run(falling(-1 / x), 3.0, "verlet", step=1e-3)
-    assert found.status is Status.SUCCESS
-    assert re.search(LOST, found.message)
-    assert not re.search("energy", run(falling(-1 / x), 1.0, "verlet", step=1e-3).message)
+    assert found.status is Status.UNRELIABLE and not found.status.complete
+    assert re.search(LOST + "Shorten the step, or take an adaptive method such as dop853", found.message)
+    sound = run(falling(-1 / x), 1.0, "verlet", step=1e-3)
+    assert sound.status is Status.SUCCESS and not re.search("energy", sound.message)
+
+
+@pytest.mark.parametrize(("method", "other"), [("dop853", "taylor"), ("scipy-rk45", "taylor"), ("taylor", "dop853")])
+def test_a_loss_of_energy_by_step_control_asks_for_a_lower_tolerance(method: str, other: str) -> None:
+    """Tolerances as large as the state: no method is advised against itself."""
+    found = run(build(kinetic=x.dot**2 / 2, potential=-sp.cos(x)), 400.0, method, rtol=0.9, atol=0.9, initial={x: 2.0})
+    assert found.status is Status.UNRELIABLE
+    assert f"Lower rtol (now 0.9) and atol, or take another method, such as {other}." in found.message
+    assert "Shorten" not in found.message
+
+
+@pytest.mark.parametrize("offset", [0.0, 1.0, 1e4])
+def test_where_the_potential_is_zero_does_not_matter(offset: float) -> None:
+    found = run(falling(offset - 1 / x), 3.0, "verlet", step=1e-3)
+    assert found.status is Status.UNRELIABLE
+    euler = run(build(kinetic=x.dot**2 / 2, potential=offset + x**2 / 2, initial={x: 1.0}), 10.0, "euler", step=0.02)
+    assert euler.status is Status.UNRELIABLE and euler.y[0, -1] ** 2 + euler.y[1, -1] ** 2 > 1.2
+
+
+def test_where_the_run_ends_does_not_matter() -> None:
+    """From rest through the centre, where both parts of the energy are large, and out again: wrong from there on."""
+    well = build(kinetic=x.dot**2 / 2, potential=-1 / sp.sqrt(x**2 + sp.Rational(1, 10**8)), initial={x: 1.0})
+    whole = run(well, 6.0, "rk4", step=2e-3)
+    assert whole.status is Status.UNRELIABLE
+    passed = int(np.argmin(np.abs(whole.y[0])))
+    for t in whole.t[passed + 1 : passed + 20]:
+        assert run(well, float(t), "rk4", step=2e-3).status is Status.UNRELIABLE, t
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
+@pytest.mark.parametrize("times", [None, [0.0, 7.416298709205487]])
+def test_a_run_that_ends_where_the_motion_turns_is_sound(method: str, times: Any) -> None:
+    """A pendulum from 90 degrees, where V = 0, for one period: nothing moves at either end, and E0 is no scale."""
+    pendulum = build(kinetic=x.dot**2 / 2, potential=-sp.cos(x), initial={x: math.pi / 2})
+    found = run(pendulum, 7.416298709205487, method, t_eval=times)
+    assert found.status is Status.SUCCESS and abs(found.y[1, -1]) < 1e-6
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
+def test_a_body_at_rest_is_sound(method: str) -> None:
+    """0.3 is not the double 0.1 + 0.2: the energy is that of round-off, and grows."""
+    spring = build(kinetic=x.dot**2 / 2, potential=(x - 0.1 - 0.2) ** 2 / 2, initial={x: 0.3})
+    found = run(spring, 200.0, method)
+    assert found.status is Status.SUCCESS and abs(found.y[0, -1] - 0.3) < 1e-9
+
+
+def test_a_run_with_resets_is_held_to_the_energy_until_the_first() -> None:
+    far = lg.event(x + 20, reset={x.dot: -x.dot / 2})
+    lost = run(falling(-1 / x), 3.0, "verlet", step=1e-3, events=[far])
+    assert lost.t_events[0].size and lost.status is Status.UNRELIABLE
+    never = lg.event(x + 1e6, reset={x.dot: -x.dot / 2})
+    assert run(falling(-1 / x), 3.0, "verlet", step=1e-3, events=[never]).status is Status.UNRELIABLE
+
+
+def test_an_event_at_the_end_of_a_lost_run_is_no_excuse() -> None:
+    found = run(falling(-1 / x), 3.0, "verlet", step=1e-3, events=[lg.event(x + 20, terminal=True)])
+    assert found.status is Status.UNRELIABLE and "stopped at an event" in found.message and len(found.t_events[0]) == 1
 
 
 def test_an_energy_that_is_free_to_change_is_not_spoken_of() -> None:

@@ -24,8 +24,9 @@ WHERE = "at t = 0.25 on the way from 1 to -3"
     [
         (Status.SUCCESS, "rk4 reached t = 0.25."),
         (Status.EVENT, "rk4 stopped at an event at t = 0.25."),
-        (Status.MAX_STEPS, f"rk4 used up max_steps = 7 {WHERE}, where r_dot is 3e+09. Raise max_steps, or "),
-        (Status.MAX_WALL, f"rk4 used up max_wall = 0.5 s {WHERE}, where r_dot is 3e+09. Raise max_wall, or "),
+        (Status.UNRELIABLE, "rk4 reached t = 0.25, and does not follow the motion."),
+        (Status.MAX_STEPS, f"rk4 used up max_steps = 7 {WHERE}, where r_dot is 3e+09. Raise max_steps, or"),
+        (Status.MAX_WALL, f"rk4 used up max_wall = 0.5 s {WHERE}, where r_dot is 3e+09. Raise max_wall, or"),
         (Status.NON_FINITE, f"rk4 stopped {WHERE}: the derivative of the state is nan or infinite, soon after "),
         (Status.SINGULAR, f"rk4 stopped {WHERE}: the mass matrix is singular there, so "),
         (Status.STEP_TOO_SMALL, f"rk4 stopped {WHERE}: the step that the tolerances ask for is below "),
@@ -63,6 +64,41 @@ def test_an_unsolved_step_says_how_far_it_was() -> None:
     text = message(Status.DIVERGED, PROBLEM, 0.25, STATE, "gauss2", detail=unsolved(3.14159e-3))
     assert "The last correction of its unknowns was still 0.0031 of their size" in text
     assert "Take a shorter step, or a method with step control such as radau5" in text
+
+
+def test_corrections_that_creep_are_not_called_large() -> None:
+    text = unsolved(3e-9)
+    assert text.startswith("The corrections of its unknowns shrink too slowly: the last was 3e-09 of their size")
+    assert "double root" in text and "double root" not in unsolved(3e-3)
+
+
+SMALL = np.array([1.0, -2.0, 3.0, 4.0])
+FROM_ONE = replace(PROBLEM, y0=np.ones(4))
+GIVEN_UP = (Status.MAX_STEPS, Status.MAX_WALL)
+FINER = (*GIVEN_UP, Status.NON_FINITE, Status.STEP_TOO_SMALL)
+
+
+@pytest.mark.parametrize("status", FINER)
+@pytest.mark.parametrize(
+    ("rtol", "words"), [(None, "shorten the step"), (1e-9, r"lower rtol (now 1e-09) and atol"), (1e-2, "lower rtol")]
+)
+def test_a_state_that_blew_up_asks_for_finer_steps(status: Status, rtol: float | None, words: str) -> None:
+    text = message(status, FROM_ONE, 0.25, STATE, "rk4", rtol=rtol)
+    assert words in text and "loosen" not in text and "lengthen" not in text
+
+
+@pytest.mark.parametrize("status", FINER)
+def test_a_state_of_its_own_size_asks_for_coarser_ones_unless_they_are_coarse(status: Status) -> None:
+    tight, loose, equal = (message(status, FROM_ONE, 0.25, SMALL, "rk4", rtol=rtol) for rtol in (1e-9, 1e-2, None))
+    assert "lower" not in tight and ("loosen rtol" in tight or status is Status.NON_FINITE)
+    assert ("lengthen the step" if status in GIVEN_UP else "shorten the step") in equal and "rtol" not in equal
+    assert ("loosen rtol" if status in GIVEN_UP else "lower rtol (now 0.01) and atol") in loose
+
+
+def test_a_method_that_diverged_is_not_advised_against_itself() -> None:
+    text = message(Status.DIVERGED, FROM_ONE, 0.25, SMALL, "radau5", rtol=1e-9)
+    assert "Take another method, such as taylor;" in text and "radau5;" not in text and "shorter" not in text
+    assert "such as radau5;" in message(Status.DIVERGED, FROM_ONE, 0.25, SMALL, "scipy-radau", rtol=1e-9)
 
 
 def test_what_runs_out_of_steps_or_time_may_be_stiff() -> None:

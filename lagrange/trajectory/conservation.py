@@ -1,0 +1,130 @@
+"""Whether a run kept the energy that the equations conserve: one that did not does not follow the motion."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.methods.registry import DEFAULT
+from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
+
+LOST = 0.1
+"""Part of the kinetic energy at the mean speed whose loss or gain makes a run unreliable."""
+
+NOTABLE = 1e-5
+"""A change below this part of the energy, or of the kinetic energy at either end, is looked into no further. A run at
+default tolerances changes the energy by 1e-12 to 1e-7, so that its test costs one evaluation."""
+
+LOOKS = 64
+"""Equal parts of the time span at whose ends the speed is taken."""
+
+VISIBLE = 1e-10
+"""Displacements by this part of the state are round-off and what step control lets through: a body at rest in its
+equilibrium has energies of that size, which no method keeps."""
+
+DIRECTIONS = 8
+"""Displacements that are tried."""
+
+
+def verified(problem: Problem, trajectory: Trajectory, before: float, *, adaptive: bool) -> Trajectory:
+    """Return the trajectory of a run that began with the energy `before`, as unreliable if it lost the energy.
+
+    Equal steps jump over a collision or through a singular configuration and know nothing of it. Where a reset set the
+    state, the run is held to the energy until then.
+    """
+    model = problem.model
+    if not trajectory.status.complete or not model.conservative or not trajectory.y.size:
+        return trajectory
+    end, until = _last(problem, trajectory)
+    with np.errstate(all="ignore"):
+        after = energy(problem, end)
+        if math.isfinite(after) and _kept(problem, trajectory, end, until, before, after):
+            return trajectory
+    return replace(trajectory, status=Status.UNRELIABLE, message=_told(trajectory, before, after, adaptive))
+
+
+def _kept(problem: Problem, trajectory: Trajectory, end: FloatArray, until: float, before: float, after: float) -> bool:
+    """Return whether the energy at `end`, at the time `until`, is that of the start; what is cheap is tried first."""
+    change = abs(after - before)
+    if change <= NOTABLE * abs(before):
+        return True
+    if change <= NOTABLE * float(_kinetic(problem, np.stack([problem.y0, end], axis=1)).max()):
+        return True
+    return change <= max(LOST * _exchanged(problem, trajectory, until), _noise(problem, before))
+
+
+def energy(problem: Problem, y: FloatArray) -> float:
+    """Return the energy of a state, at the time of the start."""
+    return float(problem.model.kernel("energy")(problem.t0, y, problem.parameter_array))
+
+
+def _last(problem: Problem, trajectory: Trajectory) -> tuple[FloatArray, float]:
+    """Return the last state before a reset, or of the run, and its time."""
+    direction = 1 if problem.t1 >= problem.t0 else -1
+    resets = [
+        (direction * float(times[0]), states[0])
+        for event, times, states in zip(problem.events, trajectory.t_events, trajectory.y_events, strict=False)
+        if event.reset and len(times)
+    ]
+    if not resets:
+        return trajectory.y[:, -1], float(trajectory.t[-1])
+    time, state = min(resets, key=lambda one: one[0])
+    return state, direction * time
+
+
+def _exchanged(problem: Problem, trajectory: Trajectory, until: float) -> float:
+    """Return the kinetic energy at the mean speed from the start until a time.
+
+    Unlike the energy it does not depend on where the potential is zero; unlike the kinetic energy of one state it does
+    not vanish where the motion turns, and a moment close to a collision does not dominate it.
+    """
+    t, y = trajectory.t, trajectory.y
+    times = np.linspace(problem.t0, until, LOOKS + 1)
+    if problem.t_eval is None and len(t) > LOOKS:
+        kept = np.minimum(np.searchsorted(np.abs(t - t[0]), np.abs(times - t[0])), len(t) - 1)
+        states = y[:, kept]
+    else:
+        states = trajectory.dense(times)
+    speeds = np.sqrt(_finite(_kinetic(problem, states)))
+    return float(speeds.sum() / max(len(speeds), 1)) ** 2
+
+
+def _kinetic(problem: Problem, y: FloatArray) -> FloatArray:
+    """Return |v.p| / 2 of states (2n, K), the kinetic energy where that is quadratic in the velocities."""
+    n = problem.model.dimension
+    momenta = problem.model.momenta(y[:n], y[n:], problem.t0, problem.parameter_array)
+    return np.asarray(np.abs(np.sum(y[n:] * momenta, axis=0)) / 2)
+
+
+def _noise(problem: Problem, before: float) -> float:
+    """Return by how much the energy of the start changes under displacements that are not to be seen."""
+    n, y0 = problem.model.dimension, problem.y0
+    sizes = np.repeat([np.abs(y0[:n]).max(), np.abs(y0[n:]).max()], n)
+    ways = np.cos(np.outer(np.arange(1, 2 * n + 1), np.arange(1, DIRECTIONS + 1)))
+    moved = y0[:, None] + VISIBLE * sizes[:, None] * ways
+    energies = problem.model.energy(moved[:n], moved[n:], problem.t0, problem.parameter_array)
+    return float(_finite(np.abs(energies - before)).max(initial=0.0))
+
+
+def _finite(values: FloatArray) -> FloatArray:
+    return values[np.isfinite(values)]
+
+
+def _told(trajectory: Trajectory, before: float, after: float, adaptive: bool) -> str:
+    """Return the message of the run with what became of the energy, and what helps."""
+    note = (
+        f"The energy, which the equations of motion conserve, went from {before:.6g} to {after:.6g}: the run does not "
+        f"follow the motion. {_remedy(trajectory, adaptive)}"
+    )
+    return f"{trajectory.message} {note}"
+
+
+def _remedy(trajectory: Trajectory, adaptive: bool) -> str:
+    if not adaptive:
+        return "Shorten the step, or take an adaptive method such as dop853."
+    other = DEFAULT if trajectory.method != DEFAULT else "dop853"
+    now = "" if trajectory.rtol is None else f" (now {trajectory.rtol:g})"
+    return f"Lower rtol{now} and atol, or take another method, such as {other}."
