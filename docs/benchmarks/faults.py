@@ -29,10 +29,10 @@ deserve and an independent truth, and `tests/faults/test_matrix.py` holds every 
 * **refused**: the request, or the system, is refused before the run, for a reason in words;
 * **ended**: the run stops early with a status that is due, at the time that is due; its message names the time, the
   coordinate and what the fault calls for, and the states that it kept are finite and right;
-* **warned**: a run to the end whose message says that its answer is not to be trusted.
+* **unreliable**: a run to the end whose status says that its answer is not to be trusted.
 
-What may not: **silent**, a wrong answer without a word; **endless**, no end in time; **wrong**, any other status,
-message or kept state than what is due."""
+What may not: **silent**, a wrong answer without a word; **warned**, one of which the message alone warns while the
+status is success; **endless**, no end in time; **wrong**, any other status, message or kept state than what is due."""
 
 
 def one(index: int) -> list[Cell]:

@@ -32,12 +32,13 @@ up. Steps decide, not seconds: what comes of a cell must not depend on how busy 
 
 GAVE_UP = (Status.MAX_STEPS, Status.MAX_WALL)
 
-SOUND = ("right", "refused", "ended", "warned")
+SOUND = ("right", "refused", "ended", "unreliable")
 """What may come of a cell: the right answer, a refusal in words, an early end with its status, or a run to the end
-whose message says that its answer is not to be trusted."""
+whose status says that its answer is not to be trusted."""
 
-FAILED = ("silent", "endless", "wrong")
-"""What may not: a wrong answer without a word, no end, or a status, a message or results that are not those due."""
+FAILED = ("silent", "warned", "endless", "wrong")
+"""What may not: a wrong answer without a word, one of which the message alone warns while the status is success, no
+end, or a status, a message or results that are not those due."""
 
 CRASHES = (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError, RunError)
 """What falls over with one of these has not refused anything."""
@@ -181,7 +182,10 @@ def _refuses_system(fault: Fault, method: Any, words: str) -> bool:
 def judged(fault: Fault, method: str, claims: Claims, found: Trajectory) -> tuple[str, str]:
     """Judge a run that came back."""
     broken = [*_unsound(fault, method, found), *_untrue(fault, claims, found)]
-    if found.status is Status.SUCCESS and (fault.truth is None or fault.until is not None or broken):
+    answerless = fault.truth is None or fault.until is not None
+    if found.status is Status.UNRELIABLE:
+        return _unreliable(found, due=answerless or bool(broken))
+    if found.status is Status.SUCCESS and (answerless or broken):
         if UNTRUSTED.search(found.message):
             return "warned", found.message
         return "silent", "; ".join(broken) or f"an answer where there is none: {found.message}"
@@ -193,6 +197,15 @@ def judged(fault: Fault, method: str, claims: Claims, found: Trajectory) -> tupl
         return "silent", "; ".join(broken)
     broken += _undue(fault, found)
     return ("wrong", f"{'; '.join(broken)}: {found.message}") if broken else ("ended", found.message)
+
+
+def _unreliable(found: Trajectory, due: bool) -> tuple[str, str]:
+    """Judge a run that says that it does not follow the motion: it must not, and must say what helps."""
+    if not due:
+        return "wrong", f"called unreliable, and right: {found.message}"
+    if not re.search(r"does not follow the motion. (Shorten|Lower)", found.message):
+        return "wrong", f"unreliable without a cause and a remedy: {found.message}"
+    return "unreliable", found.message
 
 
 def _unsound(fault: Fault, method: str, found: Trajectory) -> Iterator[str]:

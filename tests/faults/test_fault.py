@@ -63,6 +63,15 @@ def tire(found: Trajectory) -> Trajectory:
     return refuse(found) if found.span[1] > found.span[0] else found
 
 
+def doubtful(found: Trajectory) -> Trajectory:
+    note = "The run does not follow the motion. Shorten the step."
+    return replace(found, status=Status.UNRELIABLE, message=f"{found.message} {note}")
+
+
+def excused(found: Trajectory) -> Trajectory:
+    return replace(doubtful(found), status=Status.SUCCESS)
+
+
 def infinite(found: Trajectory) -> Trajectory:
     return replace(found, y=np.append(found.y[:, :-1], [[math.inf], [0.0]], axis=1))
 
@@ -81,12 +90,18 @@ def other(found: Trajectory) -> Trajectory:
         (PLAIN, lambda found: found, "right"),
         (PLAIN, off, "silent"),
         (PLAIN, infinite, "silent"),
+        (PLAIN, doubtful, "wrong"),
+        (PLAIN, lambda found: doubtful(off(found)), "unreliable"),
+        (PLAIN, lambda found: replace(off(found), status=Status.UNRELIABLE), "wrong"),
+        (PLAIN, lambda found: excused(off(found)), "warned"),
         (PLAIN, fall, "wrong"),
         (PLAIN, refuse, "refused"),
         (PLAIN, tire, "wrong"),
         (PLAIN, other, "wrong"),
         (POLE, lambda found: found, "ended"),
         (POLE, hopeful, "silent"),
+        (POLE, excused, "warned"),
+        (POLE, doubtful, "unreliable"),
         (POLE, mute, "wrong"),
         (POLE, other, "wrong"),
         (POLE, off, "wrong"),
@@ -96,7 +111,7 @@ def other(found: Trajectory) -> Trajectory:
 def test_the_verdict(fault: Fault, change: Callable[[Trajectory], Trajectory], verdict: str) -> None:
     cell = take(fault, Changed(change))
     assert cell.verdict == verdict, cell.detail
-    assert cell.sound == (verdict in ("right", "ended", "refused"))
+    assert cell.sound == (verdict in ("right", "ended", "refused", "unreliable"))
 
 
 def test_a_run_without_an_end_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:

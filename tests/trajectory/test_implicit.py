@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from lagrange.trajectory.methods.registry import find
+from lagrange.trajectory.trajectory import Status
 from tests.models import TARGETS, build, k, model, x
 from tests.trajectory.runs import EQUAL, FIXED, IMPLICIT, MOMENTA, SLOPES, exact, run
 
@@ -157,5 +158,6 @@ def test_what_claims_to_be_stable_damps_what_is_too_fast_for_its_steps(name: str
         )
         o: Any = {"step": 0.1} if name in FIXED else {"rtol": 1e-3, "atol": 1e-3}
         found = run(compiled, 10.0, name, **o)
-        assert found.status.complete
+        # Without friction what is damped is energy that the motion keeps.
+        assert found.status is Status.SUCCESS or (not damping and found.status is Status.UNRELIABLE)
         assert np.abs(found.y[0]).max() < 1 + 1e-9, (damping, np.abs(found.y[0]).max())

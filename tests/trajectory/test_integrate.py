@@ -104,8 +104,8 @@ def test_a_loss_of_energy_by_step_control_asks_for_a_lower_tolerance(method: str
 def test_where_the_potential_is_zero_does_not_matter(offset: float) -> None:
     found = run(falling(offset - 1 / x), 3.0, "verlet", step=1e-3)
     assert found.status is Status.UNRELIABLE
-    euler = run(build(kinetic=x.dot**2 / 2, potential=offset + x**2 / 2, initial={x: 1.0}), 10.0, "euler", step=0.02)
-    assert euler.status is Status.UNRELIABLE and euler.y[0, -1] ** 2 + euler.y[1, -1] ** 2 > 1.2
+    euler = run(build(kinetic=x.dot**2 / 2, potential=offset + x**2 / 2, initial={x: 1.0}), 10.0, "euler", step=0.05)
+    assert euler.status is Status.UNRELIABLE and euler.y[0, -1] ** 2 + euler.y[1, -1] ** 2 > 1.5
 
 
 def test_where_the_run_ends_does_not_matter() -> None:
@@ -133,6 +133,13 @@ def test_a_body_at_rest_is_sound(method: str) -> None:
     spring = build(kinetic=x.dot**2 / 2, potential=(x - 0.1 - 0.2) ** 2 / 2, initial={x: 0.3})
     found = run(spring, 200.0, method)
     assert found.status is Status.SUCCESS and abs(found.y[0, -1] - 0.3) < 1e-9
+
+
+@pytest.mark.parametrize("system", ["coupled masses", "pendulum", "double pendulum"])
+def test_a_rough_run_is_not_called_wrong(system: str) -> None:
+    """From rest for half a second, the kinetic energy of the end off by one to five percent."""
+    for method in ("euler", "backward-euler"):
+        assert run(model(system), 0.5, method, step=0.013).status is Status.SUCCESS
 
 
 def test_a_run_with_resets_is_held_to_the_energy_until_the_first() -> None:
