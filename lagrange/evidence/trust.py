@@ -110,7 +110,7 @@ def trust_horizon(
     rounded = ROUNDING * (np.abs(states) / unit[:, None]).max(axis=0)
     bounds = SAFETY * np.maximum.accumulate(np.max([*differences, rounded], axis=0))
     last = min(sorted(ends)[-WITNESSES], int(np.searchsorted(bounds, allowed, side="right"))) - 1
-    whole = last == len(times) - 1 and found.status.complete
+    whole = last == len(times) - 1 and found.status.at_end
     return TrustHorizon(
         time=float(times[max(last, 0)]),
         error=allowed,

@@ -37,6 +37,11 @@ class Status(enum.Enum):
         """Whether the run reached what was asked for, and nothing speaks against what it has."""
         return self in (Status.SUCCESS, Status.EVENT)
 
+    @property
+    def at_end(self) -> bool:
+        """Whether the run reached its end, followed the motion or not."""
+        return self.complete or self is Status.UNRELIABLE
+
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
@@ -81,6 +86,10 @@ class Trajectory:
             )
         if not isinstance(self.span, tuple) or len(self.span) != 2:
             raise StatementError(f"a trajectory has the span {shown(self.span)}: give its first and last time.")
+        for name in ("step", "rtol", "atol"):
+            given = getattr(self, name)
+            if given is not None:
+                object.__setattr__(self, name, real_number(given, f"{name} of a trajectory"))
         object.__setattr__(self, "t", t)
         object.__setattr__(self, "y", y)
         object.__setattr__(self, "span", (real_number(self.span[0], "span"), real_number(self.span[1], "span")))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -68,6 +69,16 @@ def test_a_tableau_is_registered_with_its_step_control() -> None:
     compiled = model("double pendulum")
     error = np.abs(run(compiled, 1.0, "ralston", rtol=1e-6).y[:, -1] - exact(compiled, 1.0).y[:, -1]).max()
     assert find("ralston").name == "ralston" and find("ralston").claims.adaptive and error < 1e-4
+
+
+def test_a_trajectory_of_ones_own_says_what_it_was_made_with() -> None:
+    found = run(model("oscillator"), 1.0, "rk4", step=0.1)
+    assert (found.step, found.rtol, found.atol) == (0.1, None, None)
+    assert replace(found, step=None, rtol=np.float32(0.5), atol=1).rtol == 0.5
+    for setting in ("step", "rtol", "atol"):
+        wrong: dict[str, Any] = {setting: "small"}
+        with pytest.raises(lg.StatementError, match=f"{setting} of a trajectory"):
+            replace(found, **wrong)
 
 
 def test_the_table_says_what_a_registered_method_is() -> None:
