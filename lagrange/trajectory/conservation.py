@@ -15,9 +15,10 @@ LOST = 1.0
 """Part of the kinetic energy at the mean speed whose loss or gain makes a run unreliable: a quarter of what a fall from
 rest ends with, two fifths of the largest in an oscillation. Jumps over a collision gain a hundred times of it."""
 
-NOTABLE = 1e-5
+NOTABLE = 1e-3
 """A change below this part of the energy, or of the kinetic energy at either end, is looked into no further. A run at
-default tolerances changes the energy by 1e-12 to 1e-7, so that its test costs one evaluation."""
+default tolerances changes the energy by 1e-12 to 1e-7 and one by a splitting of order 1 in 0.01 s by 1e-3, so that
+their test costs one evaluation."""
 
 LOOKS = 64
 """Equal parts of the time span at whose ends the speed is taken."""
@@ -58,7 +59,7 @@ def _kept(problem: Problem, trajectory: Trajectory, end: FloatArray, until: floa
         return True
     if change <= NOTABLE * float(_kinetic(problem, np.stack([problem.y0, end], axis=1)).max()):
         return True
-    return change <= max(LOST * _exchanged(problem, trajectory, until), _noise(problem, before))
+    return change <= LOST * _exchanged(problem, trajectory, until) or change <= _noise(problem, before)
 
 
 def energy(problem: Problem, y: FloatArray) -> float:
