@@ -128,6 +128,7 @@ def _law(statement: Statement) -> Precise:
         momentum = lagrangian.diff(there[speed])
         outputs += [momentum.diff(there[leaf]) for leaf in (*q, *v)]
         outputs.append(momentum.diff(t) - lagrangian.diff(there[place]) - plain(force) + dissipation.diff(there[speed]))
-    # SymPy's slope of Max is Heaviside's step.
+    # SymPy's slope of Max is Heaviside's step, and that of sign an impulse on the surface itself.
     outputs = [output.replace(sp.Heaviside, lambda a, *_: (1 + sp.sign(a)) / 2) for output in outputs]
+    outputs = [output.replace(sp.DiracDelta, lambda *_: sp.S.Zero) for output in outputs]
     return Precise([output.xreplace(back) for output in outputs], statement, DIGITS)

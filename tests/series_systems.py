@@ -75,6 +75,16 @@ def relativistic() -> Statement:
     )
 
 
+def bent() -> Statement:
+    """Fractional powers of abs, exact in binary: a mass matrix that depends on velocities and on sides of surfaces."""
+    coupling = x.dot * sp.Abs(y.dot) ** sp.Rational(3, 2) + y.dot * sp.Abs(x - 2) ** sp.Rational(7, 4) * x.dot
+    return stated(
+        lagrangian=(1 + x / 8) * x.dot**2 + y.dot**2 + coupling / 16 - k * x * y**2,
+        coordinates=[x, y],
+        initial={x: 0.5, y: 0.25, x.dot: 0.25, y.dot: -0.5},
+    )
+
+
 def gravity(n: int) -> Statement:
     """Return n bodies in space."""
     bodies = [coordinates(f"x{i} y{i} z{i}") for i in range(n)]

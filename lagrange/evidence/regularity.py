@@ -10,6 +10,7 @@ from lagrange.machine.backend import FloatArray
 from lagrange.machine.numpy import NumpyMachine
 from lagrange.program.catalogue import program_of
 from lagrange.statement.statement import Statement
+from lagrange.trajectory.inertia import motion_along
 
 POINTS = 8
 """Random states at which the rank is looked at, beside the stated one; one regular point clears a block."""
@@ -75,15 +76,10 @@ def _scale(matrix: FloatArray) -> FloatArray:
 
 
 def _no_inertia_along(names: list[str], null: FloatArray) -> str:
-    size = np.abs(null)
-    null = (
-        null / null[np.argmax(size > 0.999 * size.max())]
-    )  # the first of the largest, not what round-off makes of them
-    terms = [f"{name}.dot = {x:.4g}" for name, x in zip(names, null, strict=True) if abs(x) > 1e-9]
-    if len(terms) == 1:
-        return no_inertia(terms[0].partition(".dot")[0])
+    motion = motion_along(names, null)
+    if "," not in motion:
+        return no_inertia(motion.partition(".dot")[0])
     return (
-        f"the mass matrix d2L/dv2 is singular at every state tried: a motion with {', '.join(terms)} has no inertia, "
-        "so "
+        f"the mass matrix d2L/dv2 is singular at every state tried: a motion with {motion} has no inertia, so "
         "these accelerations are not determined. Add the kinetic energy that is missing, or use fewer coordinates."
     )

@@ -9,6 +9,7 @@ import numpy as np
 
 from lagrange.machine.backend import Driver, SingularMassMatrix
 from lagrange.machine.driver import DriverState, Outcome
+from lagrange.trajectory.inertia import lost_inertia
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.messages import message, small_state, unsolved
 from lagrange.trajectory.plan import Plan, Watcher
@@ -80,6 +81,9 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
             status, detail = _bursts(problem, driver, watch, state, rows, began)
         except SingularMassMatrix:
             status, detail = Status.SINGULAR, ""
+        if status in (Status.STEP_TOO_SMALL, Status.DIVERGED) and not detail:
+            detail = lost_inertia(problem, state.t, state.y)
+            status = Status.SINGULAR if detail else status
         sentence = _closing(problem, plan, name, state, status, detail)
     times, states = rows.joined()
     path = plan.path(problem, times, states, watch)
@@ -183,6 +187,8 @@ def _bursts(
 def _closing(problem: Problem, plan: Plan, name: str, state: DriverState, status: Status, cause: str) -> str:
     """Return the sentence for the end of a run, with the culprit found by taking the failed step again."""
     told = partial(message, status, problem, rtol=plan.tolerances.rtol or None)
+    if status is Status.SINGULAR and cause:
+        return told(state.t, state.y, name, detail=cause)
     if (fault := state.fault) is not None:
         return told(fault.t, fault.y, name, slope=fault.slope, detail=fault.detail)
     if status is Status.SINGULAR:

@@ -18,6 +18,7 @@ from lagrange.machine.model import Model
 from lagrange.statement.coordinate import coordinates, t
 from lagrange.statement.declare import declare
 from lagrange.trajectory.integrate import integrate
+from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.trajectory import Status
 
 x, y = coordinates("x y")
@@ -49,6 +50,20 @@ def potentials(*leaves: Any) -> st.SearchStrategy[Any]:
     )
 
 
+exponents = st.sampled_from([sp.Rational(3, 2), sp.Rational(7, 4), sp.Rational(5, 3), sp.Rational(5, 2), sp.Integer(3)])
+
+
+def bent_energies(*leaves: Any) -> st.SearchStrategy[Any]:
+    """Return kinetic energies with powers of abs in them: mass matrices that depend on velocities, and switch."""
+
+    def energy(g: Any, p: Any, q: Any, leaf: Any, c: Any) -> Any:
+        bend = x.dot * sp.Abs(y.dot) ** p + sp.Abs(x.dot) ** q + y.dot**2 * sp.Abs(leaf - sp.Rational(3, 2)) ** (p / 2)
+        return x.dot**2 + y.dot**2 + (g * y.dot) ** 2 / 16 + c * bend / 16
+
+    return st.builds(energy, functions_of(*leaves), exponents, exponents, st.sampled_from(leaves), rationals)
+
+
+velocities = st.tuples(st.floats(0.3, 0.9), st.sampled_from([-1.0, 1.0])).map(lambda pair: pair[0] * pair[1])
 states = st.lists(st.floats(-0.9, 0.9), min_size=4, max_size=4).map(np.array)
 
 
@@ -200,3 +215,24 @@ def test_time_runs_back_the_way_it_came(T: Any, V: Any, state: Any) -> None:
     there = run(compiled, state, 1.0).y[:, -1]
     back = run(compiled, there * [1, 1, -1, -1], 1.0).y[:, -1]
     assert back * [1, 1, -1, -1] == pytest.approx(state, abs=1e-7)
+
+
+@some
+@given(
+    bent_energies(x, y),
+    potentials(x, y),
+    st.tuples(velocities, velocities, velocities, velocities).map(np.array),
+    st.integers(4, 64) | st.integers(40, 64),
+    st.sampled_from(["numpy", "llvm", "llvm"]),
+)
+def test_series_of_any_order_give_the_motion(T: Any, V: Any, state: Any, order: int, target: str) -> None:
+    """With fractional powers of abs in the mass matrix, velocities in it, and orders up to the highest.
+
+    From some order on, most of them here, kernels are looped.
+    """
+    compiled = model(target, lagrangian=T - V)
+    start = dict(zip(("x", "y", "x_dot", "y_dot"), map(float, state), strict=True))
+    rtol = 1e-9 if order > 8 else 1e-6
+    found, _ = integrate(compiled, (0.0, 0.1), start, method=Taylor(rtol=rtol, atol=rtol, order=order))
+    assert found.status is Status.SUCCESS, found.message
+    assert found.y[:, -1] == pytest.approx(run(compiled, state, 0.1).y[:, -1], abs=100 * rtol)

@@ -25,7 +25,7 @@ from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
 from tests.models import SYSTEMS, chain, k, m, stated, x, y
 from tests.series import NUMBER, all_forms, coefficients, jet, numbers, right_orders, series, sides, values
-from tests.series_systems import growing, kapitza, relative, relativistic, rotating, started, textbook
+from tests.series_systems import bent, growing, kapitza, relative, relativistic, rotating, started, textbook
 
 ORDER = 12
 EXACTLY = pytest.approx(ORDER, abs=1e-6)
@@ -147,6 +147,7 @@ CASES: dict[str, Callable[[], Statement]] = {
     "growing": growing,
     "rotating": rotating,
     "relativistic": relativistic,
+    "powers of abs": bent,
 }
 
 

@@ -1,0 +1,92 @@
+"""A mass matrix that degenerates on the way is named, with its place and the motion that loses its inertia."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from sympy import Abs
+
+from lagrange.machine.model import Model
+from lagrange.trajectory.inertia import MOST_NAMED, motion_along
+from lagrange.trajectory.trajectory import Status, Trajectory
+from tests.models import TARGETS, build, x, y
+from tests.trajectory.runs import run
+
+METHODS = ("taylor", "dop853", "tsit5", "radau5", "scipy-lsoda")
+
+
+def quartic(target: str = "llvm") -> Model:
+    """From v = 1 the momentum v**3 falls to zero at t = 1, where x = 3/4."""
+    return build(target, lagrangian=x.dot**4 / 4 - x, initial={x.dot: 1.0})
+
+
+def indefinite() -> Model:
+    """The determinant of its metric, x (y - 1) - 1, becomes zero."""
+    return build(
+        lagrangian=x.dot * y.dot + x * x.dot**2 / 2 + (y - 1) * y.dot**2 / 2 - x - y,
+        coordinates=[x, y],
+        initial={x: 0.2, y: 0.3, x.dot: 0.1, y.dot: 0.2},
+    )
+
+
+def told(found: Trajectory, motion: str) -> None:
+    assert found.status is Status.SINGULAR and f"{found.method} stopped at t = " in found.message
+    assert "the mass matrix d2L/dv2 degenerates there, at x = " in found.message
+    assert f"a motion with {motion} has " in found.message and "of the least inertia at the start" in found.message
+    assert found.message.endswith("End the run before it, or state a Lagrangian that keeps its inertia.")
+    assert len(found.t) == found.steps + 1 > 5
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_momentum_that_is_not_linear_in_the_velocity(method: str) -> None:
+    found = run(quartic(), 5.0, method)
+    told(found, "x.dot = 1")
+    assert found.t[-1] == pytest.approx(1.0, abs=1e-6) and found.y[0, -1] == pytest.approx(0.75, abs=1e-6)
+
+
+def test_the_numpy_machine_says_the_same() -> None:
+    told(run(quartic("numpy"), 5.0, "dop853"), "x.dot = 1")
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_an_indefinite_metric(method: str) -> None:
+    told(run(indefinite(), 5.0, method), "x.dot = 1, y.dot = 0.8295")
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_coordinate_that_loses_its_inertia(method: str) -> None:
+    model = build(
+        kinetic=(x.dot + y.dot) ** 2 / 2 + (1 - x) * y.dot**2 / 2,
+        potential=-x,
+        coordinates=[x, y],
+        initial={x.dot: 0.3},
+    )
+    told(run(model, 5.0, method), "x.dot = 1, y.dot = -1")
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_an_inertia_by_an_absolute_value(target: str) -> None:
+    model = build(target, lagrangian=Abs(x) * x.dot**2 / 2 - x, initial={x: 1.0})
+    told(run(model, 5.0, "taylor"), "x.dot = 1")
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"kinetic": x.dot**2 / 2, "potential": -(x**4), "initial": {x: 1.0, x.dot: 1.0}},
+        # A fall onto the centre of polar coordinates: y loses its inertia, but the force is what is infinite.
+        {"kinetic": (x.dot**2 + x**2 * y.dot**2) / 2, "potential": -1 / x, "coordinates": [x, y], "initial": {x: 1.0}},
+    ],
+)
+def test_other_singularities_are_not_blamed_on_it(given: dict[str, Any], method: str) -> None:
+    found = run(build(**given), 5.0, method)
+    assert found.status in (Status.STEP_TOO_SMALL, Status.NON_FINITE) and "mass matrix" not in found.message
+
+
+def test_a_motion_in_words() -> None:
+    assert motion_along(["x", "y", "z"], np.array([0.5, -1.0, 0.0])) == "x.dot = -0.5, y.dot = 1"
+    many = motion_along([f"q{i}" for i in range(20)], np.ones(20))
+    assert many.startswith("q0.dot = 1, ") and many.endswith(", and so on") and many.count(",") == MOST_NAMED - 1
