@@ -15,10 +15,10 @@ LOST = 1.0
 """Part of the kinetic energy at the mean speed whose loss or gain makes a run unreliable: a quarter of what a fall from
 rest ends with, two fifths of the largest in an oscillation. Jumps over a collision gain a hundred times of it."""
 
-NOTABLE = 1e-3
-"""A change below this part of the energy, or of the kinetic energy at either end, is looked into no further. A run at
-default tolerances changes the energy by 1e-12 to 1e-7 and one by a splitting of order 1 in 0.01 s by 1e-3, so that
-their test costs one evaluation."""
+NOTABLE, SMALL = 1e-5, 1e-2
+"""A change below the first part of the energy, or the second of the kinetic energy at either end, is looked into no
+further. A run at default tolerances changes the energy by 1e-12 to 1e-7, so that its test costs one evaluation; the
+first part is small because the energy may be large for its zero alone."""
 
 LOOKS = 64
 """Equal parts of the time span at whose ends the speed is taken."""
@@ -57,7 +57,7 @@ def _kept(problem: Problem, trajectory: Trajectory, end: FloatArray, until: floa
     change = abs(after - before)
     if change <= NOTABLE * abs(before):
         return True
-    if change <= NOTABLE * float(_kinetic(problem, np.stack([problem.y0, end], axis=1)).max()):
+    if change <= SMALL * float(_kinetic(problem, np.stack([problem.y0, end], axis=1)).max()):
         return True
     return change <= LOST * _exchanged(problem, trajectory, until) or change <= _noise(problem, before)
 
