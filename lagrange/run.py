@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -30,6 +31,7 @@ def integrate(
     step: float | None = None,
     max_steps: int | None = None,
     max_wall: float | None = None,
+    max_memory: float | None = None,
     parameters: Mapping[Any, Any] | None = None,
     progress: bool = False,
 ) -> Solution:
@@ -38,25 +40,35 @@ def integrate(
     `initial` overlays the statement's initial state, by coordinate, velocity or name. `method` is a registered name
     or an instance; `lg.methods.table()` lists them. Adaptive methods take `rtol` and `atol`, others a `step`.
     `t_eval` (k,) are the output times; without it every accepted step is kept. `max_steps` counts tried steps,
-    `max_wall` is in seconds. Whatever happens along the way ends in `solution.status` with what was computed
-    until then. Raises StatementError for a request that cannot be meant.
+    `max_wall` is in seconds, for the steps and before them for compiling; `max_memory` bounds the bytes of the steps
+    that are kept, and is a quarter of the machine's memory unless given. Whatever happens along the way ends in
+    `solution.status` with what was computed until then. Raises StatementError for a request that cannot be meant.
     """
+    return integrate_since(
+        time.perf_counter(),
+        model,
+        span,
+        initial,
+        progress=progress,
+        method=method,
+        rtol=rtol,
+        atol=atol,
+        t_eval=t_eval,
+        events=events,
+        step=step,
+        max_steps=max_steps,
+        max_wall=max_wall,
+        max_memory=max_memory,
+        parameters=parameters,
+    )
+
+
+def integrate_since(
+    began: float, model: Model, span: Sequence[float], initial: Any, *, progress: bool, **options: Any
+) -> Solution:
+    """Integrate as `integrate` does, for a request that was made at a time by `time.perf_counter`."""
     with progress_bar(time_span(span), wanted=flag(progress, "progress")) as report:
-        trajectory, values = trajectory_of(
-            model,
-            span,
-            initial,
-            method=method,
-            rtol=rtol,
-            atol=atol,
-            t_eval=t_eval,
-            events=events,
-            step=step,
-            max_steps=max_steps,
-            max_wall=max_wall,
-            parameters=parameters,
-            progress=report,
-        )
+        trajectory, values = trajectory_of(model, span, initial, **options, progress=report, began=began)
     return Solution(with_stiff_end(model, trajectory, values, float(span[1])), model, values)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -18,8 +19,9 @@ from lagrange.evidence.check import check
 from lagrange.evidence.regularity import check_mass_matrix
 from lagrange.evidence.report import Report
 from lagrange.machine.model import Model
-from lagrange.run import integrate
+from lagrange.run import integrate_since
 from lagrange.show.derivation import equations_latex, render
+from lagrange.show.progress import compiling
 from lagrange.show.solution import Solution
 from lagrange.statement import scene as scene_files
 from lagrange.statement.declare import declare
@@ -192,6 +194,7 @@ class System:
         step: float | None = None,
         max_steps: int | None = None,
         max_wall: float | None = None,
+        max_memory: float | None = None,
         parameters: Mapping[Any, Any] | None = None,
         progress: bool = False,
         target: str = "llvm",
@@ -201,7 +204,7 @@ class System:
 
         What is not given comes from the scene, where there is one.
         """
-        scene = self.statement.run
+        began, scene = time.perf_counter(), self.statement.run
         end = scene.t_end if t_end is None else real_number(t_end, "t_end, the time at which the run ends,")
         chosen = scene.method or DEFAULT if method is None else method
         if find(chosen).claims.adaptive:
@@ -209,8 +212,11 @@ class System:
             atol = scene.atol if atol is None and _is_name(chosen) else atol
         elif step is None and _is_name(chosen):
             step = scene.step
-        return integrate(
-            self.compile(target, check=check),
+        with compiling(self.name, wanted=flag(progress, "progress")):
+            model = self.compile(target, check=check)
+        return integrate_since(
+            began,
+            model,
             (t_start, end),
             initial,
             method=chosen,
@@ -221,6 +227,7 @@ class System:
             step=step,
             max_steps=max_steps,
             max_wall=max_wall,
+            max_memory=max_memory,
             parameters=parameters,
             progress=progress,
         )

@@ -51,7 +51,7 @@ class DriverState:
     a matrix or unknowns to extrapolate, belongs to this run.
 
     `floats` and `integers` are the same entries, to be set one by one: that takes a fifth of the time. `fault` is
-    what a driver that is no machine code has to say of its failed step.
+    what a driver that is no machine code has to say of its failed step, and `kept` how many bytes it keeps of the run.
     """
 
     T, END, H, RTOL, ATOL, PREVIOUS, START, STEP, CAUSE, LONGEST, LOW, SCALE, ONCE, RESIDUAL, LIMIT = range(15)
@@ -75,6 +75,7 @@ class DriverState:
         floats[self.LONGEST] = floats[self.ONCE] = floats[self.LIMIT] = math.inf
         integers[self.RECORD] = 1
         self.fault: Any = None
+        self.kept = 0
         self.addresses = (self.reals.ctypes.data, self.counts.ctypes.data)
 
     @property

@@ -11,6 +11,7 @@ from lagrange.machine.backend import Driver, SingularMassMatrix
 from lagrange.machine.driver import DriverState, Outcome
 from lagrange.trajectory.inertia import lost_inertia
 from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.limits import compiled_late, memory_limit
 from lagrange.trajectory.messages import message, small_state, unsolved
 from lagrange.trajectory.plan import Plan, Watcher
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
@@ -40,6 +41,7 @@ class _Rows:
 
     def __init__(self, t: float, y: FloatArray) -> None:
         self.pieces = [(np.array([t]), y[None].copy(), 0)]
+        self.bytes = 0
 
     def add(self, t: float, y: FloatArray) -> None:
         """Keep a state that no step led to: the state has jumped."""
@@ -52,6 +54,7 @@ class _Rows:
             # As a view, a short piece would keep the memory of the whole burst.
             short = 2 * written < len(times)
             t, y = times[:written], rows[:written]
+            self.bytes += t.nbytes + y.nbytes if short else times.nbytes + rows.nbytes
             self.pieces.append((t.copy() if short else t, y.copy() if short else y, steps))
 
     def joined(self) -> tuple[FloatArray, FloatArray]:
@@ -71,14 +74,17 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
     rows = _Rows(problem.t0, problem.y0)
     status, sentence = _first_look(problem, name, parameters)
     watch = None
+    if status is None and (late := compiled_late(problem)):
+        status, sentence = Status.MAX_WALL, message(Status.MAX_WALL, problem, state.t, state.y, name, cause=late)
     if status is None:
         try:
             driver = plan.driver(problem.model, parameters)
             watch = plan.watch(problem, driver)
             driver = driver if watch is None else watch.driver
+            late = compiled_late(problem)
             # Compiling, which comes once for many runs, is no part of a run.
             began = time.perf_counter()
-            status, detail = _bursts(problem, driver, watch, state, rows, began)
+            status, detail = (Status.MAX_WALL, late) if late else _bursts(problem, driver, watch, state, rows, began)
         except SingularMassMatrix:
             status, detail = Status.SINGULAR, ""
         if status in (Status.STEP_TOO_SMALL, Status.DIVERGED) and not detail:
@@ -135,7 +141,7 @@ def _bursts(
     problem: Problem, driver: Driver, watch: Watcher | None, state: DriverState, rows: _Rows, began: float
 ) -> tuple[Status, str]:
     """Advance until something ends the run; return what did, and a sentence on it where there is more to say."""
-    burst = FIRST_BURST
+    burst, limit = FIRST_BURST, memory_limit(problem)
     times, states = np.empty(0), np.empty((0, len(problem.y0)))
     verdict = Verdict() if watch is None else watch.begin(state)
     try:
@@ -157,7 +163,10 @@ def _bursts(
                 return Status.MAX_STEPS, ""
             if problem.max_wall is not None and time.perf_counter() - began > problem.max_wall:
                 return Status.MAX_WALL, ""
-            budget = min(burst, left) if left > 0 else 1
+            room = int(limit - rows.bytes - state.kept) // (8 * (len(state.y) + 1))
+            if state.t != problem.t1 and room <= 0:
+                return Status.MAX_MEMORY, ""
+            budget = min(burst, left, room) if left > 0 and room > 0 else 1
             times, states = np.empty(budget), np.empty((budget + 4, len(problem.y0)))
             state.counts[DriverState.ROWS] = 0
             before = time.perf_counter()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -40,8 +41,10 @@ def integrate(
     step: float | None = None,
     max_steps: int | None = None,
     max_wall: float | None = None,
+    max_memory: float | None = None,
     parameters: Mapping[Any, Any] | None = None,
     progress: Callable[[float], None] | None = None,
+    began: float | None = None,
 ) -> tuple[Trajectory, dict[Any, float]]:
     """Run a model over a span of time; return the trajectory and the parameters' values.
 
@@ -63,9 +66,11 @@ def integrate(
         atol=atol,
         step=step,
         max_steps=step_limit(max_steps),
-        max_wall=_wall(max_wall),
+        max_wall=_positive(max_wall, "max_wall", "seconds"),
+        max_memory=_positive(max_memory, "max_memory", "bytes"),
         events=declare_events(events, statement),
         progress=progress,
+        began=time.perf_counter() if began is None else began,
     )
     integrator = find(DEFAULT if method is None else method)
     _check_events(problem, integrator)
@@ -135,10 +140,10 @@ def step_limit(max_steps: int | None) -> int:
     return whole_number(max_steps, "max_steps", 1)
 
 
-def _wall(max_wall: float | None) -> float | None:
-    if max_wall is None:
+def _positive(limit: float | None, name: str, unit: str) -> float | None:
+    if limit is None:
         return None
-    number = real_number(max_wall, "max_wall")
+    number = real_number(limit, name)
     if number <= 0:
-        raise StatementError(f"max_wall = {max_wall}: give a positive number of seconds.")
+        raise StatementError(f"{name} = {limit}: give a positive number of {unit}.")
     return number

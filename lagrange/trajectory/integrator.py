@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -49,8 +50,9 @@ class Problem:
     `parameters` has a value for each of the model's parameters. `t_eval` is sorted in the direction of the run
     and lies inside the span, or is None for every accepted step. `step`, `rtol` and `atol` are None where the
     user left the choice to the method. `max_steps` bounds the steps tried, accepted or not, and `max_wall` the seconds
-    of the run. `events` are checked against the model's statement. `progress` is called now and then with the time
-    reached.
+    of the run; `max_memory` bounds the bytes that it keeps, None standing for a quarter of the machine's. `began` is
+    when the run was asked for, by `time.perf_counter`. `events` are checked against the model's statement. `progress`
+    is called now and then with the time reached.
     """
 
     model: Model
@@ -64,8 +66,10 @@ class Problem:
     step: float | None = None
     max_steps: int = 10_000_000
     max_wall: float | None = None
+    max_memory: float | None = None
     events: tuple[Event, ...] = ()
     progress: Callable[[float], None] | None = None
+    began: float = field(default_factory=time.perf_counter)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "y0", real_array(self.y0, "y0"))

@@ -10,6 +10,7 @@ import numpy as np
 
 from lagrange.errors import listing
 from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.limits import memory_limit
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 _SENTENCES: dict[Status, str] = {
@@ -18,6 +19,7 @@ _SENTENCES: dict[Status, str] = {
     Status.UNRELIABLE: "reached t = {t}, and does not follow the motion.",
     Status.MAX_STEPS: "used up max_steps = {max_steps} {where}, where {largest}.",
     Status.MAX_WALL: "used up {max_wall} {where}, where {largest}.",
+    Status.MAX_MEMORY: "used up {max_memory} {where}, where {largest}: it keeps every step, for solution.at(t).",
     Status.NON_FINITE: "stopped {where}: {non_finite}.",
     Status.SINGULAR: "stopped {where}: {singular}",
     Status.STEP_TOO_SMALL: "stopped {where}: the step that the tolerances ask for is below the spacing of floating-"
@@ -86,6 +88,7 @@ def message(
         "where": lambda: where,
         "max_steps": lambda: problem.max_steps,
         "max_wall": lambda: "its time" if problem.max_wall is None else f"max_wall = {number(problem.max_wall)} s",
+        "max_memory": lambda: f"max_memory = {number(memory_limit(problem))} bytes",
         "largest": lambda: largest(problem, y),
         "singular": lambda: detail or _SINGULAR,
         "non_finite": lambda: (
@@ -112,6 +115,9 @@ def _remedy(status: Status, problem: Problem, y: FloatArray, method: str, rtol: 
             other=f"or, if the motion does not grow like that, {finer}" if grown else f"or {coarser}",
             events=", or end the run at an event with terminal=True" if problem.events else "",
         )
+    if status is Status.MAX_MEMORY:
+        other = finer if grown else "lengthen the step" if rtol is None else "loosen rtol"
+        return f"Raise max_memory, end the run earlier and go on from there, or {other}; lg.flow keeps no steps."
     if status is Status.NON_FINITE:
         return f"{_DOMAIN} If the motion is finite there, {finer}." if stray else _DOMAIN
     if status is Status.STEP_TOO_SMALL:

@@ -26,6 +26,7 @@ class Status(enum.Enum):
     UNRELIABLE = "unreliable"
     MAX_STEPS = "max_steps"
     MAX_WALL = "max_wall"
+    MAX_MEMORY = "max_memory"
     NON_FINITE = "non_finite"
     SINGULAR = "singular"
     STEP_TOO_SMALL = "step_too_small"

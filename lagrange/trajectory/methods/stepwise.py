@@ -31,6 +31,9 @@ S = DriverState
 MOST_UNMOVED = 20
 """Steps in a row that may leave the time where it is; LSODA begins with two of them at t = 1e9."""
 
+PIECE = 300
+"""Bytes that the path over a step takes beside its values, as measured."""
+
 
 class Stepper(Protocol):
     """A solver of another package, between two of its steps."""
@@ -221,6 +224,7 @@ class SolverDriver:
         """Keep a step; it counts from the last line on, so that an interruption never finds half of one."""
         row = state.count(S.ROWS)
         self._plan.pieces.append(piece)
+        state.kept += piece.values.nbytes + PIECE
         times[row], rows[row] = t, y
         state.reals[S.T], state.y[:] = t, y
         state.counts[[S.ROWS, S.STEPS]] += 1

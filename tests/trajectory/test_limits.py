@@ -1,0 +1,175 @@
+"""Seconds and bytes that a run may take: how it ends where it would take more, and what it keeps."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import time
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from sympy import cos
+
+import lagrange as lg
+from lagrange.machine.model import Model
+from lagrange.show import progress
+from lagrange.trajectory import limits
+from lagrange.trajectory.methods.registry import find, names
+from lagrange.trajectory.plan import Planned
+
+theta = lg.coordinate("theta")
+
+
+def pendulum() -> lg.System:
+    """Return a system with nothing compiled yet."""
+    return lg.System(kinetic=theta.dot**2 / 2, potential=-cos(theta), initial={theta: 2.0}, name="pendulum")
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return pendulum().compile()
+
+
+@pytest.mark.parametrize("name", [name for name in names() if isinstance(find(name), Planned)])
+def test_memory_has_a_bound(name: str, model: Model) -> None:
+    step: dict[str, Any] = {} if find(name).claims.adaptive else {"step": 0.01}
+    found = lg.integrate(model, (0.0, 1e5), method=name, max_memory=20_000, **step)
+    assert found.status is lg.Status.MAX_MEMORY
+    assert f"{name} used up max_memory = 20000 bytes at t = " in found.message
+    assert "Raise max_memory, end the run earlier" in found.message
+    assert 10 < len(found.t) == found.steps + 1 and found.t[-1] < 1e5
+    assert found.t.nbytes + found.y.nbytes <= 20_000 + 24  # the first state is there in any case
+    found.at(found.t[-1] / 2)
+    with pytest.raises(lg.RunError, match="max_memory"):
+        found.require()
+
+
+def test_what_a_solver_keeps_of_a_step_counts_too(model: Model) -> None:
+    """Of SciPy's solvers each step leaves a polynomial, ten times as large as a state of two numbers."""
+    own = lg.integrate(model, (0.0, 1e5), method="dop853", max_memory=100_000)
+    other = lg.integrate(model, (0.0, 1e5), method="scipy-dop853", max_memory=100_000)
+    assert 4 * other.steps < own.steps
+
+
+def test_output_times_of_a_run_that_ends_for_want_of_memory(model: Model) -> None:
+    found = lg.integrate(model, (0.0, 1e5), method="dop853", max_memory=20_000, t_eval=np.arange(0.0, 1e5, 5.0))
+    assert found.status is lg.Status.MAX_MEMORY
+    assert 2 < len(found.t) < 1000 and np.isfinite(found.y).all()
+
+
+def test_the_bound_is_a_quarter_of_the_machine_unless_given(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert limits.machine_memory() > 2**28
+    monkeypatch.setattr(limits, "machine_memory", lambda: 40_000)
+    found = lg.integrate(model, (0.0, 1e5), method="rk4", step=0.01)
+    assert found.status is lg.Status.MAX_MEMORY and "max_memory = 10000 bytes" in found.message
+    monkeypatch.undo()
+    monkeypatch.setattr(os, "sysconf", lambda name: -1)
+    assert limits.machine_memory() == limits.UNKNOWN
+    monkeypatch.setattr(os, "sysconf_names", {})
+    assert limits.machine_memory() == limits.UNKNOWN
+
+
+@pytest.mark.parametrize(("given", "message"), [(0, "max_memory = 0: give a positive number of bytes"), ("1", "'1'")])
+def test_a_bound_that_is_none(given: Any, message: str, model: Model) -> None:
+    with pytest.raises(lg.StatementError, match=message):
+        lg.integrate(model, (0.0, 1.0), max_memory=given)
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", "scipy-dop853"])
+def test_compiling_counts(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`max_wall` used to begin with the first step, however long it took to get there."""
+    monkeypatch.setattr(limits, "COMPILING", 0.0)
+    system = pendulum()
+    found = system.run(1.0, method=method, max_wall=1e-3)
+    assert found.status is lg.Status.MAX_WALL
+    assert f"{method} stopped at t = 0 on the way from 0 to 1. Compiling took " in found.message
+    assert "more than max_wall = 0.001 s. What is compiled stays with the model" in found.message
+    assert found.steps == 0 and found.t.tolist() == [0.0]
+    monkeypatch.undo()
+    assert system.run(1.0, method=method, max_wall=1.0).status is lg.Status.SUCCESS
+
+
+def test_compiling_a_driver_counts(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The clock is looked at behind the machine code too: what was compiled before it was in time."""
+    told = iter(["", "Compiling took 3 s."])
+    monkeypatch.setattr("lagrange.trajectory.driver.compiled_late", lambda problem: next(told))
+    found = lg.integrate(model, (0.0, 1.0), method="taylor", max_wall=1.0)
+    assert found.status is lg.Status.MAX_WALL and found.message.endswith("Compiling took 3 s.")
+
+
+def test_a_short_limit_leaves_time_to_compile() -> None:
+    found = pendulum().run(1e7, method="verner9", max_wall=0.05)
+    assert found.status is lg.Status.MAX_WALL and found.steps > 0
+    assert "used up max_wall = 0.05 s at t = " in found.message
+
+
+def compile_for_ever(model: Model) -> None:
+    """Compile what a fresh model compiles, again and again."""
+    while True:
+        fresh = Model(model.statement, model.equations, model.machine)
+        fresh.kernel("rhs")
+        fresh.series()[0].rows(8, 0.0, np.array(model.statement.initial), 0.1, np.empty(0))
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals are sent the POSIX way")
+def test_ctrl_c_while_compiling() -> None:
+    """The signal is heard between two pieces that LLVM compiles, here of a second at most."""
+    q = [lg.coordinate(f"x{i}") for i in range(150)]
+    stretch = [b - a for a, b in pairwise(q)]
+    large = lg.System(sum(x.dot**2 for x in q) / 2, sum(d**2 / 2 + d**4 / 4 for d in stretch), initial={q[0]: 0.3})
+    model = large.compile(check=False)
+    finger = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
+    began = time.perf_counter()
+    finger.start()
+    with pytest.raises(KeyboardInterrupt):
+        compile_for_ever(model)
+    finger.join()
+    assert time.perf_counter() - began < 20.0  # on a machine that does much else
+
+
+class Terminal:
+    """What is written to a terminal."""
+
+    def __init__(self) -> None:
+        self.text = ""
+
+    def isatty(self) -> bool:
+        return True
+
+    def write(self, text: str) -> None:
+        self.text += text
+
+    def flush(self) -> None:
+        """Nothing waits."""
+
+
+def test_a_terminal_is_told_what_takes_so_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setattr(progress, "PATIENCE", 0.01)
+    with progress.compiling("pendulum", wanted=True):
+        time.sleep(0.2)
+    assert terminal.text.startswith("\rcompiling pendulum: 0 s")
+    assert terminal.text.endswith(" \r"), "the line is taken away"
+
+
+@pytest.mark.parametrize(("wanted", "patience"), [(False, 0.01), (True, 5.0)])
+def test_a_terminal_is_not_told_what_takes_no_time(
+    wanted: bool, patience: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setattr(progress, "PATIENCE", patience)
+    with progress.compiling("pendulum", wanted=wanted):
+        time.sleep(0.1)
+    assert not terminal.text
+
+
+def test_a_pipe_is_told_nothing(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(progress, "PATIENCE", 0.0)
+    pendulum().run(0.1, progress=True)
+    assert capfd.readouterr() == ("", "")
