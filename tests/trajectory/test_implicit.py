@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sympy import exp
 
+from lagrange.statement.coordinate import t
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.trajectory import Status
 from tests.models import TARGETS, build, k, model, x
@@ -161,3 +163,15 @@ def test_what_claims_to_be_stable_damps_what_is_too_fast_for_its_steps(name: str
         # Without friction what is damped is energy that the motion keeps.
         assert found.status is Status.SUCCESS or (not damping and found.status is Status.UNRELIABLE)
         assert np.abs(found.y[0]).max() < 1 + 1e-9, (damping, np.abs(found.y[0]).max())
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", EQUAL)
+def test_the_order_where_masses_grow(name: str, target: str) -> None:
+    """Momenta depend on time itself: of L = e^t (x'^2 - x^2) / 2 the motion is x'' + x' + x = 0."""
+    compiled = build(target, lagrangian=exp(t) * (x.dot**2 - x**2) / 2, coordinates=[x], initial={x: 1.0})
+    w, end = np.sqrt(0.75), 1.5
+    expected = np.exp(-end / 2) * (np.cos(w * end) + np.sin(w * end) / (2 * w))
+    counts = np.array([6, 9, 13] if find(name).claims.order > 4 else [20, 30, 45])
+    errors = [abs(run(compiled, end, name, step=end / n).y[0, -1] - expected) for n in counts]
+    assert -np.polyfit(np.log(counts), np.log(errors), 1)[0] == pytest.approx(find(name).claims.order, abs=0.3)
