@@ -34,7 +34,7 @@ from tests.mutants.order import Reached, chosen
 
 ROOT = FOLDER.parents[1]
 SEED, COUNT, PROCESSES = 1, 100, 2
-BUDGET = 120.0
+BUDGET = 25.0
 """Processor seconds of tests that a mutant meets at most, as they took on the source."""
 
 COPIED = ("lagrange", "tests", "docs", "examples", "pyproject.toml", "README.md", "CHANGELOG.md", "LICENSE")
