@@ -32,10 +32,10 @@ def write_together(folder: str | os.PathLike[str], files: Mapping[str, Write | N
     """
     home = real_path(folder)
     targets = {name: real_path(home / name) for name in files}
-    modes = {name: old_mode(target) for name, target in targets.items()}
-    _check_links(home, targets)
-    recover(home)
     try:
+        modes = {name: old_mode(target) for name, target in targets.items()}
+        _check_links(home, targets)
+        recover(home)
         return _Transaction(home, targets).run(files, modes)
     except OSError as error:
         raise in_words(home, error) from error

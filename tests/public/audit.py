@@ -6,6 +6,7 @@ Run as a program in a folder of its own: the hook that listens cannot be taken o
 from __future__ import annotations
 
 import json
+import resource
 import sys
 from collections import UserString, deque
 from collections.abc import Callable
@@ -18,7 +19,7 @@ import sympy
 
 import lagrange as lg
 from tests.public.surface import arguments, surface
-from tests.public.test_wrong_calls import raw
+from tests.public.test_wrong_calls import MEMORY, raw
 
 MARK = "canary_of_the_audit"
 TEXT = f'__import__("os").system("touch {MARK}")'
@@ -107,6 +108,7 @@ CONTAINERS: dict[str, Callable[[], Any]] = {
 def main(folder: Path) -> dict[str, Any]:
     """Return how many calls there were, and what is wrong with some."""
     sys.addaudithook(hook)
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     calls, wrong = 0, []
     for public in surface():
         for parameter in public.parameters:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import resource
 import signal
 import traceback
 from collections.abc import Iterator
@@ -22,8 +23,20 @@ SEED = 20_240_229
 LONGEST = 10.0
 """Seconds of one call, on a busy machine; the slowest takes a tenth of that."""
 
+MEMORY = 12 * 2**30
+"""Bytes of addresses that the process may have meanwhile."""
+
 CHANGED = (0.6, 0.85)
 """Up to the first, one argument is wrong; up to the second, two are; else all are."""
+
+
+@pytest.fixture(autouse=True)
+def bounded() -> Iterator[None]:
+    """Let a call that asks for all memory fail alone."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
 
 
 @pytest.fixture(autouse=True)

@@ -15,7 +15,7 @@ import sympy
 from lagrange.errors import StatementError, shown
 from lagrange.program.step import Control, StepProgram, trace
 from lagrange.statement.choice import text
-from lagrange.statement.expression import entries
+from lagrange.statement.expression import MOST_ENTRIES, entries
 from lagrange.statement.number import whole_number
 from lagrange.trajectory.dense import RungeKuttaPath, StepPath, hermite_path
 from lagrange.trajectory.driver import drive
@@ -194,7 +194,7 @@ def tableau(
 
 def _listed(name: str, given: Any) -> list[Any] | None:
     """Return the rows of a matrix, or the entries of a row; one row or column is a matrix too."""
-    if isinstance(given, (np.ndarray, sympy.MatrixBase)) and len(given.shape) == 2:
+    if isinstance(given, (np.ndarray, sympy.MatrixBase)) and len(given.shape) == 2 and max(given.shape) <= MOST_ENTRIES:
         return list(given.tolist())
     return entries(given, f"a row of the tableau {name!r}")
 
