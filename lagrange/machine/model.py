@@ -23,7 +23,7 @@ from lagrange.program.taylor import series_program
 from lagrange.statement.choice import one_of
 from lagrange.statement.declare import parameter_values
 from lagrange.statement.expression import expression as expression_of
-from lagrange.statement.number import real_array, real_number, whole_number
+from lagrange.statement.number import DOUBLE, real_array, real_number, whole_number
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 
@@ -217,14 +217,15 @@ class Model:
         if given is None:
             return self._default_parameters
         if isinstance(given, np.ndarray):
-            array = real_array(given, "parameters")
+            plain = type(given) is np.ndarray and given.dtype is DOUBLE
+            array = given if plain else real_array(given, "parameters")
             if array.shape != (len(self.statement.parameters),):
                 raise StatementError(
                     f"parameters has shape {array.shape}: give ({len(self.statement.parameters)},), the values of "
                     f"{listing(p.name for p in self.statement.parameters)} in this order, or a dict."
                 )
             values = array.tolist()
-            if not (math.isfinite(sum(values)) and all(values[i] >= 0.0 for i in self._positive)):
+            if values and not (math.isfinite(sum(values)) and (min(values) >= 0.0 or self._may_be_negative(values))):
                 # What a dict may not say an array may not either.
                 self.parameter_values(dict(zip(self.statement.parameters, values, strict=True)))
             return array
@@ -237,6 +238,10 @@ class Model:
     def _positive(self) -> list[int]:
         """The parameters that may not be below zero."""
         return [i for i, symbol in enumerate(self.statement.parameters) if symbol.is_nonnegative]
+
+    def _may_be_negative(self, values: list[float]) -> bool:
+        """Return whether no parameter is below zero that may not be."""
+        return all(values[i] >= 0.0 for i in self._positive)
 
     @cached_property
     def _default_parameters(self) -> FloatArray:

@@ -21,7 +21,7 @@ MOST_NUMBERS = 2**29
 """Entries that an array of a user's, or what is computed for it, may have: they take 4 GiB. A larger one is refused
 before it is made: the system would end the process instead of telling why."""
 
-_PLAIN = frozenset((float, int))
+_FLOATS, _PLAIN = frozenset((float,)), frozenset((float, int))
 
 _NO_NUMBERS = (bool, np.bool_, np.ma.MaskedArray)
 """What NumPy takes for numbers inside a list of others."""
@@ -61,6 +61,8 @@ def real_array(value: ArrayLike, what: str, *, width: int = 1) -> FloatArray:
     """
     if type(value) is np.ndarray and value.dtype is DOUBLE and value.size * width <= MOST_NUMBERS:
         return value
+    if isinstance(value, list) and _FLOATS.issuperset(map(type, value)) and len(value) * width <= MOST_NUMBERS:
+        return np.array(value, dtype=float)
     array = _array(value, what, width, "fiu")
     if array.dtype is DOUBLE:
         return array
