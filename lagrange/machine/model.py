@@ -319,11 +319,10 @@ class Model:
         q = real_array(q, "q")
         if q.ndim not in (1, 2):
             raise StatementError(f"q has shape {q.shape}: give (n,), or (n, batch).")
-        if q.ndim == 2:
-            column = whole_number(column or 0, "column", 0, q.shape[1] - 1)
+        column = 0 if column is None else whole_number(column, "column", 0, q.shape[-1] - 1)
         t = self._time(t, q)
-        chosen = q if q.ndim == 1 else q[:, column or 0]
-        time = float(np.broadcast_to(t, q.shape[1:])[column or 0]) if q.ndim > 1 else float(np.asarray(t))
+        chosen = q if q.ndim == 1 else q[:, column]
+        time = float(np.broadcast_to(t, q.shape[1:])[column]) if q.ndim > 1 else float(np.asarray(t))
         place = ", ".join(f"{name} = {x:.6g}" for name, x in zip(self.statement.names, chosen, strict=False))
         return (
             f"the mass matrix is singular at t = {time:.6g}, {place}: the accelerations are not determined there. "

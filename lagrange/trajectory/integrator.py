@@ -37,8 +37,8 @@ class Claims:
     dense: int = 0
 
     def __post_init__(self) -> None:
-        whole_number(self.order, "order", 0)
-        whole_number(self.dense, "dense", 0)
+        for name in ("order", "dense"):
+            object.__setattr__(self, name, whole_number(getattr(self, name), name, 0))
         for name in ("adaptive", "symplectic", "symmetric", "a_stable", "explicit", "events", "energy"):
             flag(getattr(self, name), name)
 

@@ -53,7 +53,7 @@ class StepMethod:
 
     def __post_init__(self) -> None:
         text(self.name, "name")
-        whole_number(self.order, "order", 1)
+        object.__setattr__(self, "order", whole_number(self.order, "order", 1))
         _arguments(self.name, self.function)
         check_options(self.step)
 

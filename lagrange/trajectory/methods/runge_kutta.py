@@ -169,7 +169,7 @@ class ButcherTableau:
 
     def _check_kinds(self) -> None:
         text(self.name, "name")
-        whole_number(self.order, "order", 0)
+        object.__setattr__(self, "order", whole_number(self.order, "order", 0))
         rows = self.A if isinstance(self.A, tuple) else (None,)
         if not all(_is_row(row) for row in (*rows, self.b, self.c)):
             raise self._refuse("b, c and the rows of A are tuples of numbers; lg.methods.tableau() takes lists")

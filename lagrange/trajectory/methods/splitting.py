@@ -64,7 +64,7 @@ class Splitting:
 
     def __post_init__(self) -> None:
         text(self.name, "name")
-        whole_number(self.order, "order", 1)
+        object.__setattr__(self, "order", whole_number(self.order, "order", 1))
         object.__setattr__(self, "stages", _pairs(self.name, self.stages))
         check_options(self.step)
         for what, total in (("kicks", sum(k for k, _ in self.stages)), ("drifts", sum(d for _, d in self.stages))):
