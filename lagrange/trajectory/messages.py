@@ -105,6 +105,8 @@ def message(
 
 def _remedy(status: Status, problem: Problem, y: FloatArray, method: str, rtol: float | None) -> str:
     """Return what to do about an end of a run, if anything."""
+    if status.at_end or status is Status.INTERRUPTED:
+        return ""
     finer = "shorten the step" if rtol is None else f"lower rtol (now {rtol:g}) and atol"
     grown = _grown(problem, y)
     stray = rtol is None or rtol >= LOOSE or grown

@@ -44,6 +44,7 @@ class LlvmSeries(Shared):
         self.program = program
         self._packing = pack(program, lanes())
         self._compiled: dict[int, CompiledJet] = {}
+        self._orders: dict[float, int] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
         return LlvmSeries, (self.program,)
@@ -54,7 +55,9 @@ class LlvmSeries(Shared):
 
     def order(self, tolerance: float) -> int:
         """Return the order by cost; see `Series`."""
-        return cheapest_order(self._packing, tolerance)
+        if tolerance not in self._orders:
+            self._orders[tolerance] = cheapest_order(self._packing, tolerance)
+        return self._orders[tolerance]
 
     def compiled(self, order: int) -> CompiledJet:
         """Return the machine code for an order."""

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -55,7 +55,7 @@ class RungeKutta:
         """The registered name."""
         return self.tableau.name
 
-    @property
+    @cached_property
     def claims(self) -> Claims:
         """Order, step control, and the order of the path."""
         dense = self.tableau.dense.order if self.tableau.dense else 0

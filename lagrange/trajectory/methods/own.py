@@ -10,7 +10,7 @@ import inspect
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from numbers import Real
 from typing import Any
 
@@ -57,7 +57,7 @@ class StepMethod:
         _arguments(self.name, self.function)
         check_options(self.step)
 
-    @property
+    @cached_property
     def claims(self) -> Claims:
         """The order that was stated, and that of the Hermite path between steps."""
         return Claims(order=self.order, dense=max(3, self.order - 1))

@@ -245,7 +245,7 @@ def find(method: Any) -> Integrator:
         instance: Integrator = method
         return instance
     if method in BUILT_IN:
-        return BUILT_IN[method]()
+        return _built_in(method)
     if method in _registered:
         return _registered[method]()
     if method in _offered():
@@ -254,6 +254,12 @@ def find(method: Any) -> Integrator:
     meant = ELSEWHERE.get(method.lower())
     hint = f" Did you mean {meant!r}?" if meant else suggestion(method.lower(), names())
     raise StatementError(f"there is no method {shown(method)}; the methods are {listing(names())}.{hint}")
+
+
+@cache
+def _built_in(name: str) -> Integrator:
+    """Return a method of ours with its own settings; it holds nothing of a run, so one serves all."""
+    return BUILT_IN[name]()
 
 
 def table() -> Table:

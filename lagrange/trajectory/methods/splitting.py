@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import groupby, pairwise
 from typing import Any
 
@@ -84,7 +84,7 @@ class Splitting:
         """Whether the step reads the same from both ends, so that a step of -h undoes a step of h."""
         return self.flows == self.flows[::-1]
 
-    @property
+    @cached_property
     def claims(self) -> Claims:
         """Order, symplecticity, and symmetry in time; the path between steps is the cubic one."""
         return Claims(order=self.order, symplectic=True, symmetric=self.symmetric, dense=max(3, self.order - 1))

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from numbers import Integral
 from typing import Any, final
 
@@ -72,7 +72,7 @@ class CVODE:
         """The registered name."""
         return "cvode"
 
-    @property
+    @cached_property
     def claims(self) -> Claims:
         """The highest order that is allowed, step control, and events."""
         return Claims(order=self.max_order or ORDERS[self.method], adaptive=True, explicit=False, events=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -66,7 +66,7 @@ class Taylor:
         """The registered name."""
         return "taylor"
 
-    @property
+    @cached_property
     def claims(self) -> Claims:
         """Step control; the order depends on the tolerance and the system, and 20 stands for it."""
         return Claims(order=self.order or 20, adaptive=True, events=True, dense=self.order or 20)
