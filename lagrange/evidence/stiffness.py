@@ -53,6 +53,7 @@ REMEDY = "radau5"
 LIMITS = {
     Status.MAX_STEPS: "max_steps is used up",
     Status.MAX_WALL: "max_wall is used up",
+    Status.MAX_MEMORY: "max_memory is used up",
     Status.STEP_TOO_SMALL: "the next step is below the spacing of floating-point times",
 }
 """The ends of a run whose steps have become too short, and what each says of them."""

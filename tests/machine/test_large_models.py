@@ -18,6 +18,7 @@ from lagrange.machine.llvm.emitter import MOST_ACCESSES, Emitter
 from lagrange.machine.llvm.engine import lanes
 from lagrange.machine.llvm.packing import pack
 from lagrange.machine.llvm.taylor import CompiledJet
+from lagrange.machine.llvm.taylor_jet import INLINE_ANGLES
 from lagrange.machine.model import Model
 from lagrange.machine.numpy_taylor import NumpySeries
 from lagrange.program.taylor import series_program
@@ -41,6 +42,17 @@ def chain(count: int) -> lg.System:
         potential=sp.Add(*[d**2 / 2 + d**4 / 4 for d in stretch]),
         initial={q[0]: 0.3},
         name="chain",
+    )
+
+
+def many_angles(count: int) -> lg.System:
+    """Return a potential of many harmonics."""
+    x = lg.coordinate("x")
+    return lg.System(
+        kinetic=x.dot**2 / 2,
+        potential=sp.Add(*[sp.cos(k * x) / k for k in range(1, count + 1)]),
+        initial={x: 0.3},
+        name="harmonics",
     )
 
 
@@ -131,3 +143,15 @@ def test_a_deep_and_a_wide_system_run() -> None:
         np.testing.assert_allclose(
             first[:, -1], second[:, -1], rtol=1e-6, atol=1e-8
         )  # a hundred times the tolerance, over one unit of time
+
+
+def test_many_angles_share_a_function() -> None:
+    """Written out at each place, 20,000 cosines were 76 million characters, which took two minutes to compile."""
+    few, many = (series_program(euler_lagrange(many_angles(count).statement))[0] for count in (40, INLINE_ANGLES + 44))
+    jets = [CompiledJet(pack(program, lanes()), 0) for program in (few, many)]
+    assert "@sine_and_cosine_8" not in jets[0].ir
+    assert jets[1].ir.count("call { <8 x double>, <8 x double> } @sine_and_cosine_8") == (INLINE_ANGLES + 44) // 8
+    y, none = np.array([0.3, 0.1]), np.empty(0)
+    expected = NumpySeries(many).rows(6, 0.0, y, 0.01, none)
+    # Sums of 300 terms of either sign, in another order: a few hundred rounding errors of the largest.
+    np.testing.assert_allclose(jets[1].rows(6, 0.0, y, 0.01, none), expected, rtol=1e-10, atol=1e-10)

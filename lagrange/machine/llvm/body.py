@@ -23,7 +23,12 @@ keeps the time to compile a long chain in bounds."""
 
 def shares_angle_function(program: Program) -> bool:
     """Return whether sine and cosine are a function of the module."""
-    return len({i.args for i in program.instructions if i.op in ANGLES}) > INLINE_ANGLES
+    return len(angles(program)) > INLINE_ANGLES
+
+
+def angles(program: Program) -> list[int]:
+    """Return the results of which a sine or a cosine is taken, each once."""
+    return list(dict.fromkeys(i.args[0] for i in program.instructions if i.op in ANGLES))
 
 
 def saved_slots(program: Program) -> dict[int, int]:

@@ -22,7 +22,7 @@ from lagrange.machine.llvm.memory import address, workspace
 from lagrange.machine.llvm.packing import Packing, pack
 from lagrange.machine.llvm.spelling import intrinsics, library_functions
 from lagrange.machine.llvm.taylor_cost import cheapest_order, is_large
-from lagrange.machine.llvm.taylor_jet import Table
+from lagrange.machine.llvm.taylor_jet import WIDEST, Table, shares_wide_angles
 from lagrange.machine.llvm.taylor_layout import Slots, TaylorLayout, looped_layout, unrolled_layout
 from lagrange.machine.llvm.taylor_loop import drive_function
 from lagrange.machine.llvm.taylor_looped import LoopedJet
@@ -141,6 +141,7 @@ def inverse_size(program: SeriesProgram) -> int:
 def series_ir(program: SeriesProgram, layout: TaylorLayout, jet: str) -> str:
     """Return the IR of a whole module around a jet."""
     functions = [angle_function(1)] if shares_angle_function(program.start) else []
+    functions += [angle_function(WIDEST)] if shares_wide_angles(program.start) else []
     functions += [prepare_function(program.start), jet, SERIES, drive_function(layout), run_function()]
     return "\n".join([declarations(layout.lanes), *functions, METADATA, ATTRIBUTES, QUICKLY, ""])
 

@@ -3,20 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
 
-from lagrange.machine.llvm.body import ANGLES, Body
+from lagrange.machine.llvm.body import ANGLES, Body, angles
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.packing import NOTHING, Chunk, Operand, Packing
 from lagrange.machine.llvm.spelling import element, number
 from lagrange.machine.llvm.taylor_rules import Vector, vector_literal
-from lagrange.machine.llvm.trigonometry import sine_and_cosine
-from lagrange.program.program import Instruction
+from lagrange.machine.llvm.trigonometry import call_sine_and_cosine, sine_and_cosine
+from lagrange.program.program import Instruction, Program
 
 SIGNATURE = (
     "define internal i32 @jet(double %t, double %scale, ptr noalias readonly %y, ptr noalias readonly %p, "
     "ptr noalias readonly %c, ptr noalias %rows, i64 %order) #0"
 )
+
+
+WIDEST = 8
+"""So many angles are found at once."""
+
+INLINE_ANGLES = 256
+"""Up to so many angles their sines and cosines are written out where they are wanted; beyond it they are a function.
+20,000 cosines were 76 million characters of IR, which take two minutes to compile."""
+
+
+def shares_wide_angles(program: Program) -> bool:
+    """Return whether the sines and cosines of several angles at once are a function of the module."""
+    return len(angles(program)) > INLINE_ANGLES
 
 
 class Table:
@@ -120,8 +132,9 @@ class Start:
                 self.body.values[i] = "%t"
         early = self.early()
         self.body.run(early)
-        self.find_angles([ref for ref in self.angles if ref in {*early, *self.body.values}])
         done = set(early)
+        known = done.union(self.body.values)
+        self.find_angles([ref for ref in angles(program.start) if ref in known])
         rest = range(program.start.hoisted, len(program.start.instructions))
         self.body.run([i for i in rest if i not in done])
         outputs = [self.body.ref(ref) for ref in program.start.outputs]
@@ -131,12 +144,6 @@ class Start:
             if i not in self.values:
                 self.values[i] = self.e.get("%y", i)
 
-    @cached_property
-    def angles(self) -> list[int]:
-        """The results of which a sine or a cosine is taken, each once."""
-        instructions = self.packing.program.start.instructions
-        return list(dict.fromkeys(i.args[0] for i in instructions if i.op in ANGLES))
-
     def early(self) -> list[int]:
         """Return what the angles are computed from, but for those that come from other angles."""
         program = self.packing.program.start
@@ -144,23 +151,25 @@ class Start:
         late, needed = bytearray(count), bytearray(count)
         for i, (op, args, _) in enumerate(program.instructions):
             late[i] = op in ANGLES or any(late[arg] for arg in args)
-        for ref in self.angles:
+        for ref in angles(self.packing.program.start):
             needed[ref] = not late[ref]
         for i in range(count - 1, program.hoisted - 1, -1):
             for arg in program.instructions[i].args if needed[i] else ():
                 needed[arg] = True
         return [i for i in range(program.hoisted, count) if needed[i]]
 
-    def find_angles(self, angles: Sequence[int]) -> None:
+    def find_angles(self, wanted: Sequence[int]) -> None:
         """Emit the sines and cosines of several angles at once, in vectors."""
         e, shuffle = self.e, Shuffle(self.e)
-        moving = [ref for ref in angles if ref >= self.packing.program.start.hoisted]
+        called = shares_wide_angles(self.packing.program.start)
+        moving = [ref for ref in wanted if ref >= self.packing.program.start.hoisted]
         while len(moving) > 1:
-            width = min(8, 1 << (len(moving) - 1).bit_length())
+            width = min(WIDEST, 1 << (len(moving) - 1).bit_length())
             taken, moving = moving[:width], moving[width:]
             padded = taken + [taken[-1]] * (width - len(taken))
             vector = shuffle.gather([(self.body.ref(ref), 1, 0) for ref in padded])
-            for op, found in zip(ANGLES, sine_and_cosine(e, str(vector), width), strict=True):
+            make = call_sine_and_cosine if called and width == WIDEST else sine_and_cosine
+            for op, found in zip(ANGLES, make(e, str(vector), width), strict=True):
                 for lane, ref in enumerate(taken):
                     place = self.body.by_code.get(Instruction(op, (ref,)))
                     if place is not None:

@@ -77,13 +77,17 @@ def angle_function(lanes: int) -> str:
     first = e.value(f"insertvalue {{ {kind}, {kind} }} poison, {kind} {sine}, 0")
     both = e.value(f"insertvalue {{ {kind}, {kind} }} {first}, {kind} {cosine}, 1")
     e.do(f"ret {{ {kind}, {kind} }} {both}")
-    return e.function(f"define internal {{ {kind}, {kind} }} @sine_and_cosine({kind} %x) #0")
+    return e.function(f"define internal {{ {kind}, {kind} }} @{_name(lanes)}({kind} %x) #0")
+
+
+def _name(lanes: int) -> str:
+    return "sine_and_cosine" if lanes == 1 else f"sine_and_cosine_{lanes}"
 
 
 def call_sine_and_cosine(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
     """Emit a call of the function for sin(x) and cos(x)."""
     kind = element(lanes)
-    both = e.value(f"call {{ {kind}, {kind} }} @sine_and_cosine({kind} {x})")
+    both = e.value(f"call {{ {kind}, {kind} }} @{_name(lanes)}({kind} {x})")
     first, second = (e.value(f"extractvalue {{ {kind}, {kind} }} {both}, {k}") for k in (0, 1))
     return first, second
 
