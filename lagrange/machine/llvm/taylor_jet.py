@@ -133,8 +133,8 @@ class Start:
         early = self.early()
         self.body.run(early)
         done = set(early)
-        known = done.union(self.body.values)
-        self.find_angles([ref for ref in angles(program.start) if ref in known])
+        there = done.union(self.body.values)
+        self.find_angles([ref for ref in angles(program.start) if ref in there])
         rest = range(program.start.hoisted, len(program.start.instructions))
         self.body.run([i for i in rest if i not in done])
         outputs = [self.body.ref(ref) for ref in program.start.outputs]
