@@ -5,11 +5,14 @@ here each g gets a symbol, its side, that is 1 where g > 0, -1 where g < 0 and 0
 as run-time constants abs(a) is side * a, sign(a) is the side itself and a condition is one about sides. Who runs the
 series watches each g, ends a step on its surface, and goes on with the other side. A g that may have no value counts
 as 1 where it stands in a branch that is not taken.
+
+atan2(y, x) jumps by 2 pi where y = 0 and x < 0, so that y is a surface too. Its series is smooth through the jump;
+only its value at order 0 asks for the side: that of y = 0 has y with the sign of the side, -0.0 for -1.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass
 
 from lagrange.graph.branches import Domains, either, read_when, where_read
@@ -26,7 +29,8 @@ class Switched:
     """Expressions made smooth: `outputs` in terms of `sides`, one symbol for each of the `surfaces`.
 
     `stated` has the surfaces in terms of the state alone, with the switches that are in them; `expressions` has them
-    as they stand in the statement, whatever branch that is in.
+    as they stand in the statement, whatever branch that is in. `starts` has for each output, or part of one, that jumps
+    on a surface its value at order 0, which depends on the side.
     """
 
     outputs: tuple[Node, ...]
@@ -34,11 +38,17 @@ class Switched:
     sides: tuple[Node, ...]
     stated: tuple[Node, ...]
     expressions: tuple[Node, ...]
+    starts: Mapping[Node, Node]
 
 
-def switch(graph: Graph, outputs: Sequence[Node]) -> Switched:
-    """Replace every switch that moves by its side; what depends on parameters alone stays as it is."""
-    switches = _Switches(graph, read_when(graph, outputs))
+def switch(graph: Graph, outputs: Sequence[Node], events: Sequence[Node] = ()) -> Switched:
+    """Replace every switch that moves by its side; what depends on parameters alone stays as it is.
+
+    The smooth `events` follow the outputs. An atan2 that is in the value of events alone gets no surface: a jump is no
+    zero, and no step needs to end at it.
+    """
+    outputs = (*outputs, *events)
+    switches = _Switches(graph, read_when(graph, outputs), _with_sides(outputs, len(outputs) - len(events)))
     table: dict[Node, Node] = {}
     switches.smooth(outputs, table)
     conditions = [switches.condition(i) for i in range(len(switches.sides))]
@@ -49,20 +59,22 @@ def switch(graph: Graph, outputs: Sequence[Node]) -> Switched:
         sides=tuple(switches.sides),
         stated=tuple(where_read(g, c) for g, c in zip(switches.expressions, conditions, strict=True)),
         expressions=tuple(switches.expressions),
+        starts=switches.starts,
     )
 
 
 class _Switches:
     """The surfaces found so far; a surface and its negative are one."""
 
-    def __init__(self, graph: Graph, read: Callable[[Node], Node]) -> None:
-        self.graph, self.read = graph, read
+    def __init__(self, graph: Graph, read: Callable[[Node], Node], sided: Container[Node]) -> None:
+        self.graph, self.read, self.sided = graph, read, sided
         self.domains = Domains()
         self.surfaces: list[Node] = []
         self.sides: list[Node] = []
         self.expressions: list[Node] = []
         self.conditions: list[Node] = []
         self.known: dict[Node, tuple[int, Node]] = {}
+        self.starts: dict[Node, Node] = {}
 
     def smooth(self, outputs: Sequence[Node], table: dict[Node, Node]) -> None:
         """Enter the smooth form of some nodes, and of all that they are computed from, in the table."""
@@ -72,6 +84,14 @@ class _Switches:
                 table[node] = self.replace(node, args)
             else:
                 table[node] = rebuild(node, args)
+                if node in self.sided and _has_cut(table[node]):
+                    self.cut(table[node], node)
+
+    def cut(self, angle: Node, stated: Node) -> None:
+        """Watch y of atan2(y, x), and let its value on y = 0 be the limit from the side that the motion is on."""
+        y, x = angle.args
+        side = self.side(y, stated.args[0], self.read(stated))
+        self.starts[angle] = self.graph.call("atan2", side * self.graph.call("abs", y), x)
 
     def condition(self, surface: int) -> Node:
         """Return the condition under which a surface is looked at: always, where it always has a value."""
@@ -109,3 +129,17 @@ class _Switches:
             return graph.call(name, side, graph.zero)
         first, second = args if name == "min" else args[::-1]
         return graph.piecewise([(graph.call("less_equal", side, graph.zero), first)], second)
+
+
+def _with_sides(outputs: Sequence[Node], count: int) -> frozenset[Node]:
+    """Return the nodes that must not jump within a step: those of the first outputs and of every switch."""
+    switches = [node for node in reachable(outputs) if node.kind is Kind.CALL and node.data in SWITCHES]
+    return frozenset(reachable([*outputs[:count], *switches]))
+
+
+def _has_cut(node: Node) -> bool:
+    """Whether a node is an atan2 that the motion may take over its cut: not where x is a positive number."""
+    if node.kind is not Kind.CALL or node.data != "atan2":
+        return False
+    y, x = node.args
+    return y.binding > Binding.PARAMETER and not (x.kind is Kind.CONSTANT and x.data > 0)

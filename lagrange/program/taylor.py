@@ -21,11 +21,10 @@ def series_program(equations: Equations, watched: Sequence[Node] = ()) -> tuple[
     blocks = equations.structure.blocks
     mass = [equations.mass[i][j] for block in blocks for i in block for j in block if j <= i]
     n, count = len(equations.q), len(watched)
-    outputs = (*equations.momenta, *equations.forces, *mass, *watched)
-    switched = switch(equations.graph, outputs)
+    switched = switch(equations.graph, (*equations.momenta, *equations.forces, *mass), watched)
     p, f = switched.outputs[:n], switched.outputs[n : 2 * n]
-    triangles = switched.outputs[2 * n : len(outputs) - count]
-    seen = (*switched.surfaces, *switched.outputs[len(outputs) - count :])
+    end = len(switched.outputs) - count
+    triangles, seen = switched.outputs[2 * n : end], (*switched.surfaces, *switched.outputs[end:])
     best = min(assemblies(equations, switched, p, f, triangles, seen), key=lambda assembly: assembly.cost)
     return best.program("series"), switched
 
@@ -70,6 +69,7 @@ class _Assembly:
         forces = [node for terms in form.forces for _, node in terms]
         inertia = forces if self.constant_mass else form.nodes
         self.builder = Builder(graph, equations.q, equations.v, equations.time, [*inertia, *watched], apart=apart)
+        self.builder.starts.update(switched.starts)
         self.parts = form.parts
         self.known: dict[Node, int | None] = {}
         self.momenta = [None if self.constant_mass else self.momentum(node) for node in form.momenta]

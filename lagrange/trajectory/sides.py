@@ -13,6 +13,7 @@ from collections.abc import Callable, Container, Mapping
 from itertools import islice, product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lagrange.machine.arithmetic import FLOATS
 from lagrange.machine.backend import SingularMassMatrix
@@ -82,13 +83,17 @@ def _reread(surfaces: Surfaces, trial: FloatArray, chosen: Container[int]) -> Fl
     """
     g = surfaces(trial)
     for _ in trial:
-        clear = np.abs(g[0]) > JUMP * np.where(np.isfinite(g), np.abs(g), 0.0).max(axis=0)
-        wrong = [i for i in np.flatnonzero(clear & (np.sign(g[0]) != trial)) if i not in chosen]
+        wrong = [i for i in np.flatnonzero(clear(g) & (np.sign(g[0]) != trial)) if i not in chosen]
         if not wrong:
             break
         trial[wrong] = np.sign(g[0, wrong])
         g = surfaces(trial)
     return g
+
+
+def clear(g: FloatArray) -> NDArray[np.bool_]:
+    """Return whether functions with the series g, (order + 1, ...), are clearly not zero at their start."""
+    return np.asarray(np.abs(g[0]) > JUMP * np.where(np.isfinite(g), np.abs(g), 0.0).max(axis=0))
 
 
 def is_zero(g: FloatArray, noise: float = 0.0) -> bool:

@@ -21,7 +21,7 @@ from lagrange.trajectory.look import Look, degree, hides, near, signed_scale, st
 from lagrange.trajectory.meeting import Meeting, PlannedStep
 from lagrange.trajectory.occurrence import TOGETHER, Crowd, Occurrence, Record
 from lagrange.trajectory.roots import Root, Side, roots
-from lagrange.trajectory.sides import Sliding, is_zero, leaving, settled_sides, stated_sides
+from lagrange.trajectory.sides import Sliding, clear, is_zero, leaving, settled_sides, stated_sides
 from lagrange.trajectory.trajectory import FloatArray, Status
 from lagrange.trajectory.verdict import (
     Verdict,
@@ -145,8 +145,7 @@ class Watch(Record):
 
     def _switches(self, look: Look, soon: float) -> bool:
         """Whether the state is on a surface, or comes to one within some time."""
-        met = (which for which in range(self.surfaces) if which in self.starting or look.falls(which, soon))
-        return next(met, None) is not None
+        return any(which in self.starting or look.falls(which, soon) for which in range(self.surfaces))
 
     def _rootless(self, state: DriverState) -> Verdict | None:
         """Return the end of the run at a square root that becomes zero where the state is, or None."""
@@ -341,6 +340,10 @@ class Watch(Record):
         found = []
         for m in met:
             g = self._look(state).near[:, m.which]
+            if clear(g):  # The event jumps: it came to zero on one side of the surface, and is elsewhere on the other.
+                self.relay[m.which], self.starting = Side(int(np.sign(g[0]))), self.starting - {m.which}
+                found += [m] * (not self._is_root(m.which))
+                continue
             after = leaving(g)[0]
             if self._is_root(m.which) and g[0] > 0 and not g[1:].any():
                 # The branch in which the root stands ends here, and the motion goes on in another.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from typing import Any
 
 import pytest
@@ -89,6 +90,30 @@ def test_a_surface_and_its_negative_are_one() -> None:
     p.check(p.call("min", p.x, p.y) + 2 * p.call("max", p.x, p.y), 1)
     p.check(p.call("sign", p.x - p.y) * p.call("abs", p.y - p.x), 1)
     p.check(p.graph.piecewise([(p.call("less", p.x, p.y), p.v)], p.call("max", p.y, p.x)), 1)
+
+
+def test_the_cut_of_an_angle_is_a_surface() -> None:
+    """At order 0 on y = 0 it has the limit from the side; an x that is a positive number has no cut."""
+    p = Place()
+    angle = p.call("atan2", p.y, p.x)
+    found = p.check(angle + p.call("sign", angle), 2)
+    assert found.expressions[0] is p.y
+    (start,) = (found.starts[node] for node in found.starts)
+    for state in ([-1.0, 1e-17, 0, 0, 0, 1], [-1.0, -1e-17, 0, 0, 0, 1], [-1.0, 0.0, 0, 0, 0, 1]):
+        for side, limit in ((1.0, math.pi), (-1.0, -math.pi), (0.0, math.pi)):
+            assert p.values([start], state, list(found.sides), [side, 0.0]) == [limit]
+    p.check(p.call("atan2", p.y, 2), 0)
+    p.check(p.call("atan2", p.y, -2), 1)
+    p.check(p.call("atan2", p.c, p.x), 0)
+
+
+def test_the_angle_of_an_event_has_no_surface() -> None:
+    """Unless the equations have it too, or a switch asks for its sign."""
+    p = Place()
+    angle = p.call("atan2", p.y, p.x)
+    assert not switch(p.graph, [p.v], [angle - 3]).surfaces
+    assert len(switch(p.graph, [p.v + angle], [angle - 3]).surfaces) == 1
+    assert len(switch(p.graph, [p.v], [p.call("abs", angle) - 3]).surfaces) == 2
 
 
 def test_what_depends_on_parameters_alone_stays() -> None:
