@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 from lagrange.graph.branches import Domains, either, read_when, where_read
 from lagrange.graph.functions import CONDITIONS
-from lagrange.graph.node import Binding, Graph, Kind, Node, reachable
+from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, reachable
 from lagrange.graph.rebuild import rebuild
 
 SWITCHES = frozenset(("abs", "sign", "min", "max", "less", "less_equal", "equal"))
@@ -131,10 +131,39 @@ class _Switches:
         return graph.piecewise([(graph.call("less_equal", side, graph.zero), first)], second)
 
 
-def _with_sides(outputs: Sequence[Node], count: int) -> frozenset[Node]:
-    """Return the nodes that must not jump within a step: those of the first outputs and of every switch."""
-    switches = [node for node in reachable(outputs) if node.kind is Kind.CALL and node.data in SWITCHES]
-    return frozenset(reachable([*outputs[:count], *switches]))
+def _with_sides(outputs: Sequence[Node], count: int) -> Mapping[Node, None]:
+    """Return the nodes that must not jump within a step: those of the first outputs and of every switch.
+
+    What stands only in sin(3*atan2(y, x)) may jump by 2 pi.
+    """
+    found: dict[Node, None] = {}
+    waiting = [*outputs[:count]]
+    waiting += [node for node in reachable(outputs) if node.kind is Kind.CALL and node.data in SWITCHES]
+    while waiting:
+        node = waiting.pop()
+        if node not in found:
+            found[node] = None
+            for arg in node.args:
+                waiting += _without_turns(arg) if _is_periodic(node) else [arg]
+    return found
+
+
+def _is_periodic(node: Node) -> bool:
+    return node.kind is Kind.CALL and node.data in ("sin", "cos", "tan")
+
+
+def _without_turns(a: Node) -> list[Node]:
+    """Return what a is computed from by sums; of an angle that is taken a whole number of times, its arguments."""
+    found: list[Node] = []
+    terms: list[tuple[Exact, Node]] = [(1, a)]
+    while terms:
+        times, term = terms.pop()
+        if term.kind is Kind.SUM:
+            terms += [(times * inner, arg) for inner, arg in zip(term.data[1], term.args, strict=True)]
+        else:
+            whole = isinstance(times, int) and term.kind is Kind.CALL and term.data == "atan2"
+            found += term.args if whole else [term]
+    return found
 
 
 def _has_cut(node: Node) -> bool:

@@ -116,6 +116,19 @@ def test_the_angle_of_an_event_has_no_surface() -> None:
     assert len(switch(p.graph, [p.v], [p.call("abs", angle) - 3]).surfaces) == 2
 
 
+def test_a_whole_turn_within_a_period_needs_no_surface() -> None:
+    """cos(3 a) is smooth where a jumps by 2 pi; cos(a / 2), cos(c a) and an angle beside it are not."""
+    p = Place()
+    angle = p.call("atan2", p.y, p.x)
+    for name, smooth in itertools.product(("sin", "cos", "tan"), (3 * angle, angle, p.t - 2 * angle + 1, -angle)):
+        assert not switch(p.graph, [p.call(name, smooth) * p.v]).surfaces
+    for jumping in (angle / 2, angle * p.c, angle * p.v, angle**2, p.call("abs", angle)):
+        assert switch(p.graph, [p.call("cos", jumping)]).surfaces[0] is p.y
+    assert len(switch(p.graph, [p.call("sin", 3 * angle) * angle]).surfaces) == 1
+    inner = p.call("atan2", p.call("atan2", p.y, p.x), p.x)
+    assert len(switch(p.graph, [p.call("cos", inner)]).surfaces) == 1
+
+
 def test_what_depends_on_parameters_alone_stays() -> None:
     p = Place()
     node = p.call("abs", p.c) * p.x + p.graph.piecewise([(p.call("less", p.c, 0), p.v)], p.w)

@@ -148,3 +148,16 @@ def test_an_event_that_jumps_on_the_surface_on_which_it_is_zero() -> None:
     turning = particle(-x + ANGLE / 10, -y)
     found = go(turning, 20.0, [ANGLE - sp.pi], initial={x: -1.0, y: 0.5, y.dot: -1.0})
     assert len(found.t_events[0]) and (np.diff(found.t_events[0]) > 6).all()
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_potential_that_is_periodic_in_the_angle_is_smooth(target: str) -> None:
+    """cos(3 a) has no cut: no step ends on y = 0, and the motion is that of its polynomial in x and y."""
+    r2 = x**2 + y**2
+    circle = {x: 1.0, y.dot: 1.1}
+    ends = []
+    for wave in (sp.cos(3 * ANGLE), (x**3 - 3 * x * y**2) / sp.sqrt(r2) ** 3):
+        model = particle(target=target, potential=wave / 30 - 1 / sp.sqrt(r2))
+        assert model.series()[0].program.sides == 0
+        ends.append(go(model, 10.0, initial=circle, rtol=1e-12).y[:, -1])
+    assert ends[0] == pytest.approx(ends[1], abs=1e-9)
