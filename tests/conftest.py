@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import os
+import signal
 
 import hypothesis
 import matplotlib as mpl
 
 mpl.use("Agg")
+
+# A shell that starts the tests in the background lets them ignore Ctrl-C; what is tested is what a terminal does.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Deadlines measure the machine, not the code: the first call of a kernel compiles it.
 hypothesis.settings.register_profile("here", deadline=None)
