@@ -144,8 +144,14 @@ class TaylorPlan:
 
 
 def _roots(model: Model, events: tuple[Node, ...]) -> Mapping[Node, Node]:
-    """Return the square roots to be watched, those of the equations and of the events, with what is under each."""
-    return {**model.square_roots, **model.roots_in(events)} if events else model.square_roots
+    """Return the square roots to be watched, those of the equations and of the events, with what is under each.
+
+    An event that is a root itself is watched as the event.
+    """
+    if not events:
+        return model.square_roots
+    inside = {root: base for root, base in model.roots_in(events).items() if root not in events}
+    return {**model.square_roots, **inside}
 
 
 def watched_names(problem: Problem) -> list[str]:
