@@ -9,19 +9,12 @@ import stat
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import BinaryIO
 
 from lagrange.errors import RunError, StatementError, shown
 from lagrange.show.temporary import abandoned, lock, locked, sync_folder, uninterrupted
-from lagrange.statement.number import whole_number
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _FULL = {errno.ENOSPC: "the disk is full", errno.EDQUOT: "the disk quota is used up", errno.EFBIG: "it is too large"}
-
-LEAST_DPI, MOST_DPI = 10, 1200
-"""Dots per inch of a picture: no letter can be drawn with fewer; drawing with more takes over a gigabyte of memory."""
 
 _ROWS_AT_ONCE = 4096
 
@@ -48,12 +41,6 @@ def write_rows(file: BinaryIO, names: Sequence[str], columns: Sequence[Iterable[
     lines = _lines(names, columns)
     while block := list(islice(lines, _ROWS_AT_ONCE)):
         file.write("".join(block).encode())
-
-
-def picture(figure: Figure, dpi: int = 150) -> Write:
-    """Return what writes a figure as PNG."""
-    dpi = whole_number(dpi, "dpi", LEAST_DPI, MOST_DPI)
-    return lambda file: figure.savefig(file, format="png", dpi=dpi)
 
 
 def cell(value: object) -> str:

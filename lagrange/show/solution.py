@@ -21,7 +21,8 @@ from lagrange.errors import LagrangeError, RunError, StatementError, listing, sh
 from lagrange.evidence.stiffness import Stiffness, stiffness
 from lagrange.machine.model import Model
 from lagrange.show.drift import EnergyDrift, energy_drift
-from lagrange.show.files import Write, picture, write_atomically, write_rows
+from lagrange.show.files import Write, write_atomically, write_rows
+from lagrange.show.picture import picture
 from lagrange.show.plot import plot
 from lagrange.show.table import text_table
 from lagrange.show.transaction import write_together
