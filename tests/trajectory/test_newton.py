@@ -205,7 +205,10 @@ def test_a_force_without_a_value_is_no_number(name: str, force: Any, target: str
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", EQUAL)
 def test_newton_does_not_leap_to_another_root(name: str, target: str) -> None:
-    """v' = v^2 and x'' = 6x^2 have a pole at t = 1, and the mass x^2 vanishes at x = 0, which is met at t = 0.5."""
+    """v' = v^2 and x'' = 6x^2 have a pole at t = 1, and the mass x^2 vanishes at x = 0, which is met at t = 0.5.
+
+    A step may end so close to x = 0 that the mass matrix is singular there; the last digits decide.
+    """
     pole = build(target, kinetic=x.dot**2 / 2, forces={x: x.dot**2}, initial={x: 0.0, x.dot: 1.0})
     double = build(target, kinetic=x.dot**2 / 2, forces={x: 6 * x**2}, initial={x: 1.0, x.dot: 2.0})
     shrinking = build(target, kinetic=x**2 * x.dot**2 / 2, initial={x: 1.0, x.dot: -1.0})
@@ -213,7 +216,8 @@ def test_newton_does_not_leap_to_another_root(name: str, target: str) -> None:
         if compiled is double and name == "variational-trapezoid":
             continue  # Its equations are linear here, as Verlet's: they have one root.
         found = run(compiled, 3.0, name, step=step)
-        assert found.status is Status.DIVERGED, found.message
+        singular = (Status.SINGULAR,) if compiled is shrinking else ()
+        assert found.status in (Status.DIVERGED, *singular), found.message
         assert 0.9 * end <= found.t[-1] <= end and np.abs(found.y).max() < 3e6
 
 

@@ -170,6 +170,7 @@ def test_threads_do_not_disturb_each_other(method: CVODE, capfd: Any) -> None:
     before = sys.stdout
     for thread in threads:
         thread.start()
+    sys.stdout.write("x")
     while any(thread.is_alive() for thread in threads):
         sys.stdout.write("x")
     for thread in threads:
