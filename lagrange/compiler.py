@@ -23,7 +23,7 @@ from lagrange.machine.model import Model
 from lagrange.statement.choice import one_of
 from lagrange.statement.statement import Statement
 
-MACHINES = {"llvm": "lagrange.machine.llvm.machine:LlvmMachine", "numpy": "lagrange.machine.numpy:NumpyMachine"}
+MACHINES = {"llvm": "lagrange.machine.llvm_machine:LlvmMachine", "numpy": "lagrange.machine.numpy_machine:NumpyMachine"}
 """Every target by name. A machine is imported when it is first asked for: numpy runs where llvmlite is missing."""
 
 

@@ -6,7 +6,8 @@ The classes of SciPy's solvers carry its name: `lg.methods.ScipyRadau(max_step=0
 
 from lagrange.evidence.stability import Stability, growth, stability
 from lagrange.show.stability_plot import plot_stability
-from lagrange.trajectory.methods import scipy_solvers
+from lagrange.trajectory.foreign import scipy_solvers
+from lagrange.trajectory.foreign.sundials import CVODE
 from lagrange.trajectory.methods.explicit import (
     BS3,
     DOP853,
@@ -33,7 +34,6 @@ from lagrange.trajectory.methods.implicit import (
 from lagrange.trajectory.methods.own import StepMethod, step_method
 from lagrange.trajectory.methods.radau import Radau3, Radau5
 from lagrange.trajectory.methods.registry import names, register, table
-from lagrange.trajectory.methods.runge_kutta import ButcherTableau
 from lagrange.trajectory.methods.splitting import (
     Composition8,
     ForestRuth4,
@@ -47,7 +47,6 @@ from lagrange.trajectory.methods.splitting import (
     Yoshida6,
     composition,
 )
-from lagrange.trajectory.methods.sundials import CVODE
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.methods.variational import (
     DiscreteGradient,
@@ -56,6 +55,7 @@ from lagrange.trajectory.methods.variational import (
     VariationalMidpoint,
     VariationalTrapezoid,
 )
+from lagrange.trajectory.tableaux.butcher import ButcherTableau
 
 ScipyRK45 = scipy_solvers.RK45
 ScipyRK23 = scipy_solvers.RK23

@@ -12,8 +12,8 @@ import sympy as sp
 
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange
 from lagrange.evidence.precise import Precise
-from lagrange.machine.arithmetic import Arithmetic
-from lagrange.machine.jet import Jet
+from lagrange.machine.kernel.arithmetic import Arithmetic
+from lagrange.machine.series.interpreted_jet import Jet
 from lagrange.program.series import SeriesProgram
 from lagrange.program.switching import switch
 from lagrange.program.taylor import assemblies, series_program

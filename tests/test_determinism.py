@@ -14,8 +14,8 @@ from sympy import Abs, Max, Min, Piecewise, cos
 
 import lagrange as lg
 from lagrange.equations.euler_lagrange import euler_lagrange
-from lagrange.machine.llvm.driver import driver_ir
-from lagrange.machine.llvm.kernel import column_module, scalar_module
+from lagrange.machine.kernel.llvm_text import column_module, scalar_module
+from lagrange.machine.steps.llvm_driver import driver_ir
 from lagrange.program.catalogue import QUANTITIES, program_of
 from lagrange.trajectory.methods.explicit import DOP853, RK4
 from lagrange.trajectory.methods.explicit import runge_kutta_step as step_of

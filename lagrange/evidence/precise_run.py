@@ -33,7 +33,7 @@ from lagrange.evidence.operations import OutsideDomain
 from lagrange.evidence.precise import Precise
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
-from lagrange.machine.numpy import NumpyMachine
+from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.statement.statement import Statement
 
 Improvement = Callable[[FloatArray], FloatArray]

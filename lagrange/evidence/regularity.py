@@ -7,7 +7,7 @@ import numpy as np
 from lagrange.equations.euler_lagrange import Equations, no_inertia
 from lagrange.errors import StatementError
 from lagrange.machine.backend import FloatArray
-from lagrange.machine.numpy import NumpyMachine
+from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.program.catalogue import program_of
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.inertia import motion_along

@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.errors import StatementError
 from lagrange.machine.model import Model
-from lagrange.machine.numpy import NumpyMachine
-from lagrange.machine.numpy_newton import numbers_of
+from lagrange.machine.numpy_machine import NumpyMachine
+from lagrange.machine.steps.interpreted_newton import numbers_of
 from lagrange.program.actions import LAWS, Call, Combination, Solve
 from lagrange.program.step import StepProgram
 from lagrange.statement.coordinate import coordinate

@@ -12,12 +12,12 @@ import numpy as np
 
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.model import Model
-from lagrange.machine.numpy import NumpyMachine
+from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.program.catalogue import program_of
-from lagrange.trajectory.dense import RungeKuttaPath
 from lagrange.trajectory.messages import number
-from lagrange.trajectory.methods.runge_kutta import ButcherTableau
-from lagrange.trajectory.series_path import SeriesPath
+from lagrange.trajectory.paths.series import SeriesPath
+from lagrange.trajectory.paths.step_paths import RungeKuttaPath
+from lagrange.trajectory.tableaux.butcher import ButcherTableau
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 LOOKS = 20

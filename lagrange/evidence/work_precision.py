@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import LagrangeError, RunError, StatementError, listing, shown
+from lagrange.evidence.reference_solution import Truth, truth
 from lagrange.evidence.sensitivity import Sensitivity, sensitivity
-from lagrange.evidence.truth import Truth, truth
 from lagrange.machine.model import Model
 from lagrange.statement.expression import entries
 from lagrange.statement.number import flag, real_number, whole_number

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.errors import RunError
-from lagrange.machine.driver import DriverState, Outcome
+from lagrange.machine.state import DriverState, Outcome
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
 from lagrange.program.step import StepProgram

@@ -16,7 +16,7 @@ from lagrange.errors import RunError, StatementError, listing, shown
 from lagrange.graph.branches import either, read_when, where_read
 from lagrange.graph.node import Binding, Kind, Node, reachable
 from lagrange.machine.backend import FloatArray, Kernel, Machine, Series, SingularMassMatrix
-from lagrange.machine.numpy import NumpyMachine
+from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.program.catalogue import QUANTITIES, lower_nodes, program_of
 from lagrange.program.switching import Switched
 from lagrange.program.taylor import series_program

@@ -8,14 +8,14 @@ from functools import partial
 import numpy as np
 
 from lagrange.machine.backend import Driver, SingularMassMatrix
-from lagrange.machine.driver import DriverState, Outcome
+from lagrange.machine.state import DriverState, Outcome
+from lagrange.trajectory.events.ending import Verdict
 from lagrange.trajectory.inertia import lost_inertia
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.limits import compiled_late, memory_limit
 from lagrange.trajectory.messages import message, small_state, unsolved
 from lagrange.trajectory.plan import Plan, Watcher
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
-from lagrange.trajectory.verdict import Verdict
 
 BURST = 0.02
 """Seconds of steps between two looks at the clock, the step limit and Ctrl-C."""

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 
 from lagrange.errors import RunError, StatementError, shown
 from lagrange.machine.backend import Driver
-from lagrange.machine.driver import DriverState, Outcome
 from lagrange.machine.model import Model
+from lagrange.machine.state import DriverState, Outcome
 from lagrange.statement.number import real_array, real_number
 from lagrange.trajectory.driver import LARGEST_BURST
 from lagrange.trajectory.integrate import step_limit

@@ -11,17 +11,17 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from lagrange.machine.backend import Driver, SingularMassMatrix
-from lagrange.machine.control import AFTER_BROKEN
-from lagrange.machine.driver import DriverState
 from lagrange.machine.model import Model
+from lagrange.machine.state import DriverState
+from lagrange.machine.steps.control_constants import AFTER_BROKEN
 from lagrange.program.actions import LAWS
 from lagrange.program.step import StepProgram
-from lagrange.trajectory.dense import StepPath
+from lagrange.trajectory.events.ending import Verdict
+from lagrange.trajectory.events.step_watch import StepWatch
 from lagrange.trajectory.integrator import Claims, Integrator, Problem
-from lagrange.trajectory.piecewise import PiecewisePath
-from lagrange.trajectory.step_watch import StepWatch
+from lagrange.trajectory.paths.piecewise import PiecewisePath
+from lagrange.trajectory.paths.step_paths import StepPath
 from lagrange.trajectory.trajectory import FloatArray
-from lagrange.trajectory.verdict import Verdict
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ import pytest
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.evidence.check import check
 from lagrange.evidence.quick import quick_check
-from lagrange.machine.llvm.machine import LlvmMachine
+from lagrange.machine.llvm_machine import LlvmMachine
 from lagrange.machine.model import Model
-from lagrange.machine.numpy import NumpyMachine
+from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.statement.statement import Statement
 from tests.evidence import statements
 

@@ -12,11 +12,11 @@ import lagrange as lg
 from lagrange.evidence import stiffness
 from lagrange.evidence.stiffness import stability_limit, stability_polynomial, taylor_polynomial
 from lagrange.statement.scene import library
-from lagrange.trajectory.methods import classical
-from lagrange.trajectory.methods.dop853 import DOP853
-from lagrange.trajectory.methods.dopri5 import DOPRI5
 from lagrange.trajectory.methods.explicit import RungeKutta
-from lagrange.trajectory.methods.runge_kutta import ButcherTableau, ErrorEstimate, row
+from lagrange.trajectory.tableaux import classical
+from lagrange.trajectory.tableaux.butcher import ButcherTableau, ErrorEstimate, row
+from lagrange.trajectory.tableaux.dop853 import DOP853
+from lagrange.trajectory.tableaux.dopri5 import DOPRI5
 
 BOGACKI_SHAMPINE = ButcherTableau(
     name="bogacki-shampine",

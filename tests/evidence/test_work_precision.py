@@ -12,7 +12,7 @@ from sympy import exp, sign
 
 import lagrange as lg
 from lagrange.errors import RunError, StatementError
-from lagrange.evidence import truth, work_precision
+from lagrange.evidence import reference_solution, work_precision
 from lagrange.evidence.sensitivity import sensitivity
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.registry import find
@@ -219,7 +219,7 @@ def test_a_system_that_no_digits_follow_points_to_another_reference() -> None:
 
 
 def test_the_reference_has_a_time_limit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(truth, "LONGEST", 1e-9)
+    monkeypatch.setattr(reference_solution, "LONGEST", 1e-9)
     with pytest.raises(RunError, match="time limit"):
         race()
 

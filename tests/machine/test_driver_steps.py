@@ -17,8 +17,8 @@ import sympy as sp
 
 from lagrange.compiler import machine
 from lagrange.equations.euler_lagrange import euler_lagrange
-from lagrange.machine.driver import DriverState, Outcome
 from lagrange.machine.model import Model
+from lagrange.machine.state import DriverState, Outcome
 from lagrange.program.step import Control, StepProgram, trace
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement

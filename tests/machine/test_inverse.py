@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lagrange.machine.llvm.address import address
 from lagrange.machine.llvm.engine import inversion
-from lagrange.machine.llvm.memory import address
 from lagrange.procedure.linear.inverse import padded, work_size
 from tests.machine.matrices import REGULAR, SINGULAR, Matrix, indefinite, positive, scaled
 

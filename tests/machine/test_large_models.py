@@ -16,11 +16,11 @@ from lagrange.graph import rebuild as rebuilding
 from lagrange.graph.node import Node
 from lagrange.machine.llvm.emitter import MOST_ACCESSES, Emitter
 from lagrange.machine.llvm.engine import lanes
-from lagrange.machine.llvm.packing import pack
-from lagrange.machine.llvm.taylor import CompiledJet
-from lagrange.machine.llvm.taylor_jet import INLINE_ANGLES
 from lagrange.machine.model import Model
-from lagrange.machine.numpy_taylor import NumpySeries
+from lagrange.machine.series.interpreted_driver import NumpySeries
+from lagrange.machine.series.llvm_driver import CompiledJet
+from lagrange.machine.series.llvm_jet import INLINE_ANGLES
+from lagrange.machine.series.packing import pack
 from lagrange.program.taylor import series_program
 
 

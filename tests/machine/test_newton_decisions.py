@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lagrange.machine.driver import Outcome
-from lagrange.machine.newton import (
+from lagrange.machine.state import Outcome
+from lagrange.machine.steps.interpreted_newton import Failure, Newton, Record
+from lagrange.machine.steps.newton_constants import (
     AGING,
     FRACTION,
     FRESH_RATE,
@@ -29,7 +30,6 @@ from lagrange.machine.newton import (
     STALLED_RATE,
     TURNS,
 )
-from lagrange.machine.numpy_newton import Failure, Newton, Record
 from lagrange.program.step import Control, trace
 
 FRESH, FAR = 1, 100

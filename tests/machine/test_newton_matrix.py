@@ -20,9 +20,9 @@ import pytest
 import sympy as sp
 
 from lagrange.machine.backend import FloatArray
-from lagrange.machine.driver import DriverState
 from lagrange.machine.model import Model
-from lagrange.machine.newton import LEAST_ROUND_OFF, ROUND_OFF, Kept
+from lagrange.machine.state import DriverState
+from lagrange.machine.steps.newton_constants import LEAST_ROUND_OFF, ROUND_OFF, Kept
 from lagrange.program.actions import LAWS
 from lagrange.program.step import Control
 from lagrange.statement.coordinate import coordinate, t

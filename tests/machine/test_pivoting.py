@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from lagrange.machine.backend import FloatArray
+from lagrange.machine.llvm.address import address
 from lagrange.machine.llvm.engine import Module
-from lagrange.machine.llvm.memory import address
 from lagrange.machine.llvm.procedures import module as printed
 from lagrange.procedure.linear.gauss_jordan import WRITTEN_OUT, inversion, row_stride
 

@@ -15,16 +15,16 @@ from hypothesis import strategies as st
 from lagrange.compiler import machine
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine.backend import SingularMassMatrix
-from lagrange.machine.llvm.memory import address
-from lagrange.machine.llvm.packing import Packing, pack
-from lagrange.machine.llvm.taylor import CompiledJet, LlvmSeries
-from lagrange.machine.numpy_taylor import NumpySeries
+from lagrange.machine.llvm.address import address
+from lagrange.machine.series.interpreted_driver import NumpySeries
+from lagrange.machine.series.llvm_driver import CompiledJet, LlvmSeries
+from lagrange.machine.series.packing import Packing, pack
 from lagrange.program.catalogue import program_of
 from lagrange.program.series import RULES, SeriesProgram
 from lagrange.program.taylor import series_program
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
-from lagrange.trajectory.sides import stated_sides
+from lagrange.trajectory.events.surfaces import stated_sides
 from tests.laws.test_random_systems import bent_energies, functions_of, kinetic_energies, potentials
 from tests.models import TARGETS, k, stated, x, y
 from tests.series import NUMBER, jet, numbers

@@ -14,10 +14,10 @@ import pytest
 import sympy as sp
 
 from lagrange.equations.euler_lagrange import euler_lagrange
-from lagrange.machine.driver import DriverState, Outcome
-from lagrange.machine.llvm.packing import pack
-from lagrange.machine.llvm.taylor import CompiledJet, LlvmTaylorDriver
-from lagrange.machine.numpy_taylor import NumpySeries
+from lagrange.machine.series.interpreted_driver import NumpySeries
+from lagrange.machine.series.llvm_driver import CompiledJet, LlvmTaylorDriver
+from lagrange.machine.series.packing import pack
+from lagrange.machine.state import DriverState, Outcome
 from lagrange.program.taylor import series_program
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement

@@ -11,7 +11,7 @@ from sympy import cos, exp
 
 from lagrange.compiler import machine
 from lagrange.equations.euler_lagrange import euler_lagrange
-from lagrange.machine.numpy_taylor import NumpySeries
+from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.program.catalogue import program_of
 from lagrange.program.taylor import series_program
 from lagrange.statement.coordinate import t

@@ -17,7 +17,7 @@ from lagrange.errors import StatementError
 from lagrange.graph.differentiate import gradient
 from lagrange.graph.functions import FUNCTIONS
 from lagrange.graph.node import Binding, Graph, Node
-from lagrange.machine.numpy import NumpyMachine
+from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.program.lower import lower
 from lagrange.program.program import Program
 from tests.graph.trees import SYMBOLS, Forms, evaluate, expressions, new_graph

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from lagrange.errors import LagrangeError
-from lagrange.machine.arithmetic import OPERATIONS
+from lagrange.machine.kernel.arithmetic import OPERATIONS
 from lagrange.machine.llvm.spelling import LIBRARY, SPELLED
 from lagrange.program.program import ARITY, Instruction, Program
 

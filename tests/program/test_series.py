@@ -16,7 +16,7 @@ from lagrange.errors import LagrangeError, StatementError
 from lagrange.graph.functions import FUNCTIONS
 from lagrange.graph.node import Binding, Graph
 from lagrange.machine.backend import SingularMassMatrix
-from lagrange.machine.jet import COEFFICIENT
+from lagrange.machine.series.interpreted_jet import COEFFICIENT
 from lagrange.program.function_rules import FUNCTION_RULES
 from lagrange.program.recurrence import Builder
 from lagrange.program.series import RULES, Rule, SeriesProgram

@@ -16,13 +16,13 @@ from lagrange.graph.node import Node
 from lagrange.graph.to_sympy import to_sympy
 from lagrange.program.recorder import Vector
 from lagrange.program.step import Control, StepProgram, trace
-from lagrange.trajectory.methods.classical import EULER, MIDPOINT, RK4
-from lagrange.trajectory.methods.dop853 import DOP853
-from lagrange.trajectory.methods.dopri5 import DOPRI5
 from lagrange.trajectory.methods.explicit import runge_kutta_step
 from lagrange.trajectory.methods.implicit import backward_euler, bdf2
 from lagrange.trajectory.methods.splitting import SymplecticEuler, VelocityVerlet, splitting_step
 from lagrange.trajectory.methods.variational import variational_midpoint
+from lagrange.trajectory.tableaux.classical import EULER, MIDPOINT, RK4
+from lagrange.trajectory.tableaux.dop853 import DOP853
+from lagrange.trajectory.tableaux.dopri5 import DOPRI5
 
 STEPS = {
     **{tableau.name: runge_kutta_step(tableau) for tableau in (EULER, MIDPOINT, RK4, DOPRI5, DOP853)},

@@ -11,7 +11,7 @@ import sympy as sp
 
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.graph.node import Binding, Graph, Kind, Node, reachable
-from lagrange.machine.arithmetic import FLOATS
+from lagrange.machine.kernel.arithmetic import FLOATS
 from lagrange.program.lower import lower
 from lagrange.program.switching import SWITCHES, Switched, switch
 from lagrange.program.taylor import series_program

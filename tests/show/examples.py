@@ -8,7 +8,7 @@ import numpy as np
 
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine.model import Model
-from lagrange.machine.numpy import NumpyMachine
+from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.show.solution import Solution
 from lagrange.statement.coordinate import coordinate, parameters
 from lagrange.statement.declare import declare

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from lagrange.errors import StatementError
+from lagrange.evidence.reference_solution import Truth
 from lagrange.evidence.sensitivity import Sensitivity
-from lagrange.evidence.truth import Truth
 from lagrange.evidence.work_precision import Entry, Result
 from lagrange.show.race import COLUMNS, Race
 

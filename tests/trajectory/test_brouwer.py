@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from lagrange.machine.driver import DriverState, Outcome
 from lagrange.machine.model import Model
+from lagrange.machine.state import DriverState, Outcome
 from lagrange.program.actions import in_doubles
 from lagrange.trajectory.integrator import Problem
 from tests.models import build, theta, x, y

@@ -12,12 +12,12 @@ import sympy as sp
 
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import t
-from lagrange.trajectory.dense import HermitePath
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.methods.dopri5 import DOPRI5
 from lagrange.trajectory.methods.explicit import RungeKutta
 from lagrange.trajectory.methods.radau import PATHS
 from lagrange.trajectory.methods.registry import find
+from lagrange.trajectory.paths.step_paths import HermitePath
+from lagrange.trajectory.tableaux.dopri5 import DOPRI5
 from lagrange.trajectory.trajectory import FloatArray, Status
 from tests.models import TARGETS, VALUES, build, g, k, l, m, model, x, z
 from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, STEPPED, exact, run, stepped

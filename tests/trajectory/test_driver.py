@@ -10,8 +10,8 @@ import pytest
 import sympy as sp
 
 from lagrange.errors import StatementError
-from lagrange.machine.driver import DriverState, Outcome
-from lagrange.machine.numpy_taylor import NumpySeries
+from lagrange.machine.series.interpreted_driver import NumpySeries
+from lagrange.machine.state import DriverState, Outcome
 from lagrange.statement.coordinate import t
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import find

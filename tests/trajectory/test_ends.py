@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from lagrange.machine.driver import Outcome
 from lagrange.machine.model import Model
+from lagrange.machine.state import Outcome
 from lagrange.statement.coordinate import t
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import find

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lagrange.trajectory.methods.gauss import BITS, collocation_tableau, gauss_tableau, lagrange_basis
+from lagrange.trajectory.tableaux.gauss import BITS, collocation_tableau, gauss_tableau, lagrange_basis
 
 CLOSE = Fraction(1, 2 ** (BITS - 10))
 """Some thousand roundings to so many bits."""

@@ -10,9 +10,9 @@ import pytest
 from sympy import Abs, Rational, sign, sqrt
 
 import lagrange as lg
-from lagrange.machine.driver import DriverState
+from lagrange.machine.state import DriverState
+from lagrange.trajectory.events.nonanalytic_points import Leaps
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.leap import Leaps
 from lagrange.trajectory.methods.registry import find
 
 G, C = 9.81, 0.1

@@ -12,10 +12,10 @@ import scipy.integrate
 
 from lagrange.machine.model import Model
 from lagrange.trajectory.methods.registry import find
-from lagrange.trajectory.methods.runge_kutta import ButcherTableau
 from lagrange.trajectory.methods.splitting import KAHAN_LI, YOSHIDA6
-from lagrange.trajectory.methods.tsit5 import TSIT5
-from lagrange.trajectory.methods.verner9 import verner9
+from lagrange.trajectory.tableaux.butcher import ButcherTableau
+from lagrange.trajectory.tableaux.tsit5 import TSIT5
+from lagrange.trajectory.tableaux.verner9 import verner9
 from tests.models import TARGETS, build, k, m, model, x, y
 from tests.trajectory.runs import ADAPTIVE, SPLITTINGS, STEPPED, exact, run, stepped
 

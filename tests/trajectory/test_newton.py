@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from lagrange.machine.driver import DriverState, Outcome
 from lagrange.machine.model import Model
+from lagrange.machine.state import DriverState, Outcome
 from lagrange.statement.coordinate import coordinates, t
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.implicit import ImplicitMethod

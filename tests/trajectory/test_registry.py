@@ -12,7 +12,7 @@ import pytest
 
 import lagrange.methods
 from lagrange.errors import StatementError
-from lagrange.machine.taylor import HIGHEST, LOWEST
+from lagrange.machine.series.constants import HIGHEST, LOWEST
 from lagrange.statement.coordinate import t
 from lagrange.trajectory.integrator import Claims, Integrator
 from lagrange.trajectory.methods import registry
@@ -97,7 +97,7 @@ def test_the_table_of_methods() -> None:
 
 
 def test_a_method_without_its_package_is_listed_and_refused_when_it_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    entry = EntryPoint("cvode", "lagrange.trajectory.methods.sundials:CVODE", GROUP)
+    entry = EntryPoint("cvode", "lagrange.trajectory.foreign.sundials:CVODE", GROUP)
     monkeypatch.setattr(registry, "_offered", lambda: {"cvode": entry})
     monkeypatch.setitem(sys.modules, "sksundae", None)
     assert "cvode" in names() and find("cvode").claims == Claims(order=5, adaptive=True, explicit=False, events=True)

@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from lagrange.trajectory.roots import Root, Side, may_vanish, roots
+from lagrange.trajectory.events.roots import Root, Side, may_vanish, roots
 from lagrange.trajectory.trajectory import FloatArray
 
 EPSILON = 2.0**-52

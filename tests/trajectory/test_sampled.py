@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from lagrange.trajectory.sampled import Piece, SampledPath
+from lagrange.trajectory.paths.sampled import Piece, SampledPath
 from lagrange.trajectory.trajectory import FloatArray
 
 

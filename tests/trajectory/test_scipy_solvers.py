@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from lagrange.errors import StatementError
-from lagrange.trajectory.methods.scipy_solvers import BDF, DOP853, LSODA, RK23, RK45, Radau
+from lagrange.trajectory.foreign.scipy_solvers import BDF, DOP853, LSODA, RK23, RK45, Radau
 from lagrange.trajectory.trajectory import Status
 from tests.trajectory.points import (
     oscillator,

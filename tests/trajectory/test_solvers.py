@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from lagrange.errors import StatementError
+from lagrange.trajectory.foreign.sundials import CVODE
 from lagrange.trajectory.methods.registry import find
-from lagrange.trajectory.methods.sundials import CVODE
 from lagrange.trajectory.trajectory import Status
 from tests.trajectory.points import (
     Singular,

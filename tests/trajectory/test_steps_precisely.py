@@ -18,7 +18,7 @@ from lagrange.program.step import StepProgram
 from lagrange.statement.coordinate import t
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import find
-from lagrange.trajectory.methods.verner9 import MATRIX, B
+from lagrange.trajectory.tableaux.verner9 import MATRIX, B
 from tests.models import SYSTEMS, TARGETS, build, laws, model, phi, theta
 from tests.trajectory.precisely import (
     DIGITS,

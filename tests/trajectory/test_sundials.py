@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from lagrange.trajectory.methods.sundials import CVODE
+from lagrange.trajectory.foreign.sundials import CVODE
 from lagrange.trajectory.trajectory import Status
 from tests.models import model
 from tests.trajectory.points import (

@@ -14,14 +14,14 @@ import pytest
 import scipy.integrate
 
 from lagrange.errors import StatementError
-from lagrange.trajectory.methods.classical import BS3, EULER, HEUN, MIDPOINT, RK4
-from lagrange.trajectory.methods.dop853 import DOP853
-from lagrange.trajectory.methods.dopri5 import DOPRI5
 from lagrange.trajectory.methods.explicit import runge_kutta_step
-from lagrange.trajectory.methods.rooted_trees import density, formula, size, trees
-from lagrange.trajectory.methods.runge_kutta import HIGHEST, ButcherTableau, DenseOutput, ErrorEstimate, row, rows
-from lagrange.trajectory.methods.tsit5 import TSIT5
-from lagrange.trajectory.methods.verner9 import verner9
+from lagrange.trajectory.tableaux.butcher import HIGHEST, ButcherTableau, DenseOutput, ErrorEstimate, row, rows
+from lagrange.trajectory.tableaux.classical import BS3, EULER, HEUN, MIDPOINT, RK4
+from lagrange.trajectory.tableaux.dop853 import DOP853
+from lagrange.trajectory.tableaux.dopri5 import DOPRI5
+from lagrange.trajectory.tableaux.rooted_trees import density, formula, size, trees
+from lagrange.trajectory.tableaux.tsit5 import TSIT5
+from lagrange.trajectory.tableaux.verner9 import verner9
 
 ALL = (EULER, HEUN, MIDPOINT, RK4, BS3, DOPRI5, TSIT5, DOP853, verner9())
 Rhs = Callable[[float, Any], Any]

@@ -17,15 +17,15 @@ from lagrange.program.step import Control, StepProgram, trace
 from lagrange.statement.choice import text
 from lagrange.statement.expression import MOST_ENTRIES, entries
 from lagrange.statement.number import whole_number
-from lagrange.trajectory.dense import RungeKuttaPath, StepPath, hermite_path
 from lagrange.trajectory.driver import drive
 from lagrange.trajectory.integrator import Claims, Problem
-from lagrange.trajectory.methods import classical, dop853, dopri5, tsit5
-from lagrange.trajectory.methods.rooted_trees import Row
-from lagrange.trajectory.methods.runge_kutta import HIGHEST, ButcherTableau, ErrorEstimate
 from lagrange.trajectory.methods.settings import adaptive_settings, check_options, fixed_settings
-from lagrange.trajectory.methods.verner9 import verner9
+from lagrange.trajectory.paths.step_paths import RungeKuttaPath, StepPath, hermite_path
 from lagrange.trajectory.plan import StepPlan
+from lagrange.trajectory.tableaux import classical, dop853, dopri5, tsit5
+from lagrange.trajectory.tableaux.butcher import HIGHEST, ButcherTableau, ErrorEstimate
+from lagrange.trajectory.tableaux.rooted_trees import Row
+from lagrange.trajectory.tableaux.verner9 import verner9
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 FRACTION = re.compile(r"\s*[+-]?[0-9]{0,99}(\.[0-9]{0,99})?(/[0-9]{1,99}|[eE][+-]?[0-9]{1,3})?\s*")

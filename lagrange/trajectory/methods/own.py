@@ -15,19 +15,19 @@ from numbers import Real
 from typing import Any
 
 from lagrange.errors import StatementError, shown
-from lagrange.machine.numpy_newton import numbers_of
+from lagrange.machine.steps.interpreted_newton import numbers_of
 from lagrange.program.step import StepProgram, trace
 from lagrange.statement.choice import text
 from lagrange.statement.number import whole_number
-from lagrange.trajectory.dense import hermite_path
 from lagrange.trajectory.driver import drive
 from lagrange.trajectory.integrator import Claims, Problem
-from lagrange.trajectory.methods.rooted_trees import Number
-from lagrange.trajectory.methods.runge_kutta import ROUND_OFF, ButcherTableau
 from lagrange.trajectory.methods.settings import check_options, fixed_settings
 from lagrange.trajectory.methods.splitting import check_splits
 from lagrange.trajectory.methods.trial import TrialVector, kind_of, number, refusal
+from lagrange.trajectory.paths.step_paths import hermite_path
 from lagrange.trajectory.plan import StepPlan
+from lagrange.trajectory.tableaux.butcher import ROUND_OFF, ButcherTableau
+from lagrange.trajectory.tableaux.rooted_trees import Number
 from lagrange.trajectory.trajectory import Trajectory
 
 TRIED = ((Fraction(0), Fraction(1)), (Fraction(2), Fraction(2)))

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from lagrange.program.step import Control
-from lagrange.trajectory.collocation import CollocationPath
 from lagrange.trajectory.integrator import Claims, Problem
-from lagrange.trajectory.methods.gauss import collocation_tableau, lagrange_basis
 from lagrange.trajectory.methods.implicit import ImplicitMethod, weighted
+from lagrange.trajectory.paths.collocation import CollocationPath
+from lagrange.trajectory.tableaux.gauss import collocation_tableau, lagrange_basis
 from lagrange.trajectory.trajectory import FloatArray
 
 POINTS = {2: (1 / 3, 1.0), 3: ((4 - 6**0.5) / 10, (4 + 6**0.5) / 10, 1.0)}

@@ -28,7 +28,6 @@ from lagrange.trajectory.methods.explicit import (
 from lagrange.trajectory.methods.implicit import BDF2, BackwardEuler, Gauss2, Gauss3, ImplicitMidpoint, Trapezoidal
 from lagrange.trajectory.methods.own import StepMethod, step_method
 from lagrange.trajectory.methods.radau import Radau3, Radau5
-from lagrange.trajectory.methods.runge_kutta import ButcherTableau
 from lagrange.trajectory.methods.splitting import (
     Composition8,
     ForestRuth4,
@@ -50,6 +49,7 @@ from lagrange.trajectory.methods.variational import (
     VariationalTrapezoid,
 )
 from lagrange.trajectory.plan import promises
+from lagrange.trajectory.tableaux.butcher import ButcherTableau
 
 GROUP = "lagrange.integrators"
 """The entry-point group in which a package registers `name = module:class`; the class is called without arguments."""

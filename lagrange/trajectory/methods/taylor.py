@@ -11,21 +11,21 @@ import numpy as np
 from lagrange.errors import StatementError, shown
 from lagrange.graph.node import Node
 from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
-from lagrange.machine.driver import DriverState
 from lagrange.machine.model import Model
-from lagrange.machine.taylor import LOWEST
-from lagrange.trajectory.dense import HermitePath
+from lagrange.machine.series.constants import LOWEST
+from lagrange.machine.state import DriverState
 from lagrange.trajectory.driver import drive
-from lagrange.trajectory.impact import Impact, impact, root_of
+from lagrange.trajectory.events.actions import Impact, impact, root_of
+from lagrange.trajectory.events.nonanalytic_points import Leaps
+from lagrange.trajectory.events.series_watch import Watch
+from lagrange.trajectory.events.surfaces import stated_sides
 from lagrange.trajectory.integrator import Claims, Problem
-from lagrange.trajectory.leap import Leaps
 from lagrange.trajectory.methods.explicit import DOP853
 from lagrange.trajectory.methods.settings import adaptive_settings, check_options
+from lagrange.trajectory.paths.series import SeriesPath
+from lagrange.trajectory.paths.step_paths import HermitePath
 from lagrange.trajectory.plan import Tolerances
-from lagrange.trajectory.series_path import SeriesPath
-from lagrange.trajectory.sides import stated_sides
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
-from lagrange.trajectory.watch import Watch
 
 MARGIN = 0.1
 """Steps aim at a tenth of the tolerance: their errors add up along a run."""

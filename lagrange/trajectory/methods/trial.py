@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from lagrange.errors import StatementError, shown
-from lagrange.trajectory.methods.rooted_trees import Number
+from lagrange.trajectory.tableaux.rooted_trees import Number
 
 ARITHMETIC = {
     "add": operator.add,

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from lagrange.trajectory.integrator import Claims
-from lagrange.trajectory.methods.gauss import Real, gauss_tableau
 from lagrange.trajectory.methods.implicit import ImplicitMethod, weighted
+from lagrange.trajectory.tableaux.gauss import Real, gauss_tableau
 
 Momenta = Callable[..., tuple[Any, Any]]
 """The law p, f = g(t, q, v)."""

@@ -1,0 +1,266 @@
+"""Emit a stretch of a program's instructions, for one state or for a vector of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from lagrange.machine.kernel import llvm_ldl
+from lagrange.machine.llvm.emitter import Emitter
+from lagrange.machine.llvm.sine_cosine import call_sine_and_cosine, sine_and_cosine
+from lagrange.machine.llvm.spelling import BOOLEAN, LIBRARY, c_name, element, number, spell, truth
+from lagrange.procedure.linear.dense import factor_size
+from lagrange.program.program import Instruction, Program
+
+UNROLLED = 6
+"""Largest matrix whose factorization is written out. Beyond it a loop is as fast and compiles at once."""
+
+ANGLES = ("sin", "cos")
+
+INLINE_ANGLES = 8
+"""Up to this many different angles, sine and cosine are written out at each; beyond it they are a function, which
+keeps the time to compile a long chain in bounds."""
+
+
+def shares_angle_function(program: Program) -> bool:
+    """Return whether sine and cosine are a function of the module."""
+    return len(angles(program)) > INLINE_ANGLES
+
+
+def angles(program: Program) -> list[int]:
+    """Return the results of which a sine or a cosine is taken, each once."""
+    return list(dict.fromkeys(i.args[0] for i in program.instructions if i.op in ANGLES))
+
+
+def saved_slots(program: Program) -> dict[int, int]:
+    """Return the position of each saved result behind the given parameters."""
+    slots: dict[int, int] = {}
+    position = program.parameters
+    for ref in program.saved:
+        slots[ref] = position
+        position += width_of(program, ref)
+    return slots
+
+
+def prepared_size(program: Program) -> int:
+    """Return the length of the parameter array with the saved results."""
+    return program.parameters + sum(width_of(program, ref) for ref in program.saved)
+
+
+def width_of(program: Program, ref: int) -> int:
+    """Return how many doubles a result takes."""
+    op, _, n = program.instructions[ref]
+    if op == "factor":
+        return int(n * (n + 1) // 2 + 1) if n <= UNROLLED else factor_size(int(n))
+    return int(n) if op == "solve" else 1
+
+
+class Body:
+    """Emits a stretch of a program's instructions over `lanes` lanes."""
+
+    def __init__(self, program: Program, lanes: int, vector_names: dict[str, str]) -> None:
+        self.program = program
+        self.lanes = lanes
+        self.kind = element(lanes)
+        self.vector_names = vector_names
+        self.e = Emitter()
+        self.values: dict[int, str] = {}
+        self.vectors: dict[int, list[str]] = {}
+        self.singular: list[str] = []
+        self.slots = saved_slots(program)
+        self.reserved: dict[tuple[str, str, int], str] = {}
+        self.inline = not shares_angle_function(program)
+        self.by_code = {instruction: i for i, instruction in enumerate(program.instructions)}
+
+    def ref(self, i: int) -> str:
+        """Return the value of an instruction, bringing in constants and parameters where they are first read."""
+        if i not in self.values:
+            op, _, data = self.program.instructions[i]
+            if op == "constant":
+                return number(data, self.lanes)
+            if op == "parameter":
+                self.values[i] = self.given(int(data))
+            else:
+                self.restore(i, self.slots[i])
+        return self.values[i]
+
+    def vector(self, i: int) -> list[str]:
+        """Return the entries of a factor or a solution."""
+        if i not in self.vectors:
+            self.restore(i, self.slots[i])
+        return self.vectors[i]
+
+    def given(self, place: int) -> str:
+        """Return a parameter or a saved number, in every lane."""
+        return self.e.splat(self.e.get("%p", place), self.kind)
+
+    def restore(self, ref: int, slot: int) -> None:
+        """Read a result that `prepare` left behind the parameters."""
+        op, _, n = self.program.instructions[ref]
+        if op == "factor" and n > UNROLLED:
+            self.values[ref] = self.e.address("%p", slot)
+        elif op in ("factor", "solve"):
+            width = width_of(self.program, ref)
+            self.vectors[ref] = [self.given(slot + k) for k in range(width)]
+            if op == "factor":
+                self.vectors[ref][-1] = self.as_truth(self.vectors[ref][-1])
+        else:
+            value = self.given(slot)
+            self.values[ref] = self.as_truth(value) if op in BOOLEAN else value
+
+    def as_truth(self, value: str) -> str:
+        """Return the condition that was saved as a number."""
+        return self.e.value(f"fcmp une {self.kind} {value}, {number(0.0, self.lanes)}")
+
+    def run(self, refs: Iterable[int]) -> None:
+        """Emit some instructions, each after those that it reads."""
+        for i in refs:
+            instruction = self.program.instructions[i]
+            op = instruction.op
+            if op in ("constant", "parameter", "state", "time"):
+                continue
+            if op == "factor":
+                self.factor(i, instruction)
+            elif op == "solve":
+                self.solve(i, instruction)
+            elif op == "component":
+                self.values[i] = self.vector(instruction.args[0])[int(instruction.data)]
+            elif op in LIBRARY:
+                self.values[i] = self.library(i, instruction)
+            else:
+                self.values[i] = spell(self.e, op, [self.ref(arg) for arg in instruction.args], self.lanes)
+
+    def library(self, i: int, instruction: Instruction) -> str:
+        """Call the C library; sine and cosine of one angle together."""
+        if i in self.values:
+            return self.values[i]
+        op, args, _ = instruction
+        operands = [self.ref(arg) for arg in args]
+        if op in ANGLES:
+            return self.angle(op, args, operands[0])
+        if self.lanes > 1:
+            return self.vector_call(op, operands)
+        typed = ", ".join(f"double {operand}" for operand in operands)
+        return self.e.value(f"call double @{c_name(op)}({typed})")
+
+    def angle(self, op: str, args: tuple[int, ...], x: str) -> str:
+        """Return the sine or cosine of an angle, and keep the other if the program has it."""
+        make = sine_and_cosine if self.inline else call_sine_and_cosine
+        pair = dict(zip(ANGLES, make(self.e, x, self.lanes), strict=True))
+        for name, value in pair.items():
+            place = self.by_code.get(Instruction(name, args))
+            if place is not None:
+                self.values[place] = value
+        return pair[op]
+
+    def vector_call(self, op: str, operands: list[str]) -> str:
+        """Call a vector routine, or the scalar one for each lane."""
+        if op in self.vector_names:
+            typed = ", ".join(f"{self.kind} {operand}" for operand in operands)
+            return self.e.value(f"call {self.kind} @{self.vector_names[op]}({typed}) #0")
+        result = "poison"
+        for lane in range(self.lanes):
+            picked = [self.e.value(f"extractelement {self.kind} {operand}, i64 {lane}") for operand in operands]
+            typed = ", ".join(f"double {one}" for one in picked)
+            called = self.e.value(f"call double @{c_name(op)}({typed})")
+            result = self.e.value(f"insertelement {self.kind} {result}, double {called}, i64 {lane}")
+        return result
+
+    def scratch(self, purpose: str, kind: str, count: int) -> str:
+        """Return memory for one purpose, written before every use: the stack does not hold one for every solve."""
+        key = (purpose, kind, count)
+        if key not in self.reserved:
+            self.reserved[key] = self.e.reserve(kind, count)
+        return self.reserved[key]
+
+    def entries(self, factor: Instruction) -> dict[tuple[int, int], str]:
+        """Return the entries (i, j), i >= j, that are not identically zero."""
+        n = int(factor.data)
+        found = {}
+        for i in range(n):
+            for j in range(i + 1):
+                arg = factor.args[i * (i + 1) // 2 + j]
+                op, _, data = self.program.instructions[arg]
+                if op != "constant" or data != 0.0:
+                    found[i, j] = self.ref(arg)
+        return found
+
+    def factor(self, i: int, instruction: Instruction) -> None:
+        """Factor a matrix: written out if it is small, by the linear solver if not, in lanes when it is solved."""
+        n = int(instruction.data)
+        if n <= UNROLLED:
+            self.vectors[i] = llvm_ldl.factor(self.e, self.lanes, n, self.entries(instruction))
+        elif self.lanes == 1:
+            matrix = self.matrix(instruction)
+            self.values[i] = self.e.reserve("double", factor_size(n))
+            self.singular.append(self.e.value(f"call i1 @factor_dense(i64 {n}, ptr {matrix}, ptr {self.values[i]})"))
+
+    def matrix(self, factor: Instruction) -> str:
+        """Write the lower triangle to memory, by columns, lanes innermost, and return its address."""
+        n = int(factor.data)
+        entries = self.entries(factor)
+        memory = self.scratch("matrix", self.kind, n * n)
+        for j in range(n):
+            for i in range(j, n):
+                self.e.put(entries.get((i, j), number(0.0, self.lanes)), memory, j * n + i, self.kind)
+        return memory
+
+    def solve(self, i: int, instruction: Instruction) -> None:
+        """Solve a system with a factored matrix."""
+        factor = self.program.instructions[instruction.args[0]]
+        n = int(instruction.data)
+        right = [self.ref(arg) for arg in instruction.args[1:]]
+        if n <= UNROLLED:
+            *rows, trusted = self.vector(instruction.args[0])
+            x = llvm_ldl.solve(self.e, self.lanes, rows, right)
+            self.vectors[i] = self.with_pivoting(factor, trusted, x, right)
+            return
+        memory = self.scratch("right", self.kind, n)
+        for k, value in enumerate(right):
+            self.e.put(value, memory, k, self.kind)
+        if self.lanes == 1:
+            spare = self.scratch("spare", "double", n)
+            factors = self.ref(instruction.args[0])
+            self.e.do(f"call void @solve_factored(i64 {n}, ptr {factors}, ptr {memory}, ptr {spare})")
+        else:
+            self.singular.append(self.solve_lanes(n, self.matrix(factor), memory))
+        self.vectors[i] = [self.e.get(memory, k, self.kind) for k in range(n)]
+
+    def solve_lanes(self, n: int, matrix: str, right: str) -> str:
+        """Solve the systems of all lanes in memory, and return whether one is singular."""
+        work = self.scratch("work", "double", n * n + 2 * n + factor_size(n))
+        arguments = f"i64 {n}, i64 {self.lanes}, ptr {matrix}, ptr {right}, ptr {work}"
+        return self.e.value(f"call i1 @solve_lanes({arguments})")
+
+    def with_pivoting(self, factor: Instruction, trusted: str, x: list[str], right: list[str]) -> list[str]:
+        """Return x where all pivots could be trusted, else the solution with pivoting."""
+        e, kind, n = self.e, self.kind, len(right)
+        name = e.fresh("pivot")
+        every = trusted
+        if self.lanes > 1:
+            bits = e.value(f"bitcast {truth(self.lanes)} {trusted} to i{self.lanes}")
+            every = e.value(f"icmp eq i{self.lanes} {bits}, -1")
+        before = e.block
+        e.do(f"br i1 {every}, label %{name}.join, label %{name}.cold, !prof !0")
+        e.label(f"{name}.cold")
+        known = dict(self.values)  # what the cold path brings in does not reach the other path
+        matrix, memory = self.matrix(factor), self.scratch("right", kind, n)
+        for k, value in enumerate(right):
+            e.put(value, memory, k, kind)
+        singular = self.solve_lanes(n, matrix, memory)
+        slow = [e.get(memory, k, kind) for k in range(n)]
+        self.values = known
+        cold = e.block
+        e.jump(f"{name}.join")
+        e.label(f"{name}.join")
+        bad = e.value(f"phi i1 [ false, %{before} ], [ {singular}, %{cold} ]")
+        self.singular.append(bad)
+        return [e.value(f"phi {kind} [ {a}, %{before} ], [ {b}, %{cold} ]") for a, b in zip(x, slow, strict=True)]
+
+    def status(self) -> str:
+        """Return 1 if any matrix was singular."""
+        if not self.singular:
+            return "0"
+        total = self.singular[0]
+        for other in self.singular[1:]:
+            total = self.e.value(f"or i1 {total}, {other}")
+        return self.e.value(f"zext i1 {total} to i32")

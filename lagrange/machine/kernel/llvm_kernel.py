@@ -1,0 +1,144 @@
+"""A program in machine code, called through ctypes; the kernel over columns is compiled when it is first called."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from lagrange.machine.backend import FloatArray, SingularMassMatrix
+from lagrange.machine.copies import ArrivedKernel, Shared
+from lagrange.machine.kernel import llvm_calling
+from lagrange.machine.kernel.llvm_body import UNROLLED, prepared_size
+from lagrange.machine.kernel.llvm_text import column_module, scalar_module
+from lagrange.machine.llvm.address import address
+from lagrange.machine.llvm.engine import Module, lanes, linear_solver, vector_routines
+from lagrange.program.program import Program
+
+_PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
+_SCALAR = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
+_COLUMNS = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, *([ctypes.c_void_p] * 5))
+
+
+class LlvmKernel(Shared):
+    """A program in machine code. Calls release the interpreter lock; threads may share a kernel."""
+
+    def __init__(self, program: Program) -> None:
+        self._program = program
+        orders = [instruction.data for instruction in program.instructions if instruction.op in ("factor", "solve")]
+        if orders:
+            linear_solver(often=max(orders) > UNROLLED)
+        self._module = Module(scalar_module(program))
+        self._address = self._module.address(program.name)
+        self._prepare = _PREPARE(self._module.address(f"{program.name}_prepare"))
+        self._scalar = _SCALAR(self.address)
+        self._prepared: tuple[bytes, FloatArray] | None = None
+        self._size = prepared_size(program) + 1
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return ArrivedKernel, (LlvmKernel, self._program)
+
+    @property
+    def program(self) -> Program:
+        """What it computes."""
+        return self._program
+
+    @property
+    def ir(self) -> str:
+        """The LLVM IR of the scalar kernel."""
+        return self._module.ir
+
+    @property
+    def address(self) -> int:
+        """Address of ``int32_t f(double t, const double *y, const double *prepared, double *out)``.
+
+        `prepared` is what `prepare` returns; the result is 1 where the mass matrix is singular, else 0.
+        """
+        return self._address
+
+    @property
+    def law_address(self) -> int:
+        """Address of the kernel that steps call: in registers where it is small, else that of `address`."""
+        name = self._program.name
+        return self._module.address(f"{name}_registers") if llvm_calling.hold(self._program) else self._address
+
+    def prepare(self, parameters: FloatArray) -> FloatArray:
+        """Return the parameters followed by everything that depends on them alone. Raises SingularMassMatrix."""
+        key = parameters.tobytes()
+        known = self._prepared
+        if known is not None and known[0] == key:
+            return known[1]
+        prepared = np.zeros(self._size)
+        prepared[: len(parameters)] = parameters
+        if self._prepare(address(prepared)):
+            raise SingularMassMatrix
+        self._prepared = (key, prepared)
+        return prepared
+
+    def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
+        """Evaluate the program; see `Kernel`."""
+        if y.ndim > 1:
+            half = self._program.states // 2
+            return self.columns(t, y[:half], y[half:], parameters)
+        prepared = self.prepare(parameters)
+        y = np.ascontiguousarray(y, dtype=float)
+        out = np.empty(self._program.shape)
+        if self._scalar(float(t), address(y), address(prepared), address(out)):
+            raise SingularMassMatrix
+        return out
+
+    def columns(self, t: float | FloatArray, q: FloatArray, v: FloatArray, parameters: FloatArray) -> FloatArray:
+        """Evaluate every column; see `Kernel`. An incomplete last block is filled up with copies of the last column."""
+        prepared = self.prepare(parameters)
+        batch = q.shape[1]
+        shape = self._program.shape
+        if batch == 0:
+            return np.empty((*shape, 0))
+        width = self._lanes
+        count = -(-batch // width) * width
+        arrays = [_filled(array, count) for array in (q, v)]
+        times = _filled(np.broadcast_to(t, (1, batch)), count) if self._reads_time else arrays[0]
+        out = np.empty((len(self._program.outputs), count))
+        _module, run = self._column_kernel
+        addresses = [address(array) for array in (times, *arrays, prepared, out)]
+        first = run(count, *addresses)
+        if first >= 0:
+            states = np.concatenate(arrays)
+            raise SingularMassMatrix(
+                self._singular_column(range(first, min(first + width, batch)), times, states, prepared)
+            )
+        return out[:, :batch].reshape(*shape, batch)
+
+    def _singular_column(self, block: range, times: FloatArray, states: FloatArray, prepared: FloatArray) -> int:
+        """Return which column of a block is singular, by evaluating each alone."""
+        out = np.empty(self._program.shape)
+        for column in block:
+            y = np.ascontiguousarray(states[:, column])
+            if self._scalar(times[0, column], address(y), address(prepared), address(out)):
+                return column
+        return block.start
+
+    @cached_property
+    def _reads_time(self) -> bool:
+        return any(instruction.op == "time" for instruction in self._program.instructions)
+
+    @cached_property
+    def _lanes(self) -> int:
+        # Working memory of a large linear system times eight lanes would not fit the stack.
+        largest = max((i.data for i in self._program.instructions if i.op == "factor"), default=0)
+        return lanes() if largest <= 64 else 1
+
+    @cached_property
+    def _column_kernel(self) -> tuple[Module, ctypes._CFunctionType]:
+        """The module and its function as one value: threads that compile it at once each keep their own pair."""
+        module = Module(column_module(self._program, self._lanes, vector_routines() if self._lanes > 1 else {}))
+        return module, _COLUMNS(module.address(f"{self._program.name}_columns"))
+
+
+def _filled(array: FloatArray, count: int) -> FloatArray:
+    """Return the rows as contiguous doubles, continued to `count` columns with copies of the last."""
+    if array.shape[1] != count:
+        array = np.concatenate([array, np.repeat(array[:, -1:], count - array.shape[1], axis=1)], axis=1)
+    return np.ascontiguousarray(array, dtype=float)

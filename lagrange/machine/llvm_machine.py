@@ -1,0 +1,38 @@
+"""The LLVM machine: programs become machine code."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from lagrange.errors import RunError
+from lagrange.machine.backend import FloatArray
+from lagrange.machine.kernel.llvm_kernel import LlvmKernel
+from lagrange.machine.series.llvm_driver import LlvmSeries
+from lagrange.machine.steps.llvm_driver import LlvmDriver
+from lagrange.program.program import Program
+from lagrange.program.series import SeriesProgram
+from lagrange.program.step import StepProgram
+
+
+@dataclass(frozen=True)
+class LlvmMachine:
+    """Compiles programs to machine code of this processor."""
+
+    name: str = "llvm"
+
+    def load(self, program: Program) -> LlvmKernel:
+        """Compile a program. Raises RunError if LLVM refuses it."""
+        try:
+            return LlvmKernel(program)
+        except RuntimeError as error:
+            raise RunError(f"LLVM could not compile {program.name}: {error}. Use target='numpy'.") from error
+
+    def series(self, program: SeriesProgram) -> LlvmSeries:
+        """Return a series program that is compiled when an order is first asked for."""
+        return LlvmSeries(program)
+
+    def driver(
+        self, step: StepProgram, kernel: LlvmKernel, parameters: FloatArray, jacobian: LlvmKernel | None = None
+    ) -> LlvmDriver:
+        """Compile the loop over steps; it is kept for other models of the same dimension."""
+        return LlvmDriver(step, kernel, parameters, jacobian)

@@ -1,0 +1,207 @@
+"""Series programs in Python: the Taylor coefficients of a motion in any arithmetic. The readable reference.
+
+With floats it is the numpy machine's; with mpmath's numbers it gives reference solutions of any precision.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lagrange.machine.backend import SingularMassMatrix
+from lagrange.machine.kernel.arithmetic import FLOATS, Arithmetic
+from lagrange.machine.series.constants import inverse
+from lagrange.program.series import SeriesProgram
+
+Numbers = NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Jet:
+    """A series program with its parameters and sides: `coefficients` gives the series at a state."""
+
+    program: SeriesProgram
+    parameters: Sequence[Any] | Numbers
+    arithmetic: Arithmetic = field(default=FLOATS)
+
+    def coefficients(self, t: Any, y: Sequence[Any] | Numbers, order: int, scale: Any = 1, low: Any = None) -> Numbers:
+        """Return the normalised Taylor coefficients of every value, (order + 1, values), at a time and a state (2n,).
+
+        Those of order k are multiplied by scale**k. `low` (2n,) is what rounding lost of the state.
+
+        Values 0 to 2n - 1 are the coordinates and the velocities. Raises SingularMassMatrix.
+        """
+        program = self.program
+        n = program.dimension
+        x = np.full((order + 1, len(program.rules)), self.arithmetic.number(0.0), dtype=self.arithmetic.dtype)
+        table = self._table[: len(program.numbers)]
+        lost = [self.arithmetic.number(0.0)] * (2 * n) if low is None else low
+        first = self.arithmetic.evaluate(program.start, t, [*y, *lost], [*self.parameters, *table])
+        x[0, list(program.started)] = first[: len(program.started)]
+        x[0, : 2 * n] = list(y)
+        mass = self._mass if program.constant_mass else self._full(first[len(program.started) :])
+        for k in range(1, order + 1):
+            x[k, :n] = x[k - 1, n : 2 * n] * scale / k
+            self._fill(x, k, program.configuration, scale)
+            self._fill(x, k, program.trial, scale)
+            rate = [x[k - 1, f] * scale / k if f is not None else 0 * y[0] for f in program.forces]
+            right = [r if p is None else r - x[k, p] for r, p in zip(rate, self._momenta, strict=True)]
+            x[k, n : 2 * n] = self._solve(mass, right)
+            self._fill(x, k, program.velocity, scale)
+        return x
+
+    @cached_property
+    def _table(self) -> list[Any]:
+        zeros = [self.arithmetic.number(0.0)] * (2 * self.program.dimension)
+        return self.arithmetic.evaluate(self.program.constants, zeros[0], zeros, self.parameters)
+
+    @cached_property
+    def _mass(self) -> Numbers:
+        return self._full(self._table[len(self.program.numbers) :])
+
+    @cached_property
+    def _momenta(self) -> Sequence[int | None]:
+        return [None] * self.program.dimension if self.program.constant_mass else self.program.momenta
+
+    def _full(self, triangles: Sequence[Any]) -> Numbers:
+        """Return the mass matrix (n, n) from the lower triangles of its blocks. Raises SingularMassMatrix."""
+        n = self.program.dimension
+        mass = np.full((n, n), self.arithmetic.number(0.0), dtype=self.arithmetic.dtype)
+        places = [(i, j) for block in self.program.blocks for i in block for j in block if j <= i]
+        for (i, j), entry in zip(places, triangles, strict=True):
+            mass[i, j] = mass[j, i] = entry
+        if mass.dtype == float:
+            inverse(mass)  # refuses what is singular to the round-off of doubles
+        return mass
+
+    def _fill(self, x: Numbers, k: int, members: Sequence[int], scale: Any) -> None:
+        """Enter the coefficients of order k of some values, in order."""
+        for i in members:
+            rule = self.program.rules[i]
+            if rule.op not in ("coordinate", "velocity"):
+                constants = [self._table[c] for c in rule.coefficients]
+                x[k, i] = COEFFICIENT[rule.op](_Place(x, k, i, rule.args, constants, scale))
+
+    def _solve(self, mass: Numbers, right: Sequence[Any]) -> Numbers:
+        """Return the solution of mass x = right by elimination with pivoting, in any arithmetic.
+
+        With many digits only a pivot of zero is singular; for doubles there is a stricter test before, and an entry
+        that is not finite is no verdict on the matrix.
+        """
+        a = np.concatenate([mass, np.array(right, dtype=mass.dtype)[:, None]], axis=1)
+        n, finite = len(right), mass.dtype != float or bool(np.isfinite(mass).all())
+        for j in range(n):
+            pivot = j + int(np.argmax(np.abs(a[j:, j])))
+            a[[j, pivot]] = a[[pivot, j]]
+            if finite and not a[j, j]:
+                raise SingularMassMatrix
+            a[j + 1 :] -= np.outer(a[j + 1 :, j] / a[j, j], a[j])
+        for j in reversed(range(n)):
+            a[j, n] = (a[j, n] - a[j, j + 1 : n].dot(a[j + 1 :, n])) / a[j, j]
+        return a[:, n]
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """Value i at order k, with the coefficients x so far, the rule's arguments and its constants."""
+
+    x: Numbers
+    k: int
+    i: int
+    args: tuple[int, ...]
+    constants: Sequence[Any]
+    scale: Any
+
+    @property
+    def u(self) -> Numbers:
+        """The value's own coefficients."""
+        return self.x[: self.k + 1, self.i]
+
+    def arg(self, which: int) -> Numbers:
+        """Return the coefficients of an argument, of orders 0 to k."""
+        return self.x[: self.k + 1, self.args[which]]
+
+
+def _sum(a: Numbers, b: Numbers, first: int, last: int) -> Any:
+    """Return the sum of a[j] b[k-j] over first <= j <= last, where a and b have the orders 0 to k."""
+    k = len(a) - 1
+    return a[first : last + 1].dot(b[k - last : k - first + 1][::-1])
+
+
+def _ranked(a: Numbers) -> Numbers:
+    """Return j a[j]."""
+    return np.arange(len(a)) * a
+
+
+def _linear(at: _Place) -> Any:
+    return sum(scale * at.x[at.k, arg] for scale, arg in zip(at.constants, at.args, strict=True))
+
+
+def _mul(at: _Place) -> Any:
+    return _sum(at.arg(0), at.arg(-1), 0, at.k)
+
+
+def _div(at: _Place) -> Any:
+    a, b = at.arg(0), at.arg(1)
+    return (a[-1] - _sum(b, at.u, 1, at.k)) / b[0]
+
+
+def _inverse(at: _Place) -> Any:
+    b = at.arg(0)
+    return -_sum(b, at.u, 1, at.k) / b[0]
+
+
+def _sqrt(at: _Place) -> Any:
+    if at.u[0] == 0:
+        return _flat(at)
+    return (at.arg(0)[-1] - _sum(at.u, at.u, 1, at.k - 1)) / (2 * at.u[0])
+
+
+def _flat(at: _Place) -> Any:
+    """Return a coefficient of a root of zero: zero as long as the argument stays zero, and undefined once it moves."""
+    return at.u[0] if at.arg(0)[-1] == 0 else at.u[0] + math.nan
+
+
+def _power(at: _Place) -> Any:
+    a, k = at.arg(0), at.k
+    if a[0] == 0 and at.constants[0] > 0:
+        return _flat(at)
+    j = np.arange(1, k + 1)
+    return ((at.constants[0] * j - (k - j)) * a[1:]).dot(at.u[:k][::-1]) / (k * a[0])
+
+
+def _integral(at: _Place) -> Any:
+    return at.constants[0] * at.arg(0)[-2] * at.scale / at.k
+
+
+def _along(at: _Place) -> Any:
+    return at.constants[0] * _sum(_ranked(at.arg(0)), at.arg(1), 1, at.k) / at.k
+
+
+def _against(at: _Place) -> Any:
+    w = at.arg(1)
+    return (at.arg(0)[-1] - _sum(_ranked(at.u), w, 1, at.k - 1) / at.k) / w[0]
+
+
+COEFFICIENT: dict[str, Callable[[_Place], Any]] = {
+    "time": lambda at: at.u[0] * 0 + (at.scale if at.k == 1 else 0),
+    "constant": lambda at: at.u[0] * 0,
+    "linear": _linear,
+    "mul": _mul,
+    "square": _mul,
+    "div": _div,
+    "inverse": _inverse,
+    "sqrt": _sqrt,
+    "power": _power,
+    "integral": _integral,
+    "along": _along,
+    "against": _against,
+    "choose": lambda at: at.arg(0 if at.constants[0] else 1)[-1],
+}
+"""The coefficient of order k of a value by its rule."""

@@ -1,0 +1,216 @@
+"""Series programs in machine code: the jet, the loop over steps, and the numbers that both read.
+
+`c` is the inverse of a constant mass matrix by columns, or the diagonal of a diagonal one, then the constants as
+vectors, each where the code reads it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import numpy as np
+
+from lagrange.errors import RunError
+from lagrange.machine.backend import FloatArray, SingularMassMatrix
+from lagrange.machine.copies import Shared
+from lagrange.machine.kernel.llvm_body import prepared_size, shares_angle_function
+from lagrange.machine.kernel.llvm_text import ATTRIBUTES, METADATA, QUICKLY, prepare_function
+from lagrange.machine.llvm.address import address, workspace
+from lagrange.machine.llvm.engine import Module, inversion, lanes, linear_solver
+from lagrange.machine.llvm.sine_cosine import angle_function
+from lagrange.machine.llvm.spelling import intrinsics, library_functions
+from lagrange.machine.series.constants import constants
+from lagrange.machine.series.cost import cheapest_order, is_large
+from lagrange.machine.series.llvm_call import RUN, run_function
+from lagrange.machine.series.llvm_jet import WIDEST, Table, shares_wide_angles
+from lagrange.machine.series.llvm_layout import Slots, TaylorLayout, looped_layout, unrolled_layout
+from lagrange.machine.series.llvm_loop import drive_function
+from lagrange.machine.series.llvm_looped import LoopedJet
+from lagrange.machine.series.llvm_unrolled import UnrolledJet
+from lagrange.machine.series.packing import Packing, pack
+from lagrange.machine.state import OUTCOMES, DriverState, Outcome
+from lagrange.program.series import SeriesProgram
+
+_PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
+_RUN = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
+_SERIES = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_double, *([ctypes.c_void_p] * 4), ctypes.c_int64)
+
+
+class LlvmSeries(Shared):
+    """A series program in machine code: written out for each order that is asked for, or in loops for all orders."""
+
+    def __init__(self, program: SeriesProgram) -> None:
+        self.program = program
+        self._packing = pack(program, lanes())
+        self._compiled: dict[int, CompiledJet] = {}
+        self._orders: dict[float, int] = {}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return LlvmSeries, (self.program,)
+
+    def form(self, order: int) -> str:
+        """Return how the series is computed."""
+        return "in loops" if is_large(self._packing, order) else "written out"
+
+    def order(self, tolerance: float) -> int:
+        """Return the order by cost; see `Series`."""
+        if tolerance not in self._orders:
+            self._orders[tolerance] = cheapest_order(self._packing, tolerance)
+        return self._orders[tolerance]
+
+    def compiled(self, order: int) -> CompiledJet:
+        """Return the machine code for an order."""
+        key = 0 if is_large(self._packing, order) else order
+        if key not in self._compiled:
+            try:
+                self._compiled[key] = CompiledJet(self._packing, key)
+            except RuntimeError as error:
+                raise RunError(f"LLVM could not compile the series: {error}. Use target='numpy'.") from error
+        return self._compiled[key]
+
+    def driver(self, order: int, parameters: FloatArray) -> LlvmTaylorDriver:
+        """Return a driver; see `Series`."""
+        return LlvmTaylorDriver(self.compiled(order), order, parameters)
+
+    def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
+        """Return the series at a state; see `Series`."""
+        return self.compiled(order).rows(order, t, y, scale, parameters)
+
+
+class CompiledJet:
+    """A packed series in machine code at one order, or with an order of 0 at any."""
+
+    def __init__(self, packing: Packing, order: int) -> None:
+        self.program = packing.program
+        self._table = Table(self.program.numbers, inverse_size(self.program))
+        linear_solver(often=False)
+        if order:
+            self.layout = unrolled_layout(self.program, order)
+            jet = UnrolledJet(packing, self._table, self.layout).function()
+        else:
+            slots = Slots(packing, looped_layout(self.program, 0).width)
+            self.layout = looped_layout(self.program, slots.size)
+            jet = LoopedJet(packing, self._table, self.layout, slots).function()
+            inversion()
+        self._module = Module(series_ir(self.program, self.layout, jet))
+        self._prepare = _PREPARE(self._module.address(f"{self.program.start.name}_prepare"))
+        self.run = _RUN(self._module.address("run"))
+        self._series = _SERIES(self._module.address("series"))
+        self._prepared: tuple[bytes, tuple[FloatArray, FloatArray]] | None = None
+
+    @property
+    def ir(self) -> str:
+        """The LLVM IR."""
+        return self._module.ir
+
+    def numbers(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the two arrays of numbers that do not change along a run: `p` and `c`. Raises SingularMassMatrix."""
+        key, known = parameters.tobytes(), self._prepared
+        if known is not None and known[0] == key:
+            return known[1]
+        prepared = np.zeros(prepared_size(self.program.start) + 1)
+        table, inverse = constants(self.program, parameters)
+        given = np.concatenate([parameters, table])
+        prepared[: len(given)] = given
+        self._prepare(address(prepared))
+        columns = np.diag(inverse) if self.program.diagonal else inverse.T.ravel()
+        parts = [columns] if self.program.constant_mass else []
+        found = prepared, np.concatenate([*parts, table[self._table.order], [0.0]])
+        self._prepared = (key, found)
+        return found
+
+    def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
+        """Return the coefficients of the state and of what is watched, times scale**k, (order + 1, 2n + watched)."""
+        layout, numbers = self.layout, self.numbers(parameters)
+        work = np.zeros(layout.size(order))
+        state = np.zeros(2 * layout.padded)
+        state[: layout.dimension] = y
+        if self._series(t, scale, *map(address, (state, *numbers, work)), order):
+            raise SingularMassMatrix
+        return layout.coefficients(work, order)
+
+
+def inverse_size(program: SeriesProgram) -> int:
+    """Return how many numbers the inverse of a constant mass matrix takes."""
+    if not program.constant_mass:
+        return 0
+    return program.dimension if program.diagonal else program.dimension**2
+
+
+def series_ir(program: SeriesProgram, layout: TaylorLayout, jet: str) -> str:
+    """Return the IR of a whole module around a jet."""
+    functions = [angle_function(1)] if shares_angle_function(program.start) else []
+    functions += [angle_function(WIDEST)] if shares_wide_angles(program.start) else []
+    functions += [prepare_function(program.start), jet, SERIES, drive_function(layout), run_function()]
+    return "\n".join([declarations(layout.lanes), *functions, METADATA, ATTRIBUTES, QUICKLY, ""])
+
+
+SERIES = """define i32 @series(double %t, double %scale, ptr %y, ptr %p, ptr %c, ptr %rows, i64 %order) #0 {
+  %status = call i32 @jet(double %t, double %scale, ptr %y, ptr %p, ptr %c, ptr %rows, i64 %order)
+  ret i32 %status
+}
+"""
+
+
+def declarations(lanes: int) -> str:
+    """Return what a module of a series declares."""
+    integers = f"<{lanes} x i64>"
+    lines = [line for width in (1, 2, 4, 8) for line in intrinsics(width)]
+    lines += [f"declare i64 @llvm.{name}.i64(i64, i64)" for name in ("umax", "smax")]
+    lines.append(f"declare {integers} @llvm.umax.v{lanes}i64({integers}, {integers})")
+    lines.append(f"declare i64 @llvm.vector.reduce.umax.v{lanes}i64({integers})")
+    lines.append("declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)")
+    lines.append("declare i1 @invert_dense(i64, ptr, ptr, ptr)")
+    lines.append("declare i1 @invert(i64, i64, ptr, ptr, ptr)")
+    lines += library_functions()
+    return "\n".join([*lines, ""])
+
+
+class LlvmTaylorDriver:
+    """A compiled Taylor driver with its numbers and its memory.
+
+    The arguments of the loop stand in memory, for a call through ctypes takes 0.1 us for each.
+    """
+
+    def __init__(self, compiled: CompiledJet, order: int, parameters: FloatArray) -> None:
+        self._compiled, self._order = compiled, order
+        self._work = workspace(compiled.layout.size(order))
+        self._y = self._work[: compiled.layout.dimension]
+        self._arguments = np.zeros(RUN.COUNT, dtype=np.int64)
+        self._entries: Any = self._arguments.data
+        self._entries[RUN.WORK], self._entries[RUN.ORDER] = address(self._work), order
+        self._place = address(self._arguments)
+        self._state: DriverState | None = None
+        self.use(parameters)
+
+    def use(self, parameters: FloatArray) -> None:
+        """Go on with other numbers; see `TaylorDriver`."""
+        self._numbers = self._compiled.numbers(parameters)
+        self._entries[RUN.PREPARED], self._entries[RUN.CONSTANTS] = map(address, self._numbers)
+
+    def restart(self, state: DriverState) -> None:
+        """Forget what rounding lost; see `TaylorDriver`."""
+        padded = self._compiled.layout.padded
+        self._work[padded : 2 * padded] = 0.0
+        state.reals[DriverState.LOW] = 0.0
+
+    def adopt(self, state: DriverState) -> None:
+        """Let the state live in the driver's memory; see `Driver`."""
+        state.y = self._y
+
+    def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
+        """Advance a run; see `Driver`."""
+        if state is not self._state:
+            self._state = state
+            self._entries[RUN.REALS], self._entries[RUN.COUNTS] = state.addresses
+        foreign = state.y is not self._y
+        if foreign:
+            self._y[:] = state.y
+        self._entries[RUN.BUDGET] = budget
+        if state.integers[DriverState.RECORD]:
+            self._entries[RUN.TIMES], self._entries[RUN.STATES] = address(times), address(rows)
+        outcome: Outcome = OUTCOMES[self._compiled.run(self._place)]
+        if foreign:
+            state.y[:] = self._y
+        return outcome

@@ -1,0 +1,233 @@
+"""What written-out and looped jets share: operands gathered from chunks, constants, and order 0."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from lagrange.machine.kernel.llvm_body import ANGLES, Body, angles
+from lagrange.machine.llvm.emitter import Emitter
+from lagrange.machine.llvm.sine_cosine import call_sine_and_cosine, sine_and_cosine
+from lagrange.machine.llvm.spelling import element, number
+from lagrange.machine.series.llvm_rules import Vector, vector_literal
+from lagrange.machine.series.packing import NOTHING, Chunk, Operand, Packing
+from lagrange.program.program import Instruction, Program
+
+SIGNATURE = (
+    "define internal i32 @jet(double %t, double %scale, ptr noalias readonly %y, ptr noalias readonly %p, "
+    "ptr noalias readonly %c, ptr noalias %rows, i64 %order) #0"
+)
+
+
+WIDEST = 8
+"""So many angles are found at once."""
+
+INLINE_ANGLES = 256
+"""Up to so many angles their sines and cosines are written out where they are wanted; beyond it they are a function.
+20,000 cosines were 76 million characters of IR, which take two minutes to compile."""
+
+
+def shares_wide_angles(program: Program) -> bool:
+    """Return whether the sines and cosines of several angles at once are a function of the module."""
+    return len(angles(program)) > INLINE_ANGLES
+
+
+class Table:
+    """Vectors of constants: which places of the table of constants stand where in memory, from `begin` on."""
+
+    def __init__(self, known: Sequence[float | None], begin: int) -> None:
+        self.known = known
+        self.places: dict[tuple[int, ...], int] = {}
+        self.size = begin
+
+    def place(self, lanes: tuple[int, ...]) -> int:
+        """Return where the vector of some entries stands."""
+        if lanes not in self.places:
+            self.places[lanes] = self.size
+            self.size += len(lanes)
+        return self.places[lanes]
+
+    @property
+    def order(self) -> list[int]:
+        """The place in the table of constants of each entry."""
+        return [place for lanes in self.places for place in lanes]
+
+
+class Shuffle:
+    """Gathers vectors from others."""
+
+    def __init__(self, e: Emitter) -> None:
+        self.e = e
+
+    def gather(self, lanes: Sequence[tuple[Vector, int, int]]) -> Vector:
+        """Return a vector whose lanes are (vector, its width, lane in it); a missing vector gives zero."""
+        sources = {vector: width for vector, width, _ in lanes if vector is not None}
+        if not sources:
+            return None
+        count = len(lanes)
+        if count == 1:
+            return self.lane(*lanes[0])
+        total = ""
+        filled: set[int] = set()
+        for source, width in sources.items():
+            here = {i: lane for i, (vector, _, lane) in enumerate(lanes) if vector == source}
+            part = self._moved(source, width, here, count)
+            total = self._merged(total, part, set(here), count) if total else part
+            filled |= set(here)
+        return total if len(filled) == count else self._merged(number(0.0, count), total, filled, count)
+
+    def operand(self, packing: Packing, operand: Operand, x: Callable[[Chunk], Vector]) -> Vector:
+        """Return an operand as it is, not times its order, from the vectors of its values' chunks."""
+        homes = [None if value == NOTHING else packing.place[value] for value in operand.values]
+        if homes[0] is not None and homes[0][0].values == operand.values:
+            return x(homes[0][0])
+        return self.gather(
+            [(None, 1, 0) if home is None else (x(home[0]), len(home[0].values), home[1]) for home in homes]
+        )
+
+    def lane(self, vector: Vector, width: int, lane: int) -> Vector:
+        """Return one entry of a vector."""
+        if vector is None or width == 1:
+            return vector
+        return self.e.value(f"extractelement {element(width)} {vector}, i64 {lane}")
+
+    def _moved(self, source: str, width: int, here: dict[int, int], count: int) -> str:
+        """Return a vector with lanes of the source where they are wanted."""
+        kind = element(count)
+        if width == 1:
+            if len(here) == count:
+                return self.e.splat(source, kind)
+            total = "poison"
+            for i in here:
+                total = self.e.value(f"insertelement {kind} {total}, double {source}, i64 {i}")
+            return total
+        if width == count and all(i == lane for i, lane in here.items()):
+            return source
+        mask = ", ".join(f"i32 {here[i]}" if i in here else "i32 poison" for i in range(count))
+        return self.e.value(
+            f"shufflevector {element(width)} {source}, {element(width)} poison, <{count} x i32> <{mask}>"
+        )
+
+    def _merged(self, a: str, b: str, chosen: set[int], count: int) -> str:
+        """Return a with some lanes from b."""
+        mask = ", ".join(f"i32 {count + i if i in chosen else i}" for i in range(count))
+        return self.e.value(f"shufflevector {element(count)} {a}, {element(count)} {b}, <{count} x i32> <{mask}>")
+
+
+class Start:
+    """Order 0 of a jet, as scalars, by the program that computes it.
+
+    What rounding lost of the state stands `padded` numbers behind it.
+    """
+
+    def __init__(self, packing: Packing, padded: int) -> None:
+        self.packing = packing
+        program = packing.program
+        self.body = Body(program.start, 1, {})
+        self.e: Emitter = self.body.e
+        for i, (op, _, data) in enumerate(program.start.instructions):
+            if op == "state":
+                place, size = int(data), 2 * program.dimension
+                self.body.values[i] = self.e.get("%y", place if place < size else padded + place - size)
+            elif op == "time":
+                self.body.values[i] = "%t"
+        early = self.early()
+        self.body.run(early)
+        done = set(early)
+        there = done.union(self.body.values)
+        self.find_angles([ref for ref in angles(program.start) if ref in there])
+        rest = range(program.start.hoisted, len(program.start.instructions))
+        self.body.run([i for i in rest if i not in done])
+        outputs = [self.body.ref(ref) for ref in program.start.outputs]
+        self.values = dict(zip(program.started, outputs, strict=False))
+        self.triangles = outputs[len(program.started) :]
+        for i in range(2 * program.dimension):
+            if i not in self.values:
+                self.values[i] = self.e.get("%y", i)
+
+    def early(self) -> list[int]:
+        """Return what the angles are computed from, but for those that come from other angles."""
+        program = self.packing.program.start
+        count = len(program.instructions)
+        late, needed = bytearray(count), bytearray(count)
+        for i, (op, args, _) in enumerate(program.instructions):
+            late[i] = op in ANGLES or any(late[arg] for arg in args)
+        for ref in angles(self.packing.program.start):
+            needed[ref] = not late[ref]
+        for i in range(count - 1, program.hoisted - 1, -1):
+            for arg in program.instructions[i].args if needed[i] else ():
+                needed[arg] = True
+        return [i for i in range(program.hoisted, count) if needed[i]]
+
+    def find_angles(self, wanted: Sequence[int]) -> None:
+        """Emit the sines and cosines of several angles at once, in vectors."""
+        e, shuffle = self.e, Shuffle(self.e)
+        called = shares_wide_angles(self.packing.program.start)
+        moving = [ref for ref in wanted if ref >= self.packing.program.start.hoisted]
+        while len(moving) > 1:
+            width = min(WIDEST, 1 << (len(moving) - 1).bit_length())
+            taken, moving = moving[:width], moving[width:]
+            padded = taken + [taken[-1]] * (width - len(taken))
+            vector = shuffle.gather([(self.body.ref(ref), 1, 0) for ref in padded])
+            make = call_sine_and_cosine if called and width == WIDEST else sine_and_cosine
+            for op, found in zip(ANGLES, make(e, str(vector), width), strict=True):
+                for lane, ref in enumerate(taken):
+                    place = self.body.by_code.get(Instruction(op, (ref,)))
+                    if place is not None:
+                        self.body.values[place] = e.value(f"extractelement {element(width)} {found}, i64 {lane}")
+
+    def vector(self, operand: Operand) -> Vector:
+        """Return an operand at order 0."""
+        lanes: list[Vector] = [None if value == NOTHING else self.values[value] for value in operand.values]
+        return Shuffle(self.e).gather([(lane, 1, 0) for lane in lanes])
+
+
+def lower_triangles(
+    packing: Packing, entries: Sequence[str]
+) -> list[tuple[tuple[int, ...], dict[tuple[int, int], str]]]:
+    """Return each block of coordinates with the entries of its lower triangle."""
+    rest = iter(entries)
+    return [
+        (block, {(i, j): next(rest) for i in range(len(block)) for j in range(i + 1)})
+        for block in packing.program.blocks
+    ]
+
+
+def constant_vector(e: Emitter, table: Table, lanes: tuple[int, ...]) -> str:
+    """Return a vector of constants, as a literal where all are known."""
+    known = [table.known[place] for place in lanes]
+    if all(value is not None for value in known):
+        return vector_literal([value for value in known if value is not None])
+    return e.load(e.address("%c", table.place(lanes)), element(len(lanes)))
+
+
+def known_numbers(table: Table, chunk: Chunk, which: int) -> list[float] | None:
+    """Return a coefficient of each lane where all are known now, else None."""
+    known = [table.known[place] for place in chunk.coefficients[which]]
+    return None if any(value is None for value in known) else [value for value in known if value is not None]
+
+
+def pieces(count: int) -> list[tuple[int, int]]:
+    """Return (first lane, width) of the powers of two that a number of lanes falls into."""
+    found, place = [], 0
+    for width in (8, 4, 2, 1):
+        while count - place >= width:
+            found.append((place, width))
+            place += width
+    return found
+
+
+def store_exactly(e: Emitter, vector: Vector, width: int, count: int, target: str) -> None:
+    """Store the first lanes of a vector and nothing else."""
+    if vector is None:
+        vector = number(0.0, width)
+    for place, size in pieces(count):
+        part = vector
+        if size != width:
+            mask = ", ".join(f"i32 {place + i}" for i in range(size))
+            kind = element(width)
+            part = (
+                e.value(f"extractelement {kind} {vector}, i64 {place}")
+                if size == 1
+                else e.value(f"shufflevector {kind} {vector}, {kind} poison, <{size} x i32> <{mask}>")
+            )
+        e.store(part, e.address(target, place), element(size))

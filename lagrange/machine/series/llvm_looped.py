@@ -1,0 +1,371 @@
+"""The series of a large system in loops: one body for all orders, vectors side by side in rows of memory.
+
+    i32 jet(double t, double scale, ptr y, ptr p, ptr c, ptr rows, i64 order)
+
+as in `taylor_unrolled`, but for any order. A row holds q, v and what is watched, and behind them every operand that a
+later order reads. Each order has two phases: the sums over lower orders for all vectors at once, in a loop that loads
+and multiplies and adds and nothing else; then the short chain of values that depend on one another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from lagrange.machine.llvm.emitter import Emitter, literal
+from lagrange.machine.llvm.spelling import element, number
+from lagrange.machine.series.llvm_jet import (
+    SIGNATURE,
+    Shuffle,
+    Start,
+    Table,
+    constant_vector,
+    known_numbers,
+    lower_triangles,
+    pieces,
+    store_exactly,
+)
+from lagrange.machine.series.llvm_layout import Slots, TaylorLayout
+from lagrange.machine.series.llvm_rules import Arithmetic, Vector, coefficient, divided
+from lagrange.machine.series.packing import Chunk, Operand, Packing
+from lagrange.procedure.linear.inverse import padded
+
+TILE = 16
+"""How many sums run in one loop: their totals stay in registers."""
+
+WRITTEN_OUT = 32
+"""Up to this dimension the product with the inverse of the mass matrix is written out."""
+
+
+class LoopedJet:
+    """Emits the function."""
+
+    def __init__(self, packing: Packing, table: Table, layout: TaylorLayout, slots: Slots) -> None:
+        self.packing, self.table, self.layout, self.slots = packing, table, layout, slots
+        self.origin = Start(packing, layout.padded)
+        self.e: Emitter = self.origin.e
+        self.do = Arithmetic(self.e)
+        self.shuffle = Shuffle(self.e)
+        self.x: dict[Chunk, Vector] = {}
+        self.gathered: dict[Operand, Vector] = {}
+        self.totals: dict[tuple[Chunk, int], Vector] = {}
+        self.splats: dict[tuple[str, int], str] = {}
+        self.row = self.previous = self.k = self.rank = ""
+        self.parts: tuple[str, ...] = ()
+        self.shares: tuple[str, ...] = ()
+
+    def function(self) -> str:
+        """Return the IR."""
+        e, program = self.e, self.packing.program
+        self.write_first()
+        self.inverse_at = self.invert()
+        self.reciprocals = {operand: self.one_over(operand) for operand in self.divisors()}
+        refined = not program.constant_mass
+        self.start_guess()
+        # Order 1 is computed twice, the second time from the velocities found first: see `UnrolledJet.refined`.
+        with e.loop(0 if refined else 1, e.value("add nsw i64 %order, 1")) as turn:
+            begun = e.value(f"icmp ne i64 {turn}, 0")
+            self.begin(e.value(f"select i1 {begun}, i64 {turn}, i64 1"))
+            self.sum_up()
+            for chunk, velocity in zip(self.packing.coordinates, self.packing.velocities, strict=True):
+                lanes = len(chunk.values)
+                self.x[chunk] = self.share(self.before(velocity.whole), lanes)
+            self.fill(self.packing.configuration)
+            guesses = self.guesses()
+            for chunk, guess in zip(self.packing.velocities, guesses, strict=True):
+                self.x[chunk] = guess
+            self.fill(self.packing.trial)
+            found = [
+                self.do.add(value, guess, len(chunk.values))
+                for chunk, value, guess in zip(self.packing.velocities, self.velocities(), guesses, strict=True)
+            ]
+            self.keep_guess(found, begun)
+            moving = program.moving
+            self.gathered = {o: v for o, v in self.gathered.items() if moving.isdisjoint(o.values)}
+            for chunk, value in zip(self.packing.velocities, found, strict=True):
+                self.x[chunk] = value
+            self.fill(self.packing.velocity)
+            self.write()
+        e.do(f"ret i32 {self.origin.body.status()}")
+        return e.function(SIGNATURE)
+
+    def start_guess(self) -> None:
+        """Begin with velocities of zero."""
+        if not self.packing.program.constant_mass:
+            for chunk in self.packing.velocities:
+                self.e.store(number(0.0, len(chunk.values)), self.guess_at(chunk), element(len(chunk.values)))
+
+    def guess_at(self, chunk: Chunk) -> str:
+        """Return where the guess of some velocities stands."""
+        return self.origin.body.scratch(f"guess {chunk.values[0]}", element(len(chunk.values)), 1)
+
+    def guesses(self) -> list[Vector]:
+        """Return the velocities from which those of this turn are corrected: zero but in the second turn."""
+        if self.packing.program.constant_mass:
+            return [None] * len(self.packing.velocities)
+        return [self.e.load(self.guess_at(chunk), element(len(chunk.values))) for chunk in self.packing.velocities]
+
+    def keep_guess(self, found: Sequence[Vector], begun: str) -> None:
+        """Keep the velocities of the first turn for the second, and none after it."""
+        if self.packing.program.constant_mass:
+            return
+        for chunk, value in zip(self.packing.velocities, found, strict=True):
+            lanes = len(chunk.values)
+            kind, zero = element(lanes), number(0.0, lanes)
+            kept = self.e.value(f"select i1 {begun}, {kind} {zero}, {kind} {value or zero}")
+            self.e.store(kept, self.guess_at(chunk), kind)
+
+    def write_first(self) -> None:
+        """Store order 0: the state, what is watched, and every operand lane by lane."""
+        e, layout = self.e, self.layout
+        for i in range(layout.dimension):
+            e.put(self.origin.values[i], "%rows", i)
+        for i, watched in enumerate(self.packing.program.watched):
+            value = None if watched is None else self.origin.values[watched]
+            e.put(value or literal(0.0), "%rows", layout.watched_at + i)
+        for operand, place in self.slots.places.items():
+            for lane, slot in enumerate(operand.values):
+                known = None if operand.ranked else self.origin.values.get(slot)
+                e.put(known or literal(0.0), "%rows", place + lane)
+
+    def divisors(self) -> list[Operand]:
+        """Return the operands that something is divided by."""
+        found = []
+        for chunk in self.packing.computed:
+            if chunk.op in ("div", "against"):
+                found.append(chunk.args[1])
+            elif chunk.op in ("inverse", "power"):
+                found.append(chunk.args[0])
+            elif chunk.op == "sqrt":
+                found.append(chunk.whole)
+        return list(dict.fromkeys(found))
+
+    def one_over(self, operand: Operand) -> str:
+        """Return one over an operand at order 0."""
+        lanes = len(operand.values)
+        return self.e.value(f"fdiv {element(lanes)} {number(1.0, lanes)}, {self.first(operand)}")
+
+    def begin(self, k: str) -> None:
+        """Set up what depends on the order alone."""
+        e, width = self.e, self.layout.width
+        self.k = k
+        self.row = e.address("%rows", e.value(f"mul nsw i64 {k}, {width}"))
+        self.previous = e.address(self.row, -width)
+        self.rank = e.value(f"sitofp i64 {k} to double")
+        high = e.real("fdiv", literal(1.0), self.rank)
+        # What 1 - k high leaves over is exact, and its share is the part of 1 / k that rounding lost.
+        left = e.fma(e.value(f"fneg double {self.rank}"), high, literal(1.0))
+        self.parts = (high, e.real("fmul", left, high))
+        self.shares = tuple(e.real("fmul", "%scale", part) for part in self.parts)
+
+    def sum_up(self) -> None:
+        """Emit the sums over lower orders, some vectors at a time."""
+        wanted = [(chunk, which) for chunk in self.packing.computed for which in range(len(chunk.sums))]
+        for begin in range(0, len(wanted), TILE):
+            self.sum_tile(wanted[begin : begin + TILE])
+
+    def sum_tile(self, wanted: Sequence[tuple[Chunk, int]]) -> None:
+        """Emit some sums in one loop."""
+        e, width = self.e, self.layout.width
+        kinds = [element(len(chunk.values)) for chunk, _ in wanted]
+        zeros = [number(0.0, len(chunk.values)) for chunk, _ in wanted]
+        with e.carry(1, self.k, list(zip(kinds, zeros, strict=True))) as loop:
+            lower = e.address("%rows", e.value(f"mul nsw i64 {loop.index}, {width}"))
+            upper = e.address(
+                "%rows", e.value(f"mul nsw i64 {e.value(f'sub nsw i64 {self.k}, {loop.index}')}, {width}")
+            )
+            loaded: dict[tuple[str, Operand], str] = {}
+
+            def read(row: str, operand: Operand) -> str:
+                if (row, operand) not in loaded:
+                    loaded[row, operand] = self.read(row, operand)
+                return loaded[row, operand]
+
+            loop.following = []
+            for (chunk, which), kind, total in zip(wanted, kinds, loop.values, strict=True):
+                a, b = chunk.sums[which]
+                loop.following.append(e.fma(read(lower, a), read(upper, b), total, kind))
+        self.totals.update(zip(wanted, loop.values, strict=True))
+
+    def read(self, row: str, operand: Operand) -> str:
+        """Return an operand from a row of memory."""
+        return self.e.load(self.e.address(row, self.slots.places[operand]), element(len(operand.values)))
+
+    def fill(self, chunks: Sequence[Chunk]) -> None:
+        """Emit the coefficients of some chunks."""
+        for chunk in chunks:
+            self.x[chunk] = coefficient(self, chunk)
+
+    def now(self, operand: Operand) -> Vector:
+        """Return an operand at the order at hand."""
+        if operand not in self.gathered:
+            vector = self.shuffle.operand(self.packing, operand, self.x.__getitem__)
+            if operand.ranked:
+                lanes = len(operand.values)
+                vector = self.do.scale(vector, self.splat(self.rank, lanes), lanes)
+            self.gathered[operand] = vector
+        return self.gathered[operand]
+
+    def before(self, operand: Operand) -> Vector:
+        """Return an operand at the order before."""
+        return self.read(self.previous, operand)
+
+    def first(self, operand: Operand) -> Vector:
+        """Return an operand at order 0."""
+        return self.read("%rows", operand)
+
+    def total(self, chunk: Chunk, which: int) -> Vector:
+        """Return a sum over 0 < j < k."""
+        return self.totals[chunk, which]
+
+    def over(self, operand: Operand) -> str:
+        """Return one over an operand at order 0."""
+        return self.reciprocals[operand]
+
+    def numbers(self, chunk: Chunk, which: int) -> list[float] | None:
+        """Return a coefficient of each lane where all are known now, else None."""
+        return known_numbers(self.table, chunk, which)
+
+    def constant(self, chunk: Chunk, which: int) -> str:
+        """Return a coefficient as a vector."""
+        return constant_vector(self.e, self.table, chunk.coefficients[which])
+
+    def splat(self, value: str, lanes: int) -> str:
+        """Return a number in every lane, made once."""
+        key = (value, lanes)
+        if key not in self.splats:
+            self.splats[key] = self.e.splat(value, element(lanes))
+        return self.splats[key]
+
+    def share(self, x: Vector, lanes: int) -> Vector:
+        """Return x scale / k."""
+        high, low = (self.splat(share, lanes) for share in self.shares)
+        return divided(self.do, x, high, low, lanes)
+
+    def part(self, x: Vector, lanes: int) -> Vector:
+        """Return x / k."""
+        high, low = (self.splat(part, lanes) for part in self.parts)
+        return divided(self.do, x, high, low, lanes)
+
+    def start(self, lanes: int) -> Vector:
+        """Return the coefficient of time."""
+        first = self.e.value(f"icmp eq i64 {self.k}, 1")
+        return self.splat(self.e.choose(first, "%scale", literal(0.0)), lanes)
+
+    def invert(self) -> str:
+        """Find the inverse of the mass matrix and return its address; of a diagonal one it is a vector."""
+        e, program = self.e, self.packing.program
+        n = program.dimension
+        if program.constant_mass:
+            return "%c"
+        if program.diagonal:
+            memory = e.reserve("double", padded(n))
+            for block, entry in lower_triangles(self.packing, self.origin.triangles):
+                value = e.real("fdiv", literal(1.0), entry[0, 0])
+                zero = e.real("fcmp oeq", entry[0, 0], literal(0.0))
+                self.origin.body.singular.append(zero)
+                e.put(value, memory, block[0])
+            return memory
+        end = e.value(f"mul nsw i64 {e.value('add nsw i64 %order, 1')}, {self.layout.width}")
+        inverse = e.address("%rows", end)
+        matrix = e.address(inverse, padded(n) ** 2)
+        work = e.address(matrix, n * n)
+        placed = {}
+        for block, lower in lower_triangles(self.packing, self.origin.triangles):
+            placed.update({(block[i], block[j]): value for (i, j), value in lower.items()})
+        for j in range(n):
+            for i in range(j, n):
+                e.put(placed.get((i, j), literal(0.0)), matrix, j * n + i)
+        arguments = f"i64 {n}, i64 {padded(n)}, ptr {matrix}, ptr {inverse}, ptr {work}"
+        self.origin.body.singular.append(e.value(f"call i1 @invert({arguments})"))
+        return inverse
+
+    def velocities(self) -> list[Vector]:
+        """Return v[k] = M0^-1 (f[k-1] scale / k - p^[k])."""
+        packing, program, e = self.packing, self.packing.program, self.e
+        right: list[Vector] = []
+        for chunk, force, momentum in zip(packing.velocities, packing.forces, packing.momenta, strict=True):
+            lanes = len(chunk.values)
+            rate = None if force is None else self.share(self.before(force), lanes)
+            right.append(self.do.less(rate, None if momentum is None else self.now(momentum), lanes))
+        if program.diagonal:
+            return self.divided(right)
+        memory = self.origin.body.scratch("right", "double", padded(program.dimension))
+        place = 0
+        for chunk, vector in zip(packing.velocities, right, strict=True):
+            store_exactly(e, vector, len(chunk.values), chunk.count, e.address(memory, place))
+            place += chunk.count
+        return self.product(memory)
+
+    def divided(self, right: Sequence[Vector]) -> list[Vector]:
+        """Return each entry times the inverse of its mass."""
+        found: list[Vector] = []
+        place = 0
+        for chunk, vector in zip(self.packing.velocities, right, strict=True):
+            lanes = len(chunk.values)
+            inverse = self.load_exactly(self.e.address(self.inverse_at, place), lanes, chunk.count)
+            found.append(self.do.fma(vector, inverse, None, lanes))
+            place += chunk.count
+        return found
+
+    def load_exactly(self, source: str, lanes: int, count: int) -> str:
+        """Return a vector of which only the first entries are read from memory; the others repeat the last."""
+        if count == lanes:
+            return self.e.load(source, element(lanes))
+        found: list[tuple[Vector, int, int]] = []
+        for place, width in pieces(count):
+            part = self.e.load(self.e.address(source, place), element(width))
+            found += [(part, width, lane) for lane in range(width)]
+        vector = self.shuffle.gather(found + [found[-1]] * (lanes - count))
+        return vector or number(0.0, lanes)
+
+    def product(self, right: str) -> list[Vector]:
+        """Return the product of the inverse with a vector in memory."""
+        e, n = self.e, self.packing.program.dimension
+        stride = n if self.packing.program.constant_mass else padded(n)
+        chunks = self.packing.velocities
+        starts = [sum(chunk.count for chunk in chunks[:i]) for i in range(len(chunks))]
+
+        def column(j: str | int) -> list[str]:
+            base = e.address(
+                self.inverse_at, j * stride if isinstance(j, int) else e.value(f"mul nsw i64 {j}, {stride}")
+            )
+            return [
+                self.load_exactly(e.address(base, at), len(chunk.values), chunk.count)
+                for at, chunk in zip(starts, chunks, strict=True)
+            ]
+
+        kinds = [element(len(chunk.values)) for chunk in chunks]
+        if n > WRITTEN_OUT:
+            zeros = [number(0.0, len(chunk.values)) for chunk in chunks]
+            with e.carry(0, n, list(zip(kinds, zeros, strict=True))) as loop:
+                entry = e.get(right, loop.index)
+                loop.following = [
+                    e.fma(part, e.splat(entry, kind), total, kind)
+                    for part, chunk, total, kind in zip(column(loop.index), chunks, loop.values, kinds, strict=True)
+                ]
+            return list(loop.values)
+        totals: list[list[Vector]] = [[None, None] for _ in chunks]
+        for j in range(n):
+            entry = e.get(right, j)
+            for i, (part, chunk) in enumerate(zip(column(j), chunks, strict=True)):
+                lanes = len(chunk.values)
+                totals[i][j % 2] = self.do.fma(part, e.splat(entry, element(lanes)), totals[i][j % 2], lanes)
+        return [self.do.add(a, b, len(chunk.values)) for (a, b), chunk in zip(totals, chunks, strict=True)]
+
+    def write(self) -> None:
+        """Store the row."""
+        e, packing = self.e, self.packing
+        place = 0
+        for chunk in (*packing.coordinates, *packing.velocities):
+            store_exactly(e, self.now(chunk.whole), len(chunk.values), chunk.count, e.address(self.row, place))
+            place += chunk.count
+        for i, watched in enumerate(packing.program.watched):
+            value = None if watched is None else self.now(Operand((watched,)))
+            e.put(value or literal(0.0), self.row, self.layout.watched_at + i)
+        for operand in dict.fromkeys([*packing.summed, *packing.delayed, *(c.whole for c in packing.velocities)]):
+            lanes = len(operand.values)
+            e.store(
+                self.now(operand) or number(0.0, lanes),
+                e.address(self.row, self.slots.places[operand]),
+                element(lanes),
+            )

@@ -1,0 +1,114 @@
+"""Drivers in machine code: the step program unrolled around calls of the right-hand side, and the loop over steps.
+
+    i32 drive(ptr rhs, ptr parameters, ptr jacobian, ptr its parameters,
+              ptr reals, ptr counts, ptr work, i64 budget, ptr times, ptr rows)
+
+`reals` and `counts` are those of `DriverState`; `work` holds the vectors of a step, each padded to whole blocks of
+four doubles: states, slopes and unknowns, new states, errors, then the buffers for a call, and what `Newton` keeps.
+The result is an `Outcome`.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lagrange.machine.backend import FloatArray
+from lagrange.machine.kernel.llvm_kernel import LlvmKernel
+from lagrange.machine.llvm.address import address, workspace
+from lagrange.machine.llvm.engine import Module
+from lagrange.machine.llvm.operations import declarations
+from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA
+from lagrange.machine.state import DriverState, Outcome
+from lagrange.machine.steps.llvm_error_norm import first_step_function, norm_function
+from lagrange.machine.steps.llvm_layout import Layout
+from lagrange.machine.steps.llvm_loops import adaptive_loop, fixed_loop
+from lagrange.machine.steps.llvm_newton import newton_functions
+from lagrange.machine.steps.llvm_newton_matrix import inversion_functions, kept, renew_functions
+from lagrange.machine.steps.llvm_step import either_function, record_function, step_function
+from lagrange.machine.steps.newton_constants import Kept
+from lagrange.program.step import StepProgram
+
+
+class LlvmDriver:
+    """A compiled driver bound to one right-hand side and one set of prepared parameters."""
+
+    def __init__(
+        self, step: StepProgram, kernel: LlvmKernel, parameters: FloatArray, jacobian: LlvmKernel | None = None
+    ) -> None:
+        self._kernel = kernel
+        self._code = _compiled(step, kernel.program.states)
+        self._drive, self._places = self._code.drive, self._code.places
+        self._prepared = kernel.prepare(parameters)
+        self._work = workspace(self._code.layout.size)
+        self._fixed: tuple[int | None, ...] = (kernel.law_address, address(self._prepared), None, None)
+        if jacobian is not None:
+            self._derivative = jacobian, jacobian.prepare(parameters)
+            self._fixed = (*self._fixed[:2], jacobian.address, address(self._derivative[1]))
+        self._work_address = address(self._work)
+
+    def adopt(self, state: DriverState) -> None:
+        """Leave the state where it is; see `Driver`."""
+
+    def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
+        """Advance a run; see `Driver`. `rows` needs one block of slack behind its last row."""
+        self._work[self._places] = state.y
+        recorded = (address(times), address(rows)) if state.counts[DriverState.RECORD] else (None, None)
+        outcome = self._drive(*self._fixed, *state.addresses, self._work_address, budget, *recorded)
+        state.y[:] = self._work[self._places]
+        return Outcome(outcome)
+
+    def kept(self) -> tuple[Kept, ...]:
+        """Return what each solve of the steps keeps, and behind them each of the starter."""
+        layout, n = self._code.layout, self._kernel.program.states
+        starting = [] if layout.step.starter is None else layout.starting.solves
+        found = [kept(newton, n, self._work) for newton in layout.solves]
+        return (*found, *(kept(newton, n, self._work[layout.end :]) for newton in starting))
+
+
+_DRIVE = ctypes.CFUNCTYPE(ctypes.c_int32, *([ctypes.c_void_p] * 7), ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p)
+
+
+@dataclass(frozen=True, eq=False)
+class _Code:
+    """A driver in machine code: its function, what is where in `work`, and the places of the state there.
+
+    The state is one vector, or coordinates and velocities each padded to whole blocks.
+    """
+
+    module: Module
+    drive: Any
+    layout: Layout
+    places: NDArray[np.intp]
+
+
+@lru_cache(maxsize=64)
+def _compiled(step: StepProgram, dimension: int) -> _Code:
+    layout, n = Layout(step, dimension), dimension // 2
+    second = layout.width if step.partitioned else n
+    places = np.array([*range(n), *range(second, second + n)])
+    module = Module(driver_ir(step, dimension), optimize=True)
+    return _Code(module, _DRIVE(module.address("drive")), layout, places)
+
+
+def driver_ir(step: StepProgram, dimension: int) -> str:
+    """Return the IR of the driver of a step for states of that dimension."""
+    layout = Layout(step, dimension)
+    loop = adaptive_loop if step.control else fixed_loop
+    parts = [declarations(), METADATA, ATTRIBUTES, *_step_functions(layout), record_function(layout)]
+    parts += inversion_functions(layout)
+    if step.starter is not None:
+        parts += [*_step_functions(layout.starting, "starter_"), either_function(layout)]
+    if step.control:
+        parts.append(norm_function(step, layout))
+        parts.append(first_step_function(step, layout))
+    return "\n".join([*parts, loop(step, layout)])
+
+
+def _step_functions(layout: Layout, prefix: str = "") -> list[str]:
+    return [step_function(layout, prefix), *newton_functions(layout, prefix), *renew_functions(layout, prefix)]

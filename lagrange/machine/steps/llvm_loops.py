@@ -1,0 +1,170 @@
+"""The loops over steps in machine code: equal steps, and steps that follow the error.
+
+They do what `lagrange.machine.steps.interpreted_driver` does, which is the place to read it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lagrange.machine.llvm.emitter import Emitter, literal
+from lagrange.machine.state import EARLIEST, NEAR_END, SPACING, DriverState, Outcome
+from lagrange.machine.steps.control_constants import (
+    AFTER_BROKEN,
+    AFTER_DIVERGED,
+    FAR,
+    INTEGRAL,
+    LEAST_NORM,
+    LEAST_PREVIOUS,
+    SHRUNK,
+    SLIVER,
+)
+from lagrange.machine.steps.llvm_calls import LAW, RECORDS, bump, leave_if, leave_with
+from lagrange.machine.steps.llvm_layout import KIND, Layout, Newton, blocks, finite, in_work
+from lagrange.machine.steps.llvm_step import accept, attempt, take_entries
+from lagrange.program.step import StepProgram
+
+
+def fixed_loop(step: StepProgram, layout: Layout) -> str:
+    """Emit equal steps from the start; times are multiples of the step, and the last step ends at the end."""
+    e = Emitter()
+    _forget(e, layout)
+    take_entries(e, layout)
+    start, end, h = (e.get("%reals", which) for which in (DriverState.START, DriverState.END, DriverState.STEP))
+    with e.loop(0, "%budget"):
+        t = e.get("%reals", DriverState.T)
+        leave_if(e, e.real("fcmp oeq", t, end), Outcome.DONE)
+        count = e.get("%counts", DriverState.STEPS, "i64")
+        following = e.value(f"sitofp i64 {e.value(f'add nsw i64 {count}, 1')} to double")
+        grid = e.fma(following, h, start)
+        left = e.real("fsub", end, e.fma(literal(SLIVER), h, grid))
+        ahead = e.choose(e.real("fcmp olt", h, literal(0.0)), e.value(f"fneg double {left}"), left)
+        beyond = e.real("fcmp ole", ahead, literal(0.0))
+        length = e.choose(beyond, e.real("fsub", end, t), h)
+        leave_with(e, attempt(e, step, t, length))
+        good = finite(e, layout, [layout.new + i for i in range(step.states)])
+        leave_if(e, e.value(f"xor i1 {good}, true"), Outcome.NON_FINITE)
+        accept(e, e.choose(beyond, end, grid))
+    _come_back(e, end)
+    return e.function(_SIGNATURE)
+
+
+def adaptive_loop(step: StepProgram, layout: Layout) -> str:
+    """Emit steps whose size follows the error."""
+    e = Emitter()
+    _forget(e, layout)
+    take_entries(e, layout)
+    end = e.get("%reals", DriverState.END)
+    direction = _first_step(e, end)
+    with e.loop(0, "%budget"):
+        t, h = e.get("%reals", DriverState.T), e.get("%reals", DriverState.H)
+        h = e.real("fmul", direction, e.smaller(e.fabs(h), e.get("%reals", DriverState.LONGEST)))
+        leave_if(e, e.real("fcmp oeq", t, end), Outcome.DONE)
+        least = e.real("fmul", e.larger(e.fabs(t), literal(EARLIEST)), literal(SPACING))
+        left = e.real("fsub", end, t)
+        final = e.real("fcmp oge", e.real("fmul", e.fabs(h), literal(NEAR_END)), e.fabs(left))
+        small = e.real("fcmp ult", e.fabs(h), least)
+        stuck = e.value(f"and i1 {small}, {e.value(f'xor i1 {final}, true')}")
+        rejected = e.value(f"icmp ne i64 {e.get('%counts', DriverState.AFTER_REJECT, 'i64')}, 0")
+        hopeless = e.value(f"or i1 {stuck}, {e.value(f'and i1 {small}, {rejected}')}")
+        leave_if(e, hopeless, Outcome.STEP_TOO_SMALL)
+        after = e.choose(final, end, e.real("fadd", t, h))
+        # Far from time zero a step is as long as times allow; elsewhere it keeps its length, and a matrix made for it.
+        far = e.real("fcmp olt", e.fabs(h), e.real("fmul", e.fabs(t), literal(FAR)))
+        exact = e.value(f"or i1 {final}, {far}")
+        length = e.choose(exact, e.real("fsub", after, t), h)
+        _trial(e, step, layout, length, after, rejected)
+    _come_back(e, end)
+    return e.function(_SIGNATURE)
+
+
+_SIGNATURE = f"define i32 @drive({LAW}, {RECORDS}, i64 %budget, ptr noalias %times, ptr noalias %rows)"
+
+
+def _forget(e: Emitter, layout: Layout) -> None:
+    """Clear what is kept in the work array if it belongs to another run; a starter makes all anew at each step."""
+    places = [(layout.flags, 2), *((newton.flags, Newton.FLAGS) for newton in layout.solves)]
+    if layout.solves:
+        with e.when(e.value(f"icmp eq i64 {e.get('%counts', DriverState.KEPT, 'i64')}, 0")):
+            e.put("1", "%counts", DriverState.KEPT, "i64")
+            for place, count in places:
+                for i in range(count):
+                    e.put(literal(0.0), "%work", place + i)
+            for i in range(layout.step.states if layout.step.exact else 0):
+                for offset in blocks(e, layout.width):
+                    e.store("zeroinitializer", in_work(e, layout.lost + i * layout.width, offset), KIND)
+
+
+def _come_back(e: Emitter, end: str) -> None:
+    """Return when the budget is used up."""
+    reached = e.real("fcmp oeq", e.get("%reals", DriverState.T), end)
+    e.do(f"ret i32 {e.value(f'select i1 {reached}, i32 {int(Outcome.DONE)}, i32 {int(Outcome.PAUSED)}')}")
+
+
+def _first_step(e: Emitter, end: str) -> str:
+    """Choose the size of the first step if none is given; return the direction of time, 1 or -1."""
+    t = e.get("%reals", DriverState.T)
+    distance = e.real("fsub", end, t)
+    direction = e.choose(e.real("fcmp olt", distance, literal(0.0)), literal(-1.0), literal(1.0))
+    with e.when(e.real("fcmp oeq", e.get("%reals", DriverState.H), literal(0.0))):
+        arguments = f"ptr %rhs, ptr %p, double {t}, double {e.fabs(distance)}, double {direction}"
+        tolerances = ", ".join(f"double {e.get('%reals', which)}" for which in (DriverState.RTOL, DriverState.ATOL))
+        size = e.value(f"call double @first_step({arguments}, {tolerances}, ptr %work)")
+        e.put(e.real("fmul", size, direction), "%reals", DriverState.H)
+        bump(e, DriverState.EVALUATIONS, 2)
+    return direction
+
+
+def _trial(e: Emitter, step: StepProgram, layout: Layout, length: str, after: str, rejected: str) -> None:
+    """Take a trial step; reject it where it fails or something in it is not a number, else judge it by its error."""
+    status = attempt(e, step, e.get("%reals", DriverState.T), length)
+    done = e.value(f"icmp eq i32 {status}, {int(Outcome.DONE)}")
+    good = finite(e, layout, [layout.new, *(layout.errors + i for i in range(len(step.errors)))])
+    name = e.fresh("trial")
+    e.do(f"br i1 {e.value(f'and i1 {good}, {done}')}, label %{name}.measure, label %{name}.broken")
+    e.label(f"{name}.broken")
+    failure = e.value(f"sitofp i32 {status} to double")
+    cause = e.choose(done, literal(float(Outcome.NON_FINITE)), failure)
+    unsolved = e.real("fcmp oeq", cause, literal(float(Outcome.DIVERGED)))
+    part = e.choose(unsolved, literal(AFTER_DIVERGED), literal(AFTER_BROKEN))
+    _reject(e, cause, e.real("fmul", length, part))
+    e.jump(f"{name}.end")
+    e.label(f"{name}.measure")
+    _judge(e, step, name, length, after, rejected)
+    e.label(f"{name}.end")
+
+
+def _judge(e: Emitter, step: StepProgram, name: str, length: str, after: str, rejected: str) -> None:
+    """Accept or reject a finite trial step by its error norm, and set the next step."""
+    control: Any = step.control
+    tolerances = ", ".join(f"double {e.get('%reals', which)}" for which in (DriverState.RTOL, DriverState.ATOL))
+    norm = e.value(f"call double @norm(ptr %work, {tolerances})")
+    shrink = e.power(e.larger(norm, literal(LEAST_NORM)), -(1 / control.exponent - INTEGRAL * control.memory))
+    factor = e.real("fmul", shrink, literal(control.safety))
+    accepted = e.real("fcmp ole", norm, literal(1.0))
+    e.do(f"br i1 {accepted}, label %{name}.accept, label %{name}.reject")
+    e.label(f"{name}.reject")
+    bounded = e.smaller(e.larger(factor, literal(control.least)), literal(SHRUNK))
+    _reject(e, literal(float(Outcome.STEP_TOO_SMALL)), e.real("fmul", length, bounded))
+    e.jump(f"{name}.end")
+    e.label(f"{name}.accept")
+    if control.memory:
+        factor = e.real("fmul", factor, e.power(e.get("%reals", DriverState.PREVIOUS), control.memory))
+    e.put(e.larger(norm, literal(LEAST_PREVIOUS)), "%reals", DriverState.PREVIOUS)
+    most = e.choose(rejected, literal(1.0), literal(control.most))
+    factor = e.larger(e.smaller(factor, most), literal(control.least))
+    if control.hold > 1:
+        little = e.real("fcmp olt", factor, literal(control.hold))
+        steady = e.value(f"and i1 {e.real('fcmp oge', factor, literal(1.0))}, {little}")
+        factor = e.choose(steady, literal(1.0), factor)
+    e.put(e.real("fmul", length, factor), "%reals", DriverState.H)
+    e.put("0", "%counts", DriverState.AFTER_REJECT, "i64")
+    accept(e, after)
+    e.jump(f"{name}.end")
+
+
+def _reject(e: Emitter, cause: str, h: str) -> None:
+    e.put(cause, "%reals", DriverState.CAUSE)
+    e.put(h, "%reals", DriverState.H)
+    e.put("1", "%counts", DriverState.AFTER_REJECT, "i64")
+    bump(e, DriverState.REJECTED, 1)

@@ -1,0 +1,149 @@
+"""Events along the steps of a burst: all sampled at once on the dense output, and what is certain set aside."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lagrange.machine.backend import Kernel
+from lagrange.trajectory.events.series_on_step import NOISE, TILT
+from lagrange.trajectory.paths.chebyshev import DEGREE, ROUND_OFF, certain, evaluate, nodes, to_chebyshev
+from lagrange.trajectory.paths.step_paths import Places
+from lagrange.trajectory.trajectory import FloatArray
+
+COARSE = 8
+"""The degree at which many steps are looked at first; nearly all of them are certain then."""
+
+FEW = 12
+"""So many steps are sampled at the full degree at once."""
+
+
+class Path(Protocol):
+    """Accepted steps, with a polynomial on each, of degree 16 at most, that passes through both of its states."""
+
+    @property
+    def times(self) -> FloatArray:
+        """The accepted times, (S+1,)."""
+
+    @property
+    def states(self) -> FloatArray:
+        """The accepted states, (S+1, 2n)."""
+
+    def inside(self, steps: Places, theta: FloatArray) -> FloatArray:
+        """Return the states at the same fractions theta (K,) of each of some steps (k,), (2n, k, K)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """One step: where it begins, its length, its states as Chebyshev coefficients (2n, 17), and its events (E, 17)."""
+
+    t: float
+    h: float
+    states: FloatArray
+    values: FloatArray
+    burst: Burst
+
+    def state(self, s: float) -> FloatArray:
+        """Return the state (2n,) at a place in the step."""
+        return evaluate(self.states, np.array([s]))[:, 0]
+
+    def rates(self, s: FloatArray) -> FloatArray:
+        """Return the derivatives of the events by time (E, K) along the motion at places s (K,), per step."""
+        rates = self.burst.rates()
+        return self.h * rates(self.t + self.h * s, evaluate(self.states, s), self.burst.parameters)
+
+    def events(self, s: FloatArray) -> FloatArray:
+        """Return the events (E, K) at places s (K,) in the step."""
+        return self.burst.kernel(self.t + self.h * s, evaluate(self.states, s), self.burst.parameters)
+
+
+@dataclass(frozen=True, eq=False)
+class Burst:
+    """Accepted steps of a burst behind the state that it began with: their path, and the events (E, ...) along it.
+
+    `rates` makes the derivatives of the events by time. `ends` are the events at the states (E, S+1), `edge` is by how
+    much they may be wrong, `noise` (E, S) by how much those on a step may be, `owed` (E, S) the part of it that comes
+    of the motion there, and `certain` (E, S) says which keep their sign on a step.
+    """
+
+    kernel: Kernel
+    rates: Callable[[], Kernel]
+    parameters: FloatArray
+    path: Path
+    ends: FloatArray
+    edge: FloatArray
+    noise: FloatArray
+    owed: FloatArray
+    certain: NDArray[np.bool_]
+    samples: dict[int, Sample] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, kernel: Kernel, rates: Callable[[], Kernel], parameters: FloatArray, path: Path) -> Burst:
+        """Look along a path."""
+        times, states = path.times, path.states.T
+        ends = kernel(times, states, parameters)
+        # The tilts differ, else the difference of two equal entries would seem to owe nothing to either.
+        tilt = 1 + np.arange(len(states) + 1) * 0.6180339887498949 % 1
+        with np.errstate(all="ignore"):
+            moved = kernel(times * (1 + TILT * tilt[-1]), states * (1 + TILT * tilt[:-1, None]), parameters)
+            edge = np.abs(moved - ends) * (NOISE / TILT)
+        edge = np.where(np.isfinite(edge), edge, 0.0)
+        steps: Places = np.arange(len(times) - 1)
+        degree = DEGREE if len(steps) <= FEW else COARSE
+        found = _sampled(path, steps, degree)
+        values = _along(kernel, parameters, path, steps, found)
+        with np.errstate(all="ignore"):
+            noise = np.maximum(edge[:, 1:], edge[:, :-1])
+            # What the event owes to the motion of the state: x**2 + v**2 may stay as it is while x and v do not.
+            moves = states[:, :-1] + TILT * np.ptp(found, axis=-1) * tilt[:-1, None]
+            gain = np.abs(kernel(times[:-1], moves, parameters) - ends[:, :-1]) / TILT
+            spread = np.fmax(np.ptp(values, axis=-1), gain)
+            owed = ROUND_OFF * np.where(np.isfinite(spread), spread, 0.0)
+            noise = noise + owed
+            sure = certain(values @ to_chebyshev(degree).T, noise)
+        burst = cls(kernel, rates, parameters, path, ends, edge, noise, owed, sure)
+        if degree == DEGREE:
+            burst._keep(steps, found, values)
+        elif not sure.all():
+            doubtful: Places = np.flatnonzero(~sure.all(axis=0))
+            found = _sampled(path, doubtful, DEGREE)
+            burst._keep(doubtful, found, _along(kernel, parameters, path, doubtful, found))
+        return burst
+
+    def sample(self, step: int) -> Sample:
+        """Return a step at the full degree."""
+        if step not in self.samples:
+            steps = np.array([step])
+            found = _sampled(self.path, steps, DEGREE)
+            self._keep(steps, found, _along(self.kernel, self.parameters, self.path, steps, found))
+        return self.samples[step]
+
+    def _keep(self, steps: Places, states: FloatArray, values: FloatArray) -> None:
+        """Keep samples at the full degree, states (2n, k, 17) and events (E, k, 17)."""
+        times = self.path.times
+        coefficients = states @ to_chebyshev().T
+        for i, step in enumerate(steps.tolist()):
+            t, end = float(times[step]), float(times[step + 1])
+            self.samples[step] = Sample(t, end - t, coefficients[:, i], values[:, i], self)
+
+
+def _sampled(path: Path, steps: Places, degree: int) -> FloatArray:
+    """Return the states (2n, k, degree + 1) at the nodes of steps (k,); at both ends they are the accepted ones."""
+    size, inner = path.states.shape[1], nodes(degree)[1:-1]
+    found = np.empty((size, len(steps), degree + 1))
+    found[..., 0], found[..., -1] = path.states[steps].T, path.states[steps + 1].T
+    found[..., 1:-1] = path.inside(steps, inner)
+    return found
+
+
+def _along(kernel: Kernel, parameters: FloatArray, path: Path, steps: Places, states: FloatArray) -> FloatArray:
+    """Return the events (E, k, degree + 1) at sampled states."""
+    size, count, points = states.shape
+    start, end = path.times[steps][:, None], path.times[steps + 1][:, None]
+    times = start + (end - start) * nodes(points - 1)
+    times[:, -1:] = end
+    return kernel(times.ravel(), states.reshape(size, -1), parameters).reshape(-1, count, points)

@@ -1,0 +1,110 @@
+"""Leaps over points at which a motion has no Taylor series although its forces hardly change.
+
+With drag -|v|v a body at rest, or at its turning point, is at the root of a square: the force is smooth enough there,
+but no series leads on. A step by a method without series does, over so little time that all else is nearly constant.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from lagrange.machine.backend import SingularMassMatrix
+from lagrange.machine.state import DriverState
+from lagrange.trajectory.integrator import Integrator, Problem
+from lagrange.trajectory.trajectory import FloatArray, Status
+
+SHARE = 1e-6
+"""A leap takes this part of the run."""
+
+CHANGE = 0.01
+"""No acceleration changes on a leap by more than this part of itself, or of what would change the
+velocity by itself along the run: a force that jumps, or is infinite, is not leapt over."""
+
+BEHIND = 2.0**-10
+"""The part of a leap that lies behind the surface on which it begins."""
+
+IN_A_ROW = 3
+"""So many leaps may follow one another without a step between them. What has no series for longer has none."""
+
+SHORTER, ATTEMPTS = 1 / 16, 6
+"""How much shorter a leap is tried again, and how often."""
+
+MOST_STEPS = 1000
+"""So many steps may a leap take: it is hardly more than one where there is something to leap to."""
+
+
+@dataclass
+class Leaps:
+    """The leaps of a run so far, by a method with tolerances of its own.
+
+    `rows` are those that they begin from, `landed` is where the last one ended, `crowd` how many followed in a row.
+    """
+
+    problem: Problem
+    method: Integrator
+    rows: list[int] = field(default_factory=list)
+    landed: float = math.nan
+    crowd: int = 0
+
+    def ahead(self, state: DriverState) -> list[float]:
+        """Return the times to leap to, the farthest first."""
+        span, left = abs(self.problem.t1 - self.problem.t0), float(state.reals[DriverState.END]) - state.t
+        if not left or (state.t == self.landed and self.crowd >= IN_A_ROW):
+            return []
+        lengths = [SHARE * span * SHORTER**k for k in range(ATTEMPTS)]
+        least = 64 * 2.0**-52 * max(abs(state.t), 2.0**-60 * span)
+        return [state.t + math.copysign(min(x, abs(left)), left) for x in lengths if x > least]
+
+    def landing(self, state: DriverState, there: float, *, switched: Callable[[float], bool]) -> FloatArray | None:
+        """Return the state (2n,) at a time ahead, or None where forces change too much for a leap.
+
+        `switched` says whether the equations switch on a surface within some time: what counts then is how forces
+        change behind it.
+        """
+        part = replace(
+            self.problem,
+            t0=state.t,
+            t1=there,
+            y0=state.y.copy(),
+            t_eval=None,
+            rtol=None,
+            atol=None,
+            step=None,
+            max_steps=MOST_STEPS,
+            events=(),
+            progress=None,
+        )
+        run = self.method.integrate(part)
+        y = run.y[:, -1]
+        if run.status is not Status.SUCCESS:
+            return None
+        begun, start = state.t + BEHIND * (there - state.t), (state.t, state.y)
+        if switched(abs(begun - state.t) / 2):
+            start = begun, run.dense(np.array([begun]))[:, 0]
+        return y if self._steady(*start, there, y) else None
+
+    def land(self, state: DriverState, there: float, y: FloatArray, row: int) -> None:
+        """Let the run go on from a state ahead; `row` is the row that the leap begins from."""
+        r = DriverState
+        self.rows.append(row)
+        self.crowd = self.crowd + 1 if state.t == self.landed else 1
+        self.landed, length = there, there - state.t
+        state.reals[[r.T, r.LOW]] = there, 0.0
+        state.reals[[r.SCALE, r.ONCE, r.LIMIT]] = length, math.inf, math.inf
+        state.counts[[r.TRIES, r.FAILS]] = 0
+        state.y[:] = y
+
+    def _steady(self, t: float, y: FloatArray, there: float, end: FloatArray) -> bool:
+        """Return whether the accelerations at two times on a leap are nearly the same."""
+        kernel, parameters, n = self.problem.model.kernel("rhs"), self.problem.parameter_array, len(y) // 2
+        try:
+            first, last = kernel(t, y, parameters)[n:], kernel(there, end, parameters)[n:]
+        except SingularMassMatrix:
+            return False
+        own = np.maximum(np.abs(first), np.abs(last))
+        slow = np.maximum(np.abs(y[n:]), np.abs(end[n:])) / abs(self.problem.t1 - self.problem.t0)
+        return bool(np.isfinite(own).all() and (np.abs(last - first) <= CHANGE * np.maximum(own, slow)).all())

@@ -1,0 +1,221 @@
+"""The series of what is watched from a state on: how far it can be trusted, and how much of it is round-off."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from lagrange.machine.backend import Series, SingularMassMatrix
+from lagrange.machine.series.constants import REACH, shown_radius
+from lagrange.machine.state import DriverState
+from lagrange.program.recurrence import LARGEST_POWER
+from lagrange.program.series import SeriesProgram
+from lagrange.trajectory.events.roots import Side
+from lagrange.trajectory.trajectory import FloatArray
+
+TILT = 2.0**-26
+"""The part by which the state is moved to see how much an expression owes to it: half of the digits."""
+
+NOISE = 4 * 2.0**-52
+"""Rounding of the state, here and where the step before ended, times what an expression owes to it."""
+
+SLACK = 64.0
+"""The series of an expression may end this many tolerances above the end of the state's: it is a sum of products."""
+
+JUMP = 1e-4
+"""What is watched is not zero where it is larger than this part of its largest term."""
+
+BALANCE = 256.0
+"""A step without a length of its own ends where what grows with the square of time is this much larger than the rest:
+two digits of the roots are lost to it, and a run of any length takes a few steps more."""
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """Series at a state in units of `scale`: those of the state (2n) and of what is watched, and its `noise`.
+
+    `rtol` is the tolerance to which they are to be right, `unit` a time for comparing the terms of what is watched.
+    """
+
+    scale: float
+    unit: float
+    rtol: float
+    rows: FloatArray
+    watched: FloatArray
+    noise: FloatArray
+
+    @classmethod
+    def at(
+        cls, series: Series, order: int, t: float, y: FloatArray, scale: float, values: FloatArray, rtol: float
+    ) -> Look:
+        """Look ahead from a state (2n,); the scale has the sign of the run. Raises SingularMassMatrix."""
+        size = len(y)
+        rows = series.rows(order, t, y, scale, values)
+        watched = rows[:, size:]
+        # The tilts differ, else the difference of two equal entries would seem to owe nothing to either.
+        tilt = _tilt(size + 1)
+        try:
+            moved = series.rows(order, t * tilt[size], y * tilt[:size], scale, values)[0, size:]
+        except SingularMassMatrix:
+            moved = watched[0]
+        with np.errstate(all="ignore"):
+            noise = np.abs(moved - watched[0]) * (NOISE / TILT)
+        return cls(scale, unit(t, scale), rtol, rows, watched, np.where(noise < math.inf, noise, 0.0))
+
+    def trusted(self, s: float, *, wary: bool = False) -> tuple[float, int]:
+        """Return how much of a step the watched series reach with their accuracy, and which of them reaches least.
+
+        The step is as long as the series of the state allow. That of an expression such as log(x) may end earlier.
+        Of a series that hides what it grows to, a `wary` look trusts no more than half of the radius that it shows.
+        """
+        far = reach(self.watched, s, self.rtol, self.noise)
+        if wary:
+            with np.errstate(all="ignore"):
+                far = np.minimum(far, 2.0 ** (shown_radius(np.log2(np.abs(self.watched))) + REACH))
+        least = int(np.argmin(far))
+        s = min(s, float(far[least]))
+        return (self._balanced(s) if self.ends else s), least
+
+    def verified(
+        self, s: float, limiting: int, series: Series, t: float, y: FloatArray, values: FloatArray
+    ) -> tuple[float, int]:
+        """Shorten a step from (t, y) until the series of what is watched agree with it at the end; for high powers.
+
+        At x = 0 the series of x**40 is zero up to order 39, and nothing in it says that it rises.
+        """
+        order = len(self.rows) - 1
+        for _ in range(60):
+            end, moved = t + s * self.scale, state_at(y, self.rows, s)
+            try:
+                there = series.rows(order, end, moved, self.scale, values)[0, len(y) :]
+                wrong = self.disagrees(there, s, self.noise)
+                if wrong.any():
+                    noise = Look.at(series, order, end, moved, self.scale, values, self.rtol).noise
+                    wrong = self.disagrees(there, s, self.noise + noise)
+            except SingularMassMatrix:
+                break
+            if not wrong.any():
+                break
+            s, limiting = s / 2, int(np.argmax(wrong))
+        return s, limiting
+
+    def _balanced(self, s: float) -> float:
+        """Shorten a step that may have any length until the high powers do not drown the others in round-off."""
+        sizes, ranks = np.abs(self.watched), _ranks(len(self.watched) - 1)
+        for _ in range(200):
+            terms = sizes * (s**ranks)[:, None]
+            low, high = terms[:2].max(axis=0), terms[2:].max(axis=0)
+            if not ((low > 0) & (high > BALANCE * low)).any():
+                break
+            s /= 2
+        return s
+
+    @cached_property
+    def near(self) -> FloatArray:
+        """What is watched in a unit of time in which its terms can be compared; see `near`."""
+        return near(self.watched, self.unit, self.rtol, self.noise)
+
+    def jumps(self, s: float, relay: Sequence[Side]) -> list[int]:
+        """Return what has changed its sign since the step before without a zero: an angle behind the cut of atan2."""
+        largest = (np.abs(self.watched) * (s ** _ranks(len(self.watched) - 1))[:, None]).max(axis=0)
+        here = self.watched[0]
+        changed = np.array([side.sign for side in relay]) * here < 0
+        return np.flatnonzero(changed & (np.abs(here) > JUMP * largest)).tolist()
+
+    def falls(self, which: int, soon: float) -> bool:
+        """Return whether something watched comes to zero within some time by its first derivative."""
+        g, slope = self.watched[:2, which]
+        return bool(g * slope < 0 and abs(g) <= abs(slope) * soon / abs(self.scale))
+
+    @property
+    def ends(self) -> bool:
+        """Whether the series of the state terminate, and say nothing about the length of a step."""
+        return not self.rows[-2:, : self.rows.shape[1] - len(self.noise)].any()
+
+    def disagrees(self, there: FloatArray, s: float, noise: FloatArray) -> FloatArray:
+        """Return for each watched value whether its series from here misses what it is at s, `there`."""
+        with np.errstate(all="ignore"):
+            terms = self.watched * (s ** _ranks(len(self.watched) - 1))[:, None]
+            allowed = SLACK * (max(self.rtol, 2.0**-52) * np.abs(terms).max(axis=0) + noise)
+            return np.asarray(~(np.abs(terms.sum(axis=0) - there) <= allowed))
+
+
+def degree(program: SeriesProgram) -> int:
+    """Return the highest power of the state in what is watched: a series of lower order may show nothing of it."""
+    found: list[int] = []
+    for op, args, _ in program.rules:
+        powers = [found[arg] if arg < len(found) else 0 for arg in args]
+        if op == "mul":
+            found.append(sum(powers))
+        elif op == "square":
+            found.append(2 * powers[0])
+        else:
+            found.append(LARGEST_POWER if op == "power" else max(powers, default=1))
+    return max((found[value] for value in program.watched if value is not None), default=0)
+
+
+def hides(program: SeriesProgram) -> bool:
+    """Return whether there are functions whose series begin far below all others, and grow beyond them."""
+    return any(instruction.op in ("exp", "tanh", "sinh", "cosh") for instruction in program.start.instructions)
+
+
+def reach(series: FloatArray, s: float, rtol: float, noise: FloatArray | float = 0.0) -> FloatArray:
+    """Return how far the columns of a series (order + 1, k) reach with their accuracy or noise, (k,), at most to s."""
+    order = len(series) - 1
+    sizes, ranks, tolerance = np.abs(series), _ranks(order)[:, None], SLACK * max(rtol, 2.0**-52)
+    far: FloatArray = np.full(series.shape[1], s)
+    for _ in range(60):
+        with np.errstate(all="ignore"):
+            terms = sizes * far**ranks
+            ratios = terms[-2:].max(axis=0) / (tolerance * terms[: order // 2 + 1].max(axis=0) + noise)
+            # Where all is zero there is nothing to reach; where a term overflows, the step is much too long.
+            ratios = np.where(sizes[-2:].any(axis=0), np.where(ratios >= 0, ratios, math.inf), 0.0)
+            if not (ratios > 1).any():
+                break
+            far = np.where(ratios > 1, far * np.clip(ratios ** (-1 / order), 0.05, 0.9), far)
+    return far
+
+
+def near(series: FloatArray, unit: float, rtol: float, noise: FloatArray | float = 0.0) -> FloatArray:
+    """Return the columns of a series in the unit of time, or one as long as each reaches: its terms can be compared."""
+    with np.errstate(all="ignore"):
+        return np.asarray(series * reach(series, unit, rtol, noise) ** _ranks(len(series) - 1)[:, None])
+
+
+def unit(t: float, scale: float) -> float:
+    """Return the time, in units of the scale, in which a velocity beside an acceleration counts as zero or not.
+
+    Motions of polynomials have a scale without a meaning. What takes less than some spacings of floating-point times
+    cannot be told apart anyway, and the doubt of `leaving` is to stay below that.
+    """
+    return max(min(1.0, abs(t / scale) / 64), 2.0**-40) if t else 1.0
+
+
+@lru_cache(maxsize=64)
+def _tilt(size: int) -> FloatArray:
+    """Return the factors by which time and state are moved, all different, close to one."""
+    return np.asarray(1 + TILT * (1 + np.arange(size) * 0.6180339887498949 % 1))
+
+
+@lru_cache(maxsize=64)
+def _ranks(order: int) -> FloatArray:
+    """Return 0, 1, ... up to the order."""
+    return np.arange(order + 1.0)
+
+
+def signed_scale(state: DriverState) -> float:
+    """Return the scale of time with the sign of the run's direction."""
+    left = state.reals[DriverState.END] - state.t
+    return math.copysign(float(state.reals[DriverState.SCALE]), left or float(state.reals[DriverState.SCALE]))
+
+
+def state_at(y: FloatArray, rows: FloatArray, s: float) -> FloatArray:
+    """Return the state (2n,) at a time on the step, in units of the scale."""
+    total = np.zeros(len(y))
+    for row in rows[:0:-1, : len(y)]:
+        total = (total + row) * s
+    return y + total

@@ -1,0 +1,400 @@
+"""What is watched along a run: events, and the surfaces on which the equations of motion switch.
+
+The driver comes back before a step on which something watched may vanish. The roots of its polynomial on the step are
+isolated here; the step is then taken whole, or up to the first root that changes the motion, and what happens there
+is done: the run ends, the state is reset, or the equations go on with the other side of a surface.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
+from lagrange.machine.series.constants import FAILURES
+from lagrange.machine.state import DriverState
+from lagrange.trajectory.events.actions import Impact
+from lagrange.trajectory.events.crossing import Meeting, PlannedStep
+from lagrange.trajectory.events.ending import (
+    Verdict,
+    accumulating,
+    at_rest,
+    nowhere,
+    rootless,
+    sliding,
+    undefined,
+    without_series,
+)
+from lagrange.trajectory.events.nonanalytic_points import SHARE, Leaps
+from lagrange.trajectory.events.occurrence import TOGETHER, Crowd, Occurrence, Record
+from lagrange.trajectory.events.roots import Root, Side, roots
+from lagrange.trajectory.events.series_on_step import Look, degree, hides, near, signed_scale, state_at, unit
+from lagrange.trajectory.events.surfaces import Sliding, clear, is_zero, leaving, settled_sides, stated_sides
+from lagrange.trajectory.trajectory import FloatArray, Status
+
+S = DriverState
+
+
+class Watch(Record):
+    """Watches the surfaces, then the events, along the run of one state."""
+
+    def __init__(
+        self,
+        series: Series,
+        order: int,
+        driver: TaylorDriver,
+        parameters: FloatArray,
+        impacts: Sequence[Impact],
+        names: Callable[[], Sequence[str]],
+        leaps: Leaps,
+    ) -> None:
+        super().__init__(len(impacts), 2 * series.program.dimension)
+        self.series, self.order, self.driver, self.parameters = series, order, driver, parameters
+        self.impacts, self.names, self.leaps = tuple(impacts), names, leaps
+        self.surfaces = series.program.sides
+        self.steep, self.hidden = degree(series.program) > order, hides(series.program)
+        self.sides = np.zeros(self.surfaces)
+        self.relay = [Side()] * (self.surfaces + len(self.impacts))
+        self.epochs: list[tuple[int, FloatArray]] = []
+        self.pending: list[Meeting] = []
+        self.planned = PlannedStep()
+        self.starting: frozenset[int] = frozenset()
+        self._last: tuple[object, Look] | None = None
+        self.jumps = 0
+        self.crowd = Crowd()
+
+    @property
+    def values(self) -> FloatArray:
+        """The parameters, then the sides."""
+        return np.concatenate([self.parameters, self.sides])
+
+    def begin(self, state: DriverState) -> Verdict:
+        """Find the side of every surface at the start of the run."""
+        self.state, self.planned = state, PlannedStep()
+        verdict = self._start(state, {})
+        if verdict.status is None:
+            self.pending = self._impacts_at_once(state)
+        return verdict
+
+    def meet(self, state: DriverState) -> Verdict:
+        """Decide on the step that the driver proposes: set its length, or do what happens at its start."""
+        if state.count(S.STEPS) < self.planned.steps:
+            self._forget()
+        if self.pending:
+            return self._finish(state)
+        look = self._look(state)
+        if not np.isfinite(look.watched).all():
+            verdict = undefined(self.names(), look.watched)
+            # On a surface rounding may leave the state where a branch that begins there has no value.
+            return replace(verdict, smooth=verdict.smooth or self._switches(look, 0.0))
+        h, left = float(state.reals[S.H]), float(state.reals[S.END] - state.t - state.reals[S.LOW])
+        s, limiting = look.trusted(h / look.scale, wary=self.hidden)
+        if self.steep:
+            s, limiting = look.verified(s, limiting, self.series, state.t, state.y, self.values)
+        whole = s == h / look.scale
+        if not whole and abs(s * look.scale) < TOGETHER * abs(state.t) + 2.0**-70 * abs(left):
+            name, value = self.names()[limiting], float(look.watched[0, limiting])
+            ends = without_series(name, value, smooth=limiting < self.surfaces)
+            return rootless(name) if self._is_root(limiting) else ends
+        for which in look.jumps(s, self.relay):
+            self.relay[which] = Side(int(np.sign(look.watched[0, which])))
+        found, after = self._roots(look, s, last=whole and h == left)
+        cut = self._first_change(found)
+        if cut is not None:
+            return self._shorten(cut.root.time, found, look, state)
+        self._remember(state)
+        self._record(found, look, state)
+        self.relay, self.starting = after, frozenset()
+        state.reals[S.ONCE] = abs(h if whole else s * look.scale)
+        state.counts[S.LOOK] = int(self.steep or self.hidden or look.ends or not all(side.settled for side in after))
+        return Verdict()
+
+    def end(self, state: DriverState) -> Verdict:
+        """Do what is pending at the end of the run; how the motion would go on from there is no matter."""
+        verdict = self._finish(state) if self.pending else Verdict()
+        ended = verdict.status in (Status.EVENT, Status.NON_FINITE) and not verdict.smooth
+        return verdict if ended else Verdict(Status.SUCCESS, jumped=verdict.jumped)
+
+    def arrived(self, state: DriverState) -> bool:
+        """Whether the state is where something pending is to happen, though no series may begin there."""
+        return bool(self.pending) and state.count(S.STEPS) == self.planned.steps
+
+    def leap(self, state: DriverState) -> Verdict | None:
+        """Leap over a point without a series; return how the run goes on from there, or ends at a root; or None."""
+        events = [self.surfaces + i for i, impact in enumerate(self.impacts) if not impact.root]
+        for there in self.leaps.ahead(state):
+            y = self.leaps.landing(state, there, switched=lambda soon: self._switches(self._look(state), soon))
+            if y is None:
+                continue
+            sides = [self.relay[i].sign for i in events]
+            values = np.concatenate([self.parameters, stated_sides(self.series.program, there, y, self.parameters)])
+            ends = np.sign(self.series.rows(self.order, there, y, signed_scale(state), values)[0, len(y) :][events])
+            # A zero from which the motion begins is no event, but one with a reset is not to be leapt over either.
+            if all(
+                b in (0, a) or (a == 0 and not self.impacts[i - self.surfaces].reset)
+                for i, a, b in zip(events, sides, ends, strict=True)
+            ):
+                self.leaps.land(state, there, y, state.count(S.STEPS) + self.jumps)
+                self.jumps += 1
+                self.driver.restart(state)
+                done = there == state.reals[S.END]
+                return replace(Verdict(Status.SUCCESS) if done else self.begin(state), jumped=True)
+        return self._rootless(state)
+
+    def _switches(self, look: Look, soon: float) -> bool:
+        """Whether the state is on a surface, or comes to one within some time."""
+        return any(which in self.starting or look.falls(which, soon) for which in range(self.surfaces))
+
+    def _rootless(self, state: DriverState) -> Verdict | None:
+        """Return the end of the run at a square root that becomes zero where the state is, or None."""
+        look, soon = self._look(state), SHARE * abs(float(state.reals[S.END] - state.reals[S.START]))
+        for which in filter(self._is_root, range(len(self.relay))):
+            # What is under the root is its square, and falls twice as fast.
+            if look.watched[0, which] == 0 or look.falls(which, 2 * soon):
+                return replace(rootless(self.names()[which]), smooth=False)
+        return None
+
+    def _start(self, state: DriverState, stayed: Mapping[int, float]) -> Verdict:
+        """Find the side of every surface, and on which side of zero everything watched is or is about to be.
+
+        `stayed` has what is known to be zero at the state, unless it is much larger than the value given there.
+        """
+        self.sides = stated_sides(self.series.program, state.t, state.y, self.parameters)
+        try:
+            look = self._look(state)
+            noise = look.noise.copy()
+            for which, size in stayed.items():
+                noise[which] = max(noise[which], 4 * size)
+            if self.surfaces:
+                g = self._at(state)(self.sides)
+                unsettled = {i: (0, 1, -1) for i in range(self.surfaces) if is_zero(g[:, i], float(noise[i]))}
+                self.sides = settled_sides(self._at(state), self.sides, unsettled) if unsettled else self.sides
+                look = self._look(state)
+        except Sliding as found:
+            return sliding(self.names()[found.surface], state.t)
+        except SingularMassMatrix:
+            return Verdict(Status.SINGULAR)
+        if not np.isfinite(look.watched).all():
+            self.relay = [Side(int(sign)) for sign in np.sign(np.nan_to_num(look.watched[0]))]
+            return undefined(self.names(), look.watched)
+        self._go_on(state)
+        columns = list(look.near.T)
+        self.starting = frozenset(i for i, g in enumerate(columns) if is_zero(g, float(noise[i])))
+        for i, g in enumerate(columns):
+            ahead = leaving(g)[0] if i in self.starting else int(np.sign(g[0]))
+            self.relay[i] = Side(int(self.sides[i]) if i < self.surfaces else ahead)
+        return Verdict()
+
+    def _at(self, state: DriverState) -> Callable[[FloatArray], FloatArray]:
+        """Return the series of the surfaces at the state as a function of their sides."""
+        size, scale = len(state.y), signed_scale(state)
+
+        def surfaces(sides: FloatArray) -> FloatArray:
+            values = np.concatenate([self.parameters, sides])
+            rows = self.series.rows(self.order, state.t, state.y, scale, values)
+            return near(rows[:, size : size + self.surfaces], unit(state.t, scale), float(state.reals[S.RTOL]))
+
+        return surfaces
+
+    def _go_on(self, state: DriverState) -> None:
+        """Let the driver run with the sides as they are, and look at its next step."""
+        values = self.values
+        if not self.epochs or self.epochs[-1][1].tobytes() != values.tobytes():
+            self.driver.use(values)
+            self.epochs.append((state.count(S.STEPS) + self.jumps, values))
+        state.counts[S.LOOK] = 1
+
+    def _impacts_at_once(self, state: DriverState) -> list[Meeting]:
+        """Return the events that happen at the very start: those that would turn the motion back where it starts.
+
+        A zero at the start is no event otherwise. But a ball that starts on the floor and falls is to bounce.
+        """
+        found = []
+        for place, impact in enumerate(self.impacts):
+            which = self.surfaces + place
+            if which in self.starting and impact.reset and impact.direction == self.relay[which].sign != 0:
+                y = state.y.copy()
+                impact.apply(state.t, state.y, y)
+                g = self._look(state, y).near[:, which]
+                passes = is_zero(g) and leaving(g) == (impact.direction, 1)
+                found += [] if passes else [Meeting(which, Root(0.0, impact.direction))]
+        return found
+
+    def _look(self, state: DriverState, y: FloatArray | None = None) -> Look:
+        """Look ahead from the state, or y in its place, with the sides as they are; looking again costs nothing."""
+        values, scale = self.values, signed_scale(state)
+        y = state.y if y is None else y
+        key = (state.t, scale, y.tobytes(), values.tobytes())
+        if self._last is None or self._last[0] != key:
+            self._last = key, Look.at(self.series, self.order, state.t, y, scale, values, float(state.reals[S.RTOL]))
+        return self._last[1]
+
+    def _roots(self, look: Look, s: float, *, last: bool) -> tuple[list[Meeting], list[Side]]:
+        """Return the roots of all that is watched on a step, in order, and the sides at its end."""
+        found: list[Meeting] = []
+        after = []
+        for which, before in enumerate(self.relay):
+            g, noise = look.watched[:, which], float(look.noise[which])
+            if which in self.starting:
+                # What starts at zero is divided by time: its root there is known, and the next may be close.
+                g, noise = g[1:], 0.0
+            met, side = roots(g, s, before, noise=noise, last=last)
+            found += [Meeting(which, root) for root in met]
+            after.append(side)
+        return sorted(found, key=lambda m: m.root.time), after
+
+    def _first_change(self, found: Iterable[Meeting]) -> Meeting | None:
+        """Return the first root that changes the motion: a surface is crossed, an event ends the run or has a reset."""
+        seen = [len(times) for times in self.occurrences]
+        for meeting in found:
+            place = meeting.which - self.surfaces
+            if place < 0:
+                if meeting.root.rising:
+                    return meeting
+            elif self.impacts[place].counts(meeting.root.rising):
+                seen[place] += 1
+                if self.impacts[place].reset or 0 < self.impacts[place].terminal <= seen[place]:
+                    return meeting
+        return None
+
+    def _shorten(self, s: float, found: list[Meeting], look: Look, state: DriverState) -> Verdict:
+        """End the step at the root at s; what happens there is pending until the driver comes back at its end."""
+        while True:
+            close = TOGETHER * max(abs(state.t / look.scale), s)
+            pending = [m for m in found if abs(m.root.time - s) <= close]
+            if s == 0:
+                self.pending = pending
+                return self._finish(state)
+            # The shorter step tells more apart: what it has is what is kept, and a change may come out before s.
+            found, after = self._roots(look, s, last=False)
+            first = self._first_change(m for m in found if m.root.time < s - close)
+            if first is None:
+                break
+            s = first.root.time
+        waiting = {m.which for m in pending}
+        late = [m for m in found if m.root.time >= s - close]
+        self._remember(state)
+        self.pending = pending + [m for m in late if m.which not in waiting]
+        if any(self._is_root(m.which) for m in self.pending):
+            # Forces may have a kink there, and its other side be what the state, rounded, is on: no step proves itself.
+            state.counts[S.FAILS] = FAILURES
+        self._record([m for m in found if m.root.time < s - close], look, state)
+        self.relay, self.starting = after, frozenset()
+        state.reals[S.ONCE] = s * abs(look.scale)
+        state.counts[S.LOOK] = 1
+        return Verdict()
+
+    def _remember(self, state: DriverState) -> None:
+        """Keep what holds before a step: the driver takes back a step that does not prove itself."""
+        counts = tuple(map(len, self.occurrences))
+        self.planned = PlannedStep(state.count(S.STEPS) + 1, tuple(self.relay), self.starting, counts)
+
+    def _forget(self) -> None:
+        """Let what was planned for a step that was taken back not have happened."""
+        self.pending, self.relay, self.starting = [], list(self.planned.relay), self.planned.starting
+        for found, count in zip(self.occurrences, self.planned.counts, strict=True):
+            del found[count:]
+        self.planned = PlannedStep()
+
+    def _record(self, found: Iterable[Meeting], look: Look, state: DriverState) -> None:
+        """Keep the events among some roots on the next step."""
+        for meeting in found:
+            place = meeting.which - self.surfaces
+            if place >= 0 and self.impacts[place].counts(meeting.root.rising):
+                t = float(state.t + state.reals[S.LOW] + meeting.root.time * look.scale)
+                y = state_at(state.y, look.rows, meeting.root.time)
+                self.occurrences[place].append(Occurrence(t, y, state.count(S.STEPS) + 1))
+
+    def _finish(self, state: DriverState) -> Verdict:
+        """Do what is pending at the state: surfaces are crossed, events kept, the state is reset or the run ended."""
+        found, self.pending = self.pending, []
+        if self.crowd.accumulates(state.t, (m.which for m in found)):
+            return accumulating(self.names()[found[0].which])
+        before = list(self.relay)
+        for m in found:
+            self.relay[m.which] = Side(m.root.rising or self.relay[m.which].sign)
+        self.starting = frozenset(m.which for m in found)
+        crossed = [m for m in found if m.which < self.surfaces and m.root.rising]
+        verdict = self._cross(crossed, state) if crossed else Verdict()
+        met = [m for m in found if m.which >= self.surfaces]
+        if crossed and verdict.status is None:
+            met = self._behind_the_kink(met, before, state)
+        met = [m for m in met if self._impact(m).counts(m.root.rising)]
+        roots_met = [m for m in met if self._impact(m).root]
+        met = [m for m in met if not self._impact(m).root]
+        for m in met:
+            here = Occurrence(state.t, state.y.copy(), state.count(S.STEPS))
+            self.occurrences[m.which - self.surfaces].append(here)
+        ends = any(0 < self._impact(m).terminal <= len(self.occurrences[m.which - self.surfaces]) for m in met)
+        resets = [m for m in met if self._impact(m).reset]
+        if resets:
+            return self._jump(resets, state, ends=ends)
+        if ends:
+            return Verdict(Status.EVENT)
+        return rootless(self.names()[roots_met[0].which]) if roots_met and verdict.status is None else verdict
+
+    def _behind_the_kink(self, met: Sequence[Meeting], before: Sequence[Side], state: DriverState) -> list[Meeting]:
+        """Return events met on a surface as the motion leaves it: an event may turn back there, as abs(x) does."""
+        found = []
+        for m in met:
+            g = self._look(state).near[:, m.which]
+            if clear(g):  # The event jumps: it came to zero on one side of the surface, and is elsewhere on the other.
+                self.relay[m.which], self.starting = Side(int(np.sign(g[0]))), self.starting - {m.which}
+                found += [m] * (not self._is_root(m.which))
+                continue
+            after = leaving(g)[0]
+            if self._is_root(m.which) and g[0] > 0 and not g[1:].any():
+                # The branch in which the root stands ends here, and the motion goes on in another.
+                self.relay[m.which] = Side(1)
+                continue
+            self.relay[m.which] = Side(after)
+            found.append(replace(m, root=Root(m.root.time, after if after != before[m.which].sign else 0)))
+        return found
+
+    def _impact(self, meeting: Meeting) -> Impact:
+        return self.impacts[meeting.which - self.surfaces]
+
+    def _is_root(self, which: int) -> bool:
+        return which >= self.surfaces and self.impacts[which - self.surfaces].root
+
+    def _jump(self, met: Sequence[Meeting], state: DriverState, *, ends: bool) -> Verdict:
+        """Reset the state, every event from the state before, and start the motion anew."""
+        before, after = state.y.copy(), state.y.copy()
+        at_zero = np.abs(self._look(state).watched[0])
+        for impact in dict.fromkeys(self.impacts[m.which - self.surfaces] for m in sorted(met, key=lambda m: m.which)):
+            impact.apply(state.t, before, after)
+        if not np.isfinite(after).all():
+            return nowhere(self.names()[met[0].which])
+        state.y[:] = after
+        self.jumps += 1
+        self.driver.restart(state)
+        if ends:
+            return Verdict(Status.EVENT, jumped=True)
+        began = self._start(state, {m.which: float(at_zero[m.which]) for m in met})
+        if began.status is None:
+            for m in met:
+                sign, order = leaving(self._look(state).near[:, m.which])
+                if m.which in self.starting and order > 1 and sign == m.root.rising:
+                    return replace(at_rest(self.names()[m.which]), jumped=True)
+        return replace(began, jumped=True)
+
+    def _cross(self, crossed: Sequence[Meeting], state: DriverState) -> Verdict:
+        """Go on with the other side of each surface that is crossed, if the motion leaves to it.
+
+        What stayed on a surface by itself may not do so with the new equations.
+        """
+        choices = {m.which: (m.root.rising, -m.root.rising, 0) for m in crossed}
+        choices |= {i: (0, 1, -1) for i in range(self.surfaces) if self.sides[i] == 0 and i not in choices}
+        try:
+            self.sides = settled_sides(self._at(state), self.sides, choices)
+        except Sliding as found:
+            return sliding(self.names()[found.surface], state.t)
+        except SingularMassMatrix:
+            return Verdict(Status.SINGULAR)
+        for i in choices:
+            self.relay[i] = Side(int(self.sides[i]))
+        self.starting |= choices.keys()
+        self._go_on(state)
+        return Verdict()

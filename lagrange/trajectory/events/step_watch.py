@@ -1,0 +1,378 @@
+"""Events along the steps of a method that is a step program, sought on the polynomial that each step leaves.
+
+A burst of steps is taken first and looked at then; where something in it changes the motion, the run is set back to
+that place, and what lies behind it has not happened.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+
+import numpy as np
+
+from lagrange.equations.euler_lagrange import Equations
+from lagrange.graph.differentiate import tangents
+from lagrange.graph.node import Node
+from lagrange.machine.backend import Driver, Kernel
+from lagrange.machine.numpy_machine import NumpyMachine
+from lagrange.machine.state import DriverState
+from lagrange.program.catalogue import lower_nodes
+from lagrange.trajectory.events.actions import impact
+from lagrange.trajectory.events.crossing import Meeting
+from lagrange.trajectory.events.ending import (
+    Verdict,
+    accumulating,
+    at_rest,
+    nowhere,
+    undefined,
+    unresolved,
+    without_value,
+)
+from lagrange.trajectory.events.many_steps import Burst, Path, Sample
+from lagrange.trajectory.events.occurrence import TOGETHER, Crowd, Flights, Occurrence, Record
+from lagrange.trajectory.events.roots import Root, Side
+from lagrange.trajectory.events.step_driver import Cut, EventDriver
+from lagrange.trajectory.events.zeros_on_step import RATE_NOISE, Trace, ended, trace
+from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.paths.chebyshev import nodes
+from lagrange.trajectory.trajectory import FloatArray, Status
+
+S = DriverState
+
+SLIGHT = 2.0**-26
+"""The part of a step over which the slope of an event is measured where the motion starts, and a slope that is none."""
+
+HALVES = 8.0
+"""So many halves of a spacing are in the noise of one state."""
+
+CLEAR = 16.0
+"""An event that starts at zero but for rounding is compared with its value there until it is so many times as large:
+a ball that lies lower than the floor by rounding would be met by it again while it rises."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Start:
+    """A motion that has just begun: events known to be zero there, to a size, and the directions of those just met.
+
+    `rested` are those with a reset that stayed at zero on the steps since: what they leave to is still to be seen.
+    """
+
+    first: bool = False
+    stayed: Mapping[int, float] = field(default_factory=dict)
+    met: Mapping[int, int] = field(default_factory=dict)
+    rested: frozenset[int] = frozenset()
+
+
+@dataclass(frozen=True, eq=False)
+class Break:
+    """A row of the run, by number, behind which the motion is another; `whole` is the end of the step that was cut."""
+
+    row: int
+    whole: tuple[float, FloatArray] | None
+
+
+class StepWatch(Record):
+    """Watches the events along the run of one state."""
+
+    def __init__(
+        self, problem: Problem, driver: Driver, path_of: Callable[[FloatArray, FloatArray], Path], *, fixed: bool
+    ) -> None:
+        super().__init__(len(problem.events), len(problem.y0))
+        model, self.problem, self.parameters = problem.model, problem, problem.parameter_array
+        impacts = tuple(impact(model, event, self.parameters) for event in problem.events)
+        self.kernel, self.impacts = _events(model.equations, tuple(one.node for one in impacts)), impacts
+        self.path_of = path_of
+        self.driver = EventDriver(driver, self, fixed=fixed)
+        self.breaks: list[Break] = []
+        self.crowd = Crowd()
+        self.jumps = 0
+        self.changed = problem.t0
+        self._changed_at = 0
+        self._flights = Flights()
+        self._relay = [Side()] * len(impacts)
+        self._levels: dict[int, float] = {}
+        self._resting: frozenset[int] = frozenset()
+        self._start: _Start | None = _Start(first=True)
+        self._pending: list[Meeting] = []
+        self._whole: tuple[float, FloatArray] | None = None
+        self._verdict: Verdict | None = None
+
+    @property
+    def resets(self) -> bool:
+        """Whether the motion goes on otherwise behind an event."""
+        return any(one.reset for one in self.impacts)
+
+    def names(self) -> list[str]:
+        """Return the events in the user's symbols."""
+        plain = dict(self.problem.model.statement.plain)
+        return [str(event.expression.xreplace(plain))[:80] for event in self.problem.events]
+
+    def begin(self, state: DriverState) -> Verdict:
+        """Begin at the start of the run."""
+        self.state = state
+        return self._defined(state)
+
+    def meet(self, state: DriverState) -> Verdict:
+        """Do what is pending at the state that the run was set back to."""
+        self.breaks.append(Break(state.count(S.STEPS) + self.jumps, self._whole))
+        if self._verdict is not None:
+            return self._verdict
+        found, self._pending = self._pending, []
+        if self.crowd.accumulates(state.t, (m.which for m in found)):
+            return accumulating(self.names()[found[0].which])
+        met = [m for m in found if self.impacts[m.which].counts(m.root.rising)]
+        for m in met:
+            here = Occurrence(state.t, state.y.copy(), state.count(S.STEPS))
+            self.occurrences[m.which].append(here)
+        ends = any(0 < self.impacts[m.which].terminal <= len(self.occurrences[m.which]) for m in met)
+        resets = [m for m in met if self.impacts[m.which].reset]
+        verdict = self._jump(resets, state) if resets else Verdict()
+        return Verdict(Status.EVENT, jumped=verdict.jumped) if ends and verdict.status is None else verdict
+
+    def end(self, state: DriverState) -> Verdict:
+        """Return that the run reached its end at a state; nothing is pending then."""
+        return Verdict(Status.SUCCESS)
+
+    def arrived(self, state: DriverState) -> bool:
+        """Return False: steps are set back to what happens, and a driver finds it at once."""
+        return False
+
+    def leap(self, state: DriverState) -> None:
+        """Return None: a step needs no series, so there is nothing to leap over."""
+
+    def review(self, times: FloatArray, states: FloatArray, taken: int) -> Cut | None:
+        """Find the events on accepted steps, times (S+1,) and states (S+1, 2n); return where the motion changes.
+
+        `taken` is how many steps the run had before. What happens at a change is pending then, for `meet`.
+        """
+        burst = Burst.of(self.kernel, self._rates, self.parameters, self.path_of(times, states))
+        doubtful = ~burst.certain
+        coming = iter([*np.flatnonzero(doubtful.any(axis=0)).tolist(), len(times) - 1])
+        step, following = 0, next(coming)
+        while True:
+            while following < step:
+                following = next(coming)
+            unsettled = [i for i, side in enumerate(self._relay) if not side.settled or i in self._levels]
+            step = step if unsettled and step < len(times) - 1 else following
+            if step == len(times) - 1:
+                return None
+            watched = [i for i in range(len(self.impacts)) if i in unsettled or doubtful[i, step]]
+            cut = self._step(burst, step, watched, taken)
+            if cut is not None:
+                return cut
+            step += 1
+
+    def set_back(self, cut: Cut) -> None:
+        """Note that the run was set back to a cut."""
+        self._whole = cut.whole
+
+    def _rates(self) -> Kernel:
+        """Return the derivatives of the events by time along the motion, made when they are asked for."""
+        return _rates(self.problem.model.equations, tuple(one.node for one in self.impacts))
+
+    def _defined(self, state: DriverState) -> Verdict:
+        values = self.kernel(state.t, state.y, self.parameters)
+        return Verdict() if np.isfinite(values).all() else undefined(self.names(), values[None])
+
+    def _step(self, burst: Burst, step: int, watched: Sequence[int], taken: int) -> Cut | None:
+        """Find the zeros of some events on a step; keep them, or return where the motion changes first."""
+        sample, begun = burst.sample(step), self._start
+        last = bool(burst.path.times[step + 1] == self.problem.t1)
+        zero = self._at_zero(burst, step, watched)
+        candidates = self._resting if begun is None or begun.rested else zero
+        self._resting = frozenset(i for i in candidates if _rests(burst, step, sample, i))
+        traces = {}
+        for i in watched:
+            if i in self._resting:
+                continue
+            level, noise = self._levels.get(i, 0.0), float(burst.noise[i, step])
+            # What the steps have rounded adds up, half a spacing each; no step follows that could still tell.
+            noise = max(noise, float(burst.edge[i, step + 1]) / HALVES * (taken + step)) if last else noise
+            traces[i] = trace(sample, i, noise, self._relay[i], level=level, zero=i in zero, last=last)
+        if begun is not None and self._changes_at_once(begun, {i: traces[i] for i in zero if i in traces}, sample):
+            return _cut(burst, step, sample, 0.0)
+        resting = frozenset(i for i in zero if i in self._resting and self.impacts[i].reset)
+        self._start = replace(begun, rested=resting) if begun is not None and resting else None
+        found = [Meeting(i, root) for i, one in traces.items() for root in one.found]
+        found.sort(key=lambda m: m.root.time)
+        without = min(traces, key=lambda i: traces[i].until, default=0)
+        until = traces[without].until if traces else math.inf
+        first = self._first_change(m for m in found if m.root.time < until)
+        if first is not None:
+            self._part(first, found, traces, sample, taken + step)
+            return _cut(burst, step, sample, first.root.time)
+        self._record((m for m in found if m.root.time < until), sample, taken + step)
+        if until < math.inf:
+            value = float(sample.events(np.array([until]))[without, 0])
+            self._verdict = without_value(self.names()[without], value)
+            return _cut(burst, step, sample, until)
+        for i, one in traces.items():
+            self._relay[i] = one.after
+            value = float(burst.ends[i, step + 1])
+            if abs(value) > CLEAR * abs(self._levels.get(i, 0.0)) and value * one.after.sign > 0:
+                self._levels.pop(i, None)
+        return None
+
+    def _at_zero(self, burst: Burst, step: int, watched: Sequence[int]) -> list[int]:
+        """Return the events that start a step at zero because the motion started there; note their values."""
+        begun, ends = self._start, burst.ends[:, step]
+        if begun is None:
+            return []
+        if begun.rested:
+            zero = [i for i in watched if i in begun.rested]
+        else:
+            sizes = {i: max(float(burst.edge[i, step]), 4 * begun.stayed.get(i, 0.0)) for i in watched}
+            zero = [i for i in watched if abs(ends[i]) <= sizes[i]]
+            self._levels = {}
+        self._levels.update((i, float(ends[i])) for i in zero)
+        return zero
+
+    def _changes_at_once(self, begun: _Start, zero: Mapping[int, Trace], sample: Sample) -> bool:
+        """Whether the motion cannot go on from its start: an event turns it back, or is met again without a velocity.
+
+        A zero at the start is no event otherwise. But a ball that starts on the floor and falls is to bounce.
+        """
+        for i, one in zero.items():
+            sign, order = one.leaving
+            back = sign == begun.met.get(i, 0) != 0
+            if not back and not (begun.first and self.impacts[i].reset and self.impacts[i].direction == sign != 0):
+                continue
+            # A path of low order, as multistep methods begin with, may start against the velocity that is there.
+            along = sign * _velocity(sample, i) if order == 1 and i not in begun.rested else 0.0
+            if along < 0:
+                self._verdict = unresolved(self.names()[i])
+            elif not back:
+                self._pending += [] if self._passes(i, sample) else [Meeting(i, Root(0.0, sign))]
+            elif along == 0:
+                self._verdict = at_rest(self.names()[i])
+        return bool(self._pending) or self._verdict is not None
+
+    def _passes(self, place: int, sample: Sample) -> bool:
+        """Whether the motion would pass an event in its direction all the same, after its reset."""
+        t, y, one = sample.t, sample.state(0.0), self.impacts[place]
+        after = y.copy()
+        one.apply(t, y, after)
+        slope = self.problem.model.rhs(t, after, self.parameters)
+        h = SLIGHT * sample.h
+        around = [float(self.kernel(t + s * h, after + s * h * slope, self.parameters)[place]) for s in (-1, 0, 1)]
+        rise = (around[2] - around[0]) / (2 * SLIGHT)
+        return one.direction * rise > SLIGHT * float(np.abs(sample.values[place]).max())
+
+    def _first_change(self, found: Iterable[Meeting]) -> Meeting | None:
+        """Return the first zero that changes the motion: an event ends the run or has a reset."""
+        seen = [len(times) for times in self.occurrences]
+        for m in found:
+            one = self.impacts[m.which]
+            if one.counts(m.root.rising):
+                seen[m.which] += 1
+                if one.reset or 0 < one.terminal <= seen[m.which]:
+                    return m
+        return None
+
+    def _part(
+        self, first: Meeting, found: Sequence[Meeting], traces: Mapping[int, Trace], sample: Sample, taken: int
+    ) -> None:
+        """Keep what happens before the first change; what happens together with it is pending."""
+        s = first.root.time
+        close = TOGETHER * max(abs(sample.t / sample.h), s)
+        mine = {m.which: m for m in reversed(found) if abs(m.root.time - s) <= close}
+        before = [m for m in found if m.root.time < s - close]
+        for i, one in traces.items():
+            if i not in mine:
+                # What is zero there to within its noise is met there: with another motion it would not be met later.
+                at_end = [root for root in ended(one, s) if root.time >= s - close]
+                if at_end:
+                    mine[i] = Meeting(i, Root(s, at_end[0].rising))
+        self._record(before, sample, taken)
+        self._pending = [mine[i] for i in sorted(mine)]
+
+    def _record(self, found: Iterable[Meeting], sample: Sample, taken: int) -> None:
+        """Keep the events among some zeros on a step."""
+        for m in found:
+            if self.impacts[m.which].counts(m.root.rising):
+                s = m.root.time
+                self.occurrences[m.which].append(Occurrence(sample.t + s * sample.h, sample.state(s), taken + 1))
+
+    def _through(self, met: Sequence[Meeting], t: float, before: FloatArray, after: FloatArray) -> Meeting | None:
+        """Return a zero that is met against the motion there, where its reset would send the motion on through it.
+
+        The path of a long step may come down to the floor with a velocity that rises already: reset, it would fall.
+        """
+        states = np.column_stack([before, after])
+        along = math.copysign(1.0, self.problem.t1 - self.problem.t0)
+        coming, going = along * self._rates()(np.full(2, t), states, self.parameters).T
+        for m in met:
+            if coming[m.which] * m.root.rising < 0 < going[m.which] * m.root.rising:
+                return m
+        return None
+
+    def _jump(self, met: Sequence[Meeting], state: DriverState) -> Verdict:
+        """Reset the state, every event from the state before, and start the motion anew."""
+        before, after = state.y.copy(), state.y.copy()
+        at_zero = np.abs(self.kernel(state.t, before, self.parameters))
+        for m in met:
+            self.impacts[m.which].apply(state.t, before, after)
+        if not np.isfinite(after).all():
+            return nowhere(self.names()[met[0].which])
+        through = self._through(met, state.t, before, after)
+        # A flight of one step is as long as its velocity says; one of several ends by how its heights are rounded.
+        several = state.count(S.STEPS) > self._changed_at + 1
+        unseen = several and any(m.which in self._levels for m in met)
+        if self._flights.idle(abs(state.t - self.changed), unseen=unseen):
+            through = met[0]
+        if through is not None:
+            return unresolved(self.names()[through.which])
+        state.y[:] = after
+        self.jumps += 1
+        self.changed, self._changed_at = state.t, state.count(S.STEPS)
+        self._relay = [Side()] * len(self.impacts)
+        stayed = {m.which: float(at_zero[m.which]) for m in met}
+        self._start = _Start(stayed=stayed, met={m.which: m.root.rising for m in met})
+        verdict = self._defined(state)
+        q, v = np.split(after, 2)
+        if (
+            verdict.status is None
+            and self.problem.model.column_without_inertia(state.t, q, v, self.parameters) is not None
+        ):
+            return Verdict(Status.SINGULAR, jumped=True)
+        return Verdict(verdict.status, verdict.detail, jumped=True)
+
+
+@lru_cache(maxsize=64)
+def _events(equations: Equations, nodes: tuple[Node, ...]) -> Kernel:
+    return NumpyMachine().load(lower_nodes("events", nodes, (len(nodes),), equations))
+
+
+@lru_cache(maxsize=64)
+def _rates(equations: Equations, nodes: tuple[Node, ...]) -> Kernel:
+    ahead = dict(zip((*equations.q, *equations.v), (*equations.v, *equations.accelerations), strict=True))
+    along = tangents(nodes, {**ahead, equations.time: equations.graph.one})
+    return NumpyMachine().load(lower_nodes("rates", [along(node) for node in nodes], (len(nodes),), equations))
+
+
+def _rests(burst: Burst, step: int, sample: Sample, place: int) -> bool:
+    """Whether an event that started at zero stays there on a step, as a conserved quantity less its value does.
+
+    Its derivative along the motion tells: the path itself strays from the motion by more than round-off, to and fro.
+    """
+    return bool((np.abs(sample.rates(nodes())[place]) <= burst.owed[place, step]).all())
+
+
+def _velocity(sample: Sample, place: int) -> float:
+    """Return the derivative of an event where a step starts, 0 within its noise."""
+    rates = sample.rates(nodes())[place]
+    return 0.0 if abs(rates[0]) <= RATE_NOISE * np.abs(rates).max() else float(rates[0])
+
+
+def _cut(burst: Burst, step: int, sample: Sample, s: float) -> Cut:
+    """Return the cut at a place in a step of a burst."""
+    times, states = burst.path.times, burst.path.states
+    if s == 0:
+        return Cut(step, float(times[step]), states[step], sample.h)
+    end = float(times[step + 1])
+    if s == 1:
+        return Cut(step + 1, end, states[step + 1], sample.h)
+    return Cut(step + 1, sample.t + s * sample.h, sample.state(s), sample.h, (end, states[step + 1].copy()))

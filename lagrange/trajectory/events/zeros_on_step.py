@@ -1,0 +1,114 @@
+"""An event along one step of a step program: its zeros, and on which side of zero it goes on."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lagrange.trajectory.events.many_steps import Sample
+from lagrange.trajectory.events.roots import Root, Side, roots
+from lagrange.trajectory.paths.chebyshev import DEGREE, EPSILON, Piece, nodes, pieces, powers, to_chebyshev
+
+RATE_NOISE = 1024 * EPSILON
+"""The part of a derivative that is noise: 500 roundings is what the weights of DOP853's path make of one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """The zeros of an event on a step, in units of the step, in order.
+
+    `parts` are the parts of the step with the side before each. `after` is the side at the end, `until` where the event
+    ceases to have a value, else infinity. Where it starts at zero, `leaving` is the sign with which it leaves, and the
+    power of time with which it does; 0 if it stays.
+    """
+
+    parts: tuple[tuple[Piece, Side], ...]
+    found: tuple[Root, ...]
+    after: Side
+    until: float
+    leaving: tuple[int, int]
+
+
+def trace(
+    sample: Sample,
+    place: int,
+    noise: float,
+    before: Side,
+    *,
+    level: float = 0.0,
+    zero: bool = False,
+    last: bool = False,
+) -> Trace:
+    """Find where the event at a place among the events has the value `level`.
+
+    `zero` says that it starts there, on a side that is to be found, `last` that no step follows.
+    """
+    parts: list[tuple[Piece, Side]] = []
+    found: list[Root] = []
+    leaving = (0, 0)
+    for piece in pieces(lambda s: sample.events(s)[place] - level, sample.values[place] - level, noise, smooth=zero):
+        if piece.coefficients is None:
+            return Trace(tuple(parts), tuple(found), before, piece.start, leaving)
+        if zero and piece.start == 0:
+            piece = _divided(piece)
+            leaving = _leaving(piece)
+            if leaving[1] != 1:
+                piece = _integrated(sample, place, piece)
+                leaving = _leaving(piece)
+            before = Side(leaving[0])
+        if piece.coefficients is not None and len(piece.coefficients):
+            parts.append((piece, before))
+            final = last and piece.start + piece.width == 1.0
+            met, before = roots(piece.coefficients, 1.0, before, noise=piece.noise, last=final)
+            found += [replace(root, time=piece.start + piece.width * root.time) for root in met]
+    return Trace(tuple(parts), tuple(found), before, math.inf, leaving)
+
+
+def ended(found: Trace, s: float) -> list[Root]:
+    """Return the zeros up to a place where the motion ends: what has come to zero there is decided by its slope."""
+    met: list[Root] = []
+    for piece, before in found.parts:
+        length = (s - piece.start) / piece.width
+        if length > 0 and piece.coefficients is not None:
+            cut = min(length, 1.0)
+            here, _ = roots(piece.coefficients, cut, before, noise=piece.noise, last=length <= 1)
+            met += [replace(root, time=piece.start + piece.width * root.time) for root in here]
+    return met
+
+
+def _divided(piece: Piece) -> Piece:
+    """Return what starts at zero divided by time: its zero there is known, and the next may be close.
+
+    The slope of Chebyshev's polynomial of rank k at the end of [0, 1] is 2 k**2, which the noise is multiplied by.
+    """
+    if piece.coefficients is None:
+        return piece
+    rank = max(len(piece.coefficients) - 1, 1)
+    return replace(piece, coefficients=piece.coefficients[1:], noise=2 * rank * rank * piece.noise)
+
+
+def _integrated(sample: Sample, place: int, piece: Piece) -> Piece:
+    """Return the same from the integral of the derivative, which a large constant in the event does not blur.
+
+    The landing of a ball is seen in its velocity, whatever the height of the floor.
+    """
+    values = sample.rates(piece.width * nodes())[place] * piece.width
+    if not np.isfinite(values).all():
+        return piece
+    chebyshev = to_chebyshev() @ values
+    noise = RATE_NOISE * float(np.abs(values).max()) + DEGREE * float(np.abs(chebyshev[-2:]).max())
+    slopes = powers(chebyshev, noise)
+    return replace(piece, coefficients=slopes / np.arange(1, len(slopes) + 1), noise=noise)
+
+
+def _leaving(piece: Piece) -> tuple[int, int]:
+    """Return the sign of what was divided by time right after the start, and the power of time that tells."""
+    if piece.coefficients is None:
+        return 0, 0
+    beyond = np.flatnonzero(np.abs(piece.coefficients) > piece.noise)
+    if not len(beyond):
+        return 0, 0
+    first = int(beyond[0])
+    return int(np.sign(piece.coefficients[first])), 1 + first

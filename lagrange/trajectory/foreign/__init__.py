@@ -1,0 +1,1 @@
+"""Solvers of other packages: driven step by step, with the faults that they hide."""

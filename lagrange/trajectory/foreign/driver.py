@@ -1,0 +1,230 @@
+"""Solvers of other packages, driven step by step so that none of them can run for ever or end in silence."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any, Protocol
+
+import numpy as np
+
+from lagrange.errors import StatementError, shown
+from lagrange.machine.model import Model
+from lagrange.machine.state import DriverState, Outcome
+from lagrange.statement.number import real_number
+from lagrange.trajectory.driver import drive
+from lagrange.trajectory.events.step_watch import StepWatch
+from lagrange.trajectory.foreign.fault import Fault
+from lagrange.trajectory.foreign.guarded_rhs import Law, StopError
+from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.methods.settings import adaptive_settings
+from lagrange.trajectory.paths.piecewise import PiecewisePath
+from lagrange.trajectory.paths.sampled import Piece, SampledPath
+from lagrange.trajectory.plan import Tolerances
+from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
+
+S = DriverState
+
+MOST_UNMOVED = 20
+"""Steps in a row that may leave the time where it is; LSODA begins with two of them at t = 1e9."""
+
+PIECE = 300
+"""Bytes that the path over a step takes beside its values, as measured."""
+
+
+class Stepper(Protocol):
+    """A solver of another package, between two of its steps."""
+
+    @property
+    def t(self) -> float:
+        """The time reached."""
+
+    @property
+    def y(self) -> FloatArray:
+        """The state there, (2n,), an array of its own."""
+
+    @property
+    def rejected(self) -> int:
+        """How many trials the last step refused, where the package tells."""
+
+    def advance(self, t: float, y: FloatArray) -> Fault | None:
+        """Take one step from the accepted state (t, y); return why there is none."""
+
+    def piece(self, t: float, y: FloatArray) -> Piece:
+        """Return the path over the last step, which began at (t, y)."""
+
+
+Start = Callable[[Law, Tolerances, float, FloatArray, float], Stepper]
+"""Makes a solver that goes from a time and a state to the end of the law's problem, by a first step of a given length
+at most; where that is infinite, the solver chooses."""
+
+
+def check_bounds(name: str, max_step: float, first_step: float | None) -> None:
+    """Refuse bounds of steps that are not positive times."""
+    for option, value in (("max_step", max_step), ("first_step", first_step)):
+        if value is None and option == "first_step":
+            continue
+        size = value if isinstance(value, float) else real_number(value, option)
+        if not size > 0 or (option == "first_step" and size == np.inf):
+            raise StatementError(f"{option} = {shown(value)} cannot bound a step of {name}: give a positive time.")
+
+
+def drive_stepwise(
+    problem: Problem,
+    name: str,
+    package: str,
+    start: Start,
+    listening: AbstractContextManager[Sequence[Any]],
+) -> Trajectory:
+    """Run a problem by the solvers that `start` makes; see `Integrator.integrate` for what comes back.
+
+    `listening` has what the package says by other ways than its results; the last of it explains a divergence.
+    """
+    tolerances = adaptive_settings(name, problem, None, None, None)
+    with np.errstate(all="ignore"), listening as said:
+        return drive(problem, SolverPlan(problem, tolerances, package, start, said), name)
+
+
+@dataclass(eq=False)
+class SolverPlan:
+    """The plan of one run by solvers of another package; see `Plan`."""
+
+    problem: Problem
+    tolerances: Tolerances
+    package: str
+    start: Start
+    said: Sequence[Any]
+    form: str = ""
+    watched: bool = False
+    pieces: list[Piece] = field(default_factory=list)
+    """The path over each accepted step, and over some behind the last that counts."""
+
+    def driver(self, model: Model, parameters: FloatArray) -> SolverDriver:
+        """Return the driver, whose time begins to count; see `Plan`."""
+        limit = self.problem.max_wall
+        deadline = np.inf if limit is None else time.perf_counter() + limit
+        return SolverDriver(self, Law(self.problem, self.package, parameters, deadline))
+
+    def watch(self, problem: Problem, driver: SolverDriver) -> StepWatch | None:
+        """Return what watches the events of the run, if it has any; see `Plan`."""
+        return StepWatch(problem, driver, self._latest, fixed=False) if problem.events else None
+
+    def _latest(self, times: FloatArray, states: FloatArray) -> SampledPath:
+        """Return the path over the steps that were taken last."""
+        return SampledPath(times, states, self.pieces[len(self.pieces) - len(times) + 1 :])
+
+    def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: StepWatch | None) -> PiecewisePath:
+        """Return the solver's own path, which leaps where the state was reset."""
+        jumps = set() if watch is None else {one.row for one in watch.breaks}
+        steps = iter(self.pieces)
+        pieces = [partial(_standing, states[i + 1]) if i in jumps else next(steps) for i in range(len(times) - 1)]
+        return PiecewisePath(times, states[0], tuple(pieces))
+
+    def failed(self, problem: Problem, state: DriverState) -> FloatArray:
+        """Return the last state: what failed the law has remembered."""
+        return state.y
+
+
+def _standing(y: FloatArray, times: FloatArray) -> FloatArray:
+    return np.repeat(y[:, None], len(times), axis=1)
+
+
+class SolverDriver:
+    """Advances a run by a solver that is started anew where the motion changes; see `Driver`."""
+
+    def __init__(self, plan: SolverPlan, law: Law) -> None:
+        self._plan, self._law = plan, law
+        self._solver: Stepper | None = None
+        self._unmoved = 0
+        self._begun = 0
+
+    def adopt(self, state: DriverState) -> None:
+        """Leave the state where it is; see `Driver`."""
+
+    def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
+        """Take steps, and keep those that are sound; see `Driver`."""
+        law, plan = self._law, self._plan
+        try:
+            fault = self._advance(state, budget, times, rows)
+        except StopError as stopped:
+            fault = stopped.fault
+            if fault.status is Status.MAX_WALL:
+                fault = Fault(fault.status, state.t, state.y.copy())
+        finally:
+            state.counts[S.EVALUATIONS] = law.evaluations
+        if fault is not None and fault.status is Status.DIVERGED and plan.said:
+            fault = replace(fault, detail=f"{plan.package} says: {plan.said[-1].message}")
+        state.fault = fault
+        if fault is not None:
+            return Outcome.BROKEN
+        return Outcome.DONE if state.t == state.reals[S.END] else Outcome.PAUSED
+
+    def _advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Fault | None:
+        if state.t == state.reals[S.END]:
+            return None
+        if self._solver is None or not state.count(S.KEPT):
+            state.counts[S.KEPT] = 1
+            if fault := self._begin(state):
+                return fault
+        left = budget
+        while left > 0 and state.t != state.reals[S.END]:
+            refused = state.count(S.REJECTED)
+            if fault := self._step(state, times, rows):
+                return fault
+            left -= 1 + state.count(S.REJECTED) - refused
+        return None
+
+    def _begin(self, state: DriverState) -> Fault | None:
+        """Start a solver at the state, from which nothing leads back."""
+        law, t, y, steps = self._law, state.t, state.y.copy(), state.count(S.STEPS)
+        # Flights shorter than the first step of the solver's choice would all become as long as that.
+        first = abs(float(state.reals[S.H])) if steps == self._begun + 1 else np.inf
+        del self._plan.pieces[steps:]
+        self._begun, self._unmoved = steps, 0
+        law.forget()
+        law.rhs(t, y)
+        if law.fault is None:
+            self._solver = self._plan.start(law, self._plan.tolerances, t, y, first)
+        return law.fault
+
+    def _step(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Fault | None:
+        """Take one step and keep it if it, its end and its interpolant are sound; else return the fault."""
+        law, solver, begin, before = self._law, self._solver, state.t, state.y.copy()
+        if solver is None:
+            raise AssertionError("a solver is started before its first step")
+        law.begin_step()
+        fault = solver.advance(begin, before)
+        state.counts[S.REJECTED] += solver.rejected
+        if fault:
+            return fault
+        t, y = solver.t, solver.y
+        if t == begin:
+            # LSODA may begin with some steps that do not move a large time, or go on like that for ever.
+            self._unmoved += 1
+            stuck = self._unmoved > MOST_UNMOVED
+            return law.recent_fault() or (Fault(Status.STEP_TOO_SMALL, t, y) if stuck else None)
+        self._unmoved = 0
+        if not np.isfinite(y).all():
+            return law.fault or Fault(Status.NON_FINITE, t, y)
+        if law.fault:
+            # Some trial of this step left the domain; the step stands if its own end did not.
+            law.fault = None
+            law.rhs(t, y)
+        piece = solver.piece(begin, before)
+        if not law.fault:
+            self._keep(state, t, y, piece, times, rows)
+        return law.fault
+
+    def _keep(
+        self, state: DriverState, t: float, y: FloatArray, piece: Piece, times: FloatArray, rows: FloatArray
+    ) -> None:
+        """Keep a step; it counts from the last line on, so that an interruption never finds half of one."""
+        row = state.count(S.ROWS)
+        self._plan.pieces.append(piece)
+        state.kept += piece.values.nbytes + PIECE
+        times[row], rows[row] = t, y
+        state.reals[S.T], state.y[:] = t, y
+        state.counts[[S.ROWS, S.STEPS]] += 1

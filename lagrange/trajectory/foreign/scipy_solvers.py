@@ -1,0 +1,189 @@
+"""SciPy's solvers as integrators, driven step by step."""
+
+from __future__ import annotations
+
+import threading
+import warnings
+from abc import ABC
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, ClassVar, final
+
+import numpy as np
+import scipy.integrate
+from scipy.integrate import OdeSolver
+
+from lagrange.trajectory.foreign.driver import check_bounds, drive_stepwise
+from lagrange.trajectory.foreign.fault import Fault
+from lagrange.trajectory.foreign.guarded_rhs import Law
+from lagrange.trajectory.integrator import Claims, Problem
+from lagrange.trajectory.paths.sampled import Piece
+from lagrange.trajectory.plan import Tolerances
+from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
+
+_ONE_AT_A_TIME = threading.RLock()
+"""Held by the implicit solvers: capturing their warnings changes the state of the whole process."""
+
+
+class _Stepper:
+    """A solver of SciPy's between two steps; see `Stepper`. Its time counts from `origin`."""
+
+    def __init__(
+        self, method: ScipyMethod, law: Law, tolerances: Tolerances, t: float, y: FloatArray, first: float
+    ) -> None:
+        self.law, self.method, self.end = law, method, law.problem.t1
+        self.origin = origin = t if method.from_zero else 0.0
+        self.forward = 1.0 if self.end > t else -1.0
+        self.rejected = 0
+        longest = min(method.max_step, tolerances.longest)
+        options: dict[str, Any] = {"rtol": tolerances.rtol, "atol": tolerances.atol, "max_step": longest}
+        if not method.claims.explicit:
+            options["jac"] = lambda s, y: law.jacobian(origin + s, y)
+        first = min(first, method.first_step or np.inf)
+        if first < np.inf:
+            options["first_step"] = min(first, abs(self.end - t))
+        own = t - origin, self.end - origin
+        self.solver = method.solver(lambda s, y: law.rhs(origin + s, y), own[0], y.copy(), own[1], **options)
+
+    @property
+    def t(self) -> float:
+        reached = self.origin + float(self.solver.t)
+        running = self.solver.status == "running"
+        return reached if running and self.forward * (self.end - reached) > 0 else self.end
+
+    @property
+    def y(self) -> FloatArray:
+        return np.array(self.solver.y, dtype=float)
+
+    def advance(self, t: float, y: FloatArray) -> Fault | None:
+        law, stages = self.law, self.method.stages
+        self.rejected = 0
+        try:
+            text = self.solver.step()
+        except ValueError as error:
+            if law.raised:
+                raise
+            return law.fault or Fault(Status.DIVERGED, t, y, detail=f"SciPy says: {error}.")
+        if stages:
+            self.rejected = max(0, law.in_step // stages - 1)
+        if self.solver.status == "failed":
+            small = text == OdeSolver.TOO_SMALL_STEP
+            return law.fault or Fault(Status.STEP_TOO_SMALL if small else Status.DIVERGED, t, y)
+        return None
+
+    def piece(self, t: float, y: FloatArray) -> Piece:
+        solver = self.solver
+        own = float(solver.t_old), float(solver.t)
+        return Piece.read((t, self.t), (y, self.y), own, solver.dense_output(), self.method.degree)
+
+
+@dataclass(frozen=True)
+class ScipyMethod(ABC):
+    """One of SciPy's solvers. `max_step` bounds its steps and `first_step` sets the first, both positive times.
+
+    The solver is started anew where an event resets the state. The implicit solvers take the model's compiled Jacobian,
+    and run one at a time in a process.
+    """
+
+    max_step: float = np.inf
+    first_step: float | None = None
+
+    name: ClassVar[str]
+    claims: ClassVar[Claims]
+    solver: ClassVar[Callable[..., OdeSolver]]
+    degree: ClassVar[int]
+    """The highest degree of the polynomials between its steps."""
+    from_zero: ClassVar[bool] = False
+    """Whether the solver is told the time since its start, because it loses track of a large one."""
+    stages: ClassVar[int] = 0
+    """The evaluations of one trial step, 0 if they are not fixed in number."""
+
+    def __post_init__(self) -> None:
+        check_bounds(self.name, self.max_step, self.first_step)
+
+    def integrate(self, problem: Problem) -> Trajectory:
+        """Run the problem; see `Integrator`."""
+        start = partial(_Stepper, self)
+        return drive_stepwise(problem, self.name, "SciPy", start, _captured(not self.claims.explicit))
+
+
+@contextmanager
+def _captured(wanted: bool) -> Iterator[list[warnings.WarningMessage]]:
+    if not wanted:
+        yield []
+        return
+    with _ONE_AT_A_TIME, warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        yield caught
+
+
+@final
+@dataclass(frozen=True)
+class RK45(ScipyMethod):
+    """Dormand-Prince 5(4), SciPy's implementation."""
+
+    name: ClassVar[str] = "scipy-rk45"
+    claims: ClassVar[Claims] = Claims(order=5, adaptive=True, events=True)
+    solver: ClassVar[Callable[..., OdeSolver]] = scipy.integrate.RK45
+    degree: ClassVar[int] = 4
+    stages: ClassVar[int] = scipy.integrate.RK45.n_stages
+
+
+@final
+@dataclass(frozen=True)
+class RK23(ScipyMethod):
+    """Bogacki-Shampine 3(2), SciPy's implementation."""
+
+    name: ClassVar[str] = "scipy-rk23"
+    claims: ClassVar[Claims] = Claims(order=3, adaptive=True, events=True)
+    solver: ClassVar[Callable[..., OdeSolver]] = scipy.integrate.RK23
+    degree: ClassVar[int] = 3
+    stages: ClassVar[int] = scipy.integrate.RK23.n_stages
+
+
+@final
+@dataclass(frozen=True)
+class DOP853(ScipyMethod):
+    """Hairer's DOP853, SciPy's implementation."""
+
+    name: ClassVar[str] = "scipy-dop853"
+    claims: ClassVar[Claims] = Claims(order=8, adaptive=True, events=True)
+    solver: ClassVar[Callable[..., OdeSolver]] = scipy.integrate.DOP853
+    degree: ClassVar[int] = 7
+    stages: ClassVar[int] = scipy.integrate.DOP853.n_stages
+
+
+@final
+@dataclass(frozen=True)
+class Radau(ScipyMethod):
+    """Radau IIA of order 5, implicit: for stiff systems."""
+
+    name: ClassVar[str] = "scipy-radau"
+    claims: ClassVar[Claims] = Claims(order=5, adaptive=True, a_stable=True, explicit=False, events=True)
+    solver: ClassVar[Callable[..., OdeSolver]] = scipy.integrate.Radau
+    degree: ClassVar[int] = 3
+
+
+@final
+@dataclass(frozen=True)
+class BDF(ScipyMethod):
+    """Backward differentiation of variable order, at most 5 (the claim): for stiff systems."""
+
+    name: ClassVar[str] = "scipy-bdf"
+    claims: ClassVar[Claims] = Claims(order=5, adaptive=True, explicit=False, events=True)
+    solver: ClassVar[Callable[..., OdeSolver]] = scipy.integrate.BDF
+    degree: ClassVar[int] = 5
+
+
+@final
+@dataclass(frozen=True)
+class LSODA(ScipyMethod):
+    """Adams of variable order, at most 12 (the claim), or backward differentiation where the system is stiff."""
+
+    name: ClassVar[str] = "scipy-lsoda"
+    claims: ClassVar[Claims] = Claims(order=12, adaptive=True, explicit=False, events=True)
+    solver: ClassVar[Callable[..., OdeSolver]] = scipy.integrate.LSODA
+    degree: ClassVar[int] = 12
+    from_zero: ClassVar[bool] = True

@@ -1,0 +1,221 @@
+"""CVODE of the SUNDIALS suite as an integrator, driven step by step; it needs the package scikit-sundae."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+from functools import cached_property, partial
+from numbers import Integral
+from typing import Any, final
+
+import numpy as np
+
+from lagrange.errors import StatementError, shown
+from lagrange.trajectory.foreign.driver import check_bounds, drive_stepwise
+from lagrange.trajectory.foreign.fault import Fault
+from lagrange.trajectory.foreign.guarded_rhs import Law
+from lagrange.trajectory.integrator import Claims, Problem
+from lagrange.trajectory.paths.sampled import Piece
+from lagrange.trajectory.plan import Tolerances
+from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
+
+ORDERS = {"BDF": 5, "Adams": 12}
+"""The families of CVODE's formulas and the highest order of each."""
+
+SPACINGS = 4
+"""A step that is not longer than so many spacings of floating-point times is the last: CVODE would go on with t + h = t
+for ever (LLNL/sundials#44), and warn of it from C."""
+
+TINIEST = 1e-140
+"""A span below this is none: CVODE divides by squares of its parts."""
+
+_REACHED = 1
+"""CVODE's word for having come to the end."""
+
+
+@final
+@dataclass(frozen=True)
+class CVODE:
+    """CVODE of SUNDIALS: backward differentiation of variable order, at most 5 (the claim): for stiff systems.
+
+    `method` is 'BDF' or 'Adams', of order up to 12, for systems that are not stiff. `max_step` bounds the steps,
+    `first_step` sets the first, both positive times, and `max_order` bounds the order. CVODE gets the model's compiled
+    Jacobian. Between its steps the path is CVODE's own interpolant, read at as many points as its highest order wants
+    while the step is there: that takes about as long as the step, and a lower `max_order` makes it less.
+    """
+
+    method: str = "BDF"
+    max_step: float = np.inf
+    first_step: float | None = None
+    max_order: int | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.method, str) or self.method not in ORDERS:
+            raise StatementError(
+                f"method = {shown(self.method)} is no family of CVODE's formulas: give 'BDF' or 'Adams'."
+            )
+        check_bounds(self.name, self.max_step, self.first_step)
+        highest = ORDERS[self.method]
+        order = self.max_order
+        whole = isinstance(order, Integral) and not isinstance(order, bool)
+        if order is not None and not (whole and 1 <= order <= highest):
+            raise StatementError(
+                f"max_order = {shown(order)} is no order of {self.method} formulas: give a whole number from 1 to "
+                f"{highest}."
+            )
+
+    @property
+    def name(self) -> str:
+        """The registered name."""
+        return "cvode"
+
+    @cached_property
+    def claims(self) -> Claims:
+        """The highest order that is allowed, step control, and events."""
+        return Claims(order=self.max_order or ORDERS[self.method], adaptive=True, explicit=False, events=True)
+
+    def integrate(self, problem: Problem) -> Trajectory:
+        """Run the problem; see `Integrator`. Raises StatementError if scikit-sundae is not installed."""
+        return drive_stepwise(problem, self.name, "CVODE", partial(_Stepper, _solver(), self), nullcontext([]))
+
+
+def _solver() -> Callable[..., Any]:
+    try:
+        from sksundae import cvode
+    except ImportError as error:
+        raise StatementError(
+            f"method 'cvode' needs scikit-sundae, which is not here ({error}): pip install scikit-sundae, or "
+            "take scipy-bdf, which is of the same family."
+        ) from error
+    made: Callable[..., Any] = cvode.CVODE
+    return made
+
+
+class _Stepper:
+    """CVODE between two steps; see `Stepper`.
+
+    It runs in the time s since its start, t = t0 + s, or t0 - s on the way back: late first steps are not lost in the
+    spacing of large times, and the package takes no first step backwards.
+    """
+
+    def __init__(
+        self,
+        solver: Callable[..., Any],
+        options: CVODE,
+        law: Law,
+        tolerances: Tolerances,
+        t: float,
+        y: FloatArray,
+        first: float,
+    ) -> None:
+        self.law = law
+        self.t0, self.t1 = t, law.problem.t1
+        self.sign = 1.0 if self.t1 > t else -1.0
+        self.s, self.end = 0.0, abs(self.t1 - t)
+        self.state = y
+        self.reached = False
+        self.rejected = 0
+        self.trials: list[float] = []
+        self.degree = options.claims.order
+        first = min(first, options.first_step or np.inf)
+        longest = min(options.max_step, tolerances.longest)
+        self.cvode = solver(
+            self.rhs,
+            method=options.method,
+            jacfn=self.jacobian,
+            rtol=tolerances.rtol,
+            atol=tolerances.atol,
+            max_step=0.0 if np.isinf(longest) else longest,
+            first_step=0.0 if np.isinf(first) else min(first, self.end),
+            max_order=options.claims.order,
+        )
+        self.cvode.init_step(self.s, self.state)
+        self.begin = self.s
+
+    @property
+    def t(self) -> float:
+        reached = self._time(self.s)
+        return self.t1 if self.reached or self.sign * (self.t1 - reached) < 0 else reached
+
+    @property
+    def y(self) -> FloatArray:
+        return self.state
+
+    def _time(self, s: float) -> float:
+        return self.t0 + self.sign * s
+
+    def rhs(self, s: float, y: FloatArray, slope: FloatArray) -> None:
+        if not self.trials or s != self.trials[-1]:
+            self.trials.append(s)
+        slope[:] = self.sign * self.law.rhs(self._time(s), y)
+
+    def jacobian(self, s: float, y: FloatArray, slope: FloatArray, matrix: FloatArray) -> None:
+        matrix[:] = self.sign * self.law.jacobian(self._time(s), y)
+
+    def advance(self, t: float, y: FloatArray) -> Fault | None:
+        first, self.begin = self.s == 0, self.s
+        self.rejected = 0
+        self.trials.clear()
+        if self.end < TINIEST:
+            return Fault(Status.STEP_TOO_SMALL, t, y)
+        with _unprinted():
+            step = self.cvode.step(self.end, "onestep", self.end)
+        if step.status < 0:
+            return self.law.fault or Fault(Status.DIVERGED, t, y, detail=f"CVODE says: {step.message}")
+        self.reached = step.status == _REACHED
+        self.s, self.state = float(step.t), np.array(step.y, dtype=float)
+        if not self.reached and not self.s - self.begin > SPACINGS * float(np.spacing(abs(self.begin))):
+            return self.law.recent_fault() or Fault(Status.STEP_TOO_SMALL, t, y)
+        if not first:
+            # Before its first step CVODE looks around for a length, which is no trial of a step.
+            self.rejected = len(set(self.trials) - {self.begin}) - 1
+        return None
+
+    def piece(self, t: float, y: FloatArray) -> Piece:
+        def interpolant(times: FloatArray) -> FloatArray:
+            return np.array([self.cvode.step(s, "normal").y for s in times.tolist()]).T
+
+        found = Piece.read((t, self.t), (y, self.state), (self.begin, self.s), interpolant, self.degree)
+        if not self.reached:
+            # The next step starts from the time that was asked for last.
+            self.cvode.step(self.s, "normal")
+        return found
+
+
+class _OtherThreads:
+    """Standard output for all threads but `silent`, whose words are dropped.
+
+    One object serves for ever: Python's print keeps no reference to the sys.stdout that it writes to.
+    """
+
+    stream: Any = None
+    silent = 0
+
+    def write(self, text: str) -> int:
+        return len(text) if threading.get_ident() == self.silent else int(self.stream.write(text))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)
+
+
+_OUT: Any = _OtherThreads()
+_STEPPING = threading.RLock()
+"""Held for a step: keeping back what is printed replaces sys.stdout for that long."""
+
+
+@contextmanager
+def _unprinted() -> Iterator[None]:
+    """Keep back what scikit-sundae prints of a step that fails: the run's message says it."""
+    with _STEPPING:
+        if sys.stdout is None:
+            yield
+            return
+        _OUT.stream, _OUT.silent = sys.stdout, threading.get_ident()
+        sys.stdout = _OUT
+        try:
+            yield
+        finally:
+            sys.stdout, _OUT.silent = _OUT.stream, 0

@@ -1,0 +1,1 @@
+"""Dense output: the path between steps, for each kind of method."""

@@ -1,0 +1,88 @@
+"""The path of a solver of another package: its interpolant over a step, read while the step is there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from lagrange.trajectory.paths.chebyshev import nodes
+from lagrange.trajectory.paths.step_paths import Places
+from lagrange.trajectory.trajectory import FloatArray
+
+SPACINGS = 256
+"""A step of fewer spacings of the solver's times is a straight line: a polynomial through states at rounded times, of
+degree 12 at most, would swing to and fro."""
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """The polynomial over one step with the `values` (k, 2n) at Chebyshev's points, from `begin` over `length`.
+
+    It passes through both accepted states, which an interpolant of multistep formulas does to the tolerance only.
+    """
+
+    begin: float
+    length: float
+    values: FloatArray
+
+    @classmethod
+    def read(
+        cls,
+        times: tuple[float, float],
+        ends: tuple[FloatArray, FloatArray],
+        own: tuple[float, float],
+        interpolant: Callable[[FloatArray], FloatArray],
+        degree: int,
+    ) -> Piece:
+        """Return the polynomial of a degree over a step between two `times` and the states at both `ends`.
+
+        `interpolant` takes the solver's `own` times (k,), between two others, to states (2n, k).
+        """
+        first, last = own
+        x = nodes(degree)[:, None]
+        if len(x) == 2 or abs(last - first) < SPACINGS * float(np.spacing(max(abs(first), abs(last)))):
+            values = (1 - x) * ends[0] + x * ends[1]
+        else:
+            inner = interpolant(first + x[1:-1, 0] * (last - first)).T
+            values = np.concatenate([ends[0][None], inner, ends[1][None]])
+        return cls(times[0], times[1] - times[0], values)
+
+    def __call__(self, times: FloatArray) -> FloatArray:
+        """Return the states at times (k,), (2n, k)."""
+        shares = _shares(len(self.values), (times - self.begin) / self.length)
+        return np.asarray((shares @ self.values).T)
+
+
+@dataclass(frozen=True, eq=False)
+class SampledPath:
+    """Accepted steps: times (S+1,), states (S+1, 2n), and the polynomial of each, all of one degree."""
+
+    times: FloatArray
+    states: FloatArray
+    pieces: Sequence[Piece]
+
+    def inside(self, steps: Places, theta: FloatArray) -> FloatArray:
+        """Return the states at the same fractions theta (K,) of each of some steps (k,), (2n, k, K)."""
+        values = np.stack([self.pieces[step].values for step in steps.tolist()])
+        return np.asarray(np.moveaxis(_shares(values.shape[1], theta) @ values, -1, 0))
+
+
+def _shares(count: int, theta: FloatArray) -> FloatArray:
+    """Return the share of the value at each of `count` points in those at fractions theta (K,), (K, count).
+
+    J.-P. Berrut, L. N. Trefethen, Barycentric Lagrange interpolation, SIAM Review 46 (2004) 501, (4.2) and (5.4).
+    """
+    away = theta[:, None] - nodes(count - 1)
+    hits = away == 0
+    found = np.where(hits.any(axis=1)[:, None], hits, _weights(count) / np.where(hits, 1.0, away))
+    return np.asarray(found / found.sum(axis=1)[:, None])
+
+
+@lru_cache(maxsize=16)
+def _weights(count: int) -> FloatArray:
+    weights = np.where(np.arange(count) % 2, -1.0, 1.0)
+    weights[[0, -1]] /= 2
+    return weights
