@@ -16,6 +16,7 @@ from lagrange.statement.number import flag
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrate import integrate as trajectory_of
 from lagrange.trajectory.integrate import time_span
+from lagrange.trajectory.options import RunOptions
 
 
 def integrate(
@@ -49,26 +50,17 @@ def integrate(
         model,
         span,
         initial,
+        RunOptions(method, rtol, atol, step, t_eval, events, max_steps, max_wall, max_memory, parameters),
         progress=progress,
-        method=method,
-        rtol=rtol,
-        atol=atol,
-        t_eval=t_eval,
-        events=events,
-        step=step,
-        max_steps=max_steps,
-        max_wall=max_wall,
-        max_memory=max_memory,
-        parameters=parameters,
     )
 
 
 def integrate_since(
-    began: float, model: Model, span: Sequence[float], initial: Any, *, progress: bool, **options: Any
+    began: float, model: Model, span: Sequence[float], initial: Any, options: RunOptions, *, progress: bool
 ) -> Solution:
     """Integrate as `integrate` does, for a request that was made at a time by `time.perf_counter`."""
     with progress_bar(time_span(span), wanted=flag(progress, "progress")) as report:
-        trajectory, values = trajectory_of(model, span, initial, **options, progress=report, began=began)
+        trajectory, values = trajectory_of(model, span, initial, options, progress=report, began=began)
     return Solution(with_stiff_end(model, trajectory, values, float(span[1])), model, values)
 
 
@@ -86,4 +78,4 @@ def flow(
     It is prepared once: a call costs a few microseconds beside the steps themselves. Calls raise RunError when the
     run does not get to t1. Raises StatementError for an unknown method or a setting that it has no use for.
     """
-    return Flow(model, method=method, rtol=rtol, atol=atol, step=step, max_steps=max_steps)
+    return Flow(model, RunOptions(method, rtol, atol, step, max_steps=max_steps))

@@ -28,6 +28,7 @@ from lagrange.statement.declare import declare
 from lagrange.statement.number import flag, real_number
 from lagrange.statement.statement import RunSettings, Statement
 from lagrange.trajectory.methods.registry import DEFAULT, find
+from lagrange.trajectory.options import RunOptions
 
 
 class System:
@@ -219,16 +220,7 @@ class System:
             model,
             (t_start, end),
             initial,
-            method=chosen,
-            rtol=rtol,
-            atol=atol,
-            t_eval=t_eval,
-            events=events,
-            step=step,
-            max_steps=max_steps,
-            max_wall=max_wall,
-            max_memory=max_memory,
-            parameters=parameters,
+            RunOptions(chosen, rtol, atol, step, t_eval, events, max_steps, max_wall, max_memory, parameters),
             progress=progress,
         )
 

@@ -15,6 +15,7 @@ from lagrange.statement.number import real_array, real_number
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import find
+from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.trajectory import FloatArray
 
 DIGITS = 22
@@ -114,7 +115,7 @@ def _by_method(problem: Problem, times: Sequence[float], given: Any, unit: Float
 
 def _states(problem: Problem, times: Sequence[float], method: Any, tolerance: float | None) -> tuple[Any, ...]:
     """Return the states at the times, each the end of a run from the one before: nothing is interpolated."""
-    flow = Flow(problem.model, method=method, rtol=tolerance, atol=tolerance)
+    flow = Flow(problem.model, RunOptions(method, tolerance, tolerance))
     y, now, found = problem.y0, problem.t0, []
     for then in times:
         y = flow(y, now, then, problem.parameters)

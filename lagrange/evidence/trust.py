@@ -17,6 +17,7 @@ from lagrange.errors import RunError, StatementError, shown
 from lagrange.machine.model import Model
 from lagrange.statement.number import flag, real_number
 from lagrange.trajectory.integrate import integrate
+from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 SAFETY = 10.0
@@ -90,9 +91,7 @@ def trust_horizon(
     allowed, relative = real_number(error, "error"), flag(relative, "relative")
     if allowed <= 0:
         raise StatementError(f"error = {allowed:g}: give a positive one, such as 1e-3.")
-    found, values = integrate(
-        model, span, initial, method=method, rtol=rtol, atol=atol, step=step, parameters=parameters
-    )
+    found, values = integrate(model, span, initial, RunOptions(method, rtol, atol, step, parameters=parameters))
     times = _looks(found.t)
     states = found.dense(times)
     size = np.abs(states).max(axis=1)
@@ -158,10 +157,7 @@ def _twins(
                 model,
                 found.span,
                 dict(zip(rows, moved.tolist(), strict=True)),
-                method=method,
-                rtol=tolerance,
-                atol=tolerance * least,
-                parameters=values,
+                RunOptions(method, tolerance, tolerance * least, parameters=values),
             )
         except StatementError:
             continue

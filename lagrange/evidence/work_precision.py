@@ -20,6 +20,7 @@ from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.integrator import Integrator, Problem, run_by
 from lagrange.trajectory.methods.registry import find, names
+from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 14))
@@ -196,7 +197,7 @@ class _Heat:
             blank = replace(blank, status=found.status.value, message=found.message)
             if not found.status.complete:
                 return blank
-            run = self._warm(method, problem, chosen)
+            run = self._warm(method, problem)
             y = run()
             seconds, timed = self._timed(run, found.wall)
         except LagrangeError as refusal:
@@ -218,11 +219,13 @@ class _Heat:
             timed += 1
         return least, timed
 
-    def _warm(self, method: Integrator, problem: Problem, chosen: Mapping[str, float]) -> Callable[[], FloatArray]:
+    def _warm(self, method: Integrator, problem: Problem) -> Callable[[], FloatArray]:
         """Return a function that runs to the times of the race, (2n, K), with everything prepared that can be."""
         if self.outputs is not None:
             return lambda: method.integrate(problem).y
-        flow = Flow(problem.model, method=method, max_steps=problem.max_steps, **chosen)
+        flow = Flow(
+            problem.model, RunOptions(method, problem.rtol, problem.atol, problem.step, max_steps=problem.max_steps)
+        )
         return lambda: flow(problem.y0, problem.t0, problem.t1, problem.parameters)[:, None]
 
 
@@ -304,7 +307,7 @@ def _fine_run(
 ) -> tuple[Trajectory, dict[Any, float]]:
     """Return the run from which the sizes of the states and the growth of errors come, and the parameters' values."""
     run, values = integrate(
-        model, span, initial, method=SCOUT, rtol=FINE, atol=FINE, max_wall=max_wall, parameters=parameters
+        model, span, initial, RunOptions(SCOUT, FINE, FINE, max_wall=max_wall, parameters=parameters)
     )
     if not _checked(run).status.complete:
         raise RunError(f"there is no end to race for: {run.message}")

@@ -17,9 +17,9 @@ from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.statement.number import real_array, real_number
 from lagrange.trajectory.driver import LARGEST_BURST
-from lagrange.trajectory.integrate import step_limit
 from lagrange.trajectory.integrator import Problem, run_by
 from lagrange.trajectory.methods.registry import DEFAULT, find
+from lagrange.trajectory.options import AS_IT_COMES, RunOptions
 from lagrange.trajectory.plan import Plan, Planned
 from lagrange.trajectory.trajectory import FloatArray
 
@@ -37,23 +37,14 @@ class _Prepared(threading.local):
 class Flow:
     """Calls give the state at t1 of the run that starts from y0 at t0; threads may share a flow."""
 
-    def __init__(
-        self,
-        model: Model,
-        *,
-        method: Any = None,
-        rtol: float | None = None,
-        atol: float | None = None,
-        step: float | None = None,
-        max_steps: int | None = None,
-    ) -> None:
+    def __init__(self, model: Model, options: RunOptions = AS_IT_COMES) -> None:
         if not isinstance(model, Model):
             raise StatementError(f"{shown(model)} is no compiled model: give system.compile().")
-        self._integrator = find(DEFAULT if method is None else method)
+        self._integrator = find(DEFAULT if options.method is None else options.method)
+        self._options = replace(options, method=self._integrator)
         self._model = model
         self._dimension = 2 * model.dimension
-        self._max_steps = step_limit(max_steps)
-        self._stated = (rtol, atol, step)
+        self._max_steps = options.step_limit
         self._local = _Prepared()
         unit = Problem(
             model=model,
@@ -61,9 +52,9 @@ class Flow:
             t0=0.0,
             t1=1.0,
             y0=np.zeros(self._dimension),
-            rtol=rtol,
-            atol=atol,
-            step=step,
+            rtol=options.rtol,
+            atol=options.atol,
+            step=options.step,
             max_steps=self._max_steps,
         )
         self._problem = unit
@@ -72,7 +63,7 @@ class Flow:
         self._plan: Plan | None = None if plan is None or plan.watched else plan
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _prepared, (self._model, self._integrator, *self._stated, self._max_steps)
+        return Flow, (self._model, self._options)
 
     def __call__(
         self, y0: ArrayLike, t0: float, t1: float, parameters: Mapping[Any, Any] | FloatArray | None = None
@@ -146,10 +137,3 @@ class Flow:
         if not trajectory.status.complete:
             raise RunError(trajectory.message)
         return trajectory.y[:, -1].copy()
-
-
-def _prepared(
-    model: Model, method: Any, rtol: float | None, atol: float | None, step: float | None, max_steps: int
-) -> Flow:
-    """Return the flow of a pickle."""
-    return Flow(model, method=method, rtol=rtol, atol=atol, step=step, max_steps=max_steps)

@@ -14,15 +14,13 @@ from lagrange.errors import StatementError, listing, shown
 from lagrange.machine.model import Model
 from lagrange.statement.declare import initial_state
 from lagrange.statement.event import declare_events
-from lagrange.statement.number import real_array, real_number, whole_number
+from lagrange.statement.number import real_array, real_number
 from lagrange.trajectory.conservation import energy, verified
 from lagrange.trajectory.integrator import Integrator, Problem, run_by
 from lagrange.trajectory.methods.registry import DEFAULT, find
+from lagrange.trajectory.options import AS_IT_COMES, RunOptions
 from lagrange.trajectory.plan import promises
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
-
-MAX_STEPS = 10_000_000
-"""Steps tried, accepted or not, before a run gives up: the states of a double pendulum then take 0.4 GB."""
 
 ROUND_OFF = 1e-12
 """Output times beyond an end by less than this part of the span are that end, written with other round-off."""
@@ -32,17 +30,8 @@ def integrate(
     model: Model,
     span: Sequence[float],
     initial: Mapping[Any, Any] | None = None,
+    options: RunOptions = AS_IT_COMES,
     *,
-    method: Any = None,
-    rtol: float | None = None,
-    atol: float | None = None,
-    t_eval: ArrayLike | None = None,
-    events: Any = None,
-    step: float | None = None,
-    max_steps: int | None = None,
-    max_wall: float | None = None,
-    max_memory: float | None = None,
-    parameters: Mapping[Any, Any] | None = None,
     progress: Callable[[float], None] | None = None,
     began: float | None = None,
 ) -> tuple[Trajectory, dict[Any, float]]:
@@ -54,25 +43,25 @@ def integrate(
         raise StatementError(f"{shown(model)} is no compiled model: give system.compile(), or call system.run().")
     t0, t1 = time_span(span)
     statement = model.statement
-    values = model.parameter_values(parameters)
+    values = model.parameter_values(options.parameters)
     problem = Problem(
         model=model,
         parameters=values,
         t0=t0,
         t1=t1,
         y0=np.array(initial_state({} if initial is None else initial, statement.coordinates, statement.initial)),
-        t_eval=_output_times(t_eval, t0, t1, 2 * model.dimension),
-        rtol=rtol,
-        atol=atol,
-        step=step,
-        max_steps=step_limit(max_steps),
-        max_wall=_positive(max_wall, "max_wall", "seconds"),
-        max_memory=_positive(max_memory, "max_memory", "bytes"),
-        events=declare_events(events, statement),
+        t_eval=_output_times(options.t_eval, t0, t1, 2 * model.dimension),
+        rtol=options.rtol,
+        atol=options.atol,
+        step=options.step,
+        max_steps=options.step_limit,
+        max_wall=options.wall_limit,
+        max_memory=options.memory_limit,
+        events=declare_events(options.events, statement),
         progress=progress,
         began=time.perf_counter() if began is None else began,
     )
-    integrator = find(DEFAULT if method is None else method)
+    integrator = find(DEFAULT if options.method is None else options.method)
     _check_events(problem, integrator)
     before = _check_start(problem)
     trajectory = run_by(integrator, problem)
@@ -131,19 +120,3 @@ def _output_times(t_eval: ArrayLike | None, t0: float, t1: float, width: int) ->
             "t_eval is not sorted in the direction of the run: sort it" + (", falling." if direction < 0 else ".")
         )
     return times
-
-
-def step_limit(max_steps: int | None) -> int:
-    """Return how many steps may be tried. Raises StatementError for what is no whole number of at least 1."""
-    if max_steps is None:
-        return MAX_STEPS
-    return whole_number(max_steps, "max_steps", 1)
-
-
-def _positive(limit: float | None, name: str, unit: str) -> float | None:
-    if limit is None:
-        return None
-    number = real_number(limit, name)
-    if number <= 0:
-        raise StatementError(f"{name} = {limit}: give a positive number of {unit}.")
-    return number

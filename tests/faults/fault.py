@@ -20,6 +20,7 @@ from lagrange.machine.model import Model
 from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.integrator import Claims
 from lagrange.trajectory.methods.registry import BUILT_IN, find
+from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 ENDLESS = 40.0
@@ -152,7 +153,7 @@ def run(fault: Fault, method: Any, claims: Claims) -> Trajectory:
         options.update(fault.adaptive)
     else:
         options.update({"step": fault.step, **fault.equal})
-    return integrate(fault.model(), (fault.start, fault.end), method=method, **options)[0]
+    return integrate(fault.model(), (fault.start, fault.end), options=RunOptions(method, **options))[0]
 
 
 def _slow(method: str) -> bool:
@@ -173,7 +174,7 @@ def refused(fault: Fault, method: Any, claims: Claims, words: str) -> tuple[str,
 def _refuses_system(fault: Fault, method: Any, words: str) -> bool:
     """Whether the method refuses this system in the same words when nothing is asked but to stay where it is."""
     try:
-        integrate(fault.model(), (fault.start, fault.start), method=method)
+        integrate(fault.model(), (fault.start, fault.start), options=RunOptions(method))
     except StatementError as error:
         return str(error) == words
     return False

@@ -19,6 +19,7 @@ from lagrange.statement.coordinate import coordinates, t
 from lagrange.statement.declare import declare
 from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.methods.taylor import Taylor
+from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.trajectory import Status
 
 x, y = coordinates("x y")
@@ -128,7 +129,7 @@ def test_explicit_time_changes_the_energy_by_its_own_slope(T: Any, V: Any, U: An
 
 def run(compiled: Model, state: Any, end: float) -> Any:
     start = dict(zip(("x", "y", "x_dot", "y_dot"), map(float, state), strict=True))
-    found, _ = integrate(compiled, (0.0, end), start, rtol=1e-11, atol=1e-12, max_steps=20_000, method="dop853")
+    found, _ = integrate(compiled, (0.0, end), start, RunOptions("dop853", 1e-11, 1e-12, max_steps=20_000))
     assert found.status is Status.SUCCESS, found.message
     return found
 
@@ -233,6 +234,6 @@ def test_series_of_any_order_give_the_motion(T: Any, V: Any, state: Any, order: 
     compiled = model(target, lagrangian=T - V)
     start = dict(zip(("x", "y", "x_dot", "y_dot"), map(float, state), strict=True))
     rtol = 1e-9 if order > 8 else 1e-6
-    found, _ = integrate(compiled, (0.0, 0.1), start, method=Taylor(rtol=rtol, atol=rtol, order=order))
+    found, _ = integrate(compiled, (0.0, 0.1), start, RunOptions(Taylor(rtol=rtol, atol=rtol, order=order)))
     assert found.status is Status.SUCCESS, found.message
     assert found.y[:, -1] == pytest.approx(run(compiled, state, 0.1).y[:, -1], abs=100 * rtol)

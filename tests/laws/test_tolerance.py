@@ -14,6 +14,7 @@ import pytest
 
 import lagrange as lg
 from lagrange.machine.model import Model
+from lagrange.run import flow as flow_of
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.trajectory import FloatArray
 from tests.models import model
@@ -35,7 +36,7 @@ def compiled(name: str) -> Model:
 
 
 def exact(name: str) -> Flow:
-    return Flow(compiled(name), rtol=1e-16, atol=1e-20)
+    return flow_of(compiled(name), rtol=1e-16, atol=1e-20)
 
 
 @cache
@@ -61,7 +62,7 @@ def course(name: str) -> tuple[float, FloatArray, FloatArray, float]:
 def test_the_reference_agrees_with_another_method(name: str) -> None:
     """DOP853 at the edge of round-off: its own error is some hundred times its tolerance times the growth."""
     end, last, size, growth = course(name)
-    other = Flow(compiled(name), method="dop853", rtol=1e-13, atol=1e-16)(compiled(name).statement.initial, 0.0, end)
+    other = flow_of(compiled(name), method="dop853", rtol=1e-13, atol=1e-16)(compiled(name).statement.initial, 0.0, end)
     assert (np.abs(other - last) / size).max() < 100 * 1e-13 * growth
 
 
@@ -70,6 +71,6 @@ def test_the_reference_agrees_with_another_method(name: str) -> None:
 def test_the_error_is_within_the_tolerance(name: str, tolerance: float) -> None:
     """The tenth at which steps aim leaves room for their sum; at 1e-14 rounding along the run counts as well."""
     end, last, size, growth = course(name)
-    flow = Flow(compiled(name), rtol=tolerance, atol=tolerance * 1e-3)
+    flow = flow_of(compiled(name), rtol=tolerance, atol=tolerance * 1e-3)
     found = flow(compiled(name).statement.initial, 0.0, end)
     assert (np.abs(found - last) / size).max() <= growth * (tolerance + 2e-14)

@@ -14,6 +14,7 @@ from lagrange.trajectory.methods.implicit import ImplicitMethod
 from lagrange.trajectory.methods.registry import BUILT_IN, find
 from lagrange.trajectory.methods.splitting import Splitting
 from lagrange.trajectory.methods.taylor import Taylor
+from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.plan import Plan, Planned
 from lagrange.trajectory.trajectory import Trajectory
 
@@ -48,7 +49,7 @@ SLOPES = tuple(name for name in EQUAL if name not in MOMENTA)
 
 def run(model: Model, end: float, method: Any, start: float = 0.0, initial: Any = None, **options: Any) -> Trajectory:
     """Return the trajectory from `start` to `end`."""
-    return integrate(model, (start, end), initial, method=method, **options)[0]
+    return integrate(model, (start, end), initial, RunOptions(method, **options))[0]
 
 
 def stepped(name: str, step: float) -> Any:

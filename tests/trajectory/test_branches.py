@@ -22,6 +22,7 @@ from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
 from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.methods.registry import find
+from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.trajectory import Status, Trajectory
 from tests.models import TARGETS, build, x
 
@@ -151,7 +152,7 @@ def truth(name: str) -> Any:
 
 
 def go(model: Model, method: Any, **options: Any) -> Trajectory:
-    return integrate(model, (0.0, END), None, method=method, **options)[0]
+    return integrate(model, (0.0, END), None, RunOptions(method, **options))[0]
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from sympy import log
 
+from lagrange.run import flow as flow_of
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
-from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.trajectory import FloatArray, Status
 from tests.models import TARGETS, build, x, y
 from tests.trajectory.runs import run
@@ -211,4 +211,4 @@ def test_a_flow_has_no_events() -> None:
     """An event belongs to a run: a flow after it is that of the equations alone."""
     model = ball()
     go(model, 2.0, [floor(0.5)])
-    assert Flow(model, method="taylor")([1.0, 0.0], 0.0, 2.0) == pytest.approx([1 - 2 * G, -2 * G], rel=1e-13)
+    assert flow_of(model, method="taylor")([1.0, 0.0], 0.0, 2.0) == pytest.approx([1 - 2 * G, -2 * G], rel=1e-13)

@@ -13,6 +13,7 @@ import sympy as sp
 import lagrange as lg
 from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.methods.registry import DEFAULT
+from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.trajectory import Status
 from tests.models import TARGETS, VALUES, build, k, m, model, x, y
 from tests.trajectory.runs import NAMES, run
@@ -34,7 +35,7 @@ def test_a_trajectory_has_its_start_its_end_and_its_shapes(name: str, target: st
 
 def test_the_values_of_all_parameters_come_back() -> None:
     compiled = build(kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2)
-    _, values = integrate(compiled, (0, 1), {"x": 1}, parameters={"k": 5})
+    _, values = integrate(compiled, (0, 1), {"x": 1}, RunOptions(parameters={"k": 5}))
     assert {symbol.name: value for symbol, value in values.items()} == {"m": VALUES[m], "k": 5.0}
 
 

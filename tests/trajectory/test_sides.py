@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from sympy import Abs, Max, Min, Piecewise, Rational, sign, sqrt
 
-from lagrange.trajectory.flow import Flow
+from lagrange.run import flow as flow_of
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.trajectory import Status
 from tests.models import TARGETS, build, x, y, z
@@ -55,7 +55,7 @@ def test_written_out_and_looped_are_both_among_them() -> None:
 def test_the_order_by_cost_and_a_flow(target: str) -> None:
     model = build(target, lagrangian=INERTIAS["a power of a speed"], coordinates=[x, y, z], initial=START)
     start = np.array(model.statement.initial)
-    assert Flow(model, method="taylor")(start, 0.0, 0.5) == pytest.approx(
+    assert flow_of(model, method="taylor")(start, 0.0, 0.5) == pytest.approx(
         run(model, 0.5, "dop853", rtol=1e-13, atol=1e-14).y[:, -1], abs=1e-9
     )
 

@@ -11,9 +11,9 @@ import sympy as sp
 from sympy import Abs, Max, Min, Piecewise, sign
 
 from lagrange.machine.model import Model
+from lagrange.run import flow as flow_of
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
-from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.trajectory import Status
 from tests.models import TARGETS, build, x, y
 from tests.trajectory.runs import run
@@ -147,7 +147,7 @@ def test_against_tight_steps_of_another_method() -> None:
 @pytest.mark.parametrize("target", TARGETS)
 def test_a_flow_knows_the_sides(target: str) -> None:
     """Also where it never comes near a surface."""
-    flow = Flow(particle(Abs(x), target=target), method="taylor")
+    flow = flow_of(particle(Abs(x), target=target), method="taylor")
     assert flow([1.0, 0.0], 0.0, 0.5) == pytest.approx([0.875, -0.5], rel=1e-13)
     assert flow([10.0, 0.0], 0.0, 0.5) == pytest.approx([9.875, -0.5], rel=1e-13)
     assert flow([1.0, 0.0], 0.0, 4 * math.sqrt(2)) == pytest.approx([1.0, 0.0], abs=1e-12)

@@ -15,7 +15,7 @@ import sympy as sp
 from lagrange.errors import StatementError
 from lagrange.evidence.precise_run import precise_run
 from lagrange.machine.model import Model
-from lagrange.trajectory.flow import Flow
+from lagrange.run import flow as flow_of
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.trajectory import Status
 from tests.models import SYSTEMS, TARGETS, build, g, k, l, laws, m, model, x, y
@@ -61,7 +61,7 @@ def test_an_order_of_ones_own(order: int) -> None:
 def test_there_and_back(name: str, target: str) -> None:
     compiled = model(name, target)
     start = np.array(compiled.statement.initial)
-    flow = Flow(compiled, method=Taylor(rtol=1e-16, atol=1e-16))
+    flow = flow_of(compiled, method=Taylor(rtol=1e-16, atol=1e-16))
     assert flow(flow(start, 0.0, 2.0), 2.0, 0.0) == pytest.approx(start, abs=2e-13)
 
 
@@ -263,13 +263,13 @@ def test_coefficients_that_overflow(start: float, after: float, target: str) -> 
 def test_a_flow_gives_the_same_bits_whatever_it_did_before(target: str) -> None:
     compiled = model("double pendulum", target)
     start = np.array(compiled.statement.initial)
-    flow = Flow(compiled, method="taylor", rtol=1e-12)
+    flow = flow_of(compiled, method="taylor", rtol=1e-12)
     first = flow(start, 0.0, 1.0)
     flow(start * 1.1, 5.0, -20.0)
     flow(start, 0.0, 1e-7)
     flow(start, 0.0, 1.0, {"g": 1.0})
     assert (flow(start, 0.0, 1.0) == first).all()
-    assert (Flow(compiled, method="taylor", rtol=1e-12)(start, 0.0, 1.0) == first).all()
+    assert (flow_of(compiled, method="taylor", rtol=1e-12)(start, 0.0, 1.0) == first).all()
 
 
 @pytest.mark.parametrize(
@@ -277,7 +277,7 @@ def test_a_flow_gives_the_same_bits_whatever_it_did_before(target: str) -> None:
 )
 def test_threads_share_a_flow(name: str, target: str) -> None:
     compiled = Model(SYSTEMS[name](), laws(name), model(name, target).machine)
-    flow = Flow(compiled, method="taylor")
+    flow = flow_of(compiled, method="taylor")
     starts = [np.array(compiled.statement.initial) * (1 + 0.01 * i) for i in range(8)]
     with ThreadPoolExecutor(4) as pool:  # the first calls compile
         found = list(pool.map(lambda start: flow(start, 0.0, 1.0), starts))
