@@ -19,6 +19,7 @@ from lagrange.statement.expression import MOST_ENTRIES, entries
 from lagrange.statement.number import whole_number
 from lagrange.trajectory.driver import drive
 from lagrange.trajectory.integrator import Claims, Problem
+from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.settings import adaptive_settings, check_options, fixed_settings
 from lagrange.trajectory.paths.step_paths import RungeKuttaPath, StepPath, hermite_path
 from lagrange.trajectory.plan import StepPlan
@@ -107,46 +108,55 @@ def _weighted(weights: Any, slopes: list[Any]) -> Any:
     return sum(slope * (int(w) if w == int(w) else float(w)) for w, slope in zip(weights, slopes, strict=False) if w)
 
 
+@built_in("euler")
 def Euler(step: float | None = None) -> RungeKutta:
     """Return the explicit Euler method, order 1."""
     return RungeKutta(classical.EULER, step=step)
 
 
+@built_in("heun")
 def Heun(step: float | None = None) -> RungeKutta:
     """Return Heun's method, the explicit trapezoidal rule, order 2."""
     return RungeKutta(classical.HEUN, step=step)
 
 
+@built_in("midpoint")
 def Midpoint(step: float | None = None) -> RungeKutta:
     """Return the explicit midpoint rule, order 2."""
     return RungeKutta(classical.MIDPOINT, step=step)
 
 
+@built_in("rk4")
 def RK4(step: float | None = None) -> RungeKutta:
     """Return the classical Runge-Kutta method, order 4."""
     return RungeKutta(classical.RK4, step=step)
 
 
+@built_in("bs3")
 def BS3(rtol: float | None = None, atol: float | None = None) -> RungeKutta:
     """Return the adaptive method of Bogacki and Shampine, order 3(2)."""
     return RungeKutta(classical.BS3, rtol=rtol, atol=atol)
 
 
+@built_in("dopri5")
 def Dopri5(rtol: float | None = None, atol: float | None = None) -> RungeKutta:
     """Return the adaptive method of Dormand and Prince, order 5(4)."""
     return RungeKutta(dopri5.DOPRI5, rtol=rtol, atol=atol)
 
 
+@built_in("tsit5")
 def Tsit5(rtol: float | None = None, atol: float | None = None) -> RungeKutta:
     """Return Tsitouras's adaptive method, order 5(4)."""
     return RungeKutta(tsit5.TSIT5, rtol=rtol, atol=atol)
 
 
+@built_in("verner9")
 def Verner9(rtol: float | None = None, atol: float | None = None) -> RungeKutta:
     """Return Verner's most efficient adaptive method of order 9(8)."""
     return RungeKutta(verner9(), rtol=rtol, atol=atol)
 
 
+@built_in("dop853")
 def DOP853(rtol: float | None = None, atol: float | None = None) -> RungeKutta:
     """Return Hairer's adaptive method of order 8 with estimates of order 5 and 3."""
     return RungeKutta(dop853.DOP853, rtol=rtol, atol=atol)

@@ -16,6 +16,7 @@ from lagrange.program.step import Control, StepProgram, trace
 from lagrange.statement.choice import one_of, text
 from lagrange.trajectory.driver import drive
 from lagrange.trajectory.integrator import Claims, Problem
+from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.settings import adaptive_settings, check_options, fixed_settings
 from lagrange.trajectory.paths.step_paths import StepPath, hermite_path
 from lagrange.trajectory.plan import StepPlan
@@ -101,11 +102,13 @@ def implicit_midpoint(f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Call
     return y + k * h
 
 
+@built_in("backward-euler")
 def BackwardEuler(step: float | None = None) -> ImplicitMethod:
     """Return the backward Euler method, order 1, which damps whatever is fast."""
     return ImplicitMethod("backward-euler", Claims(1, a_stable=True, explicit=False), backward_euler, step=step)
 
 
+@built_in("trapezoidal")
 def Trapezoidal(step: float | None = None) -> ImplicitMethod:
     """Return the trapezoidal rule, order 2."""
     return ImplicitMethod(
@@ -113,6 +116,7 @@ def Trapezoidal(step: float | None = None) -> ImplicitMethod:
     )
 
 
+@built_in("implicit-midpoint")
 def ImplicitMidpoint(step: float | None = None) -> ImplicitMethod:
     """Return the implicit midpoint rule, order 2."""
     claims = Claims(2, symplectic=True, symmetric=True, a_stable=True, explicit=False)
@@ -155,18 +159,21 @@ def bdf2(f: Callable[..., Any], t: Any, y: Any, before: Any, h: Any, solve: Call
     return known + k * (h * Fraction(2, 3))
 
 
+@built_in("gauss2")
 def Gauss2(step: float | None = None) -> ImplicitMethod:
     """Return Gauss's method of 2 stages, order 4."""
     claims = Claims(4, symplectic=True, symmetric=True, a_stable=True, explicit=False)
     return ImplicitMethod("gauss2", claims, GAUSS2, step=step)
 
 
+@built_in("gauss3")
 def Gauss3(step: float | None = None) -> ImplicitMethod:
     """Return Gauss's method of 3 stages, order 6."""
     claims = Claims(6, symplectic=True, symmetric=True, a_stable=True, explicit=False)
     return ImplicitMethod("gauss3", claims, GAUSS3, step=step)
 
 
+@built_in("bdf2")
 def BDF2(step: float | None = None) -> ImplicitMethod:
     """Return the backward differentiation formula of two steps, order 2, for stiff systems; it starts with Radau's."""
     claims = Claims(2, a_stable=True, explicit=False)

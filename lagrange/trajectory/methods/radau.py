@@ -16,6 +16,7 @@ import numpy as np
 
 from lagrange.program.step import Control
 from lagrange.trajectory.integrator import Claims, Problem
+from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.implicit import ImplicitMethod, weighted
 from lagrange.trajectory.paths.collocation import CollocationPath
 from lagrange.trajectory.tableaux.gauss import collocation_tableau, lagrange_basis
@@ -101,11 +102,13 @@ def _method(
     return ImplicitMethod(name, claims, function, control=control, path=PATHS[stages], rtol=rtol, atol=atol)
 
 
+@built_in("radau3")
 def Radau3(rtol: float | None = None, atol: float | None = None) -> ImplicitMethod:
     """Return Radau's adaptive method of 2 stages, order 3, for stiff systems at loose tolerances."""
     return _method("radau3", 2, RADAU3, rtol, atol)
 
 
+@built_in("radau5")
 def Radau5(rtol: float | None = None, atol: float | None = None) -> ImplicitMethod:
     """Return Radau's adaptive method of 3 stages, order 5, for stiff systems."""
     return _method("radau5", 3, RADAU5, rtol, atol)

@@ -13,41 +13,11 @@ from typing import Any
 from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.statement.number import flag
 from lagrange.trajectory.integrator import Claims, Integrator
-from lagrange.trajectory.methods.explicit import (
-    BS3,
-    DOP853,
-    RK4,
-    Dopri5,
-    Euler,
-    Heun,
-    Midpoint,
-    RungeKutta,
-    Tsit5,
-    Verner9,
-)
-from lagrange.trajectory.methods.implicit import BDF2, BackwardEuler, Gauss2, Gauss3, ImplicitMidpoint, Trapezoidal
+from lagrange.trajectory.methods import explicit, implicit, radau, splitting, taylor, variational
+from lagrange.trajectory.methods.built_in import entered
+from lagrange.trajectory.methods.explicit import RungeKutta
 from lagrange.trajectory.methods.own import StepMethod, step_method
-from lagrange.trajectory.methods.radau import Radau3, Radau5
-from lagrange.trajectory.methods.splitting import (
-    Composition8,
-    ForestRuth4,
-    Leapfrog,
-    Ruth3,
-    Splitting,
-    SymplecticEuler,
-    SymplecticEulerB,
-    VelocityVerlet,
-    Verlet,
-    Yoshida6,
-)
-from lagrange.trajectory.methods.taylor import Taylor
-from lagrange.trajectory.methods.variational import (
-    DiscreteGradient,
-    Galerkin4,
-    Galerkin6,
-    VariationalMidpoint,
-    VariationalTrapezoid,
-)
+from lagrange.trajectory.methods.splitting import Splitting
 from lagrange.trajectory.plan import promises
 from lagrange.trajectory.tableaux.butcher import ButcherTableau
 
@@ -77,40 +47,13 @@ ELSEWHERE = {
 }
 """What other packages call a method, or one of its family: for the hint where there is none of a name."""
 
-BUILT_IN: dict[str, Callable[[], Integrator]] = {
-    "euler": Euler,
-    "heun": Heun,
-    "midpoint": Midpoint,
-    "rk4": RK4,
-    "bs3": BS3,
-    "dopri5": Dopri5,
-    "tsit5": Tsit5,
-    "verner9": Verner9,
-    "dop853": DOP853,
-    "symplectic-euler": SymplecticEuler,
-    "symplectic-euler-b": SymplecticEulerB,
-    "verlet": Verlet,
-    "velocity-verlet": VelocityVerlet,
-    "leapfrog": Leapfrog,
-    "ruth3": Ruth3,
-    "forest-ruth4": ForestRuth4,
-    "yoshida6": Yoshida6,
-    "composition8": Composition8,
-    "backward-euler": BackwardEuler,
-    "trapezoidal": Trapezoidal,
-    "implicit-midpoint": ImplicitMidpoint,
-    "gauss2": Gauss2,
-    "gauss3": Gauss3,
-    "radau3": Radau3,
-    "radau5": Radau5,
-    "bdf2": BDF2,
-    "variational-midpoint": VariationalMidpoint,
-    "variational-trapezoid": VariationalTrapezoid,
-    "galerkin4": Galerkin4,
-    "galerkin6": Galerkin6,
-    "discrete-gradient": DiscreteGradient,
-    "taylor": Taylor,
+FAMILIES = (explicit, splitting, implicit, radau, variational, taylor)
+"""The modules that define methods, in the order of the table."""
+
+BUILT_IN: dict[str, Callable[..., Integrator]] = {
+    name: maker for family in FAMILIES for name, maker in entered(family.__name__).items()
 }
+"""What makes each method of this package, called without arguments or with its options."""
 
 _registered: dict[str, Callable[[], Integrator]] = {}
 """What `register` was given, by name, in order."""

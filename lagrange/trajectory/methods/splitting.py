@@ -21,6 +21,7 @@ from lagrange.statement.expression import entries
 from lagrange.statement.number import real_array, real_number, whole_number
 from lagrange.trajectory.driver import drive
 from lagrange.trajectory.integrator import Claims, Problem
+from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.settings import check_options, check_problem, fixed_settings
 from lagrange.trajectory.paths.step_paths import hermite_path
 from lagrange.trajectory.plan import StepPlan
@@ -178,17 +179,20 @@ def composition(
     return Splitting(name, order, tuple(pairs), step, source)
 
 
+@built_in("symplectic-euler")
 def SymplecticEuler(step: float | None = None) -> Splitting:
     """Return the symplectic Euler method, order 1: velocities first, then coordinates with the new velocities."""
     return Splitting("symplectic-euler", 1, ((1.0, 1.0),), step, "de Vogelaere, 1956; Hairer, Lubich, Wanner, I.1.2")
 
 
+@built_in("symplectic-euler-b")
 def SymplecticEulerB(step: float | None = None) -> Splitting:
     """Return the other symplectic Euler method, order 1: coordinates first, then velocities at the new place."""
     stages = ((0.0, 1.0), (1.0, 0.0))
     return Splitting("symplectic-euler-b", 1, stages, step, "de Vogelaere, 1956; Hairer, Lubich, Wanner, I.1.2")
 
 
+@built_in("verlet")
 def Verlet(step: float | None = None) -> Splitting:
     """Return the Stormer-Verlet method in position form, order 2: half a drift, a kick, half a drift.
 
@@ -198,6 +202,7 @@ def Verlet(step: float | None = None) -> Splitting:
     return composition((1.0,), name="verlet", order=2, step=step, source="Hairer, Lubich, Wanner, I.1.4")
 
 
+@built_in("velocity-verlet")
 def VelocityVerlet(step: float | None = None) -> Splitting:
     """Return the Stormer-Verlet method in velocity form, order 2: q + h v + h^2 a/2, then v with the mean of both a.
 
@@ -207,6 +212,7 @@ def VelocityVerlet(step: float | None = None) -> Splitting:
     return composition((1.0,), name="velocity-verlet", order=2, first="kick", step=step, source=source)
 
 
+@built_in("leapfrog")
 def Leapfrog(step: float | None = None) -> Splitting:
     """Return the leapfrog method, order 2: velocities half a step apart from the coordinates, both kept at full steps.
 
@@ -219,24 +225,28 @@ def Leapfrog(step: float | None = None) -> Splitting:
     return composition((1.0,), name="leapfrog", order=2, first="kick", step=step, source=source)
 
 
+@built_in("ruth3")
 def Ruth3(step: float | None = None) -> Splitting:
     """Return Ruth's method of order 3: three kicks and three drifts, not symmetric."""
     stages = ((7 / 24, 2 / 3), (3 / 4, -2 / 3), (-1 / 24, 1.0))
     return Splitting("ruth3", 3, stages, step, "Ruth, IEEE Trans. Nucl. Sci. 30, 1983")
 
 
+@built_in("forest-ruth4")
 def ForestRuth4(step: float | None = None) -> Splitting:
     """Return Forest and Ruth's method of order 4: the triple jump of Stormer-Verlet steps."""
     source = "Forest, Ruth, Physica D 43, 1990; Hairer, Lubich, Wanner, II.4, example 4.2"
     return composition((CUBE, 1 - 2 * CUBE, CUBE), name="forest-ruth4", order=4, step=step, source=source)
 
 
+@built_in("yoshida6")
 def Yoshida6(step: float | None = None) -> Splitting:
     """Return Yoshida's method of order 6, his solution A: seven Stormer-Verlet steps."""
     source = "Yoshida, Phys. Lett. A 150, 1990; digits: Hairer, Lubich, Wanner, V.3.2"
     return composition(_mirrored(YOSHIDA6), name="yoshida6", order=6, step=step, source=source)
 
 
+@built_in("composition8")
 def Composition8(step: float | None = None) -> Splitting:
     """Return Kahan and Li's method of order 8: seventeen Stormer-Verlet steps."""
     source = "Kahan, Li, Math. Comp. 66, 1997; digits: Hairer, Lubich, Wanner, V.3.2"

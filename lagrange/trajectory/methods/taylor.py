@@ -20,6 +20,7 @@ from lagrange.trajectory.events.nonanalytic_points import Leaps
 from lagrange.trajectory.events.series_watch import Watch
 from lagrange.trajectory.events.surfaces import stated_sides
 from lagrange.trajectory.integrator import Claims, Problem
+from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.explicit import DOP853
 from lagrange.trajectory.methods.settings import adaptive_settings, check_options
 from lagrange.trajectory.paths.series import SeriesPath
@@ -42,6 +43,7 @@ LEAST_RTOL = 2.0**-53
 """A relative tolerance below this asks for more than doubles hold."""
 
 
+@built_in("taylor")
 @dataclass(frozen=True)
 class Taylor:
     """The adaptive Taylor series method, compiled from the energies; order by cost, 4 to 32 (20 stands for it).

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from lagrange.trajectory.integrator import Claims
+from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.implicit import ImplicitMethod, weighted
 from lagrange.trajectory.tableaux.gauss import Real, gauss_tableau
 
@@ -98,26 +99,31 @@ def _method(name: str, order: int, function: Callable[..., Any], step: float | N
     return ImplicitMethod(name, promised, function, law="momentum", step=step)
 
 
+@built_in("variational-midpoint")
 def VariationalMidpoint(step: float | None = None) -> ImplicitMethod:
     """Return the variational midpoint rule, order 2, symplectic for any mass matrix."""
     return _method("variational-midpoint", 2, variational_midpoint, step, symplectic=True, a_stable=True)
 
 
+@built_in("variational-trapezoid")
 def VariationalTrapezoid(step: float | None = None) -> ImplicitMethod:
     """Return the variational trapezoidal rule, order 2, symplectic for any mass matrix."""
     return _method("variational-trapezoid", 2, variational_trapezoid, step, symplectic=True)
 
 
+@built_in("galerkin4")
 def Galerkin4(step: float | None = None) -> ImplicitMethod:
     """Return the Galerkin variational integrator in 2 Gauss points, order 4, symplectic for any mass matrix."""
     return _method("galerkin4", 4, GALERKIN4, step, symplectic=True, a_stable=True)
 
 
+@built_in("galerkin6")
 def Galerkin6(step: float | None = None) -> ImplicitMethod:
     """Return the Galerkin variational integrator in 3 Gauss points, order 6, symplectic for any mass matrix."""
     return _method("galerkin6", 6, GALERKIN6, step, symplectic=True, a_stable=True)
 
 
+@built_in("discrete-gradient")
 def DiscreteGradient(step: float | None = None) -> ImplicitMethod:
     """Return the mean value discrete gradient method, order 2, which conserves the energy to round-off."""
     return _method("discrete-gradient", 2, DISCRETE_GRADIENT, step, energy=True, a_stable=True)

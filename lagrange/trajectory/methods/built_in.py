@@ -1,0 +1,29 @@
+"""The methods of this package by name: each is entered where it is defined, in the file of its family."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+Maker = TypeVar("Maker", bound=Callable[..., Any])
+
+_ENTERED: dict[str, dict[str, Callable[..., Any]]] = {}
+
+
+def built_in(name: str) -> Callable[[Maker], Maker]:
+    """Return a decorator that makes a function or class a method: `method="name"` calls it without arguments.
+
+    It is public as `lagrange.methods.X` under its own name; the first line of its docstring is its row in the table of
+    methods, and the tests hold it to its claims.
+    """
+
+    def enter(maker: Maker) -> Maker:
+        _ENTERED.setdefault(maker.__module__, {})[name] = maker
+        return maker
+
+    return enter
+
+
+def entered(family: str) -> dict[str, Callable[..., Any]]:
+    """Return the methods of a module by name, in the order of their definition."""
+    return _ENTERED[family]
