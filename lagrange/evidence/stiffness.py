@@ -138,7 +138,7 @@ def _kernel(
     n = model.dimension
     states = path.states[steps].T
     kernel = NumpyMachine().load(program_of(name, model.equations))
-    found = kernel.columns(path.times[steps], states[:n], states[n:], values)
+    found = kernel.columns(path.times[steps], (states[:n], states[n:]), values)
     return np.moveaxis(np.broadcast_to(found, (*found.shape[:2], len(steps))), -1, 0)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -38,8 +39,8 @@ class Kernel(Protocol):
         `parameters` has shape (k,). Raises SingularMassMatrix.
         """
 
-    def columns(self, t: float | FloatArray, q: FloatArray, v: FloatArray, parameters: FloatArray) -> FloatArray:
-        """Return the result for columns of coordinates and of velocities, (n, batch) each, without joining them."""
+    def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
+        """Return the result for columns of each of the program's inputs, (size, batch), without joining them."""
 
 
 class Driver(Protocol):

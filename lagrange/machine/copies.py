@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -37,9 +37,9 @@ class ArrivedKernel(Shared):
         """Evaluate the program; see `Kernel`."""
         return self._kernel(t, y, parameters)
 
-    def columns(self, t: float | FloatArray, q: FloatArray, v: FloatArray, parameters: FloatArray) -> FloatArray:
+    def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
         """Evaluate every column; see `Kernel`."""
-        return self._kernel.columns(t, q, v, parameters)
+        return self._kernel.columns(t, inputs, parameters)
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):

@@ -36,9 +36,6 @@ State = tuple[FloatArray, FloatArray]
 SERIES_KEPT = 16
 """So many series with events are kept beside the one without: each takes some 2 MB of machine code."""
 
-SOLVED = frozenset(("rhs", "accelerations", "jacobian"))
-"""The quantities that divide by the mass matrix."""
-
 
 class Model:
     """A system compiled for one machine. Kernels are made when they are first asked for.
@@ -203,7 +200,7 @@ class Model:
         unknown = [leaf for leaf in (*survey.coordinates, *survey.parameters) if leaf not in self.equations.leaves]
         if unknown:
             raise StatementError(f"the expression contains {unknown[0]}, which this system does not have.")
-        program = lower_nodes("expression", [self.equations.translate(expression)], (), self.equations)
+        program = lower_nodes("expression", [self.equations.translate(expression)], self.equations, shape=())
         state = self._checked_state(y)
         values = np.asarray(self._call(NumpyMachine().load(program), t, state, parameters))
         return np.broadcast_to(values, state[0].shape[1:]).copy()
@@ -256,10 +253,10 @@ class Model:
         time = self._time(t, q)
         values = self.parameter_array(parameters)
         try:
-            result = kernel.columns(time, q, v, values) if q.ndim > 1 else kernel(time, np.concatenate(state), values)
+            result = kernel.columns(time, state, values) if q.ndim > 1 else kernel(time, np.concatenate(state), values)
         except SingularMassMatrix as error:
             raise RunError(self.singular_message(time, q, error.column)) from error
-        if self._alone and kernel.program.name in SOLVED and not _surely_finite(result):
+        if self._alone and kernel.program.solved and not _surely_finite(result):
             column = self.column_without_inertia(time, q, v, values)
             if column is not None:
                 raise RunError(self.singular_message(time, q, column))
@@ -283,7 +280,7 @@ class Model:
     def _velocities_in_mass(self) -> tuple[str, ...]:
         """The velocities that the mass matrix depends on, as a user writes them."""
         n = self.dimension
-        rows = sorted({int(i) for op, _, i in self.kernel("mass_matrix").program.instructions if op == "state"})
+        rows = sorted({i.place for i in self.kernel("mass_matrix").program.instructions if i.op == "state"})
         return tuple(f"{self.statement.names[row - n]}.dot" for row in rows if row >= n)
 
     @cached_property
@@ -295,7 +292,7 @@ class Model:
     def _masses(self) -> Kernel:
         """The inertia of each coordinate of `_alone`."""
         nodes = [self.equations.mass[i][i] for i in self._alone]
-        return NumpyMachine().load(lower_nodes("inertia", nodes, (len(nodes),), self.equations))
+        return NumpyMachine().load(lower_nodes("inertia", nodes, self.equations))
 
     def column_without_inertia(
         self, t: float | FloatArray, q: FloatArray, v: FloatArray, parameters: FloatArray
@@ -310,7 +307,7 @@ class Model:
         q, v = self._state(q, v)
         t, parameters = self._time(t, q), self.parameter_array(parameters)
         q, v = q.reshape(self.dimension, -1), v.reshape(self.dimension, -1)
-        masses = self._masses.columns(t, q, v, parameters)
+        masses = self._masses.columns(t, (q, v), parameters)
         none = (masses == 0.0).any(axis=0)
         return int(np.argmax(none)) if none.any() else None
 

@@ -29,9 +29,9 @@ class NumpyKernel:
         """Evaluate the program; see `Kernel`."""
         return self._rows(t, y, y.shape[1:], parameters)
 
-    def columns(self, t: float | FloatArray, q: FloatArray, v: FloatArray, parameters: FloatArray) -> FloatArray:
+    def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
         """Evaluate every column; see `Kernel`."""
-        return self._rows(t, (*q, *v), q.shape[1:], parameters)
+        return self._rows(t, [row for block in inputs for row in block], inputs[0].shape[1:], parameters)
 
     def _rows(
         self, t: float | FloatArray, y: Sequence[Any] | FloatArray, columns: tuple[int, ...], parameters: FloatArray
@@ -116,5 +116,5 @@ def _check_pivot(pivot: FloatArray, largest: FloatArray, finite: NDArray[np.bool
         raise SingularMassMatrix(int(np.argmax(singular)) if columns else None)
 
 
-WITH_SYSTEMS = replace(FLOATS, systems={"factor": _matrix, "solve": _solve, "component": lambda i, x: x[i]})
+WITH_SYSTEMS = replace(FLOATS, systems={"factor": _matrix, "solve": _solve})
 """Doubles, and the linear systems of the mass matrix in them."""

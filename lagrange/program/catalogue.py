@@ -3,24 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 from lagrange.equations.euler_lagrange import Equations
 from lagrange.graph.differentiate import tangents
 from lagrange.graph.node import Binding, Node
 from lagrange.graph.rebuild import substitute
-from lagrange.program.lower import lower
+from lagrange.program.lower import Named, lower
 from lagrange.program.program import Program
 
-Quantity = Callable[[Equations], tuple[Sequence[Node], tuple[int, ...]]]
-"""Gives the nodes of a quantity and the shape that they fill."""
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a model offers: the nodes of its results by name, and how many indices each entry has.
+
+    For `solved` and `returned` see `Program`.
+    """
+
+    results: Callable[[Equations], Named]
+    indices: int = 1
+    solved: bool = False
+    returned: tuple[str, ...] = ()
 
 
-def rhs(equations: Equations) -> tuple[Sequence[Node], tuple[int, ...]]:
+def rhs(equations: Equations) -> Named:
     """Return d[q, v]/dt = [v, a]."""
-    return (*equations.v, *equations.accelerations), (2 * len(equations.q),)
+    return {"rate": equations.v, "acceleration": equations.accelerations}
 
 
-def jacobian(equations: Equations) -> tuple[Sequence[Node], tuple[int, ...]]:
+def jacobian(equations: Equations) -> Named:
     """Return d rhs / dy, (2n, 2n).
 
     With r = M a - h as a function of y at fixed a, the lower rows solve M da/dy = -dr/dy; r is one forward
@@ -38,19 +49,19 @@ def jacobian(equations: Equations) -> tuple[Sequence[Node], tuple[int, ...]]:
         column = tangents(residual, {symbol: graph.one})
         columns.append(_solve(equations, substitute([-column(entry) for entry in residual], known)))
     upper = [graph.one if j == n + i else graph.zero for i in range(n) for j in range(2 * n)]
-    return [*upper, *(columns[j][i] for i in range(n) for j in range(2 * n))], (2 * n, 2 * n)
+    return {"jacobian": [*upper, *(columns[j][i] for i in range(n) for j in range(2 * n))]}
 
 
-def momentum(equations: Equations) -> tuple[Sequence[Node], tuple[int, ...]]:
+def momentum(equations: Equations) -> Named:
     """Return [p, f], p = dL/dv and f = dL/dq + Q - dD/dv, so that dp/dt = f."""
-    return (*equations.momenta, *equations.forces), (2 * len(equations.q),)
+    return {"momenta": equations.momenta, "forces": equations.forces}
 
 
-def momentum_jacobian(equations: Equations) -> tuple[Sequence[Node], tuple[int, ...]]:
+def momentum_jacobian(equations: Equations) -> Named:
     """Return d[p, f] / d[q, v], (2n, 2n); its upper right block is the mass matrix."""
-    rows, shape = momentum(equations)
+    rows = [*equations.momenta, *equations.forces]
     columns = [tangents(rows, {symbol: equations.graph.one}) for symbol in (*equations.q, *equations.v)]
-    return [column(row) for row in rows for column in columns], shape * 2
+    return {"momentum_jacobian": [column(row) for row in rows for column in columns]}
 
 
 def _solve(equations: Equations, right: Sequence[Node]) -> list[Node]:
@@ -63,27 +74,42 @@ def _solve(equations: Equations, right: Sequence[Node]) -> list[Node]:
 
 
 QUANTITIES: dict[str, Quantity] = {
-    "rhs": rhs,
-    "jacobian": jacobian,
-    "accelerations": lambda e: (e.accelerations, (len(e.q),)),
-    "mass_matrix": lambda e: ([entry for row in e.mass for entry in row], (len(e.q), len(e.q))),
-    "energy": lambda e: ((e.energy,), ()),
-    "momenta": lambda e: (e.momenta, (len(e.q),)),
-    "lagrangian": lambda e: ((e.lagrangian,), ()),
-    "forces": lambda e: (e.forces, (len(e.q),)),
-    "bias": lambda e: (e.bias, (len(e.q),)),
-    "momentum": momentum,
-    "momentum_jacobian": momentum_jacobian,
+    "rhs": Quantity(rhs, solved=True, returned=("acceleration",)),
+    "jacobian": Quantity(jacobian, 2, solved=True),
+    "accelerations": Quantity(lambda e: {"acceleration": e.accelerations}, solved=True),
+    "mass_matrix": Quantity(lambda e: {"mass_matrix": [entry for row in e.mass for entry in row]}, 2),
+    "energy": Quantity(lambda e: {"energy": [e.energy]}, 0),
+    "momenta": Quantity(lambda e: {"momenta": e.momenta}),
+    "lagrangian": Quantity(lambda e: {"lagrangian": [e.lagrangian]}, 0),
+    "forces": Quantity(lambda e: {"forces": e.forces}),
+    "bias": Quantity(lambda e: {"bias": e.bias}),
+    "momentum": Quantity(momentum, returned=("momenta", "forces")),
+    "momentum_jacobian": Quantity(momentum_jacobian, 2),
 }
 """Every quantity by name; `forces` is f = dL/dq + Q - dD/dv, `bias` is h of M a = h."""
 
 
 def program_of(name: str, equations: Equations) -> Program:
     """Return the program of a quantity of `QUANTITIES`."""
-    nodes, shape = QUANTITIES[name](equations)
-    return lower_nodes(name, nodes, shape, equations)
+    quantity = QUANTITIES[name]
+    results = quantity.results(equations)
+    count = sum(map(len, results.values()))
+    shape = (round(count ** (1 / quantity.indices)),) * quantity.indices if quantity.indices else ()
+    return lower(
+        name,
+        results,
+        {"q": equations.q, "v": equations.v},
+        equations.time,
+        equations.parameters,
+        shape=shape,
+        returned=quantity.returned,
+        solved=quantity.solved,
+    )
 
 
-def lower_nodes(name: str, nodes: Sequence[Node], shape: tuple[int, ...], equations: Equations) -> Program:
-    """Return the program of any nodes of the equations' graph, as a function of t, y = [q, v] and parameters."""
-    return lower(name, nodes, shape, (*equations.q, *equations.v), equations.time, equations.parameters)
+def lower_nodes(
+    name: str, nodes: Sequence[Node], equations: Equations, shape: tuple[int, ...] | None = None
+) -> Program:
+    """Return the program of any nodes of the equations' graph, as a function of t, q, v and parameters."""
+    inputs = {"q": equations.q, "v": equations.v}
+    return lower(name, {name: nodes}, inputs, equations.time, equations.parameters, shape=shape)

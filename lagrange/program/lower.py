@@ -6,30 +6,53 @@ per run, and a power with an integer or half-integer exponent becomes multiplica
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from decimal import MAX_EMAX, MIN_EMIN, Decimal, localcontext
 from fractions import Fraction
-from math import prod
 
 from lagrange.errors import StatementError
 from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, reachable
-from lagrange.program.program import Instruction, Program
+from lagrange.program.program import Block, Instruction, Program
+
+Named = Mapping[str, Sequence[Node]]
+"""Nodes in blocks, each under a name."""
 
 
 def lower(
     name: str,
-    outputs: Sequence[Node],
-    shape: tuple[int, ...],
-    state: Sequence[Node],
+    results: Named,
+    inputs: Named,
     time: Node,
     parameters: Sequence[Node],
+    *,
+    shape: tuple[int, ...] | None = None,
+    returned: tuple[str, ...] = (),
+    solved: bool = False,
 ) -> Program:
-    """Return the program that computes `outputs`, filling `shape` in C order, from t, y = `state` and parameters."""
-    if len(outputs) != prod(shape):
-        raise ValueError(f"{len(outputs)} outputs do not fill the shape {shape}")
+    """Return the program that computes `results` from t, `inputs` and parameters.
+
+    The results fill `shape` in C order, by default a vector; for the rest see `Program`.
+    """
+    outputs, state = ([node for block in named.values() for node in block] for named in (results, inputs))
     lowering = _Lowering(outputs[0].graph, outputs, state, time, parameters)
     refs = [lowering.ref(node) for node in outputs]
-    return lowering.finish(name, refs, shape)
+    instructions, hoisted, found = lowering.finish(refs)
+    return Program(
+        name=name,
+        inputs=_blocks(inputs),
+        parameters=len(parameters),
+        instructions=instructions,
+        hoisted=hoisted,
+        outputs=found,
+        results=_blocks(results),
+        shape=(len(outputs),) if shape is None else shape,
+        returned=returned,
+        solved=solved,
+    )
+
+
+def _blocks(named: Named) -> tuple[Block, ...]:
+    return tuple(Block(name, len(nodes)) for name, nodes in named.items())
 
 
 class _Lowering:
@@ -43,13 +66,11 @@ class _Lowering:
         self.levels: list[Binding] = []
         self.numbers: dict[Instruction, int] = {}
         self.done: dict[Node, int] = {}
-        self.states = len(state)
-        self.parameters = len(parameters)
         self.done[time] = self.emit("time", level=Binding.TIME)
         for i, node in enumerate(state):
-            self.done[node] = self.emit("state", data=i, level=node.binding)
+            self.done[node] = self.emit("state", place=i, level=node.binding)
         for i, node in enumerate(parameters):
-            self.done[node] = self.emit("parameter", data=i, level=Binding.PARAMETER)
+            self.done[node] = self.emit("parameter", place=i, level=Binding.PARAMETER)
         order = reachable(outputs)
         self.uses: dict[Node, int] = dict.fromkeys(outputs, 1)
         self.inner: set[Node] = set()
@@ -68,9 +89,17 @@ class _Lowering:
             self.done[node] = self.compute(node)
         return self.done[node]
 
-    def emit(self, op: str, *args: int, data: float = 0, level: Binding = Binding.CONSTANT) -> int:
+    def emit(
+        self,
+        op: str,
+        *args: int,
+        place: int = 0,
+        value: float = 0.0,
+        order: int = 0,
+        level: Binding = Binding.CONSTANT,
+    ) -> int:
         """Return the number of an instruction, a new one only if there is none like it."""
-        instruction = Instruction(op, args, data)
+        instruction = Instruction(op, args, place, value, order)
         if instruction not in self.numbers:
             self.numbers[instruction] = len(self.instructions)
             self.instructions.append(instruction)
@@ -85,7 +114,7 @@ class _Lowering:
             raise _beyond_doubles(value, "too large for") from None
         if nearest == 0.0 and value:
             raise _beyond_doubles(value, "not zero, and too small for")
-        return self.emit("constant", data=nearest)
+        return self.emit("constant", value=nearest)
 
     def is_fused(self, node: Node) -> bool:
         """Whether a product is used once, by a sum that can take it into a multiply-add, or is a divisor."""
@@ -104,7 +133,9 @@ class _Lowering:
         args = [self.ref(arg) for arg in node.args]
         if node.kind is Kind.CALL:
             return self.call(node.data, args)
-        return self.emit(node.kind.value, *args, data=node.data)
+        if node.kind is Kind.COMPONENT:
+            return self.emit("component", *args, place=node.data)
+        return self.emit(node.kind.value, *args, order=node.data)
 
     def sum(self, node: Node) -> int:
         """Emit a linear combination, the part in parameters first."""
@@ -194,7 +225,7 @@ class _Lowering:
 
     def call(self, name: str, args: list[int]) -> int:
         if name in _CONSTANTS:
-            return self.emit("constant", data=_CONSTANTS[name])
+            return self.emit("constant", value=_CONSTANTS[name])
         if name == "pow":
             return self.emit("power", *args)
         if name != "piecewise":
@@ -204,8 +235,11 @@ class _Lowering:
             value = self.emit("select", condition, chosen, value)
         return value
 
-    def finish(self, name: str, outputs: list[int], shape: tuple[int, ...]) -> Program:
-        """Drop what no output needs, move the parameter part to the front, and renumber."""
+    def finish(self, outputs: list[int]) -> tuple[tuple[Instruction, ...], int, tuple[int, ...]]:
+        """Drop what no output needs, move the parameter part to the front, and renumber.
+
+        Returns the instructions, how many are hoisted, and the outputs.
+        """
         needed = self.needed(outputs)
         first = [i for i in needed if self.levels[i] <= Binding.PARAMETER]
         order = [*first, *(i for i in needed if self.levels[i] > Binding.PARAMETER)]
@@ -213,15 +247,7 @@ class _Lowering:
         instructions = tuple(
             self.instructions[i]._replace(args=tuple(place[arg] for arg in self.instructions[i].args)) for i in order
         )
-        return Program(
-            name=name,
-            states=self.states,
-            parameters=self.parameters,
-            instructions=instructions,
-            hoisted=len(first),
-            outputs=tuple(place[output] for output in outputs),
-            shape=shape,
-        )
+        return instructions, len(first), tuple(place[output] for output in outputs)
 
     def needed(self, outputs: list[int]) -> list[int]:
         marked = bytearray(len(self.instructions))

@@ -1,7 +1,7 @@
 """Straight-line programs: in which order it is computed.
 
-A program maps time t, the state y = [q, v] and the parameters to an array of numbers. It is a list of
-instructions in static single assignment form; the first `hoisted` of them need parameters alone and run once
+A program maps time t, named blocks of inputs such as q and v, and the parameters to named blocks of results. It is a
+list of instructions in static single assignment form; the first `hoisted` of them need parameters alone and run once
 per set of parameters. It can be printed, checked, and interpreted by any machine.
 """
 
@@ -61,40 +61,82 @@ a right-hand side and gives a vector; `component` picks one entry of it. A matri
 the whole evaluation as singular.
 """
 
-SCALAR_DATA = frozenset(("state", "parameter", "constant", "component", "factor", "solve"))
+PLACED, SYSTEMS = ("state", "parameter", "component"), ("factor", "solve")
 
 
 class Instruction(NamedTuple):
-    """One operation on earlier results; `data` is an index, a value, or the order n of a matrix."""
+    """One operation on earlier results.
+
+    `place` is that of an input, a parameter or a component, `value` a constant, `order` that of a matrix.
+    """
 
     op: str
     args: tuple[int, ...] = ()
-    data: float = 0
+    place: int = 0
+    value: float = 0.0
+    order: int = 0
+
+    def __str__(self) -> str:
+        shown = [self.place] if self.op in PLACED else [self.order] if self.op in SYSTEMS else []
+        given = [f"{self.value:.17g}"] if self.op == "constant" else map(str, shown)
+        return " ".join([self.op, *given, *(f"%{arg}" for arg in self.args)])
+
+
+class Block(NamedTuple):
+    """Numbers that belong together under a name, such as coordinates or momenta."""
+
+    name: str
+    size: int
+
+    def __str__(self) -> str:
+        return f"{self.name}[{self.size}]"
 
 
 @dataclass(frozen=True)
 class Program:
-    """A checked straight-line program; `shape` is the shape of its result, `outputs` its entries in C order."""
+    """A checked straight-line program; `shape` is the shape of its result, `outputs` its entries in C order.
+
+    `inputs` are what `state` reads, one block behind the other, and `results` divide the outputs. `returned` are the
+    results that a call in registers gives back, where steps call the program so: the caller knows the others.
+    `solved` says that the mass matrix was divided by: where an inertia is zero, results are infinite or NaN.
+    """
 
     name: str
-    states: int
+    inputs: tuple[Block, ...]
     parameters: int
     instructions: tuple[Instruction, ...]
     hoisted: int
     outputs: tuple[int, ...]
+    results: tuple[Block, ...]
     shape: tuple[int, ...]
+    returned: tuple[str, ...] = ()
+    solved: bool = False
 
     def __post_init__(self) -> None:
         verify(self)
 
     def __str__(self) -> str:
-        lines = [f"{self.name}: t, y[{self.states}], p[{self.parameters}] -> {list(self.shape)}"]
+        given = ["t", *map(str, self.inputs), f"p[{self.parameters}]"]
+        lines = [f"{self.name}: {', '.join(given)} -> {', '.join(map(str, self.results))} as {list(self.shape)}"]
         for i, instruction in enumerate(self.instructions):
             if i in (0, self.hoisted):
                 lines.append("once per parameters:" if i < self.hoisted else "every time:")
-            data = f" {instruction.data:.17g}" if instruction.op in SCALAR_DATA else ""
-            lines.append(f"  %{i} = {instruction.op}{data}" + "".join(f" %{arg}" for arg in instruction.args))
+            lines.append(f"  %{i} = {instruction}")
         return "\n".join([*lines, "return " + " ".join(f"%{output}" for output in self.outputs)])
+
+    @property
+    def states(self) -> int:
+        """How many numbers the inputs are."""
+        return sum(block.size for block in self.inputs)
+
+    def part(self, name: str) -> tuple[int, ...]:
+        """Return the outputs of one result."""
+        place = 0
+        for block in self.results:
+            if block.name == name:
+                return self.outputs[place : place + block.size]
+            place += block.size
+        raise LagrangeError(f"program {self.name} has no result {name}")
 
     @property
     def saved(self) -> tuple[int, ...]:
@@ -119,7 +161,7 @@ def verify(program: Program) -> None:
 
 
 def _problems(program: Program) -> Iterator[str]:
-    for i, (op, args, data) in enumerate(program.instructions):
+    for i, (op, args, place, _, order) in enumerate(program.instructions):
         if op not in ARITY:
             yield f"%{i} has the unknown operation {op}"
         elif ARITY[op] not in (None, len(args)):
@@ -128,11 +170,23 @@ def _problems(program: Program) -> Iterator[str]:
             yield f"%{i} = {op} reads a later result"
         if i < program.hoisted and op in ("time", "state"):
             yield f"%{i} = {op} is hoisted but depends on the state"
-        if op == "factor" and len(args) != data * (data + 1) / 2:
-            yield f"%{i} factors a matrix of order {data} from {len(args)} entries"
-        if op == "solve" and len(args) != data + 1:
-            yield f"%{i} solves a system of order {data} with {len(args) - 1} right-hand sides"
+        if op in ("state", "parameter") and not 0 <= place < (program.states if op == "state" else program.parameters):
+            yield f"%{i} = {op} {place} is not there"
+        if op == "factor" and len(args) != order * (order + 1) / 2:
+            yield f"%{i} factors a matrix of order {order} from {len(args)} entries"
+        if op == "solve" and len(args) != order + 1:
+            yield f"%{i} solves a system of order {order} with {len(args) - 1} right-hand sides"
     if len(program.outputs) != math.prod(program.shape):
         yield f"{len(program.outputs)} outputs do not fill the shape {program.shape}"
     if any(not 0 <= output < len(program.instructions) for output in program.outputs):
         yield "an output is no result"
+    if len(program.outputs) != sum(block.size for block in program.results):
+        yield f"{len(program.outputs)} outputs do not fill {', '.join(map(str, program.results))}"
+    names = [block.name for block in (*program.inputs, *program.results)]
+    if len(dict.fromkeys(names)) != len(names) or any(name in ("t", "p") or not name.isidentifier() for name in names):
+        yield f"{names} do not name its inputs and results"
+    if any(name not in [block.name for block in program.results] for name in program.returned):
+        yield f"{list(program.returned)} are not among its results"
+    given = [block.name for block in program.results if program.returned and block.name not in program.returned]
+    if any(program.instructions[ref].op != "state" for name in given for ref in program.part(name)):
+        yield f"{given} are not returned, and are no inputs"

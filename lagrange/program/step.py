@@ -113,7 +113,7 @@ class StepProgram:
 
     def scalars(self, nodes: Sequence[Node]) -> Program:
         """Return numbers of the step as a program that computes them, of a state of h and the ratio of steps."""
-        return lower("scalars", nodes, (len(nodes),), [self.h, self.ratio], self.time, [])
+        return lower("scalars", {"scalars": nodes}, {"h": [self.h], "ratio": [self.ratio]}, self.time, [])
 
     @property
     def exact(self) -> bool:

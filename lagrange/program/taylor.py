@@ -142,18 +142,21 @@ class _Assembly:
         low = [e.graph.symbol(f"low {i}", Binding.CONFIGURATION if i < n else Binding.VELOCITY) for i in range(2 * n)]
         values = b.initial(known, dict(enumerate(low)))
         initial = [known_node(values[value]) for value in started]
-        constants = [*table, *mass] if self.constant_mass else table
-        first = initial if self.constant_mass else [*initial, *mass]
-        state, stated = (*e.q, *e.v), self.switched.stated or (e.graph.zero,)
+        constants: dict[str, Sequence[Node]] = {"table": table}
+        first: dict[str, Sequence[Node]] = {"values": initial}
+        (constants if self.constant_mass else first)["mass"] = mass
+        state: dict[str, Sequence[Node]] = {"q": e.q, "v": e.v}
+        lost = {"q_lost": low[:n], "v_lost": low[n:]}
+        stated = self.switched.stated or (e.graph.zero,)
         return SeriesProgram(
             name=name,
             dimension=len(e.q),
             sides=len(self.switched.sides),
-            surfaces=lower(f"{name}_surfaces", stated, (len(stated),), state, e.time, e.parameters),
-            constants=lower(f"{name}_constants", constants, (len(constants),), state, e.time, symbols),
+            surfaces=lower(f"{name}_surfaces", {"surfaces": stated}, state, e.time, e.parameters),
+            constants=lower(f"{name}_constants", constants, state, e.time, symbols),
             numbers=tuple(float(c.data) if c.kind is Kind.CONSTANT else None for c in table),
             rules=tuple(b.rules),
-            start=lower(f"{name}_start", first, (len(first),), (*state, *low), e.time, (*symbols, *entries)),
+            start=lower(f"{name}_start", first, {**state, **lost}, e.time, (*symbols, *entries)),
             started=started,
             momenta=tuple(self.momenta),
             forces=tuple(self.forces),

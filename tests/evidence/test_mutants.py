@@ -248,8 +248,7 @@ def _jacobian_faults() -> dict[str, Rule]:
 
     def changed(change: Callable[[list[Node]], list[Node]]) -> Rule:
         def build(equations: Any) -> Any:
-            nodes, shape = right(equations)
-            return change(list(nodes)), shape
+            return {name: change(list(nodes)) for name, nodes in right.results(equations).items()}
 
         return build
 
@@ -267,7 +266,7 @@ def _builder_patch(name: str, build: Rule) -> Callable[[], Any]:
 
 
 def _quantity_patch(name: str, build: Rule) -> Callable[[], Any]:
-    return lambda: patch.dict(catalogue.QUANTITIES, {name: build})
+    return lambda: patch.dict(catalogue.QUANTITIES, {name: replace(catalogue.QUANTITIES[name], results=build)})
 
 
 MUTANTS = [*function_mutants(), *rule_mutants(), *builder_mutants()]

@@ -24,7 +24,7 @@ DEPTH = 20_000
 
 def program_of(outputs: list[Node], state: list[Node]) -> Program:
     graph = outputs[0].graph
-    return lower("deep", outputs, (len(outputs),), state, graph.symbol("t", Binding.TIME), [])
+    return lower("deep", {"out": outputs}, {"y": state}, graph.symbol("t", Binding.TIME), [])
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ import pytest
 
 from lagrange.compiler import machine
 from lagrange.machine.backend import Kernel
-from lagrange.program.program import ARITY, Instruction, Program
+from lagrange.program.program import ARITY, Block, Instruction, Program
 from tests.models import TARGETS
 from tests.operations import operations
 
@@ -29,21 +29,22 @@ def program_of(op: str, hoisted: bool = False) -> Program:
     """Return a program of one operation on the first entries of the state, or of the parameters."""
     leaf = "parameter" if hoisted else "state"
     arity = ARITY[op] or 0
-    code = [Instruction(leaf, data=i) for i in range(arity)]
+    code = [Instruction(leaf, place=i) for i in range(arity)]
     args = tuple(range(arity))
     if op in LOGIC or op == "select":  # conditions are made, not given: is the number positive?
-        code.append(Instruction("constant", data=0.0))
+        code.append(Instruction("constant"))
         conditions = range(1 if op == "select" else arity)
         code += [Instruction("less", (arity, i)) for i in conditions]
         args = tuple(arity + 1 + i for i in conditions) + args[len(conditions) :]
     code.append(Instruction(op, args))
     return Program(
         name=f"one_{op}",
-        states=0 if hoisted else arity + arity % 2,
+        inputs=(Block("y", 0 if hoisted else arity + arity % 2),),
         parameters=arity if hoisted else 0,
         instructions=tuple(code),
         hoisted=len(code) if hoisted else 0,
         outputs=(len(code) - 1,),
+        results=(Block("value", 1),),
         shape=(1,),
     )
 
@@ -149,8 +150,10 @@ ANGLES = {
 def test_sine_and_cosine_are_good_to_little_more_than_a_unit(where: str) -> None:
     angles = ANGLES[where]
     angles = np.concatenate([angles, -angles])
-    code = (Instruction("state", data=0), Instruction("sin", (0,)), Instruction("cos", (0,)))
-    program = Program("pair", 2, 0, (*code, Instruction("state", data=1)), 0, (1, 2), (2,))
+    code = (Instruction("state"), Instruction("sin", (0,)), Instruction("cos", (0,)))
+    program = Program(
+        "pair", (Block("y", 2),), 0, (*code, Instruction("state", place=1)), 0, (1, 2), (Block("pair", 2),), (2,)
+    )
     both = machine("llvm").load(program)
     columns = np.stack([angles, np.zeros_like(angles)])
     found = both(0.0, columns, np.empty(0))

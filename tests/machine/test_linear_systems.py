@@ -39,7 +39,7 @@ def solver(target: str, n: int, where: str = "state", extra: int = 1) -> Kernel:
     symbols = [node for node in graph.nodes if node.kind.value == "symbol" and node is not time]
     states = [node for node in symbols if node.data.startswith("b" if hoisted else ("a", "b"))]
     given = [node for node in symbols if node not in states]
-    program = lower(f"solve{n}", outputs, (n * extra,), states, time, given)
+    program = lower(f"solve{n}", {"x": outputs}, {"y": states}, time, given)
     return machine(target).load(program)
 
 
@@ -212,7 +212,7 @@ def test_a_system_too_large_for_lanes() -> None:
     diagonal, other, right, _ = symbols = [graph.symbol(name, Binding.CONFIGURATION) for name in "abcd"]
     matrix = [[diagonal if i == j else other for j in range(i + 1)] for i in range(n)]
     outputs = graph.solve(matrix, [right, *[graph.one] * (n - 1)])
-    program = lower("large", outputs, (n,), symbols, graph.symbol("t", Binding.TIME), [])
+    program = lower("large", {"x": outputs}, {"y": symbols}, graph.symbol("t", Binding.TIME), [])
     kernel = machine("llvm").load(program)
     states = np.array([np.linspace(3, 4, 9), np.linspace(0.5, 0.9, 9), np.linspace(-1, 1, 9), np.zeros(9)])
     found = kernel(0.0, states, np.empty(0))

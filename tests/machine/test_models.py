@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,9 +17,10 @@ from lagrange.compiler import machine
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.errors import RunError
 from lagrange.machine.backend import SingularMassMatrix
+from lagrange.machine.kernel.llvm_text import scalar_module
 from lagrange.machine.llvm import engine
 from lagrange.machine.model import Model
-from lagrange.program.catalogue import QUANTITIES
+from lagrange.program.catalogue import QUANTITIES, program_of
 from tests.models import SYSTEMS, TARGETS, VALUES, M, build, k, l, m, model, phi, stated, theta, x, y
 
 WIDTHS = (1, 2, 7, 8, 9, 64)
@@ -311,3 +313,23 @@ def test_y_is_q_then_v() -> None:
     compiled = model("oscillator")
     assert compiled.rhs(0.0, [0.25, 0.5])[0] == 0.5
     assert y is not compiled.statement.coordinates
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_the_name_of_a_program_means_nothing(target: str) -> None:
+    """What is called in registers, and what of it is returned, stands in the record."""
+    program = program_of("rhs", euler_lagrange(SYSTEMS["double pendulum"]()))
+    other = machine(target).load(replace(program, name="momentum"))
+    kernel = machine(target).load(program)
+    state, values = np.array([0.3, 0.4, -0.2, 0.5]), model("double pendulum", target).parameter_array()
+    assert (other(0.0, state, values) == kernel(0.0, state, values)).all()
+    many = np.stack([state, 2 * state], axis=1)
+    assert (other(0.0, many, values) == kernel(0.0, many, values)).all()
+    assert [str(block) for block in (*program.inputs, *program.results)] == [
+        "q[2]", "v[2]", "rate[2]", "acceleration[2]",
+    ]  # fmt: skip
+    assert program.returned == ("acceleration",) and program.solved
+    if target == "llvm":
+        assert scalar_module(other.program).replace("@momentum", "@rhs") == scalar_module(program)
+        silent = scalar_module(replace(program, returned=()))
+        assert "rhs_registers" in scalar_module(program) and "rhs_registers" not in silent

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from lagrange.errors import StatementError
+from lagrange.errors import LagrangeError, StatementError
 from lagrange.graph.differentiate import gradient
 from lagrange.graph.functions import FUNCTIONS
 from lagrange.graph.node import Binding, Graph, Node
@@ -35,7 +35,7 @@ class Bench:
         self.t = self.graph.symbol("t", Binding.TIME)
 
     def program(self, *outputs: Node) -> Program:
-        return lower("bench", outputs, (len(outputs),), [self.x, self.y, self.u], self.t, [self.m, self.k])
+        return lower("bench", {"out": outputs}, {"y": [self.x, self.y, self.u]}, self.t, [self.m, self.k])
 
     def run(self, *outputs: Node, at: Sequence[float] = (0.31, -0.83, 1.21), t: float = 0.7) -> Any:
         return NumpyMachine().load(self.program(*outputs))(t, np.array(at), np.array([1.7, 0.4]))
@@ -57,7 +57,7 @@ def test_the_interpreted_program_has_the_value_of_the_graph(forms: Forms) -> Non
     outputs = [node, *gradient(node, list(symbols.values()))]
     state = [symbols[name] for name in "xyu"]
     time = graph.symbol("t", Binding.TIME)
-    program = lower("any", outputs, (len(outputs),), state, time, [symbols["m"]])
+    program = lower("any", {"out": outputs}, {"y": state}, time, [symbols["m"]])
     found = NumpyMachine().load(program)(0.0, np.array([POINT[name] for name in "xyu"]), np.array([POINT["m"]]))
     with mpmath.workdps(30):
         at = {symbols[name]: mpmath.mpf(value) for name, value in POINT.items()}
@@ -73,9 +73,9 @@ def test_nothing_of_time_or_state_is_hoisted_and_all_of_the_parameters_is(forms:
     graph, symbols = new_graph()
     outputs = [forms.node(graph, symbols)]
     time = graph.symbol("t", Binding.TIME)
-    program = lower("any", outputs, (1,), [symbols[name] for name in "xyu"], time, [symbols["m"]])
+    program = lower("any", {"out": outputs}, {"y": [symbols[name] for name in "xyu"]}, time, [symbols["m"]])
     moving: set[int] = set()
-    for i, (op, args, _) in enumerate(program.instructions):
+    for i, (op, args, *_) in enumerate(program.instructions):
         if op in ("state", "time") or moving.intersection(args):
             moving.add(i)
     assert moving == set(range(program.hoisted, len(program.instructions)))
@@ -86,7 +86,7 @@ def test_no_instruction_is_idle_or_done_twice(forms: Forms) -> None:
     graph, symbols = new_graph()
     node = forms.node(graph, symbols)
     time = graph.symbol("t", Binding.TIME)
-    program = lower("any", [node], (1,), [symbols[name] for name in "xyu"], time, [symbols["m"]])
+    program = lower("any", {"out": [node]}, {"y": [symbols[name] for name in "xyu"]}, time, [symbols["m"]])
     assert len(set(program.instructions)) == len(program.instructions)
     read = {arg for instruction in program.instructions for arg in instruction.args} | set(program.outputs)
     assert read == set(range(len(program.instructions)))
@@ -192,8 +192,8 @@ def test_constants_that_no_double_holds_are_refused(b: Bench) -> None:
 
 
 def test_a_shape_must_be_filled(b: Bench) -> None:
-    with pytest.raises(ValueError, match=r"1 outputs do not fill the shape \(2,\)"):
-        lower("bench", [b.x], (2,), [b.x], b.t, [])
+    with pytest.raises(LagrangeError, match=r"1 outputs do not fill the shape \(2,\)"):
+        lower("bench", {"out": [b.x]}, {"y": [b.x]}, b.t, [], shape=(2,))
 
 
 def test_outputs_may_repeat_and_be_leaves_or_constants(b: Bench) -> None:
@@ -223,6 +223,6 @@ def test_a_long_product_is_lowered_without_depth() -> None:
     node = graph.one
     for symbol in symbols:
         node = node * symbol
-    program = lower("long", [node], (1,), symbols, graph.symbol("t", Binding.TIME), [])
+    program = lower("long", {"out": [node]}, {"y": symbols}, graph.symbol("t", Binding.TIME), [])
     found = NumpyMachine().load(program)(0.0, np.linspace(0.9, 1.1, 5000), np.empty(0))
     assert found[0] == pytest.approx(np.prod(np.linspace(0.9, 1.1, 5000)), rel=1e-9)

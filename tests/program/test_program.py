@@ -10,27 +10,28 @@ import pytest
 from lagrange.errors import LagrangeError
 from lagrange.machine.kernel.arithmetic import OPERATIONS
 from lagrange.machine.llvm.spelling import LIBRARY, SPELLED
-from lagrange.program.program import ARITY, Instruction, Program
+from lagrange.program.program import ARITY, Block, Instruction, Program
 
 I = Instruction
 SOUND = Program(
     name="sound",
-    states=2,
+    inputs=(Block("q", 1), Block("v", 1)),
     parameters=1,
     instructions=(
-        I("parameter", data=0),
-        I("constant", data=0.1),
+        I("parameter", place=0),
+        I("constant", value=0.1),
         I("mul", (0, 1)),
-        I("state", data=0),
-        I("state", data=1),
+        I("state", place=0),
+        I("state", place=1),
         I("time"),
         I("fma", (2, 3, 5)),
-        I("factor", (3, 1, 4), 2),
-        I("solve", (7, 6, 4), 2),
+        I("factor", (3, 1, 4), order=2),
+        I("solve", (7, 6, 4), order=2),
         I("component", (8,), 1),
     ),
     hoisted=3,
     outputs=(9, 6, 9),
+    results=(Block("a", 1), Block("b", 2)),
     shape=(3,),
 )
 
@@ -48,13 +49,24 @@ def changed(i: int, instruction: Instruction) -> tuple[Instruction, ...]:
         ({"instructions": changed(6, I("fma", (2, 3, 9)))}, "%6 = fma reads a later result"),
         ({"instructions": changed(6, I("fma", (2, 3, -1)))}, "%6 = fma reads a later result"),
         ({"instructions": changed(5, I("time", (0,)))}, "%5 = time has 1 operands"),
-        ({"instructions": changed(7, I("factor", (3, 1), 2))}, "%7 factors a matrix of order 2 from 2 entries"),
-        ({"instructions": changed(8, I("solve", (7, 6), 2))}, "%8 solves a system of order 2 with 1 right-hand sides"),
+        ({"instructions": changed(7, I("factor", (3, 1), order=2))}, "%7 factors a matrix of order 2 from 2 entries"),
+        (
+            {"instructions": changed(8, I("solve", (7, 6), order=2))},
+            "%8 solves a system of order 2 with 1 right-hand sides",
+        ),
         ({"hoisted": 4}, "%3 = state is hoisted but depends on the state"),
         ({"hoisted": 6}, "is hoisted but depends on the state"),
         ({"shape": (2,)}, r"3 outputs do not fill the shape \(2,\)"),
         ({"outputs": (9, 6, 10)}, "an output is no result"),
         ({"outputs": (9, 6, -1)}, "an output is no result"),
+        ({"instructions": changed(4, I("state", place=2))}, "%4 = state 2 is not there"),
+        ({"instructions": changed(0, I("parameter", place=-1))}, "%0 = parameter -1 is not there"),
+        ({"results": (Block("a", 2),)}, r"3 outputs do not fill a\[2\]"),
+        ({"results": (Block("q", 1), Block("b", 2))}, r"\['q', 'v', 'q', 'b'\] do not name its inputs and results"),
+        ({"results": (Block("a", 1), Block("t", 2))}, "do not name its inputs and results"),
+        ({"results": (Block("a", 1), Block("b c", 2))}, "do not name its inputs and results"),
+        ({"returned": ("c",)}, r"\['c'\] are not among its results"),
+        ({"returned": ("b",)}, r"\['a'\] are not returned, and are no inputs"),
     ],
 )
 def test_a_malformed_program_is_refused(change: dict[str, Any], message: str) -> None:
@@ -64,7 +76,7 @@ def test_a_malformed_program_is_refused(change: dict[str, Any], message: str) ->
 
 def test_a_program_prints_every_instruction_with_its_exact_numbers() -> None:
     assert str(SOUND).splitlines() == [
-        "sound: t, y[2], p[1] -> [3]",
+        "sound: t, q[1], v[1], p[1] -> a[1], b[2] as [3]",
         "once per parameters:",
         "  %0 = parameter 0",
         "  %1 = constant 0.10000000000000001",
@@ -85,20 +97,21 @@ def test_what_is_saved_is_what_the_rest_reads() -> None:
     assert SOUND.saved == (2,)
     hoisted = Program(
         name="hoisted",
-        states=2,
+        inputs=(Block("q", 1), Block("v", 1)),
         parameters=3,
         instructions=(
-            *(I("parameter", data=i) for i in range(3)),
+            *(I("parameter", place=i) for i in range(3)),
             I("mul", (0, 1)),
             I("mul", (1, 2)),
-            I("factor", (3, 4, 2), 2),
+            I("factor", (3, 4, 2), order=2),
             I("sin", (3,)),
-            I("state", data=0),
-            I("solve", (5, 7, 7), 2),
+            I("state", place=0),
+            I("solve", (5, 7, 7), order=2),
             I("component", (8,), 0),
         ),
         hoisted=7,
         outputs=(9,),
+        results=(Block("a", 1),),
         shape=(1,),
     )
     # The entries of a saved matrix are kept with its factors, to factor it again with pivoting; sin is read by nobody.

@@ -18,6 +18,7 @@ from lagrange.graph.node import Binding, Graph
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.series.interpreted_jet import COEFFICIENT
 from lagrange.program.function_rules import FUNCTION_RULES
+from lagrange.program.program import Block
 from lagrange.program.recurrence import Builder
 from lagrange.program.series import RULES, Rule, SeriesProgram
 from lagrange.program.taylor import series_program
@@ -201,7 +202,9 @@ def edited(i: int, rule: Rule) -> dict[str, Any]:
 
 
 def shorter(program: Any) -> Any:
-    return replace(program, outputs=program.outputs[:-1], shape=(len(program.outputs) - 1,))
+    *blocks, (name, size) = program.results
+    results = (*blocks, Block(name, size - 1))
+    return replace(program, outputs=program.outputs[:-1], results=results, shape=(len(program.outputs) - 1,))
 
 
 @pytest.mark.parametrize(

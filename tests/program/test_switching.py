@@ -33,7 +33,7 @@ class Place:
 
     def values(self, nodes: list[Node], state: Any, sides: list[Node], at: list[float]) -> list[float]:
         """Return the nodes' values at x, y, v, w, t, c and the sides."""
-        program = lower("values", nodes, (len(nodes),), (self.x, self.y, self.v, self.w), self.t, (self.c, *sides))
+        program = lower("values", {"out": nodes}, {"y": (self.x, self.y, self.v, self.w)}, self.t, (self.c, *sides))
         return [float(value) for value in FLOATS.evaluate(program, state[4], state[:4], [state[5], *at])]
 
     def check(self, node: Node, surfaces: int) -> Switched:

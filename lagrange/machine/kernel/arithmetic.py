@@ -51,7 +51,7 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
 class Arithmetic:
     """What numbers are: their spelling of each operation of a program, and the number that a double is.
 
-    `systems` spells factor, solve and component, on the instruction's datum and its operands, where there are any.
+    `systems` spells factor and solve, on the order and the operands, where there are any.
     """
 
     operations: Mapping[str, Callable[..., Any]]
@@ -64,17 +64,19 @@ class Arithmetic:
     ) -> list[Any]:
         """Return the outputs of a program."""
         values: list[Any] = []
-        for op, args, data in program.instructions:
+        for op, args, place, value, order in program.instructions:
             if op == "state":
-                values.append(y[int(data)])
+                values.append(y[place])
             elif op == "parameter":
-                values.append(parameters[int(data)])
+                values.append(parameters[place])
             elif op == "time":
                 values.append(t)
             elif op == "constant":
-                values.append(self.number(data))
+                values.append(self.number(value))
+            elif op == "component":
+                values.append(values[args[0]][place])
             elif op in self.systems:
-                values.append(self.systems[op](int(data), *[values[arg] for arg in args]))
+                values.append(self.systems[op](order, *[values[arg] for arg in args]))
             else:
                 values.append(self.operations[op](*[values[arg] for arg in args]))
         return [values[output] for output in program.outputs]

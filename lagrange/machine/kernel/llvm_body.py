@@ -48,10 +48,11 @@ def prepared_size(program: Program) -> int:
 
 def width_of(program: Program, ref: int) -> int:
     """Return how many doubles a result takes."""
-    op, _, n = program.instructions[ref]
-    if op == "factor":
-        return int(n * (n + 1) // 2 + 1) if n <= UNROLLED else factor_size(int(n))
-    return int(n) if op == "solve" else 1
+    one = program.instructions[ref]
+    n = one.order
+    if one.op == "factor":
+        return n * (n + 1) // 2 + 1 if n <= UNROLLED else factor_size(n)
+    return n if one.op == "solve" else 1
 
 
 class Body:
@@ -74,11 +75,11 @@ class Body:
     def ref(self, i: int) -> str:
         """Return the value of an instruction, bringing in constants and parameters where they are first read."""
         if i not in self.values:
-            op, _, data = self.program.instructions[i]
-            if op == "constant":
-                return number(data, self.lanes)
-            if op == "parameter":
-                self.values[i] = self.given(int(data))
+            one = self.program.instructions[i]
+            if one.op == "constant":
+                return number(one.value, self.lanes)
+            if one.op == "parameter":
+                self.values[i] = self.given(one.place)
             else:
                 self.restore(i, self.slots[i])
         return self.values[i]
@@ -95,8 +96,9 @@ class Body:
 
     def restore(self, ref: int, slot: int) -> None:
         """Read a result that `prepare` left behind the parameters."""
-        op, _, n = self.program.instructions[ref]
-        if op == "factor" and n > UNROLLED:
+        one = self.program.instructions[ref]
+        op = one.op
+        if op == "factor" and one.order > UNROLLED:
             self.values[ref] = self.e.address("%p", slot)
         elif op in ("factor", "solve"):
             width = width_of(self.program, ref)
@@ -123,7 +125,7 @@ class Body:
             elif op == "solve":
                 self.solve(i, instruction)
             elif op == "component":
-                self.values[i] = self.vector(instruction.args[0])[int(instruction.data)]
+                self.values[i] = self.vector(instruction.args[0])[instruction.place]
             elif op in LIBRARY:
                 self.values[i] = self.library(i, instruction)
             else:
@@ -133,7 +135,7 @@ class Body:
         """Call the C library; sine and cosine of one angle together."""
         if i in self.values:
             return self.values[i]
-        op, args, _ = instruction
+        op, args = instruction.op, instruction.args
         operands = [self.ref(arg) for arg in args]
         if op in ANGLES:
             return self.angle(op, args, operands[0])
@@ -174,19 +176,19 @@ class Body:
 
     def entries(self, factor: Instruction) -> dict[tuple[int, int], str]:
         """Return the entries (i, j), i >= j, that are not identically zero."""
-        n = int(factor.data)
+        n = factor.order
         found = {}
         for i in range(n):
             for j in range(i + 1):
                 arg = factor.args[i * (i + 1) // 2 + j]
-                op, _, data = self.program.instructions[arg]
-                if op != "constant" or data != 0.0:
+                one = self.program.instructions[arg]
+                if one.op != "constant" or one.value != 0.0:
                     found[i, j] = self.ref(arg)
         return found
 
     def factor(self, i: int, instruction: Instruction) -> None:
         """Factor a matrix: written out if it is small, by the linear solver if not, in lanes when it is solved."""
-        n = int(instruction.data)
+        n = instruction.order
         if n <= UNROLLED:
             self.vectors[i] = llvm_ldl.factor(self.e, self.lanes, n, self.entries(instruction))
         elif self.lanes == 1:
@@ -196,7 +198,7 @@ class Body:
 
     def matrix(self, factor: Instruction) -> str:
         """Write the lower triangle to memory, by columns, lanes innermost, and return its address."""
-        n = int(factor.data)
+        n = factor.order
         entries = self.entries(factor)
         memory = self.scratch("matrix", self.kind, n * n)
         for j in range(n):
@@ -207,7 +209,7 @@ class Body:
     def solve(self, i: int, instruction: Instruction) -> None:
         """Solve a system with a factored matrix."""
         factor = self.program.instructions[instruction.args[0]]
-        n = int(instruction.data)
+        n = instruction.order
         right = [self.ref(arg) for arg in instruction.args[1:]]
         if n <= UNROLLED:
             *rows, trusted = self.vector(instruction.args[0])

@@ -2,7 +2,7 @@
 
     {double, ..., i32} NAME_registers(double t, double y0, ..., ptr parameters)
 
-The last number is 1 if a matrix is singular, else 0.
+The last number is 1 if a matrix is singular, else 0. A program says what it returns so, `Program.returned`.
 
 A step passes a state on from one call to the next; through memory each way costs some ten cycles, which for a small
 model is as long as the call, and a block of coordinates and velocities waits there for the slowest of its entries,
@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from lagrange.machine.llvm.emitter import Emitter
-from lagrange.program.actions import LAWS
 from lagrange.program.program import Program
 
 MOST = 8
@@ -31,12 +30,12 @@ def fit(dimension: int) -> bool:
 
 def hold(program: Program) -> bool:
     """Whether a program is what steps call, of few enough numbers."""
-    return program.name in {law.quantity for law in LAWS.values()} and fit(program.states)
+    return bool(program.returned) and fit(program.states)
 
 
 def results(program: Program) -> tuple[int, ...]:
     """Return the outputs that are returned: not the velocities that a right-hand side was given."""
-    return program.outputs[program.states // 2 :] if program.name == "rhs" else tuple(program.outputs)
+    return tuple(ref for block in program.results if block.name in program.returned for ref in program.part(block.name))
 
 
 def signature(program: Program, state: Sequence[str]) -> str:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Sequence
 from functools import cached_property
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -19,7 +21,6 @@ from lagrange.program.program import Program
 
 _PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 _SCALAR = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
-_COLUMNS = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, *([ctypes.c_void_p] * 5))
 
 
 class LlvmKernel(Shared):
@@ -27,7 +28,7 @@ class LlvmKernel(Shared):
 
     def __init__(self, program: Program) -> None:
         self._program = program
-        orders = [instruction.data for instruction in program.instructions if instruction.op in ("factor", "solve")]
+        orders = [instruction.order for instruction in program.instructions if instruction.op in ("factor", "solve")]
         if orders:
             linear_solver(often=max(orders) > UNROLLED)
         self._module = Module(scalar_module(program))
@@ -36,6 +37,8 @@ class LlvmKernel(Shared):
         self._scalar = _SCALAR(self.address)
         self._prepared: tuple[bytes, FloatArray] | None = None
         self._size = prepared_size(program) + 1
+        ends = [0, *accumulate(block.size for block in program.inputs)]
+        self._rows = [slice(*pair) for pair in pairwise(ends)]
 
     def __reduce__(self) -> tuple[Any, ...]:
         return ArrivedKernel, (LlvmKernel, self._program)
@@ -80,8 +83,7 @@ class LlvmKernel(Shared):
     def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
         """Evaluate the program; see `Kernel`."""
         if y.ndim > 1:
-            half = self._program.states // 2
-            return self.columns(t, y[:half], y[half:], parameters)
+            return self.columns(t, [y[rows] for rows in self._rows], parameters)
         prepared = self.prepare(parameters)
         y = np.ascontiguousarray(y, dtype=float)
         out = np.empty(self._program.shape)
@@ -89,16 +91,16 @@ class LlvmKernel(Shared):
             raise SingularMassMatrix
         return out
 
-    def columns(self, t: float | FloatArray, q: FloatArray, v: FloatArray, parameters: FloatArray) -> FloatArray:
+    def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
         """Evaluate every column; see `Kernel`. An incomplete last block is filled up with copies of the last column."""
         prepared = self.prepare(parameters)
-        batch = q.shape[1]
+        batch = inputs[0].shape[1]
         shape = self._program.shape
         if batch == 0:
             return np.empty((*shape, 0))
         width = self._lanes
         count = -(-batch // width) * width
-        arrays = [_filled(array, count) for array in (q, v)]
+        arrays = [_filled(array, count) for array in inputs]
         times = _filled(np.broadcast_to(t, (1, batch)), count) if self._reads_time else arrays[0]
         out = np.empty((len(self._program.outputs), count))
         _module, run = self._column_kernel
@@ -127,14 +129,16 @@ class LlvmKernel(Shared):
     @cached_property
     def _lanes(self) -> int:
         # Working memory of a large linear system times eight lanes would not fit the stack.
-        largest = max((i.data for i in self._program.instructions if i.op == "factor"), default=0)
+        largest = max((i.order for i in self._program.instructions if i.op == "factor"), default=0)
         return lanes() if largest <= 64 else 1
 
     @cached_property
     def _column_kernel(self) -> tuple[Module, ctypes._CFunctionType]:
         """The module and its function as one value: threads that compile it at once each keep their own pair."""
         module = Module(column_module(self._program, self._lanes, vector_routines() if self._lanes > 1 else {}))
-        return module, _COLUMNS(module.address(f"{self._program.name}_columns"))
+        pointers = [ctypes.c_void_p] * (3 + len(self._program.inputs))
+        columns = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, *pointers)
+        return module, columns(module.address(f"{self._program.name}_columns"))
 
 
 def _filled(array: FloatArray, count: int) -> FloatArray:

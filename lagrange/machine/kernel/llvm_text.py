@@ -5,10 +5,10 @@ Parameters live in one array: the k given values, then the saved results of the 
     i32 NAME_prepare(ptr parameters)                       fills in the saved results
     i32 NAME(double t, ptr y, ptr parameters, ptr out)     1 if a matrix is singular, else 0
     NAME_registers                                         the same for small states; see `registers`
-    i64 NAME_columns(i64 count, ptr t, ptr q, ptr v, ptr parameters, ptr out)
+    i64 NAME_columns(i64 count, ptr t, ptr INPUT ..., ptr parameters, ptr out)
 
-The last takes `count` columns, a multiple of the lanes, of C-ordered arrays: t[count], q[n][count], v[n][count],
-out[size][count]; it returns the first column of a block with a singular matrix, or -1.
+The last takes `count` columns, a multiple of the lanes, of C-ordered arrays: t[count], every input of the program as
+[size][count], out[size][count]; it returns the first column of a block with a singular matrix, or -1.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from lagrange.machine.llvm.sine_cosine import angle_function
 from lagrange.machine.llvm.spelling import BOOLEAN, declaration, intrinsics, library_functions, number, spell
 from lagrange.machine.steps.llvm_layout import BLOCK
 from lagrange.procedure.linear.dense import factor_size
-from lagrange.program.program import Program
+from lagrange.program.program import Instruction, Program
 
 FEW = 16
 """Up to so many results of a scalar kernel are stored four or two at a time. A step loads them four at a time, and a
@@ -30,6 +30,8 @@ processor hands a value on from a store to a load only if one store has it all: 
 
 MANY_ZEROS = 32
 """From this many outputs that are always zero they are cleared in a loop; LLVM takes long over so many stores."""
+
+ZERO = Instruction("constant")
 
 METADATA = '!0 = !{!"branch_weights", i32 2000, i32 1}'
 ATTRIBUTES = 'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" }'
@@ -67,9 +69,9 @@ def prepare_function(program: Program) -> str:
     body.run(range(program.hoisted))
     e = body.e
     for ref, slot in body.slots.items():
-        op, _, n = program.instructions[ref]
+        op, n = program.instructions[ref].op, program.instructions[ref].order
         if op == "factor" and n > UNROLLED:
-            for k in range(factor_size(int(n))):
+            for k in range(factor_size(n)):
                 e.put(e.get(body.values[ref], k), "%p", slot + k)
         elif op in ("factor", "solve"):
             entries = list(body.vectors[ref])
@@ -86,7 +88,7 @@ def prepare_function(program: Program) -> str:
 
 def _scalar(program: Program) -> str:
     body = Body(program, 1, {})
-    _run(body, {int(i): body.e.get("%y", int(i)) for op, _, i in program.instructions if op == "state"})
+    _run(body, {i.place: body.e.get("%y", i.place) for i in program.instructions if i.op == "state"})
     if len(program.outputs) <= FEW:
         _store_together(body.e, [_result(body, ref) for ref in program.outputs])
     else:
@@ -113,17 +115,25 @@ def _through_registers(program: Program) -> str:
     state = [e.get("%y", i) for i in range(program.states)]
     returned = llvm_calling.results(program)
     found, status = llvm_calling.call(e, f"@{program.name}_registers", "%t", state, len(returned))
-    _store_together(e, [*state[program.states // 2 :], *found] if len(returned) < len(program.outputs) else found)
+    results, code = iter(found), program.instructions
+    _store_together(
+        e,
+        [
+            next(results) if block.name in program.returned else state[code[ref].place]
+            for block in program.results
+            for ref in program.part(block.name)
+        ],
+    )
     e.do(f"ret i32 {status}")
     return e.function(f"define i32 @{program.name}({_IN_MEMORY}) #0")
 
 
 def _run(body: Body, state: dict[int, str]) -> None:
     """Emit the part that runs every time, at a time %t and a state."""
-    for i, (op, _, data) in enumerate(body.program.instructions):
-        if op == "state":
-            body.values[i] = state[int(data)]
-        elif op == "time":
+    for i, one in enumerate(body.program.instructions):
+        if one.op == "state":
+            body.values[i] = state[one.place]
+        elif one.op == "time":
             body.values[i] = "%t"
     body.run(range(body.program.hoisted, len(body.program.instructions)))
 
@@ -131,7 +141,7 @@ def _run(body: Body, state: dict[int, str]) -> None:
 def _store_each(body: Body, stride: str) -> None:
     """Store the outputs one by one; many that are always zero are cleared in a loop before."""
     program, e = body.program, body.e
-    zeros = {k for k, ref in enumerate(program.outputs) if program.instructions[ref][::2] == ("constant", 0.0)}
+    zeros = {k for k, ref in enumerate(program.outputs) if program.instructions[ref] == ZERO}
     if len(zeros) < MANY_ZEROS:
         zeros.clear()
     else:
@@ -174,37 +184,39 @@ def _pieces(length: int) -> Iterator[tuple[int, int]]:
 def _block(program: Program, lanes: int, vector_names: dict[str, str]) -> str:
     body = Body(program, lanes, vector_names)
     e = body.e
-    for i, (op, _, data) in enumerate(program.instructions):
-        if op == "state":
-            half = program.states // 2
-            base, place = ("%q", int(data)) if data < half else ("%v", int(data) - half)
+    rows = [(f"%{block.name}", place) for block in program.inputs for place in range(block.size)]
+    for i, one in enumerate(program.instructions):
+        if one.op == "state":
+            base, place = rows[one.place]
             row = e.value(f"mul nsw i64 %stride, {place}") if place else 0
             body.values[i] = e.load(e.address(base, row), body.kind)
-        elif op == "time":
+        elif one.op == "time":
             body.values[i] = e.load("%t", body.kind)
     body.run(range(program.hoisted, len(program.instructions)))
     _store_each(body, "%stride")
     e.do(f"ret i32 {body.status()}")
-    signature = (
-        f"define internal i32 @{program.name}_block(ptr noalias %t, ptr noalias %q, ptr noalias %v, "
-        "i64 %stride, ptr noalias readonly %p, ptr noalias %out) #0"
+    given = ", ".join(f"ptr noalias {base}" for base in _bases(program))
+    return e.function(
+        f"define internal i32 @{program.name}_block({given}, i64 %stride, ptr noalias readonly %p, ptr noalias %out) #0"
     )
-    return e.function(signature)
+
+
+def _bases(program: Program) -> list[str]:
+    """Return the addresses of what a kernel over columns is given: times and inputs."""
+    return ["%t", *(f"%{block.name}" for block in program.inputs)]
 
 
 def _columns(program: Program, lanes: int) -> str:
     e = Emitter()
     with e.loop(0, "%count", lanes) as i:
-        places = [e.address(base, i) for base in ("%t", "%q", "%v", "%out")]
-        inputs = ", ".join(f"ptr {place}" for place in places[:3])
-        arguments = f"{inputs}, i64 %count, ptr %p, ptr {places[3]}"
+        *places, out = [e.address(base, i) for base in (*_bases(program), "%out")]
+        inputs = ", ".join(f"ptr {place}" for place in places)
+        arguments = f"{inputs}, i64 %count, ptr %p, ptr {out}"
         status = e.value(f"call i32 @{program.name}_block({arguments})")
         bad = e.value(f"icmp ne i32 {status}, 0")
         with e.when(bad):
             e.do(f"ret i64 {i}")
             e.label(e.fresh("never"))
     e.do("ret i64 -1")
-    return e.function(
-        f"define i64 @{program.name}_columns(i64 %count, ptr noalias %t, ptr noalias %q, ptr noalias %v, "
-        "ptr noalias %p, ptr noalias %out) #0"
-    )
+    given = ", ".join(f"ptr noalias {base}" for base in (*_bases(program), "%p", "%out"))
+    return e.function(f"define i64 @{program.name}_columns(i64 %count, {given}) #0")

@@ -124,9 +124,9 @@ class Start:
         program = packing.program
         self.body = Body(program.start, 1, {})
         self.e: Emitter = self.body.e
-        for i, (op, _, data) in enumerate(program.start.instructions):
+        for i, (op, _, place, *_) in enumerate(program.start.instructions):
             if op == "state":
-                place, size = int(data), 2 * program.dimension
+                size = 2 * program.dimension
                 self.body.values[i] = self.e.get("%y", place if place < size else padded + place - size)
             elif op == "time":
                 self.body.values[i] = "%t"
@@ -149,7 +149,7 @@ class Start:
         program = self.packing.program.start
         count = len(program.instructions)
         late, needed = bytearray(count), bytearray(count)
-        for i, (op, args, _) in enumerate(program.instructions):
+        for i, (op, args, *_) in enumerate(program.instructions):
             late[i] = op in ANGLES or any(late[arg] for arg in args)
         for ref in angles(self.packing.program.start):
             needed[ref] = not late[ref]

@@ -119,13 +119,13 @@ class Scalars:
         wanted = list(dict.fromkeys([*factors, *nodes, step.graph.one]))
         program = step.scalars(wanted)
         values: list[str] = []
-        for op, args, data in program.instructions:
+        for op, args, place, value, _ in program.instructions:
             if op == "time":
                 values.append("%t")
             elif op == "state":
-                values.append("%h" if data == 0 else "%ratio")
+                values.append(f"%{program.inputs[place].name}")
             elif op == "constant":
-                values.append(literal(data))
+                values.append(literal(value))
             else:
                 values.append(spell(e, op, [values[arg] for arg in args], 1))
         self.names = {node: values[ref] for node, ref in zip(wanted, program.outputs, strict=True)}

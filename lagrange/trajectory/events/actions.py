@@ -65,6 +65,6 @@ def impact(model: Model, event: Event, parameters: FloatArray) -> Impact:
     equations = model.equations
     rows = state_rows(model.statement.coordinates)
     nodes = [equations.translate(value) for value in event.reset.values()]
-    kernel = NumpyMachine().load(lower_nodes("reset", nodes, (len(nodes),), equations)) if nodes else None
+    kernel = NumpyMachine().load(lower_nodes("reset", nodes, equations)) if nodes else None
     places = tuple(rows[key] for key in event.reset)
     return Impact(equations.translate(event.expression), event.direction, event.terminal, places, kernel, parameters)

@@ -343,14 +343,14 @@ class StepWatch(Record):
 
 @lru_cache(maxsize=64)
 def _events(equations: Equations, nodes: tuple[Node, ...]) -> Kernel:
-    return NumpyMachine().load(lower_nodes("events", nodes, (len(nodes),), equations))
+    return NumpyMachine().load(lower_nodes("events", nodes, equations))
 
 
 @lru_cache(maxsize=64)
 def _rates(equations: Equations, nodes: tuple[Node, ...]) -> Kernel:
     ahead = dict(zip((*equations.q, *equations.v), (*equations.v, *equations.accelerations), strict=True))
     along = tangents(nodes, {**ahead, equations.time: equations.graph.one})
-    return NumpyMachine().load(lower_nodes("rates", [along(node) for node in nodes], (len(nodes),), equations))
+    return NumpyMachine().load(lower_nodes("rates", [along(node) for node in nodes], equations))
 
 
 def _rests(burst: Burst, step: int, sample: Sample, place: int) -> bool:
