@@ -1,4 +1,4 @@
-"""The compiler on one page: every stage, what goes in, what comes out, and why.
+"""The compiler on one page: every stage, what goes in, what comes out, and why. Every stage is called here.
 
     statement   T, V, forces, ... in SymPy   -> Statement    checked once, in the user's symbols
     equations   Statement                    -> Equations    p, f, M, h, a as nodes of one graph, each computed once
@@ -13,18 +13,74 @@ Solution.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib import import_module
+from typing import Any
 
-from lagrange.equations.euler_lagrange import Equations
+from lagrange.equations.euler_lagrange import Equations, euler_lagrange
 from lagrange.errors import StatementError
 from lagrange.evidence.quick import quick_check
-from lagrange.machine.backend import Machine
+from lagrange.evidence.regularity import check_mass_matrix
+from lagrange.graph.node import Node
+from lagrange.machine.backend import Kernel, Machine, Series
 from lagrange.machine.model import Model
+from lagrange.program.catalogue import lower_nodes, program_of
+from lagrange.program.switching import Switched
+from lagrange.program.taylor import series_program
 from lagrange.statement.choice import one_of
+from lagrange.statement.declare import declare
 from lagrange.statement.statement import Statement
 
 MACHINES = {"llvm": "lagrange.machine.llvm_machine:LlvmMachine", "numpy": "lagrange.machine.numpy_machine:NumpyMachine"}
 """Every target by name. A machine is imported when it is first asked for: numpy runs where llvmlite is missing."""
+
+
+@dataclass(frozen=True)
+class Stages:
+    """The stages behind the equations, each run when a model asks for it; see `lagrange.machine.model.Made`."""
+
+    equations: Equations
+    machine: Machine
+
+    def kernel(self, name: str) -> Kernel:
+        """Return the kernel of a quantity."""
+        return self.machine.load(program_of(name, self.equations))
+
+    def interpreted(self, name: str) -> Kernel:
+        """Return a quantity for a few states, for which compiling would take longer."""
+        return machine("numpy").load(program_of(name, self.equations))
+
+    def function(self, name: str, nodes: Sequence[Node]) -> Kernel:
+        """Return any nodes of the equations' graph as a function, interpreted."""
+        return machine("numpy").load(lower_nodes(name, nodes, self.equations))
+
+    def series(self, watched: tuple[Node, ...]) -> tuple[Series, Switched]:
+        """Return the Taylor series of the motion with what is watched, and its switching surfaces."""
+        program, switched = series_program(self.equations, watched)
+        return self.machine.series(program), switched
+
+    def again(self, statement: Statement) -> Model:
+        """Return the model of a statement on the same machine."""
+        return model_of(statement, self.machine)
+
+
+def state(**stated: Any) -> Statement:
+    """Return what was stated, checked; see `lagrange.System`."""
+    return declare(**stated)
+
+
+def equations_of(statement: Statement) -> Equations:
+    """Return the equations of motion. Raises StatementError where no state gives every coordinate inertia."""
+    equations = euler_lagrange(statement)
+    check_mass_matrix(equations, Stages(equations, machine("numpy")).kernel, statement)
+    return equations
+
+
+def model_of(statement: Statement, on: Machine, equations: Equations | None = None) -> Model:
+    """Return a model whose kernels are compiled when they are first used."""
+    stages = Stages(euler_lagrange(statement) if equations is None else equations, on)
+    return Model(statement, stages.equations, stages)
 
 
 def compile_model(statement: Statement, equations: Equations, target: str = "llvm", *, check: bool = True) -> Model:
@@ -33,7 +89,7 @@ def compile_model(statement: Statement, equations: Equations, target: str = "llv
     Other kernels of the model (energy, Jacobian, a batch of states) are compiled when they are first used.
     Raises StatementError for an unknown target, RunError if the check fails.
     """
-    model = Model(statement, equations, machine(target))
+    model = model_of(statement, machine(target), equations)
     model.kernel("rhs")
     if check:
         quick_check(model)

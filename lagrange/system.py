@@ -11,12 +11,10 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from lagrange.compiler import compile_model
+from lagrange.compiler import compile_model, equations_of, state
 from lagrange.equations.derivation import Derivation, derive
-from lagrange.equations.euler_lagrange import Equations, euler_lagrange
 from lagrange.errors import StatementError, shown
 from lagrange.evidence.check import check
-from lagrange.evidence.regularity import check_mass_matrix
 from lagrange.evidence.report import Report
 from lagrange.machine.model import Model
 from lagrange.run import integrate_since
@@ -24,7 +22,6 @@ from lagrange.show.derivation import equations_latex, render
 from lagrange.show.progress import compiling
 from lagrange.show.solution import Solution
 from lagrange.statement import scene as scene_files
-from lagrange.statement.declare import declare
 from lagrange.statement.number import flag, real_number
 from lagrange.statement.statement import RunSettings, Statement
 from lagrange.trajectory.methods.registry import DEFAULT, find
@@ -62,7 +59,7 @@ class System:
         not named starts at 0. `positions` names points (x, y) or (x, y, z) to draw, `links` pairs of them.
         """
         self._adopt(
-            declare(
+            state(
                 kinetic=kinetic,
                 potential=potential,
                 lagrangian=lagrangian,
@@ -81,7 +78,7 @@ class System:
     def _adopt(self, statement: Statement) -> None:
         self.statement = statement
         self._models: dict[str, Model] = {}
-        check_mass_matrix(self.laws, statement)
+        self.laws = equations_of(statement)
 
     @classmethod
     def from_statement(cls, statement: Statement) -> System:
@@ -120,11 +117,6 @@ class System:
     def parameters(self) -> dict[Any, float]:
         """The parameters that have a default value, and the values."""
         return dict(self.statement.defaults)
-
-    @cached_property
-    def laws(self) -> Equations:
-        """The equations of motion as a graph, from which programs are made."""
-        return euler_lagrange(self.statement)
 
     @property
     def structure(self) -> list[str]:

@@ -10,7 +10,7 @@ from typing import Any
 import sympy as sp
 from sympy import cos, exp, sin, sqrt
 
-from lagrange.compiler import machine
+from lagrange.compiler import machine, model_of
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
@@ -39,13 +39,13 @@ def laws(name: str) -> Equations:
 @cache
 def model(name: str, target: str = "llvm") -> Model:
     """Return the model of a named system, one for all tests: kernels are compiled once."""
-    return Model(SYSTEMS[name](), laws(name), machine(target))
+    return model_of(SYSTEMS[name](), machine(target), laws(name))
 
 
 def build(target: str = "llvm", **given: Any) -> Model:
     """Return a model of a system stated on the spot."""
     statement = stated(**given)
-    return Model(statement, euler_lagrange(statement), machine(target))
+    return model_of(statement, machine(target))
 
 
 def springs(target: str, n: int) -> Model:

@@ -140,6 +140,29 @@ def unreachable(modules: Modules, entries: set[str]) -> list[str]:
     return sorted(set(modules) - reached)
 
 
+PAGE = "lagrange.compiler"
+STAGE_CALLS = {
+    "lagrange.equations.euler_lagrange": ("euler_lagrange",),
+    "lagrange.program.catalogue": ("program_of", "lower_nodes"),
+    "lagrange.program.taylor": ("series_program",),
+    "lagrange.machine.llvm_machine": ("LlvmMachine",),
+    "lagrange.machine.numpy_machine": ("NumpyMachine",),
+}
+"""What takes a statement from stage to stage, by the module that has it: called on the page of the compiler alone."""
+
+
+def called_elsewhere(modules: Modules) -> list[str]:
+    """Modules beside the page that take what makes the next stage."""
+    return [
+        f"{name}:{node.lineno} imports {alias.name}"
+        for name, tree in modules.items()
+        for node in ast.walk(tree)
+        if name != PAGE and isinstance(node, ast.ImportFrom)
+        for alias in node.names
+        if alias.name in STAGE_CALLS.get(node.module or "", ())
+    ]
+
+
 def entry_points() -> set[str]:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     targets = [*project["scripts"].values(), *(t for group in project["entry-points"].values() for t in group.values())]
@@ -148,6 +171,12 @@ def entry_points() -> set[str]:
 
 def test_imports_flow_one_way() -> None:
     assert not flows_back(TREE)
+
+
+def test_every_stage_is_called_on_the_page_of_the_compiler_alone() -> None:
+    assert not called_elsewhere(TREE)
+    whole = ast.unparse(TREE[PAGE])
+    assert all(f"{call}" in whole for calls in STAGE_CALLS.values() for call in calls)
 
 
 def test_no_cycles() -> None:
@@ -212,6 +241,11 @@ def test_a_good_tree_passes() -> None:
 )
 def test_an_import_of_a_later_stage_is_seen(source: str) -> None:
     assert flows_back(with_module("lagrange.graph.node", source))
+
+
+def test_a_stage_called_elsewhere_is_seen() -> None:
+    source = "from lagrange.program.catalogue import QUANTITIES, program_of"
+    assert called_elsewhere(with_module("lagrange.system", source)) == ["lagrange.system:1 imports program_of"]
 
 
 def test_a_cycle_within_a_stage_is_seen() -> None:

@@ -24,7 +24,6 @@ from typing import Any
 import numpy as np
 from sympy import Symbol
 
-from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.errors import RunError
 from lagrange.evidence import laws
 from lagrange.evidence.differences import Numbers
@@ -33,7 +32,6 @@ from lagrange.evidence.operations import OutsideDomain
 from lagrange.evidence.precise import Precise
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
-from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.statement.statement import Statement
 
 Improvement = Callable[[FloatArray], FloatArray]
@@ -67,7 +65,7 @@ SAFETY = 0.1
 
 
 def precise_run(
-    statement: Statement,
+    model: Model,
     parameters: Mapping[Symbol, float],
     t0: float,
     y0: Sequence[Any],
@@ -83,7 +81,7 @@ def precise_run(
     Ten seconds of a double pendulum take two. Raises RunError where the run cannot go on, at a jump of the forces for
     one, and when it takes longer than `max_wall` seconds.
     """
-    run = _Run(statement, parameters, digits, None if max_wall is None else time.perf_counter() + max_wall)
+    run = _Run(model, parameters, digits, None if max_wall is None else time.perf_counter() + max_wall)
     number = run.laws.number
     state = [number(x) for x in y0]
     now, found = number(t0), []
@@ -179,14 +177,12 @@ class _TooLong(Exception):
 class _Run:
     """One run under way."""
 
-    def __init__(
-        self, statement: Statement, parameters: Mapping[Any, float], digits: int, deadline: float | None
-    ) -> None:
+    def __init__(self, model: Model, parameters: Mapping[Any, float], digits: int, deadline: float | None) -> None:
         self.parameters = dict(parameters)
         self.digits, self.deadline = digits, deadline
-        self.laws = _Laws(statement, parameters, digits)
+        self.laws = _Laws(model.statement, parameters, digits)
         self.rule = _rule(max(LEAST_POINTS, digits), self.laws.context)
-        self.model = Model(statement, euler_lagrange(statement), NumpyMachine())
+        self.model = model
         self.length: float | None = None
 
     def advance(self, t: Any, end: Any, state: Numbers, whole: float) -> Numbers:

@@ -86,10 +86,10 @@ def _independent(
             f"a relative error grows by {growth:.0e} until t = {problem.t1:g}, so that {chosen} digits say nothing "
             "about the end, nor does any method in double precision. End the race earlier, or give more digits=."
         )
-    statement, start = problem.model.statement, problem.y0.tolist()
+    model, start = problem.model, problem.y0.tolist()
 
     def run(precision: int) -> tuple[tuple[Any, ...], ...]:
-        found = precise_run(statement, problem.parameters, problem.t0, start, times, digits=precision, max_wall=LONGEST)
+        found = precise_run(model, problem.parameters, problem.t0, start, times, digits=precision, max_wall=LONGEST)
         # Numbers of a context of their own do not pickle; taking them over keeps every digit.
         return tuple(tuple(map(mpmath.mp.convert, one)) for one in found)
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from lagrange.equations.euler_lagrange import Equations, no_inertia
 from lagrange.errors import StatementError
-from lagrange.machine.backend import FloatArray
-from lagrange.machine.numpy_machine import NumpyMachine
-from lagrange.program.catalogue import program_of
+from lagrange.machine.backend import FloatArray, Kernel
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.inertia import motion_along
 
@@ -19,27 +19,28 @@ RANK = 1e-13
 """A singular value below this fraction of the largest counts as zero once rows and columns are scaled alike."""
 
 
-def check_mass_matrix(equations: Equations, statement: Statement | None = None) -> None:
+def check_mass_matrix(
+    equations: Equations, kernel: Callable[[str], Kernel], statement: Statement | None = None
+) -> None:
     """Raise StatementError if the mass matrix is singular at every state and for all parameters that are tried.
 
     These are random ones and, of a statement, its initial state with its default parameters. The message names the
-    combination of velocities that has no inertia.
+    combination of velocities that has no inertia. `kernel` gives the mass matrix, which is compiled if it is needed.
     """
     names = equations.structure.names
     coupled = [block for block in equations.structure.blocks if len(block) > 1]
     if not coupled:
         return
-    matrices = _matrices(equations, statement)
+    matrices = _matrices(equations, kernel("mass_matrix"), statement)
     for block in coupled:
         null = _common_null_vector(matrices[np.ix_(block, block)])
         if null is not None:
             raise StatementError(_no_inertia_along([names[i] for i in block], null))
 
 
-def _matrices(equations: Equations, statement: Statement | None) -> FloatArray:
+def _matrices(equations: Equations, kernel: Kernel, statement: Statement | None) -> FloatArray:
     """Return the mass matrix at the states that are tried, (n, n, states)."""
     random = np.random.default_rng(7)
-    kernel = NumpyMachine().load(program_of("mass_matrix", equations))
     state = random.uniform(0.2, 1.2, (2 * len(equations.q), POINTS))
     some = random.uniform(0.5, 2.0, len(equations.parameters))
     found = [kernel(random.uniform(0.2, 1.2, POINTS), state, some)]

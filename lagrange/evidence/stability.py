@@ -9,25 +9,18 @@ Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.errors import StatementError
-from lagrange.machine.model import Model
-from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.machine.steps.interpreted_newton import numbers_of
 from lagrange.program.actions import LAWS, Call, Combination, Solve
 from lagrange.program.step import StepProgram
-from lagrange.statement.coordinate import coordinate
-from lagrange.statement.declare import declare
 from lagrange.statement.number import complex_array
-from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import find
-from lagrange.trajectory.plan import Planned, StepPlan
+from lagrange.trajectory.plan import Stepped
 
 FloatArray = NDArray[np.float64]
 
@@ -182,19 +175,9 @@ def _extent(step: StepProgram, direction: complex) -> float:
 def step_of(method: Any) -> StepProgram:
     """Return the step of a registered method or an instance. Raises StatementError for one that is no step program."""
     integrator = find(method)
-    oscillator = _oscillator()
-    problem = Problem(oscillator, oscillator.parameter_values(), 0.0, 1.0, np.array([1.0, 0.0]))
-    plan = integrator.plan(problem) if isinstance(integrator, Planned) else None
-    if not isinstance(plan, StepPlan):
+    if not isinstance(integrator, Stepped) or not isinstance(integrator.program, StepProgram):
         raise StatementError(
             f"{integrator.name} has no step of its own that could be looked at: the series of taylor and the solvers "
             "of SciPy and SUNDIALS change their orders on the way. Give a method such as rk4 or radau5."
         )
-    return plan.step
-
-
-@cache
-def _oscillator() -> Model:
-    x = coordinate("x")
-    statement = declare(kinetic=x.dot**2 / 2, potential=x**2 / 2)
-    return Model(statement, euler_lagrange(statement), NumpyMachine())
+    return integrator.program

@@ -12,8 +12,6 @@ import numpy as np
 
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.model import Model
-from lagrange.machine.numpy_machine import NumpyMachine
-from lagrange.program.catalogue import program_of
 from lagrange.trajectory.messages import number
 from lagrange.trajectory.paths.series import SeriesPath
 from lagrange.trajectory.paths.step_paths import RungeKuttaPath
@@ -137,7 +135,7 @@ def _kernel(
     """Return a quantity at the begin of the steps, the step first; numpy needs no compiling for so few states."""
     n = model.dimension
     states = path.states[steps].T
-    kernel = NumpyMachine().load(program_of(name, model.equations))
+    kernel = model.interpreted(name)
     found = kernel.columns(path.times[steps], (states[:n], states[n:]), values)
     return np.moveaxis(np.broadcast_to(found, (*found.shape[:2], len(steps))), -1, 0)
 

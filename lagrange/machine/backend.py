@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.errors import RunError
+from lagrange.graph.node import Node
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
 from lagrange.program.step import StepProgram
+from lagrange.program.switching import Switched
+from lagrange.statement.statement import Statement
 
 FloatArray = NDArray[np.float64]
 
@@ -108,3 +111,27 @@ class Machine(Protocol):
 
         `jacobian` is the kernel of the law's derivative, for a step that solves.
         """
+
+
+@runtime_checkable
+class Made(Protocol):
+    """What makes the kernels of a model, on a machine, from its equations."""
+
+    @property
+    def machine(self) -> Machine:
+        """What the kernels run on."""
+
+    def kernel(self, name: str) -> Kernel:
+        """Return the kernel of a quantity of `QUANTITIES`."""
+
+    def interpreted(self, name: str) -> Kernel:
+        """Return such a kernel for a few states, for which compiling would take longer."""
+
+    def function(self, name: str, nodes: tuple[Node, ...]) -> Kernel:
+        """Return nodes of the equations' graph as a function of t, q and v."""
+
+    def series(self, watched: tuple[Node, ...]) -> tuple[Series, Switched]:
+        """Return the Taylor series of the motion with what is watched, and its switching surfaces."""
+
+    def again(self, statement: Statement) -> Any:
+        """Return the model of a statement on the same machine, as a pickle does."""

@@ -5,22 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lagrange.equations.euler_lagrange import Equations, euler_lagrange
+from lagrange.equations.euler_lagrange import Equations
 from lagrange.errors import RunError, StatementError, listing, shown
 from lagrange.graph.branches import either, read_when, where_read
 from lagrange.graph.node import Binding, Kind, Node, reachable
-from lagrange.machine.backend import FloatArray, Kernel, Machine, Series, SingularMassMatrix
-from lagrange.machine.numpy_machine import NumpyMachine
-from lagrange.program.catalogue import QUANTITIES, lower_nodes, program_of
+from lagrange.machine.backend import FloatArray, Kernel, Machine, Made, Series, SingularMassMatrix
+from lagrange.program.catalogue import QUANTITIES
 from lagrange.program.switching import Switched
-from lagrange.program.taylor import series_program
-from lagrange.statement.choice import one_of
+from lagrange.statement.choice import one_of, text
 from lagrange.statement.declare import parameter_values
 from lagrange.statement.expression import expression as expression_of
 from lagrange.statement.number import DOUBLE, real_array, real_number, whole_number
@@ -33,8 +31,14 @@ Parameters = Mapping[Any, Any] | FloatArray | None
 State = tuple[FloatArray, FloatArray]
 """Coordinates and velocities, (n,) each or (n, batch)."""
 
+FUNCTIONS_KEPT = 64
+"""So many functions of events and expressions are kept."""
+
 SERIES_KEPT = 16
 """So many series with events are kept beside the one without: each takes some 2 MB of machine code."""
+
+
+NO_QUANTITY = "{given} is no quantity of a model: they are {known}."
 
 
 class Model:
@@ -46,21 +50,27 @@ class Model:
     and RunError where the mass matrix is singular.
     """
 
-    def __init__(self, statement: Statement, equations: Equations, machine: Machine) -> None:
-        if not (isinstance(statement, Statement) and isinstance(equations, Equations)):
+    def __init__(self, statement: Statement, equations: Equations, made: Made) -> None:
+        if not (isinstance(statement, Statement) and isinstance(equations, Equations) and isinstance(made, Made)):
             raise StatementError(f"a model is made by system.compile(), not of {shown(statement)} alone.")
         self.statement = statement
         self.equations = equations
-        self.machine = machine
+        self._made = made
+        self._function = lru_cache(maxsize=FUNCTIONS_KEPT)(made.function)
         self._kernels: dict[str, Kernel] = {}
         self._series: dict[tuple[Node, ...], tuple[Series, Switched]] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _recompile, (self.statement, self.machine)
+        return self._made.again, (self.statement,)
 
     def __repr__(self) -> str:
         names = ", ".join(self.statement.names)
         return f"<Model of {self.statement.name} ({names}) on {self.machine.name}>"
+
+    @property
+    def machine(self) -> Machine:
+        """What its kernels run on."""
+        return self._made.machine
 
     @property
     def target(self) -> str:
@@ -84,9 +94,21 @@ class Model:
         llvm target a kernel has an `address` to call from compiled code.
         """
         if not isinstance(name, str) or name not in self._kernels:
-            one_of(name, QUANTITIES, "{given} is no quantity of a model: they are {known}.")
-            self._kernels[name] = self.machine.load(program_of(name, self.equations))
+            one_of(name, QUANTITIES, NO_QUANTITY)
+            self._kernels[name] = self._made.kernel(name)
         return self._kernels[name]
+
+    def interpreted(self, name: str) -> Kernel:
+        """Return the kernel of a quantity for a few states, for which compiling would take longer."""
+        one_of(name, QUANTITIES, NO_QUANTITY)
+        return self._made.interpreted(name)
+
+    def function(self, name: str, nodes: tuple[Node, ...]) -> Kernel:
+        """Return one or more nodes of the equations' graph as a function of t, q and v, interpreted."""
+        nodes, name = _nodes(nodes), text(name, "name")
+        if not nodes or not name.isidentifier():
+            raise StatementError(f"there is no function {shown(name)} of {len(nodes)} nodes: name it, and give a node.")
+        return self._function(name, nodes)
 
     def series(self, watched: tuple[Node, ...] = ()) -> tuple[Series, Switched]:
         """Return the Taylor series of the motion on this machine, and its switching surfaces; made when asked for.
@@ -96,8 +118,7 @@ class Model:
         """
         watched = _nodes(watched)
         if watched not in self._series:
-            program, switched = series_program(self.equations, watched)
-            self._series[watched] = self.machine.series(program), switched
+            self._series[watched] = self._made.series(watched)
             others = [key for key in self._series if key]
             for key in others[:-SERIES_KEPT]:
                 self._series.pop(key, None)
@@ -200,10 +221,8 @@ class Model:
         unknown = [leaf for leaf in (*survey.coordinates, *survey.parameters) if leaf not in self.equations.leaves]
         if unknown:
             raise StatementError(f"the expression contains {unknown[0]}, which this system does not have.")
-        program = lower_nodes("expression", [self.equations.translate(expression)], self.equations, shape=())
-        state = self._checked_state(y)
-        values = np.asarray(self._call(NumpyMachine().load(program), t, state, parameters))
-        return np.broadcast_to(values, state[0].shape[1:]).copy()
+        kernel = self.function("expression", (self.equations.translate(expression),))
+        return np.asarray(self._call(kernel, t, self._checked_state(y), parameters)[0])
 
     def parameter_values(self, given: Mapping[Any, Any] | None = None) -> dict[Any, float]:
         """Return a value for every parameter: the defaults overlaid with `given`, by symbol or name."""
@@ -291,8 +310,7 @@ class Model:
     @cached_property
     def _masses(self) -> Kernel:
         """The inertia of each coordinate of `_alone`."""
-        nodes = [self.equations.mass[i][i] for i in self._alone]
-        return NumpyMachine().load(lower_nodes("inertia", nodes, self.equations))
+        return self.function("inertia", tuple(self.equations.mass[i][i] for i in self._alone))
 
     def column_without_inertia(
         self, t: float | FloatArray, q: FloatArray, v: FloatArray, parameters: FloatArray
@@ -375,7 +393,3 @@ def _surely_finite(array: FloatArray) -> bool:
     if array.size <= FEW:
         return math.isfinite(sum(array.ravel().tolist()))
     return bool(np.isfinite(array).all())
-
-
-def _recompile(statement: Statement, machine: Machine) -> Model:
-    return Model(statement, euler_lagrange(statement), machine)

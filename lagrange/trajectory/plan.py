@@ -118,6 +118,15 @@ class Planned(Protocol):
         """Return the plan. Raises StatementError for a setting without a use."""
 
 
+@runtime_checkable
+class Stepped(Protocol):
+    """An integrator whose steps are a program that does not depend on the problem."""
+
+    @property
+    def program(self) -> StepProgram:
+        """The step."""
+
+
 def promises(integrator: Integrator) -> Claims:
     """Return what a method promises: one with a plan has the events of the driver, whatever it says of itself."""
     claims = integrator.claims

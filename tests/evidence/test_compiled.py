@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import pytest
 
+from lagrange.compiler import model_of
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.evidence.check import check
 from lagrange.evidence.quick import quick_check
 from lagrange.machine.llvm_machine import LlvmMachine
-from lagrange.machine.model import Model
 from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.statement.statement import Statement
 from tests.evidence import statements
@@ -23,7 +23,7 @@ HONEST = 1e-13
 def test_compiled_systems_hold_on_both_targets(make: Callable[[], Statement]) -> None:
     statement = make()
     equations = euler_lagrange(statement)
-    model, other = Model(statement, equations, LlvmMachine()), Model(statement, equations, NumpyMachine())
+    model, other = model_of(statement, LlvmMachine(), equations), model_of(statement, NumpyMachine(), equations)
     report = check(model, other=other, points=3, seed=2)
     assert report, str(report)
     assert all(0 <= row.error < HONEST for row in report.rows), str(report)
@@ -33,7 +33,7 @@ def test_compiled_systems_hold_on_both_targets(make: Callable[[], Statement]) ->
 
 def test_a_chain_holds() -> None:
     statement = statements.pendulum_chain(4)
-    model = Model(statement, euler_lagrange(statement), LlvmMachine())
+    model = model_of(statement, LlvmMachine())
     quick_check(model)
     report = check(model, points=1)
     assert report, str(report)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from sympy import Abs, cos
 
+from lagrange.compiler import machine, model_of
 from lagrange.errors import RunError
 from lagrange.evidence.precise_run import precise_run
 from lagrange.machine.model import Model
@@ -22,7 +23,14 @@ NUMBER.dps = 60
 
 def run(statement: Any, times: Any, start: Any = None, t0: float = 0.0, **options: Any) -> Any:
     values = {p: statement.defaults[p] for p in statement.parameters}
-    return precise_run(statement, values, t0, statement.initial if start is None else start, times, **options)
+    return precise_run(
+        model_of(statement, machine("numpy")),
+        values,
+        t0,
+        statement.initial if start is None else start,
+        times,
+        **options,
+    )
 
 
 def oscillator(**more: Any) -> Any:

@@ -48,7 +48,7 @@ def test_it_is_not_over_claimed(seed: int) -> None:
     options: dict[str, Any] = {"method": "dop853", "rtol": 1e-6, "atol": 1e-6}
     horizon = lg.trust_horizon(pendulum, (0.0, 20.0), initial, error=1e-3, **options)
     times = [horizon.time / 2, horizon.time]
-    truth = precise_run(pendulum.statement, pendulum.parameter_values(), 0.0, start, times, digits=18)
+    truth = precise_run(pendulum, pendulum.parameter_values(), 0.0, start, times, digits=18)
     run = lg.integrate(pendulum, (0.0, 20.0), initial, **options)
     errors = [
         np.abs(run.at(t) - [float(value) for value in right]).max() for t, right in zip(times, truth, strict=True)

@@ -12,8 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from sympy import cos, sin
 
-from lagrange.compiler import machine
-from lagrange.equations.euler_lagrange import euler_lagrange
+from lagrange.compiler import machine, model_of
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import coordinates, t
 from lagrange.statement.declare import declare
@@ -70,7 +69,7 @@ states = st.lists(st.floats(-0.9, 0.9), min_size=4, max_size=4).map(np.array)
 
 def model(target: str = "numpy", **given: Any) -> Model:
     statement = declare(**{"coordinates": [x, y]} | given)
-    return Model(statement, euler_lagrange(statement), machine(target))
+    return model_of(statement, machine(target))
 
 
 def accelerations(of: Model, state: Any, time: float = 0.3) -> Any:

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from lagrange.compiler import machine
+from lagrange.compiler import machine, model_of
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
@@ -71,7 +71,7 @@ def models(name: str) -> list[Model]:
     """Return a model on each machine."""
     statement = SYSTEMS[name]()
     equations = euler_lagrange(statement)
-    return [Model(statement, equations, machine(target)) for target in TARGETS]
+    return [model_of(statement, machine(target), equations) for target in TARGETS]
 
 
 def assert_lockstep(

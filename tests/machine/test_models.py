@@ -13,7 +13,7 @@ import pytest
 import sympy as sp
 from sympy import cos, sin
 
-from lagrange.compiler import machine
+from lagrange.compiler import machine, model_of
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.errors import RunError
 from lagrange.machine.backend import SingularMassMatrix
@@ -238,7 +238,7 @@ def test_a_model_pickles_as_its_statement_and_recompiles(target: str) -> None:
 @pytest.mark.parametrize("target", TARGETS)
 def test_threads_share_a_model(target: str) -> None:
     """Many threads meet at kernels that nobody has compiled yet, with parameters of their own."""
-    fresh = Model(SYSTEMS["double pendulum"](), euler_lagrange(SYSTEMS["double pendulum"]()), machine(target))
+    fresh = model_of(SYSTEMS["double pendulum"](), machine(target))
     q, v, _ = states("double pendulum", 20)
     lengths = np.linspace(0.5, 1.5, 8)
     gate = threading.Barrier(8)
@@ -270,14 +270,14 @@ def test_threads_compile_their_first_models_at_once() -> None:
 
     def work(i: int) -> Any:
         gate.wait()
-        fresh = Model(statements[i], equations[i], machine("llvm"))
+        fresh = model_of(statements[i], machine("llvm"), equations[i])
         n = fresh.dimension
         return fresh.accelerations(np.full(n, 0.4), np.full(n, 0.2))
 
     with ThreadPoolExecutor(len(statements)) as pool:
         found = list(pool.map(work, range(len(statements))))
     for i, values in enumerate(found):
-        reference = Model(statements[i], equations[i], machine("numpy"))
+        reference = model_of(statements[i], machine("numpy"), equations[i])
         n = reference.dimension
         assert values == pytest.approx(reference.accelerations(np.full(n, 0.4), np.full(n, 0.2)), rel=1e-10)
 
@@ -295,7 +295,7 @@ def test_any_expression_along_states(target: str) -> None:
 
 def test_parameters_are_read_anew_for_every_call() -> None:
     statement = stated(kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2)
-    compiled = Model(statement, euler_lagrange(statement), machine("llvm"))
+    compiled = model_of(statement, machine("llvm"))
     found = [compiled.accelerations([1.0], [0.0], parameters={"k": value})[0] for value in (1.0, 2.0, 1.0)]
     assert found == pytest.approx([-1 / VALUES[m], -2 / VALUES[m], -1 / VALUES[m]])
 

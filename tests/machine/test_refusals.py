@@ -101,3 +101,10 @@ class TestRefusals:
     def test_an_expression_with_a_stranger(self, pendulums: Model) -> None:
         with pytest.raises(StatementError, match=r"the expression contains z\(t\), which this system does not have"):
             pendulums.evaluate_expression(z, 0.0, np.ones((4, 2)))
+
+
+@pytest.mark.parametrize(("name", "count"), [("none", 0), ("two words", 1), ("", 1)])
+def test_a_function_has_a_name_and_a_node(name: str, count: int) -> None:
+    compiled = model("oscillator")
+    with pytest.raises(StatementError, match=f"there is no function '{name}' of {count} nodes: name it, and give a"):
+        compiled.function(name, compiled.equations.q[:count])

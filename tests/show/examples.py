@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.equations.euler_lagrange import euler_lagrange
-from lagrange.machine.model import Model
+from lagrange.compiler import model_of
 from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.show.solution import Solution
 from lagrange.statement.coordinate import coordinate, parameters
@@ -20,7 +19,7 @@ m, k = parameters("m k")
 
 def solved(statement: Any, t: Any, path: Any, status: Status = Status.SUCCESS, message: str = "done") -> Solution:
     """Return the solution of a statement whose state at times (K,) is path(times), (2n, K)."""
-    model = Model(statement, euler_lagrange(statement), NumpyMachine())
+    model = model_of(statement, NumpyMachine())
     span = (float(t[0]), float(t[-1])) if len(t) else (0.0, 0.0)
     trajectory = Trajectory(t, path(t), status, message, "exact", len(t) - 1, 3, 44, 0.0123, span, path)
     return Solution(trajectory, model, model.parameter_values())

@@ -15,6 +15,7 @@ import pytest
 from sympy import cos
 
 import lagrange as lg
+from lagrange.compiler import model_of
 from lagrange.machine.model import Model
 from lagrange.show import progress
 from lagrange.trajectory import limits
@@ -110,7 +111,7 @@ def test_a_short_limit_leaves_time_to_compile() -> None:
 def compile_for_ever(model: Model) -> None:
     """Compile what a fresh model compiles, again and again."""
     while True:
-        fresh = Model(model.statement, model.equations, model.machine)
+        fresh = model_of(model.statement, model.machine, model.equations)
         fresh.kernel("rhs")
         fresh.series()[0].rows(8, 0.0, np.array(model.statement.initial), 0.1, np.empty(0))
 

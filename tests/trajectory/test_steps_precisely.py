@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from lagrange.compiler import machine
+from lagrange.compiler import machine, model_of
 from lagrange.machine.model import Model
 from lagrange.program.step import StepProgram
 from lagrange.statement.coordinate import t
@@ -204,7 +204,7 @@ def compiled(law: Law, target: str) -> Model:
     if law is DRIVEN_PENDULUM:
         return build(target, kinetic=a.dot**2 / 2, potential=-(1 + t) * sp.cos(a))
     if law is HENON_HEILES:
-        return Model(SYSTEMS["Henon-Heiles"](), laws("Henon-Heiles"), machine(target))
+        return model_of(SYSTEMS["Henon-Heiles"](), machine(target), laws("Henon-Heiles"))
     kinetic = a.dot**2 + b.dot**2 / 2 + a.dot * b.dot * sp.cos(a - b)
     return build(target, kinetic=kinetic, potential=-2 * sp.cos(a) - sp.cos(b), coordinates=[a, b])
 

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 import sympy as sp
 
+from lagrange.compiler import model_of
 from lagrange.errors import StatementError
 from lagrange.evidence.precise_run import precise_run
-from lagrange.machine.model import Model
 from lagrange.run import flow as flow_of
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.trajectory import Status
@@ -30,7 +30,7 @@ def truth(name: str, end: float) -> Any:
     """Return the state at the end, by collocation in multiple precision from the stated energies alone."""
     statement = SYSTEMS[name]()
     values = {p: statement.defaults[p] for p in statement.parameters}
-    return np.array(precise_run(statement, values, 0.0, statement.initial, [end], digits=18)[0], dtype=float)
+    return np.array(precise_run(model(name, "numpy"), values, 0.0, statement.initial, [end], digits=18)[0], dtype=float)
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -276,7 +276,7 @@ def test_a_flow_gives_the_same_bits_whatever_it_did_before(target: str) -> None:
     ("name", "target"), [("double pendulum", "numpy"), ("double pendulum", "llvm"), ("friction", "llvm")]
 )
 def test_threads_share_a_flow(name: str, target: str) -> None:
-    compiled = Model(SYSTEMS[name](), laws(name), model(name, target).machine)
+    compiled = model_of(SYSTEMS[name](), model(name, target).machine, laws(name))
     flow = flow_of(compiled, method="taylor")
     starts = [np.array(compiled.statement.initial) * (1 + 0.01 * i) for i in range(8)]
     with ThreadPoolExecutor(4) as pool:  # the first calls compile

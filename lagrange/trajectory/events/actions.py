@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from lagrange.graph.node import Node
+from lagrange.machine.backend import Kernel
 from lagrange.machine.model import Model
-from lagrange.machine.numpy_machine import NumpyKernel, NumpyMachine
-from lagrange.program.catalogue import lower_nodes
 from lagrange.statement.declare import state_rows
 from lagrange.statement.event import Event
 from lagrange.trajectory.trajectory import FloatArray
@@ -29,7 +28,7 @@ class Impact:
     direction: int
     terminal: int
     rows: tuple[int, ...]
-    kernel: NumpyKernel | None
+    kernel: Kernel | None
     parameters: FloatArray
     root: bool = False
 
@@ -64,7 +63,7 @@ def impact(model: Model, event: Event, parameters: FloatArray) -> Impact:
     """Return an event of a model."""
     equations = model.equations
     rows = state_rows(model.statement.coordinates)
-    nodes = [equations.translate(value) for value in event.reset.values()]
-    kernel = NumpyMachine().load(lower_nodes("reset", nodes, equations)) if nodes else None
+    nodes = tuple(equations.translate(value) for value in event.reset.values())
+    kernel = model.function("reset", nodes) if nodes else None
     places = tuple(rows[key] for key in event.reset)
     return Impact(equations.translate(event.expression), event.direction, event.terminal, places, kernel, parameters)

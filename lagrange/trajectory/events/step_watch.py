@@ -17,9 +17,7 @@ from lagrange.equations.euler_lagrange import Equations
 from lagrange.graph.differentiate import tangents
 from lagrange.graph.node import Node
 from lagrange.machine.backend import Driver, Kernel
-from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.machine.state import DriverState
-from lagrange.program.catalogue import lower_nodes
 from lagrange.trajectory.events.actions import impact
 from lagrange.trajectory.events.crossing import Meeting
 from lagrange.trajectory.events.ending import (
@@ -83,7 +81,7 @@ class StepWatch(Record):
         super().__init__(len(problem.events), len(problem.y0))
         model, self.problem, self.parameters = problem.model, problem, problem.parameter_array
         impacts = tuple(impact(model, event, self.parameters) for event in problem.events)
-        self.kernel, self.impacts = _events(model.equations, tuple(one.node for one in impacts)), impacts
+        self.kernel, self.impacts = model.function("events", tuple(one.node for one in impacts)), impacts
         self.path_of = path_of
         self.driver = EventDriver(driver, self, fixed=fixed)
         self.breaks: list[Break] = []
@@ -171,7 +169,8 @@ class StepWatch(Record):
 
     def _rates(self) -> Kernel:
         """Return the derivatives of the events by time along the motion, made when they are asked for."""
-        return _rates(self.problem.model.equations, tuple(one.node for one in self.impacts))
+        model = self.problem.model
+        return model.function("rates", _rates(model.equations, tuple(one.node for one in self.impacts)))
 
     def _defined(self, state: DriverState) -> Verdict:
         values = self.kernel(state.t, state.y, self.parameters)
@@ -342,15 +341,10 @@ class StepWatch(Record):
 
 
 @lru_cache(maxsize=64)
-def _events(equations: Equations, nodes: tuple[Node, ...]) -> Kernel:
-    return NumpyMachine().load(lower_nodes("events", nodes, equations))
-
-
-@lru_cache(maxsize=64)
-def _rates(equations: Equations, nodes: tuple[Node, ...]) -> Kernel:
+def _rates(equations: Equations, nodes: tuple[Node, ...]) -> tuple[Node, ...]:
     ahead = dict(zip((*equations.q, *equations.v), (*equations.v, *equations.accelerations), strict=True))
     along = tangents(nodes, {**ahead, equations.time: equations.graph.one})
-    return NumpyMachine().load(lower_nodes("rates", [along(node) for node in nodes], equations))
+    return tuple(along(node) for node in nodes)
 
 
 def _rests(burst: Burst, step: int, sample: Sample, place: int) -> bool:

@@ -62,11 +62,16 @@ class RungeKutta:
         dense = self.tableau.dense.order if self.tableau.dense else 0
         return Claims(order=self.tableau.order, adaptive=self.tableau.error is not None, dense=dense)
 
+    @property
+    def program(self) -> StepProgram:
+        """The step; see `Stepped`."""
+        return runge_kutta_step(self.tableau)
+
     def plan(self, problem: Problem) -> StepPlan:
         """Return the plan; see `Planned`."""
         chosen = adaptive_settings if self.claims.adaptive else fixed_settings
         tolerances = chosen(self.name, problem, self.step, self.rtol, self.atol)
-        return StepPlan(runge_kutta_step(self.tableau), tolerances, self._path)
+        return StepPlan(self.program, tolerances, self._path)
 
     def integrate(self, problem: Problem) -> Trajectory:
         """Run the problem; see `Integrator`."""

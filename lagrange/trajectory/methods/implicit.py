@@ -59,12 +59,17 @@ class ImplicitMethod:
         if self.path is None:
             object.__setattr__(self, "claims", replace(self.claims, dense=max(3, self.claims.order - 1)))
 
+    @property
+    def program(self) -> StepProgram:
+        """The step; see `Stepped`."""
+        return _program(self.name, self.function, self.law, self.control, self.starter)
+
     def plan(self, problem: Problem) -> StepPlan:
         """Return the plan; see `Planned`."""
         chosen = adaptive_settings if self.control else fixed_settings
         tolerances = chosen(self.name, problem, self.step, self.rtol, self.atol)
         path = self.path or hermite_path(self.claims.order)
-        return StepPlan(_program(self.name, self.function, self.law, self.control, self.starter), tolerances, path)
+        return StepPlan(self.program, tolerances, path)
 
     def integrate(self, problem: Problem) -> Trajectory:
         """Run the problem; see `Integrator`."""

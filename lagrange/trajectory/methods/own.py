@@ -62,12 +62,18 @@ class StepMethod:
         """The order that was stated, and that of the Hermite path between steps."""
         return Claims(order=self.order, dense=max(3, self.order - 1))
 
+    @property
+    def program(self) -> StepProgram:
+        """The step; see `Stepped`."""
+        return _program(self.name, self.function)
+
     def plan(self, problem: Problem) -> StepPlan:
         """Return the plan; see `Planned`."""
-        program = _program(self.name, self.function)
-        if program.partitioned:
+        if self.program.partitioned:
             check_splits(self.name, problem)
-        return StepPlan(program, fixed_settings(self.name, problem, self.step, None, None), hermite_path(self.order))
+        return StepPlan(
+            self.program, fixed_settings(self.name, problem, self.step, None, None), hermite_path(self.order)
+        )
 
     def integrate(self, problem: Problem) -> Trajectory:
         """Run the problem; see `Integrator`."""

@@ -90,11 +90,16 @@ class Splitting:
         """Order, symplecticity, and symmetry in time; the path between steps is the cubic one."""
         return Claims(order=self.order, symplectic=True, symmetric=self.symmetric, dense=max(3, self.order - 1))
 
+    @property
+    def program(self) -> StepProgram:
+        """The step; see `Stepped`."""
+        return splitting_step(self.name, self.stages)
+
     def plan(self, problem: Problem) -> StepPlan:
         """Return the plan. Raises StatementError where the splitting is not legal."""
         check_splits(self.name, problem)
         tolerances = fixed_settings(self.name, problem, self.step, None, None)
-        return StepPlan(splitting_step(self.name, self.stages), tolerances, hermite_path(self.order))
+        return StepPlan(self.program, tolerances, hermite_path(self.order))
 
     def integrate(self, problem: Problem) -> Trajectory:
         """Run the problem; see `Integrator`."""
