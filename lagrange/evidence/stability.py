@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lagrange.errors import StatementError
-from lagrange.machine.steps.interpreted_newton import numbers_of
+from lagrange.machine.steps.numbers import numbers_of
 from lagrange.program.actions import LAWS, Call, Combination, Solve
 from lagrange.program.step import StepProgram
 from lagrange.statement.number import complex_array

@@ -10,6 +10,7 @@ from __future__ import annotations
 import keyword
 import math
 import re
+from array import array
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -100,19 +101,37 @@ def source(procedure: Procedure) -> str:
 def loaded(procedure: Procedure) -> Callable[..., Any]:
     """Return a procedure as a Python function.
 
-    Arrays are anything with places, or a `Span` of one; it returns nothing, a value or a tuple of values.
+    Arrays are memory views, which are quickest, or anything with places, or a `Span` of one. It returns nothing, a
+    value or a tuple of values.
     """
     names: dict[str, Any] = {f"_{op}": function for op, function in OPERATIONS.items() if op not in SPELLED}
-    names |= {"Span": Span, "nan": math.nan, "inf": math.inf}
+    names |= {"_part": part_of, "_reals": _reals, "_wholes": _wholes, "nan": math.nan, "inf": math.inf}
     exec(compile(source(procedure), f"<procedure {procedure.name}>", "exec"), names)
     made: Callable[..., Any] = names[procedure.name]
     arrays = [isinstance(parameter.type, Array) for parameter in procedure.parameters]
 
     def run(*args: Any) -> Any:
         pairs = zip(args, arrays, strict=True)
-        return made(*[Span(arg) if array and not isinstance(arg, Span) else arg for arg, array in pairs])
+        return made(*[Span(arg) if array and not isinstance(arg, AS_THEY_ARE) else arg for arg, array in pairs])
 
     return run
+
+
+AS_THEY_ARE = (memoryview, Span)
+"""Arrays of which a part is an array."""
+
+
+def part_of(array: Any, start: int) -> Any:
+    """Return an array from one of its places on."""
+    return array[start:] if isinstance(array, memoryview) else array.part(start)
+
+
+def _reals(count: int) -> memoryview:
+    return memoryview(array("d", [math.nan]) * count)
+
+
+def _wholes(count: int) -> memoryview:
+    return memoryview(array("q", [0]) * count)
 
 
 class _Printer:
@@ -130,7 +149,7 @@ class _Printer:
         self.constants: dict[int, None] = {}
         self.depth = 1
         self.loops = 0
-        self.taken |= dict.fromkeys(INDICES)
+        self.taken |= dict.fromkeys((*INDICES, *(callee.name for callee in procedure.callees)))
 
     def function(self) -> str:
         given = []
@@ -185,11 +204,11 @@ class _Printer:
         match statement:
             case Let():
                 self.let(statement)
-            case Reserve(ref=ref, array=array):
-                value = "nan" if array.kind is REAL else "0"
-                self.write(f"{self.name(ref)} = Span([{value}] * {(array.size or 0) + array.room})")
+            case Reserve(ref=ref, array=held):
+                kind = "reals" if held.kind is REAL else "wholes"
+                self.write(f"{self.name(ref)} = _{kind}({(held.size or 0) + held.room})")
             case Part(ref=ref, array=array, start=start):
-                self.write(f"{self.name(ref)} = {self.text(array)}.part({self.text(start)})")
+                self.write(f"{self.name(ref)} = _part({self.text(array)}, {self.text(start)})")
             case Load() | Store() | Read() | Write():
                 self.memory(statement)
             case Declare(ref=ref, value=value):
@@ -286,7 +305,7 @@ class _Printer:
 
     def each(self, each: Each) -> None:
         for fold in each.folds:
-            start = f"[0.0] * {PARTIAL}" if fold.op == "add" else "-inf"
+            start = f"[0.0] * {PARTIAL}" if fold.op in ("add", "dot") else "-inf"
             self.write(f"{self.name(fold.ref)} = {start}")
         self.turns(each.place, self.text(each.turns), each.body)
         self.depth += 1
@@ -295,7 +314,7 @@ class _Printer:
         self.depth -= 1
         for fold in each.folds:
             name = self.text(fold.ref)
-            if fold.op == "add":
+            if fold.op in ("add", "dot"):
                 self.write(f"{name} = ({name}[0] + {name}[1]) + ({name}[2] + {name}[3])")
 
     def folded(self, fold: Fold, index: str) -> str:
@@ -305,7 +324,10 @@ class _Printer:
         if fold.op == "most":
             value = self.text(fold.value)
             return f"{name} = {value} if {value} > {name} else {name}"
-        return f"{name}[{index} % {PARTIAL}] += {self.text(fold.value)}"
+        factors = [self.text(fold.value)]
+        if fold.factor is not None:
+            factors = [self.text(fold.value, 7), self.text(fold.factor, 8)]
+        return f"{name}[{index} % {PARTIAL}] += {' * '.join(factors)}"
 
 
 def _literal(kind: Kind, data: Any) -> tuple[int, str]:
@@ -336,7 +358,7 @@ def _uses(block: Block) -> dict[int, int]:
             case Loop(start=start, stop=stop):
                 use([start, stop])
             case Each(turns=count, folds=folds):
-                use([count, *(fold.value for fold in folds)])
+                use([count, *(ref for fold in folds for ref in (fold.value, fold.factor) if ref is not None)])
             case Repeat(condition=condition):
                 use([condition])
             case Record() | Read() | Get() | Reserve() | Note():

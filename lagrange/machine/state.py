@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-import enum
 import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from lagrange.procedure.outcome import Outcome
+
+__all__ = ["EARLIEST", "NEAR_END", "OUTCOMES", "SPACING", "DriverState", "Outcome"]
 
 NEAR_END = 1.01
 """A step within one percent of the end goes to the end, so that no sliver is left over."""
@@ -15,19 +18,6 @@ NEAR_END = 1.01
 SPACING, EARLIEST = 16 * 2.0**-52, 1e-290
 """A step shorter than the first part of the time is lost in the round-off of the time; a time nearer to zero counts as
 the second, for at zero nothing is lost."""
-
-
-class Outcome(enum.IntEnum):
-    """Why a driver came back; BROKEN says that `DriverState.fault` knows."""
-
-    DONE = 0
-    PAUSED = 1
-    NON_FINITE = 2
-    SINGULAR = 3
-    STEP_TOO_SMALL = 4
-    WATCHED = 5
-    DIVERGED = 6
-    BROKEN = 7
 
 
 OUTCOMES = tuple(Outcome)

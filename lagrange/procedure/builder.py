@@ -60,6 +60,17 @@ class Folded:
         return Real(self._builder, self._ref)
 
 
+class Function:
+    """A function that the caller gives, called as in Python, or handed on."""
+
+    def __init__(self, builder: Builder, ref: int, callee: Callee) -> None:
+        self._builder, self.ref, self._callee = builder, ref, callee
+
+    def __call__(self, *args: Any) -> Any:
+        """Return what it gives: nothing, a value, or a tuple of values."""
+        return self._builder.call_given(self.ref, self._callee, args)
+
+
 class Branches:
     """A condition that has been decided once, and the other way that it may go."""
 
@@ -82,13 +93,14 @@ class Branches:
 class Builder:
     """A procedure under construction. Numbers of Python are taken wherever a value is."""
 
-    def __init__(self, name: str, about: str) -> None:
-        self.name, self.about = name, about
+    def __init__(self, name: str, about: str, *, apart: bool = False) -> None:
+        self.name, self.about, self._apart = name, about, apart
         self.parameters: list[Parameter] = []
         self.names: dict[int, str] = {}
         self.current: list[Statement] = []
         self._folds: list[Fold] | None = None
-        self._constants: dict[tuple[int, Kind, str], int] = {}
+        self._constants: list[dict[tuple[Kind, str], Any]] = [{}]
+        """The constants of each block that is open."""
         self._count = 0
 
     # --- parameters
@@ -108,10 +120,9 @@ class Builder:
         """Return a record that the caller gives."""
         return Fields(self, self._parameter(name, record), record)
 
-    def function(self, name: str, callee: Callee) -> Callable[..., Any]:
-        """Return a function that the caller gives, to be called as in Python."""
-        ref = self._parameter(name, callee)
-        return lambda *args: self._call(ref, callee.results, callee.parameters, args)
+    def function(self, name: str, callee: Callee) -> Function:
+        """Return a function that the caller gives."""
+        return Function(self, self._parameter(name, callee), callee)
 
     def _parameter(self, name: str, kind: Kind | Array | Record | Callee) -> int:
         if self.current:
@@ -139,7 +150,12 @@ class Builder:
         if isinstance(value, bool) != (kind is FLAG) or (kind is WHOLE and not isinstance(value, int)):
             raise LagrangeError(f"procedure {self.name}: {value!r} is no {kind}.")
         data: float | int | bool = float(value) if kind is REAL else value
-        return self.made(kind, lambda ref: Let(ref, kind, CONSTANT, (), data))
+        key = kind, repr(data)
+        for known in self._constants:
+            if key in known:
+                return known[key]
+        found = self._constants[-1][key] = self.made(kind, lambda ref: Let(ref, kind, CONSTANT, (), data))
+        return found
 
     @property
     def true(self) -> Flag:
@@ -230,10 +246,12 @@ class Builder:
         """Collect the statements of a body."""
         outside, self.current = self.current, []
         inside = self.current
+        self._constants.append({})
         try:
             yield inside
         finally:
             self.current = outside
+            self._constants.pop()
 
     @contextmanager
     def when(self, condition: Flag, *, likely: bool | None = None) -> Iterator[Branches]:
@@ -276,19 +294,27 @@ class Builder:
         """Return the sum of a value over the turns of the `each` around it; see `Fold`."""
         return self._fold("add", value)
 
+    def dot(self, a: Real, b: Real) -> Folded:
+        """Return the sum of a product over the turns of the `each` around it; see `Fold`."""
+        return self._fold("dot", a, self.operand(b, REAL))
+
     def largest(self, value: Real, *, numbers: bool = False) -> Folded:
         """Return the largest value over the turns of the `each` around it; of the `numbers` alone, or NaN if any is."""
         return self._fold("most" if numbers else "max", value)
 
-    def _fold(self, op: str, value: Real) -> Folded:
+    def _fold(self, op: str, value: Real, factor: int | None = None) -> Folded:
         if self._folds is None:
             raise LagrangeError(f"procedure {self.name}: a sum of values stands outside of `each`.")
-        self._folds.append(Fold(self._fresh(), op, self.operand(value, REAL)))
+        self._folds.append(Fold(self._fresh(), op, self.operand(value, REAL), factor))
         return Folded(self, self._folds[-1].ref)
 
     def call(self, callee: Procedure, *args: Any) -> Any:
         """Return what another procedure gives: nothing, a value, or a tuple of values."""
         return self._call(callee, callee.results, tuple(one.type for one in callee.parameters), args)
+
+    def call_given(self, ref: int, callee: Callee, args: Any) -> Any:
+        """Return what a function that the caller gives returns."""
+        return self._call(ref, callee.results, callee.parameters, args)
 
     def _call(self, callee: Procedure | int, results: tuple[Kind, ...], types: tuple[Any, ...], args: Any) -> Any:
         if len(args) != len(types):
@@ -319,7 +345,7 @@ class Builder:
     def finish(self, *results: Kind) -> Procedure:
         """Return the procedure. Raises LagrangeError where it is malformed."""
         body: Block = tuple(self.current)
-        made = Procedure(self.name, self.about, tuple(self.parameters), results, body, dict(self.names))
+        made = Procedure(self.name, self.about, tuple(self.parameters), results, body, dict(self.names), self._apart)
         verify(made)
         return made
 

@@ -118,7 +118,11 @@ class Array:
 
 @dataclass(frozen=True)
 class Callee:
-    """The type of a function that a procedure is given: kinds of its reals and arrays, and of its results."""
+    """The type of a function that a procedure is given: kinds of its numbers and arrays, and of its results.
+
+    In Python it returns nothing, a value or a tuple of values. In machine code a flag is C's int, and several results
+    come back in registers.
+    """
 
     parameters: tuple[Kind | Array, ...]
     results: tuple[Kind, ...]
@@ -249,17 +253,19 @@ PARTIAL = 4
 
 
 class Fold(NamedTuple):
-    """One number of the values that the turns of an `Each` give, by `add`, `max` or `most`.
+    """One number of the values that the turns of an `Each` give, by `add`, `dot`, `max` or `most`.
 
     The largest is NaN if any value is, but with `most`, which leaves out what is NaN. Without turns it is -infinity.
 
     A sum adds value i to partial sum i mod 4, and in the end partial sums 0 and 1, 2 and 3, and both: so it is the same
-    with blocks of four and without.
+    with blocks of four and without. `dot` adds the product of two values in the same way, each rounded once.
     """
 
     ref: int
     op: str
     value: int
+    factor: int | None = None
+    """The other value of a product."""
 
 
 class Each(NamedTuple):
@@ -324,7 +330,10 @@ Block = tuple[Statement, ...]
 
 @dataclass(frozen=True, eq=False)
 class Procedure:
-    """A checked algorithm: `about` says in a sentence what it does, and `names` how it calls some of its values."""
+    """A checked algorithm: `about` says in a sentence what it does, and `names` how it calls some of its values.
+
+    One that stands `apart` runs seldom, or is called from several places: no printer merges it into its callers.
+    """
 
     name: str
     about: str
@@ -332,6 +341,7 @@ class Procedure:
     results: tuple[Kind, ...]
     body: Block
     names: Mapping[int, str]
+    apart: bool = False
 
     @cached_property
     def callees(self) -> tuple[Procedure, ...]:

@@ -2,7 +2,7 @@
 
 Reals are Python floats, wholes and flags are its ints and bools. An array is anything with places, taken from an
 offset; a record is an object with its fields as attributes, such as its `Record.structure`. A function that a
-procedure is given is called with `Span`s for arrays and returns a tuple of results.
+procedure is given is called with `Span`s for arrays; it returns nothing, a value or a tuple of values.
 """
 
 from __future__ import annotations
@@ -147,32 +147,37 @@ def _repeat(repeat: Repeat, known: Environment) -> Results | None:
 
 
 def _each(each: Each, known: Environment) -> None:
-    values: list[list[float]] = [[] for _ in each.folds]
+    values: list[list[tuple[float, ...]]] = [[] for _ in each.folds]
     for index in range(known[each.turns]):
         known[each.place] = index
         _block(each.body, known)
         for fold, collected in zip(each.folds, values, strict=True):
-            collected.append(known[fold.value])
+            collected.append(tuple(known[ref] for ref in (fold.value, fold.factor) if ref is not None))
     for fold, collected in zip(each.folds, values, strict=True):
         known[fold.ref] = _folded(fold, collected)
 
 
-def _folded(fold: Fold, values: Sequence[float]) -> float:
-    if fold.op != "add":
+def _folded(fold: Fold, values: Sequence[tuple[float, ...]]) -> float:
+    if fold.op in ("max", "most"):
         largest = -math.inf
-        for value in values:
+        for (value,) in values:
             largest = _max(largest, value) if fold.op == "max" else value if value > largest else largest
         return largest
     sums = [0.0] * PARTIAL
-    for i, value in enumerate(values):
-        sums[i % PARTIAL] += value
+    for i, given in enumerate(values):
+        before = sums[i % PARTIAL]
+        sums[i % PARTIAL] = before + given[0] if fold.op == "add" else fused(given[0], given[1], before)
     return (sums[0] + sums[1]) + (sums[2] + sums[3])
 
 
 def _call(call: Call, known: Environment) -> None:
     args = [known[arg] for arg in call.args]
     callee = call.callee
-    results = run(callee, *args) if isinstance(callee, Procedure) else known[callee](*args)
+    if isinstance(callee, Procedure):
+        results = run(callee, *args)
+    else:
+        found = known[callee](*args)
+        results = found if len(call.refs) > 1 else (found,)[: len(call.refs)]
     known.update(zip(call.refs, results, strict=True))
 
 

@@ -18,6 +18,7 @@ from lagrange.procedure.form import (
     Callee,
     Declare,
     Each,
+    Fold,
     Get,
     Kind,
     Leave,
@@ -258,7 +259,7 @@ class _Check:
                 with self.scope():
                     self.statements(body)
                     for fold in folds:
-                        self.kind(fold.value, REAL)
+                        self.fold(fold)
                     if folds and count not in self.constants:
                         self.has_room(index, body)
                 self.each = None
@@ -266,6 +267,13 @@ class _Check:
                 for fold in folds:
                     self.define(fold.ref, REAL)
         return False
+
+    def fold(self, fold: Fold) -> None:
+        if (fold.op == "dot") != (fold.factor is not None) or fold.op not in ("add", "dot", "max", "most"):
+            raise self.error(f"%{fold.ref} = {fold.op} is no way to make one number of many")
+        for value in (fold.value, fold.factor):
+            if value is not None:
+                self.kind(value, REAL)
 
     def has_room(self, index: int, body: Block) -> None:
         """Refuse a sum of as many turns as the run decides over arrays that end with the last of them."""

@@ -1,19 +1,23 @@
 """What Newton's method decides after a correction: enough, go on, a new matrix, or no hope; one case for each rule.
 
-Runs reach some of these rules only by chance. The compiled drivers decide alike: `test_driver_steps.py` holds them to
-the steps and corrections of this one.
+Runs reach some of these rules only by chance. Every printer of the procedure decides each case, and all alike.
 """
 
 from __future__ import annotations
 
+import ctypes
+from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 
-from lagrange.machine.state import Outcome
-from lagrange.machine.steps.interpreted_newton import Failure, Newton, Record
-from lagrange.machine.steps.newton_constants import (
+from lagrange.machine.llvm.engine import Module
+from lagrange.machine.llvm.procedures import module
+from lagrange.machine.python_source import loaded
+from lagrange.procedure.interpreter import run
+from lagrange.procedure.newton.constants import (
     AGING,
     FRACTION,
     FRESH_RATE,
@@ -30,30 +34,63 @@ from lagrange.machine.steps.newton_constants import (
     STALLED_RATE,
     TURNS,
 )
-from lagrange.program.step import Control, trace
+from lagrange.procedure.newton.judge import judge
+from lagrange.procedure.outcome import Outcome
+from lagrange.procedure.step.memory import NEWTON
 
 FRESH, FAR = 1, 100
 """Corrections since the matrix was made: a new one has been tried, and one that is old."""
 
-
-def newton(*, adaptive: bool = False, rate: float = 0.1, noise: float = 1.0, age: float = 0.0) -> Newton:
-    """Return a solve in the middle of a step, with a matrix for steps of 0.5."""
-
-    def step(f: Any, t: Any, y: Any, h: Any, solve: Any) -> Any:
-        k = solve(lambda k: f(t + h, y + k * h) - k, lambda: f(t, y))
-        return (y + k * h, k) if adaptive else y + k * h
-
-    traced = trace("mine", step, implicit=True, control=Control(2) if adaptive else None)
-    found = Record(traced, lambda t, y: y, lambda t, y: np.eye(len(y))).newtons[0]
-    found.rate, found.noise, found.age = rate, noise, age
-    found.matrix_step, found.differentiated = 0.5, True
-    return found
+VERDICTS = {Outcome.DONE: True, Outcome.PAUSED: False}
 
 
-def renewed(found: Newton) -> bool:
+@cache
+def judgements(adaptive: bool) -> tuple[Callable[..., int], ...]:
+    """Return the procedure as every printer has it, and the machine code of it to keep."""
+    procedure = judge(adaptive=adaptive)
+    code = Module(module([procedure]), optimize=True)
+    types = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double, ctypes.c_double, ctypes.c_int64
+    machine = ctypes.CFUNCTYPE(ctypes.c_int64, *types)(code.address(procedure.name))
+
+    def compiled(newton: Any, *numbers: Any, code: Module = code) -> int:
+        return int(machine(ctypes.addressof(newton), *numbers))
+
+    def interpreted(*given: Any) -> int:
+        return int(run(procedure, *given)[0])
+
+    return interpreted, loaded(procedure), compiled
+
+
+class Solve:
+    """A solve in the middle of a step, with a matrix for steps of 0.5."""
+
+    def __init__(self, *, adaptive: bool = False, rate: float = 0.1, noise: float = 1.0, age: int = 0) -> None:
+        self.adaptive = adaptive
+        self.known: Any = NEWTON.structure(matrix_step=0.5, differentiated=1, rate=rate, noise=noise, age=age)
+
+    def outcome(self, turn: int, norm: float, previous: float, since: int) -> Outcome:
+        """Return the judgement of a correction, on which every printer agrees with what it does to the record."""
+        before, found = bytes(self.known), []
+        for judgement in judgements(self.adaptive):
+            made = NEWTON.structure.from_buffer_copy(before)
+            found.append((judgement(made, turn, norm, previous, since), bytes(made)))
+        assert found[0] == found[1] == found[2]
+        self.known = NEWTON.structure.from_buffer_copy(found[0][1])
+        return Outcome(found[0][0])
+
+    def enough(self, turn: int, norm: float, previous: float, since: int) -> bool:
+        """Whether the unknowns are good enough; there is hope."""
+        return VERDICTS[self.outcome(turn, norm, previous, since)]
+
+
+def newton(*, adaptive: bool = False, rate: float = 0.1, noise: float = 1.0, age: int = 0) -> Solve:
+    return Solve(adaptive=adaptive, rate=rate, noise=noise, age=age)
+
+
+def renewed(found: Solve) -> bool:
     """Return whether the next correction, or the next step, is to have a new matrix and a new derivative."""
-    assert (found.matrix_step == 0.0) == (not found.differentiated)
-    return found.matrix_step == 0.0
+    assert (found.known.matrix_step == 0.0) == (not found.known.differentiated)
+    return bool(found.known.matrix_step == 0.0)
 
 
 # --- enough ---------------------------------------------------------------------------------------------------
@@ -71,7 +108,7 @@ def test_what_is_left_is_the_rest_of_a_geometric_series(
     found = newton(adaptive=adaptive, rate=0.9, noise=1.0)
     assert found.enough(1, norm, norm / rate, FAR) is (enough or (not adaptive and norm / rate <= 1))
     if enough:
-        assert found.rate == pytest.approx(rate)
+        assert found.known.rate == pytest.approx(rate)
 
 
 def test_two_corrections_in_a_row_are_round_off() -> None:
@@ -86,17 +123,17 @@ def test_a_rate_that_is_not_measured_ages() -> None:
     for before, after in ((0.1, 0.1 * AGING), (0.85, OLDEST_RATE)):
         found = newton(rate=before)
         assert found.enough(0, 1e-6, 0.0, FAR)
-        assert found.rate == pytest.approx(after)
+        assert found.known.rate == pytest.approx(after)
     found = newton()
     assert found.enough(1, 1e-9, 1.0, FAR)
-    assert found.rate == LEAST_RATE
+    assert found.known.rate == LEAST_RATE
 
 
 def test_noise_is_forgotten_down_to_one() -> None:
     for before, after in ((5.0, 5.0 * NOISE), (1.05, 1.0), (1.0, 1.0)):
         found = newton(noise=before)
         assert found.enough(0, 1e-6, 0.0, FAR)
-        assert found.noise == pytest.approx(after)
+        assert found.known.noise == pytest.approx(after)
 
 
 @pytest.mark.parametrize(
@@ -113,7 +150,7 @@ def test_noise_is_forgotten_down_to_one() -> None:
 def test_a_step_of_many_corrections_or_an_old_matrix_wants_a_new_one(turn: int, age: int, new: bool) -> None:
     found = newton(age=age)
     assert found.enough(turn, 1e-6, 1e-3, FAR)
-    assert found.age == age + 1 and renewed(found) is new
+    assert found.known.age == age + 1 and renewed(found) is new
 
 
 @pytest.mark.parametrize(
@@ -149,7 +186,7 @@ def test_with_a_new_matrix_small_corrections_that_stall_are_round_off() -> None:
     ):
         found = newton()
         assert found.enough(1, norm, norm / rate, since) is enough
-        assert found.noise == (2 * norm if enough else 1.0)
+        assert found.known.noise == (2 * norm if enough else 1.0)
         assert not newton(adaptive=True).enough(1, norm, norm / min(rate, 0.8), since)
 
 
@@ -162,17 +199,13 @@ def test_with_a_new_matrix_large_corrections_that_grow_have_no_end() -> None:
         (0.9 * GROWTH, 2 * STALLED, FRESH, False),
     ):
         if hopeless:
-            with pytest.raises(Failure) as raised:
-                newton().enough(1, norm, norm / rate, since)
-            assert raised.value.outcome is Outcome.DIVERGED
+            assert newton().outcome(1, norm, norm / rate, since) is Outcome.DIVERGED
         else:
             assert not newton().enough(1, norm, norm / rate, since)
 
 
 def test_where_steps_follow_the_error_slow_corrections_want_a_shorter_one() -> None:
     for rate in (1.1 * HOPELESS, 5.0, np.nan):
-        with pytest.raises(Failure) as raised:
-            newton(adaptive=True).enough(1, 100.0, 100.0 / rate, FRESH)
-        assert raised.value.outcome is Outcome.DIVERGED
+        assert newton(adaptive=True).outcome(1, 100.0, 100.0 / rate, FRESH) is Outcome.DIVERGED
     assert not newton(adaptive=True).enough(1, 100.0, 100.0 / (0.9 * HOPELESS), FRESH)
     assert not newton(adaptive=True, rate=5.0).enough(0, 100.0, 0.0, FRESH)

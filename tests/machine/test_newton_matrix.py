@@ -22,7 +22,8 @@ import sympy as sp
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState
-from lagrange.machine.steps.newton_constants import LEAST_ROUND_OFF, ROUND_OFF, Kept
+from lagrange.procedure.newton.constants import LEAST_ROUND_OFF, ROUND_OFF
+from lagrange.procedure.step.memory import Kept
 from lagrange.program.actions import LAWS
 from lagrange.program.step import Control
 from lagrange.statement.coordinate import coordinate, t

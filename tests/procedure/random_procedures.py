@@ -4,15 +4,83 @@ from __future__ import annotations
 
 import math
 import random
+from functools import cache
 from typing import Any
 
 from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import FLAG, REAL, WHOLE, Kind, Procedure, Record
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Callee, Kind, Procedure, Record
 
 SIZE = 11
 """Entries of the arrays: two blocks of four and three more."""
 
 KEPT = Record.of("Kept", x=REAL, count=WHOLE)
+
+COMPARE = Callee((REAL, REAL), (REAL, FLAG))
+"""A function of numbers with several results: the difference, and whether it is below zero."""
+REPLACE = Callee((REAL, Array()), (FLAG,))
+"""A function between arrays with one result: it puts a number at the first place, and says whether it is below zero."""
+MARK = Callee((FLAG, WHOLE, Array()), ())
+"""A function without results: where a flag holds it puts a whole number, as a real, at the second place."""
+
+
+def compare(a: float, b: float) -> tuple[float, bool]:
+    return a - b, a - b < 0.0
+
+
+def replace(x: float, data: Any) -> bool:
+    data[0] = x
+    return x < 0.0
+
+
+def mark(flag: bool, n: int, data: Any) -> None:
+    if flag:
+        data[1] = float(n)
+
+
+FUNCTIONS = compare, replace, mark
+
+IN_MACHINE_CODE = """
+define swiftcc {double, i32} @compare(double %a, double %b) {
+  %d = fsub double %a, %b
+  %below = fcmp olt double %d, 0.0
+  %flag = zext i1 %below to i32
+  %one = insertvalue {double, i32} poison, double %d, 0
+  %both = insertvalue {double, i32} %one, i32 %flag, 1
+  ret {double, i32} %both
+}
+define i32 @replace(double %x, ptr %data) {
+  store double %x, ptr %data
+  %below = fcmp olt double %x, 0.0
+  %flag = select i1 %below, i32 6, i32 0
+  ret i32 %flag
+}
+define void @mark(i32 %flag, i64 %n, ptr %data) {
+  %holds = icmp ne i32 %flag, 0
+  br i1 %holds, label %then, label %end
+then:
+  %x = sitofp i64 %n to double
+  %place = getelementptr double, ptr %data, i64 1
+  store double %x, ptr %place
+  br label %end
+end:
+  ret void
+}
+"""
+"""The same functions: in C's convention any number but zero is a flag that holds."""
+
+
+@cache
+def exchange(*, apart: bool) -> Procedure:
+    """Return a procedure that random ones call: it puts a number into an array and returns what was there."""
+    p = Builder(f"exchange_{'apart' if apart else 'merged'}", "Put a number at the third place.", apart=apart)
+    x, data = p.given("x", REAL), p.array("data")
+    before = data[2]
+    with p.when(~x.equals(before)):
+        data[2] = x
+        p.leave(before, p.true)
+    p.leave(x, p.false)
+    return p.finish(REAL, FLAG)
+
 
 # Sine and the like are left out: their last digit is the C library's own.
 REAL_UNARY = ("neg", "abs", "sqrt", "sign", "round")
@@ -32,6 +100,8 @@ class RandomProcedure:
         self.data = p.array("data", size=SIZE, room=8)
         self.table = p.array("table", size=SIZE, read=True)
         self.kept = p.record("kept", KEPT)
+        self.compare, self.replace = p.function("compare", COMPARE), p.function("replace", REPLACE)
+        self.mark = p.function("mark", MARK)
         self.variables = [p.variable(x, "first"), p.variable(1.5), p.variable(n), p.variable(n < 3)]
         self.values: dict[Kind, list[Any]] = {REAL: [x, y], WHOLE: [n], FLAG: [x < y]}
 
@@ -53,7 +123,7 @@ class RandomProcedure:
         return p.smaller(p.larger(self.pick(WHOLE), 0), SIZE - 1)
 
     def statements(self, count: int, depth: int) -> None:
-        ways = [self.compute] * 6 + [self.memory] * 3 + [self.change] * 3
+        ways = [self.compute] * 6 + [self.memory] * 3 + [self.change] * 3 + [self.call]
         ways += [self.branch, self.turns, self.each, self.while_small] if depth < 3 else []
         for _ in range(count):
             self.random.choice(ways)(depth)
@@ -97,6 +167,22 @@ class RandomProcedure:
         else:
             self.keep(self.kept.x)
 
+    def call(self, depth: int) -> None:
+        way = self.random.randrange(4)
+        if way == 0:
+            self.keep_all(self.compare(self.pick(REAL), self.pick(REAL)))
+        elif way == 1:
+            self.keep(self.replace(self.pick(REAL), self.data))
+        elif way == 2:
+            self.mark(self.pick(FLAG), self.pick(WHOLE), self.data)
+        else:
+            made = exchange(apart=self.random.random() < 0.5)
+            self.keep_all(self.p.call(made, self.pick(REAL), self.data))
+
+    def keep_all(self, values: Any) -> None:
+        for value in values:
+            self.keep(value)
+
     def change(self, depth: int) -> None:
         variable = self.random.choice(self.variables)
         if self.random.random() < 0.5:
@@ -126,7 +212,9 @@ class RandomProcedure:
             with p.loop(0, self.random.randint(0, 3)) as j:
                 inside.value = inside.value * 0.5 + self.table[j]
             self.data[i] = p.choose(value < outside, inside.value, -value)
-            folded = [p.sum(value), p.largest(abs(value)), p.largest(value, numbers=True)]
+            # A product with -1 is exact, so that it does not matter whether it is rounded before it is added.
+            factor = inside.value if self.fused else p.constant(-1.0, REAL)
+            folded = [p.sum(value), p.dot(value, factor), p.largest(abs(value)), p.largest(value, numbers=True)]
         for one in folded:
             self.keep(one.value)
 

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from lagrange.errors import LagrangeError
-from lagrange.machine.python_source import source
+from lagrange.machine.python_source import loaded, source
 from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import REAL, WHOLE, Let, Procedure, Record, Store
+from lagrange.procedure.form import REAL, WHOLE, Each, Fold, Leave, Let, Parameter, Procedure, Record, Store
 from lagrange.procedure.interpreter import fused, run
 from lagrange.procedure.verify import verify
 
@@ -196,9 +196,42 @@ def test_what_is_malformed_is_refused(build: Callable[[Builder], Any], said: str
     assert said in broken(build)
 
 
+def folding(op: str, factor: int | None) -> Procedure:
+    """Return a procedure that makes one number of one in some way."""
+    turns = Let(1, WHOLE, "constant", (), 3)
+    body = turns, Each(2, 1, (), (Fold(3, op, 0, factor),)), Leave((3,))
+    return Procedure("folding", "One number of many.", (Parameter(0, "x", REAL),), (REAL,), body, {})
+
+
+def test_a_parameter_does_not_hide_a_procedure_of_its_name() -> None:
+    p = Builder("twice", "The greatest common divisor, twice.")
+    p.leave(2 * p.call(gcd(), p.given("gcd", WHOLE), 24))
+    assert loaded(p.finish(WHOLE))(54) == 12
+
+
+def test_a_constant_of_a_block_is_made_once() -> None:
+    p = Builder("constants", "The same number in blocks inside and beside each other.")
+    x = p.given("x", REAL)
+    with p.when(x < 2.0) as ways:
+        total = p.variable(x + 2.0 + 3.0)
+        with p.when(x < 3.0):
+            total.value = total.value * 3.0
+        p.leave(total.value)
+    with ways.otherwise():
+        p.leave(x - 3.0)
+    made = p.finish(REAL)
+    assert run(made, 1.0) == (18.0,) and run(made, 2.5) == (-0.5,)
+    assert str(made.body).count("data=3.0") == 2 and str(made.body).count("data=2.0") == 1
+    assert p.constant(0.0, REAL).ref != p.constant(-0.0, REAL).ref
+
+
 def test_the_check_does_not_trust_the_builder() -> None:
     good = gcd()
     foreign = Let(99, REAL, "add", (0, 1))
+    with pytest.raises(LagrangeError, match="no way to make one number"):
+        verify(folding("dot", None))
+    for op in ("dot", "add"):
+        verify(folding(op, 0 if op == "dot" else None))
     for body in ((foreign, *good.body), (Store(0, 1, 1), *good.body), (*good.body, good.body[-1])):
         with pytest.raises(LagrangeError):
             verify(Procedure(good.name, good.about, good.parameters, good.results, body, {}))

@@ -12,9 +12,10 @@ from contextlib import contextmanager
 
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.operations import KINDS, constant, declarations, spell, splat, type_of
-from lagrange.machine.llvm.turns import Lanes, Turns, accesses, number, roots
+from lagrange.machine.llvm.turns import Lanes, Turns, accesses, eaches, number, roots
 from lagrange.procedure.form import (
     CONSTANT,
+    FLAG,
     PARTIAL,
     REAL,
     WHOLE,
@@ -50,8 +51,12 @@ LIKELY = {True: ", !prof !0", False: ", !prof !1", None: ""}
 METADATA = '!0 = !{!"branch_weights", i32 2000, i32 1}\n!1 = !{!"branch_weights", i32 1, i32 2000}\n'
 """What a back end may assume of a condition; a module ends with it."""
 
-ATTRIBUTES = 'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" }\n'
-"""Vectors of eight reals are one register where the processor has such, and two elsewhere."""
+ATTRIBUTES = (
+    'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" }\n'
+    "attributes #1 = { nounwind }\n"
+)
+"""Vectors of eight reals are one register where the processor has such, and two elsewhere. Procedures without them
+leave the width to LLVM: else it copies blocks of four in pairs, which wait for stores of single blocks."""
 
 
 def module(procedures: Sequence[Procedure], *, elsewhere: Sequence[Procedure] = ()) -> str:
@@ -79,15 +84,19 @@ def declaration(procedure: Procedure) -> str:
     return f"declare {result_type(procedure.results)} @{procedure.name}({kinds})"
 
 
-def function(procedure: Procedure, *, hidden: bool = False) -> str:
-    """Return the IR of one procedure; a `hidden` one may be merged into its callers."""
-    return Printer(procedure).function("internal " if hidden else "")
+def function(procedure: Procedure, *, hidden: bool = False, merged: bool = False) -> str:
+    """Return the IR of one procedure; a `hidden` one may be merged into its callers, and `merged` says that it is."""
+    return Printer(procedure).function("internal " if hidden else "", "alwaysinline " if merged else "")
 
 
 def result_type(results: Sequence[Kind]) -> str:
     """Return LLVM's type of some results."""
-    kinds = [KINDS[kind] for kind in results]
-    return kinds[0] if len(kinds) == 1 else "{" + ", ".join(kinds) + "}" if kinds else "void"
+    return _together([KINDS[kind] for kind in results])
+
+
+def _together(types: Sequence[str]) -> str:
+    """Return the type of several values as one."""
+    return types[0] if len(types) == 1 else "{" + ", ".join(types) + "}" if types else "void"
 
 
 def _argument(kind: Type) -> str:
@@ -114,7 +123,7 @@ class Printer:
         self.open = True
         """Whether the present block can be left behind its last statement."""
 
-    def function(self, linkage: str) -> str:
+    def function(self, linkage: str, merging: str) -> str:
         """Return the IR of the procedure."""
         given = []
         for parameter in self.procedure.parameters:
@@ -127,7 +136,9 @@ class Printer:
         if self.open:
             self.e.do("ret void")
         results = result_type(self.procedure.results)
-        return self.e.function(f"define {linkage}{results} @{self.procedure.name}({', '.join(given)}) #0")
+        merging = "noinline " if self.procedure.apart else merging
+        merging += "#0" if any(each.width > PARTIAL for each in eaches(self.procedure.body)) else "#1"
+        return self.e.function(f"define {linkage}{results} @{self.procedure.name}({', '.join(given)}) {merging}")
 
     # --- what is known
 
@@ -247,23 +258,35 @@ class Printer:
 
     def call(self, call: Call) -> None:
         """Print a call and name its results."""
-        e = self.e
         if isinstance(call.callee, Procedure):
             types = tuple(parameter.type for parameter in call.callee.parameters)
-            results, target = call.callee.results, f"@{call.callee.name}"
-        else:
-            held = self.types[call.callee]
-            assert isinstance(held, Callee)
-            types, results, target = held.parameters, held.results, self.values[call.callee]
-        given = ", ".join(f"{_argument(kind)} {self.values[arg]}" for kind, arg in zip(types, call.args, strict=True))
-        made = f"call {result_type(results)} {target}({given})"
+            given = [f"{_argument(kind)} {self.values[arg]}" for kind, arg in zip(types, call.args, strict=True)]
+            self.called(call, f"@{call.callee.name}({', '.join(given)})", call.callee.results)
+            return
+        held = self.types[call.callee]
+        assert isinstance(held, Callee)
+        given = [self.handed(kind, arg) for kind, arg in zip(held.parameters, call.args, strict=True)]
+        self.called(call, f"{self.values[call.callee]}({', '.join(given)})", held.results, foreign=True)
+
+    def handed(self, kind: Kind | Array, arg: int) -> str:
+        """Return an argument of a function that the procedure was given."""
+        if kind is FLAG:
+            return f"i32 {self.e.value(f'zext i1 {self.values[arg]} to i32')}"
+        return f"{_argument(kind)} {self.values[arg]}"
+
+    def called(self, call: Call, what: str, results: tuple[Kind, ...], *, foreign: bool = False) -> None:
+        """Print a call and name its results; flags of a `foreign` function are C's ints."""
+        e = self.e
+        types = ["i32" if foreign and kind is FLAG else KINDS[kind] for kind in results]
+        whole = _together(types)
+        made = f"call {'swiftcc ' if foreign and len(results) > 1 else ''}{whole} {what}"
         if not results:
             e.do(made)
             return
         value = e.value(made)
         for i, (ref, kind) in enumerate(zip(call.refs, results, strict=True)):
-            picked = value if len(results) == 1 else e.value(f"extractvalue {result_type(results)} {value}, {i}")
-            self.define(ref, picked, kind)
+            picked = value if len(results) == 1 else e.value(f"extractvalue {whole} {value}, {i}")
+            self.define(ref, e.value(f"icmp ne i32 {picked}, 0") if types[i] == "i32" else picked, kind)
 
     def leave(self, refs: Sequence[int]) -> None:
         """Print the end of the procedure."""

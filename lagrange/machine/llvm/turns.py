@@ -58,9 +58,7 @@ class Lanes:
         count = printer.values[each.turns]
         for ref in self.outside():
             printer.spread[ref] = splat(self.e, printer.values[ref], printer.kinds[ref], self.lanes)
-        start = [
-            splat(self.e, literal(0.0 if fold.op == "add" else float("-inf")), REAL, self.lanes) for fold in each.folds
-        ]
+        start = [splat(self.e, literal(neutral(fold)), REAL, self.lanes) for fold in each.folds]
         sums = [[one] * (self.stride // self.lanes) for one in start]
         known = number(count)
         if known is None:
@@ -138,14 +136,19 @@ class Lanes:
         printer.held = {variable: printer.held[variable] for variable in outside}
 
     def collect(self, sums: list[list[str]], begin: int, mask: str) -> None:
-        """Add what some turns give; those that the mask leaves out give a neutral number."""
+        """Add what some turns give, but for those that the mask leaves out."""
+        kind = type_of(REAL, self.lanes)
         for fold, found in zip(self.each.folds, sums, strict=True):
-            value, kind = self.printer.operand(fold.value, self.lanes), type_of(REAL, self.lanes)
-            if mask:
-                other = splat(self.e, literal(0.0 if fold.op == "add" else float("-inf")), REAL, self.lanes)
-                value = self.e.value(f"select <{self.lanes} x i1> {mask}, {kind} {value}, {kind} {other}")
             slot = begin // self.lanes % len(found)
-            found[slot] = joined(self.e, fold.op, found[slot], value, self.lanes)
+            value, before = self.printer.operand(fold.value, self.lanes), found[slot]
+            if fold.factor is None:
+                found[slot] = joined(self.e, fold.op, before, value, self.lanes)
+            else:
+                factor = self.printer.operand(fold.factor, self.lanes)
+                found[slot] = spell(self.e, "fma", (REAL,) * 3, [value, factor, before], self.lanes)
+            if mask:
+                both = f"{kind} {found[slot]}, {kind} {before}"
+                found[slot] = self.e.value(f"select <{self.lanes} x i1> {mask}, {both}")
 
     def total(self, fold: Fold, found: list[str]) -> str:
         """Return the number of all partial sums, in a fixed order."""
@@ -153,8 +156,14 @@ class Lanes:
         if self.lanes > 1:
             kind = type_of(REAL, self.lanes)
             found = [e.value(f"extractelement {kind} {found[0]}, i64 {k}") for k in range(self.lanes)]
-        left, right = (joined(e, fold.op, found[k], found[k + 1]) for k in (0, 2))
-        return joined(e, fold.op, left, right)
+        op = "add" if fold.op == "dot" else fold.op
+        left, right = (joined(e, op, found[k], found[k + 1]) for k in (0, 2))
+        return joined(e, op, left, right)
+
+
+def neutral(fold: Fold) -> float:
+    """Return what a fold begins with."""
+    return 0.0 if fold.op in ("add", "dot") else float("-inf")
 
 
 def joined(e: Emitter, op: str, total: str, value: str, lanes: int = 1) -> str:
@@ -172,6 +181,15 @@ def accesses(block: Block) -> Iterator[Load | Store]:
             yield statement
         for one in inner(statement):
             yield from accesses(one)
+
+
+def eaches(block: Block) -> Iterator[Each]:
+    """Yield every `each` in a block."""
+    for statement in block:
+        if isinstance(statement, Each):
+            yield statement
+        for one in inner(statement):
+            yield from eaches(one)
 
 
 def roots(block: Block) -> dict[int, int]:

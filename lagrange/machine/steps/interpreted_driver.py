@@ -1,7 +1,7 @@
 """The driver of the numpy machine: the same loop over steps as the compiled ones, in plain Python.
 
-It runs an explicit step function on arrays as it was written, and an implicit one from its record, so it is the place
-to read what the compiled drivers do.
+It runs an explicit step function on arrays as it was written, so it is the place to read what the compiled drivers do.
+An implicit step is run by the procedures that they run.
 """
 
 from __future__ import annotations
@@ -29,20 +29,21 @@ from lagrange.machine.steps.control_constants import (
     SLOWLY,
     SMALL,
 )
-from lagrange.machine.steps.interpreted_newton import Failure, Record
-from lagrange.machine.steps.newton_constants import Kept
+from lagrange.machine.steps.interpreted_step import InterpretedStep
+from lagrange.procedure.step.memory import Kept
 from lagrange.program.step import Control, StepProgram
 
 S = DriverState
 
 
 class NumpyDriver:
-    """Advances a run by calling the step function on arrays, or its `Record` where it solves; see `Driver`."""
+    """Advances a run by calling the step function on arrays, or its procedures where it solves; see `Driver`."""
 
     def __init__(
         self, step: StepProgram, kernel: Kernel, parameters: FloatArray, jacobian: Kernel | None = None
     ) -> None:
         self._step = step
+        self._by_procedures = bool(step.solves) or step.starter is not None
         self._kernel = kernel
         self._jacobian = jacobian
         self._parameters = parameters
@@ -55,7 +56,7 @@ class NumpyDriver:
         """Advance a run; see `Driver`."""
         if not state.count(S.SLOPE_KNOWN):
             self._slope = None
-        if self._step.solves and not state.count(S.KEPT):
+        if self._by_procedures and not state.count(S.KEPT):
             state.counts[S.KEPT] = 1
             self._begin()
         take = self._fixed if self._step.control is None else self._adaptive
@@ -70,8 +71,8 @@ class NumpyDriver:
 
     def kept(self) -> tuple[Kept, ...]:
         """Return what each solve of the steps keeps, and behind them each of the starter, once steps were taken."""
-        starting = [] if self._starter is self._record else self._starter.newtons
-        return tuple(newton.kept() for newton in (*self._record.newtons, *starting))
+        starting = () if self._starter is self._usual else self._starter.kept()
+        return (*self._usual.kept(), *starting)
 
     def _fixed(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome:
         end, h = state.reals[S.END], state.reals[S.STEP]
@@ -79,11 +80,11 @@ class NumpyDriver:
         if (end - (after + SLIVER * h)) * np.sign(h) <= 0:
             after, h = end, end - state.t
         try:
-            y, _ = self._attempt(state, h)
+            outcome, y, _ = self._attempt(state, h)
         except SingularMassMatrix:
             return Outcome.SINGULAR
-        except Failure as failure:
-            return failure.outcome
+        if outcome is not Outcome.DONE:
+            return outcome
         if not np.isfinite(y).all():
             return Outcome.NON_FINITE
         self._accept(state, after, y, times, rows)
@@ -103,12 +104,12 @@ class NumpyDriver:
         # Far from time zero a step is as long as times allow; elsewhere it keeps its length, and a matrix made for it.
         length = after - t if final or abs(h) < FAR * abs(t) else h
         try:
-            y, errors = self._attempt(state, length)
+            outcome, y, errors = self._attempt(state, length)
         except SingularMassMatrix:
-            return self._reject(state, Outcome.SINGULAR, AFTER_BROKEN * length)
-        except Failure as failure:
-            part = AFTER_DIVERGED if failure.outcome is Outcome.DIVERGED else AFTER_BROKEN
-            return self._reject(state, failure.outcome, part * length)
+            outcome = Outcome.SINGULAR
+        if outcome is not Outcome.DONE:
+            part = AFTER_DIVERGED if outcome is Outcome.DIVERGED else AFTER_BROKEN
+            return self._reject(state, outcome, part * length)
         if not all(np.isfinite(vector).all() for vector in (y, *errors)):
             return self._reject(state, Outcome.NON_FINITE, AFTER_BROKEN * length)
         norm = self._norm(state, control, y, errors)
@@ -124,9 +125,12 @@ class NumpyDriver:
         self._accept(state, after, y, times, rows)
         return Outcome.PAUSED
 
-    def _attempt(self, state: DriverState, h: float) -> tuple[FloatArray, list[FloatArray]]:
-        """Return the state after a step and the error vectors, and keep the first slope for another try."""
-        if self._step.solves:
+    def _attempt(self, state: DriverState, h: float) -> tuple[Outcome, FloatArray, list[FloatArray]]:
+        """Return how a step ends, the state after it and the error vectors, and keep the first slope for another try.
+
+        Raises SingularMassMatrix.
+        """
+        if self._by_procedures:
             return self._solved(state, h)
         calls: list[FloatArray] = []
         step, n = self._step, len(state.y) // 2
@@ -152,7 +156,7 @@ class NumpyDriver:
         self._slope = calls[0] if step.starts_with_slope else None
         state.counts[S.SLOPE_KNOWN] = self._slope is not None
         self._last = calls[-1]
-        return result
+        return Outcome.DONE, *result
 
     def _begin(self) -> None:
         """Forget what was kept from the steps of another run."""
@@ -161,31 +165,31 @@ class NumpyDriver:
             return lambda t, y: kernel(t, y, self._parameters)
 
         law, jacobian = evaluate(self._kernel), evaluate(self._jacobian)
-        self._record = Record(self._step, law, jacobian)
-        starter = self._step.starter
-        self._starter = self._record if starter is None else Record(starter, law, jacobian)
+        dimension, starter = self._kernel.program.states, self._step.starter
+        self._usual = InterpretedStep(self._step, dimension, law, jacobian)
+        self._starter = self._usual if starter is None else InterpretedStep(starter, dimension, law, jacobian)
         self._before: list[FloatArray] = []
 
-    def _solved(self, state: DriverState, h: float) -> tuple[FloatArray, list[FloatArray]]:
-        """Take an implicit step from its record, with the starter where the state one step back is not known."""
-        states = np.split(state.y.copy(), self._step.states)
+    def _solved(self, state: DriverState, h: float) -> tuple[Outcome, FloatArray, list[FloatArray]]:
+        """Take an implicit step, with the starter where the state one step back is not known."""
+        states = [state.y.copy()]
         usual = self._step.starter is None or (bool(self._before) and h == state.reals[S.STEP])
-        record = self._record if usual else self._starter
-        new, errors = record.take(state, [*states, *self._before] if usual else states, h, self._slope)
-        self._slope = record.vectors[record.step.calls[0].first] if self._step.starts_with_slope else None
-        state.counts[S.SLOPE_KNOWN] = self._slope is not None
+        taken = self._usual if usual else self._starter
+        slope_known = bool(state.count(S.SLOPE_KNOWN))
+        found = taken.take(state, [*states, *self._before] if usual else states, h, slope_known=slope_known)
+        state.counts[S.SLOPE_KNOWN] = self._step.starts_with_slope
         self._tried = states if h == state.reals[S.STEP] else []
-        return np.concatenate(new), errors
+        return found
 
     def _accept(self, state: DriverState, t: float, y: FloatArray, times: FloatArray, rows: FloatArray) -> None:
         state.reals[S.T] = t
         state.y[:] = y
         state.counts[S.STEPS] += 1
         self._slope = self._last if self._step.ends_with_slope else None
-        if self._step.solves:
-            self._record.keep()
+        if self._by_procedures:
+            self._usual.accept()
             self._before = [] if self._step.starter is None else self._tried
-        state.counts[S.SLOPE_KNOWN] = self._slope is not None
+        state.counts[S.SLOPE_KNOWN] = self._step.ends_with_slope
         if state.count(S.RECORD):
             row = state.count(S.ROWS)
             times[row] = t

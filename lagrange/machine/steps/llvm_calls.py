@@ -7,7 +7,6 @@ from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.machine.steps.llvm_layout import (
     KIND,
-    Layout,
     Scalars,
     blocks,
     combine,
@@ -15,6 +14,7 @@ from lagrange.machine.steps.llvm_layout import (
     in_work,
     keep_entries,
 )
+from lagrange.procedure.step.memory import Layout
 from lagrange.program.actions import LAWS, Call
 
 LAW = "ptr %rhs, ptr %p, ptr %jacobian, ptr %jp"

@@ -11,6 +11,7 @@ The result is an `Outcome`.
 from __future__ import annotations
 
 import ctypes
+from collections import Counter
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -23,15 +24,15 @@ from lagrange.machine.kernel.llvm_kernel import LlvmKernel
 from lagrange.machine.llvm.address import address, workspace
 from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.operations import declarations
-from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA
+from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA, function
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.machine.steps.llvm_error_norm import first_step_function, norm_function
-from lagrange.machine.steps.llvm_layout import Layout
+from lagrange.machine.steps.llvm_layout import laid_out
 from lagrange.machine.steps.llvm_loops import adaptive_loop, fixed_loop
-from lagrange.machine.steps.llvm_newton import newton_functions
-from lagrange.machine.steps.llvm_newton_matrix import inversion_functions, kept, renew_functions
-from lagrange.machine.steps.llvm_step import either_function, record_function, step_function
-from lagrange.machine.steps.newton_constants import Kept
+from lagrange.machine.steps.llvm_step import either_function, implicit_function, record_function, step_function
+from lagrange.procedure.form import Procedure, calls
+from lagrange.procedure.step.implicit import accept_step, take_step
+from lagrange.procedure.step.memory import NEWTON, Kept, Layout, kept
 from lagrange.program.step import StepProgram
 
 
@@ -65,10 +66,14 @@ class LlvmDriver:
 
     def kept(self) -> tuple[Kept, ...]:
         """Return what each solve of the steps keeps, and behind them each of the starter."""
-        layout, n = self._code.layout, self._kernel.program.states
-        starting = [] if layout.step.starter is None else layout.starting.solves
-        found = [kept(newton, n, self._work) for newton in layout.solves]
-        return (*found, *(kept(newton, n, self._work[layout.end :]) for newton in starting))
+        layout = self._code.layout
+        found = _kept(layout, self._work)
+        return found if layout.step.starter is None else (*found, *_kept(layout.starting, self._work[layout.end :]))
+
+
+def _kept(layout: Layout, work: FloatArray) -> tuple[Kept, ...]:
+    step = NEWTON.places["matrix_step"]
+    return tuple(kept(layout, float(work[solve.flags + step]), solve, work) for solve in layout.solves)
 
 
 _DRIVE = ctypes.CFUNCTYPE(ctypes.c_int32, *([ctypes.c_void_p] * 7), ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p)
@@ -89,7 +94,7 @@ class _Code:
 
 @lru_cache(maxsize=64)
 def _compiled(step: StepProgram, dimension: int) -> _Code:
-    layout, n = Layout(step, dimension), dimension // 2
+    layout, n = laid_out(step, dimension), dimension // 2
     second = layout.width if step.partitioned else n
     places = np.array([*range(n), *range(second, second + n)])
     module = Module(driver_ir(step, dimension), optimize=True)
@@ -98,17 +103,28 @@ def _compiled(step: StepProgram, dimension: int) -> _Code:
 
 def driver_ir(step: StepProgram, dimension: int) -> str:
     """Return the IR of the driver of a step for states of that dimension."""
-    layout = Layout(step, dimension)
+    layout = laid_out(step, dimension)
     loop = adaptive_loop if step.control else fixed_loop
-    parts = [declarations(), METADATA, ATTRIBUTES, *_step_functions(layout), record_function(layout)]
-    parts += inversion_functions(layout)
+    parts = [declarations(), METADATA, ATTRIBUTES, record_function(layout)]
+    if layout.by_procedures:
+        parts += [*_implicit_functions(layout), implicit_function(layout)]
+    else:
+        parts.append(step_function(layout))
     if step.starter is not None:
-        parts += [*_step_functions(layout.starting, "starter_"), either_function(layout)]
+        parts += [implicit_function(layout.starting, "starter_"), either_function(layout)]
     if step.control:
         parts.append(norm_function(step, layout))
         parts.append(first_step_function(step, layout))
     return "\n".join([*parts, loop(step, layout)])
 
 
-def _step_functions(layout: Layout, prefix: str = "") -> list[str]:
-    return [step_function(layout, prefix), *newton_functions(layout, prefix), *renew_functions(layout, prefix)]
+def _implicit_functions(layout: Layout) -> list[str]:
+    """Return the procedures of a step that solves, with those of its starter, and all that they call."""
+    made = [take_step(layout), accept_step(layout)]
+    if layout.step.starter is not None:
+        made.append(take_step(layout.starting, "starter_"))
+    wanted: dict[Procedure, None] = {}
+    for procedure in made:
+        wanted |= dict.fromkeys((*procedure.callees, procedure))
+    called = Counter(call.callee for procedure in wanted for call in calls(procedure.body))
+    return [function(procedure, hidden=True, merged=called[procedure] < 2) for procedure in wanted]

@@ -5,7 +5,8 @@ from __future__ import annotations
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.steps.control_constants import DAMPING, FLAT, GUESS, LEAP, SHARE, SLOWLY, SMALL
 from lagrange.machine.steps.llvm_calls import evaluate_in_place
-from lagrange.machine.steps.llvm_layout import BLOCK, KIND, Layout, blocks, in_work, splat, total
+from lagrange.machine.steps.llvm_layout import BLOCK, KIND, blocks, in_work, splat, total
+from lagrange.procedure.step.memory import Layout
 from lagrange.program.step import StepProgram
 
 

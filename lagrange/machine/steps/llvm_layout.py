@@ -7,105 +7,28 @@ from collections.abc import Iterable, Iterator, Sequence
 from lagrange.graph.node import Node
 from lagrange.machine.kernel import llvm_calling
 from lagrange.machine.llvm.emitter import Emitter, literal
-from lagrange.machine.llvm.spelling import number, spell
-from lagrange.machine.steps.newton_constants import HISTORY
-from lagrange.program.actions import Combination, Damp, Solve, in_doubles, parts
+from lagrange.machine.llvm.spelling import spell
+from lagrange.procedure.step.memory import Layout
+from lagrange.program.actions import Combination
 from lagrange.program.step import StepProgram
 
 BLOCK = 4
 """Doubles that are loaded and stored at once."""
 
-KIND, TRUTH, PLACES = (f"<{BLOCK} x {kind}>" for kind in ("double", "i1", "i64"))
-"""LLVM's types of a block of numbers, of truths, and of places."""
+KIND = f"<{BLOCK} x double>"
+"""LLVM's type of a block of numbers."""
 
 UNROLLED_BLOCKS = 2
 """Up to this many blocks per vector are written out; longer vectors are looped over."""
 
 
-class Layout:
-    """Where each vector of a step stands in the work array, and behind them what its solves and its starter keep.
-
-    A step is `alone` if it is not the starter of another.
-    """
-
-    def __init__(self, step: StepProgram, dimension: int, *, alone: bool = True) -> None:
-        self.step = step
-        self.dimension = dimension
-        self.length = dimension // 2 if step.partitioned else dimension
-        self.width = -(-self.length // BLOCK) * BLOCK
-        self.in_registers = llvm_calling.fit(dimension)
-        """Whether the law takes and gives numbers in registers."""
-        self.keeps_entries = self.in_registers and alone and step.starter is None and not step.exact
-        """Whether the state stands in memory of single numbers as well, which LLVM makes registers of."""
-        self.vectors = step.vectors
-        self.new = self.vectors
-        self.errors = self.new + step.states
-        first_buffer = (self.errors + len(step.errors)) * self.width
-        self.argument = first_buffer
-        self.result = first_buffer + 2 * (dimension + BLOCK)
-        end = self.result + 2 * (dimension + BLOCK)
-        self.flags = -(-end // BLOCK) * BLOCK
-        """Where the driver keeps whether the state one step back is known, and behind it whether the trial gives it."""
-        end = self.flags + BLOCK
-        self.solves: list[Newton] = []
-        for i, solve in enumerate(step.solves):
-            damped = [damp for damp in step.damps if damp.of == i]
-            self.solves.append(Newton(end, i, solve, damped, self.length, dimension, step.control is not None))
-            end = self.solves[-1].end
-        self.lost = end
-        """Where stands what rounding has taken from each state, and behind that what the trial step loses."""
-        end += 2 * step.states * self.width if step.exact else 0
-        self.end = end
-        """Where the vectors of the starter stand, if there is one."""
-        self.starting: Layout = self if step.starter is None else Layout(step.starter, dimension, alone=False)
-        self.size: int = end if step.starter is None else end + self.starting.size
-
-    def place(self, vector: int) -> int:
-        """Return the offset of a vector."""
-        return vector * self.width
-
-
-class Newton:
-    """What one solve keeps in the work array, from `start`: flags, vectors of all unknowns, and matrices.
-
-    Vectors of unknowns are as wide as `count` padded vectors. The matrices are the inverse of the Newton matrix with
-    the other sign and those that damp, by columns of that width; the law's derivative (2n, 2n) by columns; and room for
-    a matrix that is being inverted, by rows `stride` apart.
-    """
-
-    FLAGS = 3 * BLOCK
-    """Room for the flags, in whole blocks."""
-    MATRIX_STEP, DERIVATIVE, RATE, NOISE, KNOWN, SOLVED, OLD_STEP, TRIED_STEP, AGE, ORDER = range(10)
-
-    def __init__(
-        self, start: int, index: int, solve: Solve, damped: list[Damp], length: int, dimension: int, adaptive: bool
-    ) -> None:
-        self.index, self.solve, self.damped, self.adaptive = index, solve, damped, adaptive
-        self.length = length
-        self.width = -(-length // BLOCK) * BLOCK
-        self.unknowns = solve.count * length
-        self.all = solve.count * self.width
-        self.stride = -(-self.unknowns // BLOCK) * BLOCK
-        self.flags = start
-        self.residual = start + self.FLAGS
-        self.weights = self.residual + self.all
-        self.history = self.weights + self.all
-        self.sizes = self.history + (1 if adaptive else HISTORY) * self.all
-        self.places = self.sizes + self.all
-        self.inverse = self.places + 2 * self.width
-        self.dampers = self.inverse + self.unknowns * self.all
-        self.derivative = self.dampers + len(damped) * length * self.width
-        self.matrix = -(-(self.derivative + dimension * dimension) // BLOCK) * BLOCK
-        self.pivots = self.matrix + self.unknowns * self.stride
-        self.end = self.pivots + 3 * self.stride
-
-    def damper(self, damp: Damp) -> int:
-        """Return the offset of the matrix that damps."""
-        return self.dampers + self.damped.index(damp) * self.length * self.width
+def laid_out(step: StepProgram, dimension: int) -> Layout:
+    """Return where the vectors of a step stand, in blocks."""
+    return Layout(step, dimension, block=BLOCK, in_registers=llvm_calling.fit(dimension))
 
 
 class Scalars:
-    """The numbers of a step, made of t, h and the ratio of steps, emitted once each, in blocks as well.
+    """The numbers of a step, made of t and h, emitted once each, in blocks as well.
 
     `fresh` has the blocks of vectors that are in registers already, by vector and offset: what has just been computed
     comes back from memory some 5 cycles later. `entries` has the single numbers of such vectors, and `state` is where
@@ -158,40 +81,22 @@ def in_work(e: Emitter, place: int, offset: str | int) -> str:
     return e.address(e.address("%work", place), offset)
 
 
-def combine(
-    e: Emitter, layout: Layout, scalars: Scalars, combination: Combination, target: int, *, sizes: bool = False
-) -> None:
-    """Store a linear combination of vectors at an offset of the work array, or with `sizes` that of their sizes."""
+def combine(e: Emitter, layout: Layout, scalars: Scalars, combination: Combination, target: int) -> None:
+    """Store a linear combination of vectors at an offset of the work array."""
     for offset in blocks(e, layout.width):
-        value = combined(e, layout, scalars, combination, offset, sizes=sizes)
+        value = combined(e, layout, scalars, combination, offset)
         e.store(value or "zeroinitializer", in_work(e, target, offset), KIND)
 
 
-def combined(
-    e: Emitter, layout: Layout, scalars: Scalars, combination: Combination, offset: str | int, *, sizes: bool = False
-) -> str:
-    """Return a block of a linear combination of vectors, or with `sizes` of that of their sizes.
-
-    It is the empty string where there is nothing to combine.
-    """
-    if layout.step.exact and not sizes:
-        return _combined_exactly(e, layout, scalars, combination, offset)
-    return _plain_sum(e, layout, scalars, combination, offset, sizes=sizes)
-
-
-def _plain_sum(
-    e: Emitter, layout: Layout, scalars: Scalars, combination: Combination, offset: str | int, *, sizes: bool
-) -> str:
-    """Return a block of the sum of vectors times their numbers, or of the sizes of both."""
+def combined(e: Emitter, layout: Layout, scalars: Scalars, combination: Combination, offset: str | int) -> str:
+    """Return a block of a linear combination of vectors, the empty string where there is nothing to combine."""
     one, total = layout.step.graph.one, ""
     for vector, coefficient in sorted(combination, key=lambda term: term[1] is not one):
         value = _block(e, layout, scalars, vector, offset)
-        value = e.fabs(value, KIND) if sizes else value
         if coefficient is one:
             total = value if not total else e.value(f"fadd {KIND} {total}, {value}")
             continue
         factor = scalars.splat(e, coefficient)
-        factor = e.fabs(factor, KIND) if sizes else factor
         total = e.fma(factor, value, total, KIND) if total else e.value(f"fmul {KIND} {factor}, {value}")
     return total
 
@@ -202,7 +107,7 @@ def entries(e: Emitter, layout: Layout, scalars: Scalars, combination: Combinati
     What was computed last is added last and number by number, so that nothing waits for what it does not need.
     """
     one = layout.step.graph.one
-    known = [] if layout.step.exact else [term for term in combination if term[0] in scalars.entries]
+    known = [term for term in combination if term[0] in scalars.entries]
     last = max(known, default=None, key=lambda term: term[0])
     before = tuple(term for term in combination if term is not last)
     totals = _apart(e, layout, scalars, before) if last is None or before else []
@@ -240,25 +145,6 @@ def keep_entries(e: Emitter, layout: Layout, values: Sequence[str], target: int)
     return made
 
 
-def _combined_exactly(e: Emitter, layout: Layout, scalars: Scalars, combination: Combination, offset: str | int) -> str:
-    """Return a block of a linear combination: h multiplies its factors, in two doubles each, at once."""
-    plain, scaled = parts(combination, layout.step.h)
-    total = _plain_sum(e, layout, scalars, plain, offset, sizes=False)
-    if not scaled:
-        return total
-    sums = ["", ""]
-    for vector, factor in scaled:
-        value = _block(e, layout, scalars, vector, offset)
-        for i, part in enumerate(in_doubles(factor)):
-            if part:
-                constant = number(part, BLOCK)
-                product = f"fmul {KIND} {constant}, {value}"
-                sums[i] = e.fma(constant, value, sums[i], KIND) if sums[i] else e.value(product)
-    slope = e.value(f"fadd {KIND} {sums[0]}, {sums[1]}") if sums[1] else sums[0]
-    h = splat(e, "%h")
-    return e.fma(h, slope, total, KIND) if total else e.value(f"fmul {KIND} {h}, {slope}")
-
-
 def _block(e: Emitter, layout: Layout, scalars: Scalars, vector: int, offset: str | int) -> str:
     """Return a block of a vector, from registers where it is there."""
     return scalars.fresh.get((vector, offset)) or e.load(in_work(e, layout.place(vector), offset), KIND)
@@ -286,30 +172,3 @@ def finite(e: Emitter, layout: Layout, vectors: Sequence[int]) -> str:
 def splat(e: Emitter, scalar: str) -> str:
     """Return a number in every entry of a block."""
     return e.splat(scalar, KIND)
-
-
-def unit_block(e: Emitter, row: str, offset: str | int) -> str:
-    """Return the block at an offset of the vector that is 1 at a row and 0 elsewhere."""
-    one, zero = splat(e, literal(1.0)), "zeroinitializer"
-    return e.value(f"select {TRUTH} {lane_is(e, row, offset)}, {KIND} {one}, {KIND} {zero}")
-
-
-def lane_is(e: Emitter, row: str, offset: str | int) -> str:
-    """Return which entry of the block at an offset is that of a row."""
-    return _compare_lanes(e, "eq", row, offset)
-
-
-def _compare_lanes(e: Emitter, how: str, row: str | int, offset: str | int) -> str:
-    """Return how a row compares with that of each entry of the block at an offset."""
-    lane = e.value(f"sub nsw i64 {row}, {offset}")
-    first = e.value(f"insertelement {PLACES} poison, i64 {lane}, i64 0")
-    lanes = e.value(f"shufflevector {PLACES} {first}, {PLACES} poison, <{BLOCK} x i32> zeroinitializer")
-    return e.value(f"icmp {how} {PLACES} {lanes}, <{', '.join(f'i64 {i}' for i in range(BLOCK))}>")
-
-
-def cut_block(e: Emitter, block: str, length: int, offset: str | int) -> str:
-    """Return a block at an offset with zeros behind the end of a vector."""
-    if length % BLOCK == 0:
-        return block
-    inside = _compare_lanes(e, "sgt", length, offset)
-    return e.value(f"select {TRUTH} {inside}, {KIND} {block}, {KIND} zeroinitializer")

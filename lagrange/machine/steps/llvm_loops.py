@@ -20,8 +20,9 @@ from lagrange.machine.steps.control_constants import (
     SLIVER,
 )
 from lagrange.machine.steps.llvm_calls import LAW, RECORDS, bump, leave_if, leave_with
-from lagrange.machine.steps.llvm_layout import KIND, Layout, Newton, blocks, finite, in_work
+from lagrange.machine.steps.llvm_layout import KIND, blocks, finite, in_work
 from lagrange.machine.steps.llvm_step import accept, attempt, take_entries
+from lagrange.procedure.step.memory import NEWTON, Layout
 from lagrange.program.step import StepProgram
 
 
@@ -83,7 +84,7 @@ _SIGNATURE = f"define i32 @drive({LAW}, {RECORDS}, i64 %budget, ptr noalias %tim
 
 def _forget(e: Emitter, layout: Layout) -> None:
     """Clear what is kept in the work array if it belongs to another run; a starter makes all anew at each step."""
-    places = [(layout.flags, 2), *((newton.flags, Newton.FLAGS) for newton in layout.solves)]
+    places = [(layout.flags, 2), *((newton.flags, len(NEWTON.fields)) for newton in layout.solves)]
     if layout.solves:
         with e.when(e.value(f"icmp eq i64 {e.get('%counts', DriverState.KEPT, 'i64')}, 0")):
             e.put("1", "%counts", DriverState.KEPT, "i64")

@@ -4,65 +4,50 @@ from __future__ import annotations
 
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.state import DriverState, Outcome
-from lagrange.machine.steps.llvm_calls import GIVEN, LAW, RECORDS, bump, copy, count_calls, evaluate, leave_with
+from lagrange.machine.steps.llvm_calls import GIVEN, LAW, RECORDS, bump, copy, count_calls, evaluate
 from lagrange.machine.steps.llvm_layout import (
     KIND,
-    Layout,
     Scalars,
     blocks,
     combine,
-    combined,
     entries,
     in_work,
     keep_entries,
 )
-from lagrange.machine.steps.llvm_newton import multiply
-from lagrange.machine.steps.llvm_prediction import keep
-from lagrange.program.actions import Call, Combination, Damp
+from lagrange.procedure.step.memory import EFFORT, Layout
+from lagrange.program.actions import Combination
 from lagrange.program.step import StepProgram
 
 _TRIED = f"{RECORDS}, ptr noalias %entries, i64 %slope_known"
 
 
-def step_function(layout: Layout, prefix: str = "") -> str:
+def step_function(layout: Layout) -> str:
     """Emit step(law, t, h, reals, counts, work, entries, slope_known) -> an outcome, DONE where nothing went wrong."""
     step, e = layout.step, Emitter()
-    calls = [argument for call in step.calls for argument in call.arguments]
-    others = [*(damp.vector for damp in step.damps), *step.results, *step.errors]
-    scalars = Scalars(e, step, [*calls, *others], [call.time for call in step.calls])
+    arguments = [argument for call in step.calls for argument in call.arguments]
+    scalars = Scalars(e, step, [*arguments, *step.results, *step.errors], [call.time for call in step.calls])
     scalars.state = "%entries" if layout.keeps_entries else ""
     status = e.reserve("i32")
     e.store("0", status, "i32")
     reused = "%slope_known" if step.starts_with_slope else "0"
     count_calls(e, e.value(f"sub nsw i64 {len(step.calls)}, {reused}"))
-    solves = iter(layout.solves)
-    for i, action in enumerate(step.actions):
-        if isinstance(action, Call) and i == 0 and step.starts_with_slope:
+    for i, call in enumerate(step.calls):
+        if i == 0 and step.starts_with_slope:
             with e.when(e.value("icmp eq i64 %slope_known, 0")):
-                evaluate(e, layout, scalars, action, status)
-        elif isinstance(action, Call):
-            evaluate(e, layout, scalars, action, status, always=True)
-        elif isinstance(action, Damp):
-            newton = layout.solves[action.of]
-            combine(e, layout, scalars, action.vector, newton.residual)
-            multiply(e, newton, newton.damper(action), 1, layout.place(action.result))
+                evaluate(e, layout, scalars, call, status)
         else:
-            failed = e.value(f"call i32 @{prefix}newton{next(solves).index}({LAW}, double %t, double %h, {GIVEN})")
-            leave_with(e, failed)
+            evaluate(e, layout, scalars, call, status, always=True)
     for i, result in enumerate(step.results):
         _keep_result(e, layout, scalars, i, result)
     for i, error in enumerate(step.errors):
         combine(e, layout, scalars, error, layout.place(layout.errors + i))
     singular = e.value(f"icmp ne i32 {e.load(status, 'i32')}, 0")
     e.do(f"ret i32 {e.value(f'select i1 {singular}, i32 {int(Outcome.SINGULAR)}, i32 {int(Outcome.DONE)}')}")
-    return e.function(f"define internal i32 @{prefix}step({LAW}, double %t, double %h, {_TRIED})")
+    return e.function(f"define internal i32 @step({LAW}, double %t, double %h, {_TRIED})")
 
 
 def _keep_result(e: Emitter, layout: Layout, scalars: Scalars, i: int, result: Combination) -> None:
     """Store a new state."""
-    if layout.step.compensated(i):
-        _compensate(e, layout, scalars, result, i)
-        return
     if not layout.keeps_entries:
         combine(e, layout, scalars, result, layout.place(layout.new + i))
         return
@@ -72,22 +57,24 @@ def _keep_result(e: Emitter, layout: Layout, scalars: Scalars, i: int, result: C
         e.put(value, "%entries", layout.dimension + i * layout.length + k)
 
 
-def _compensate(e: Emitter, layout: Layout, scalars: Scalars, result: Combination, state: int) -> None:
-    """Store a state as a compensated sum of what it was and what the step adds, and what rounding takes from it.
+def implicit_function(layout: Layout, prefix: str = "") -> str:
+    """Emit step as above, which calls the procedure of a step that solves."""
+    e = Emitter()
+    effort = e.address("%work", layout.effort)
+    e.put("0", effort, EFFORT.places["evaluations"], "i64")
+    tolerances = ", ".join(f"double {e.get('%reals', which)}" for which in (DriverState.RTOL, DriverState.ATOL))
+    known = e.value("icmp ne i64 %slope_known, 0")
+    given = f"{LAW}, double %t, double %h, {tolerances}, ptr {effort}, {_newtons(e, layout)}ptr %work, i1 {known}"
+    outcome = e.value(f"call i64 @{prefix}take({given})")
+    count_calls(e, e.get(effort, EFFORT.places["evaluations"], "i64"))
+    e.put(e.get(effort, EFFORT.places["residual"]), "%reals", DriverState.RESIDUAL)
+    e.do(f"ret i32 {e.value(f'trunc i64 {outcome} to i32')}")
+    return e.function(f"define internal i32 @{prefix}step({LAW}, double %t, double %h, {_TRIED}) alwaysinline")
 
-    Source: D. E. Knuth, The Art of Computer Programming, vol. 2, 3rd ed., 1997, 4.2.2, theorem B.
-    """
-    added = tuple(term for term in result if term != (state, layout.step.graph.one))
-    lost, tried = (layout.lost + (i * layout.step.states + state) * layout.width for i in (0, 1))
-    for offset in blocks(e, layout.width):
-        y, low = (e.load(in_work(e, place, offset), KIND) for place in (layout.place(state), lost))
-        move = e.value(f"fadd {KIND} {combined(e, layout, scalars, added, offset)}, {low}")
-        total = e.value(f"fadd {KIND} {y}, {move}")
-        back = e.value(f"fsub {KIND} {total}, {y}")
-        first = e.value(f"fsub {KIND} {y}, {e.value(f'fsub {KIND} {total}, {back}')}")
-        second = e.value(f"fsub {KIND} {move}, {back}")
-        e.store(total, in_work(e, layout.place(layout.new + state), offset), KIND)
-        e.store(e.value(f"fadd {KIND} {first}, {second}"), in_work(e, tried, offset), KIND)
+
+def _newtons(e: Emitter, layout: Layout) -> str:
+    """Return what the solves know, as arguments."""
+    return "".join(f"ptr {e.address('%work', solve.flags)}, " for solve in layout.solves)
 
 
 def record_function(layout: Layout) -> str:
@@ -95,21 +82,18 @@ def record_function(layout: Layout) -> str:
     e = Emitter()
     step = layout.step
     if step.starter is not None:
-        for i in range(step.states):
-            copy(e, layout, layout.place(i), layout.place(step.states + i))
         e.put(e.get("%work", layout.flags + 1), "%work", layout.flags)
-    for i in range(step.states):
-        copy(e, layout, layout.place(layout.new + i), layout.place(i))
-        if step.compensated(i):
-            copy(e, layout, layout.lost + (step.states + i) * layout.width, layout.lost + i * layout.width)
+    if layout.by_procedures:
+        e.do(f"call void @accept_step({_newtons(e, layout)}ptr %work)")
+    else:
+        for i in range(step.states):
+            copy(e, layout, layout.place(layout.new + i), layout.place(i))
     if layout.keeps_entries:
         for i in range(layout.dimension):
             e.put(e.get("%entries", layout.dimension + i), "%entries", i)
     if step.ends_with_slope:
         copy(e, layout, layout.place(step.calls[-1].first), layout.place(step.calls[0].first))
     e.put("1" if step.ends_with_slope else "0", "%counts", DriverState.SLOPE_KNOWN, "i64")
-    for newton in layout.solves:
-        keep(e, newton)
     bump(e, DriverState.STEPS, 1)
     kept = e.value(f"icmp ne i64 {e.get('%counts', DriverState.RECORD, 'i64')}, 0")
     with e.when(kept):
@@ -125,7 +109,7 @@ def record_function(layout: Layout) -> str:
     e.do("ret void")
     return e.function(
         "define internal void @accept(ptr noalias %counts, ptr noalias %work, ptr noalias %entries, double %t, "
-        "ptr noalias %times, ptr noalias %rows)"
+        "ptr noalias %times, ptr noalias %rows) alwaysinline"
     )
 
 

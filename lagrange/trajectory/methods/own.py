@@ -15,7 +15,7 @@ from numbers import Real
 from typing import Any
 
 from lagrange.errors import StatementError, shown
-from lagrange.machine.steps.interpreted_newton import numbers_of
+from lagrange.machine.steps.numbers import numbers_of
 from lagrange.program.step import StepProgram, trace
 from lagrange.statement.choice import text
 from lagrange.statement.number import whole_number

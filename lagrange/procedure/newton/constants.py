@@ -1,11 +1,4 @@
-"""How Newton's method decides, on every machine, and what it keeps."""
-
-from __future__ import annotations
-
-from dataclasses import dataclass
-
-import numpy as np
-from numpy.typing import NDArray
+"""How Newton's method decides, in numbers."""
 
 ORDERS = (1, 3, 6, 12)
 """From so many steps the unknowns of equal steps are extrapolated, from as many as have come nearest: the most where
@@ -78,19 +71,3 @@ FARTHEST = 8.0
 """Corrections of a step with equal steps may add up to so many times the size of what the residuals are made of, taken
 to the unknowns. Newton's first correction from the guess is at most that size, and those of a step that converges
 shrink: what goes farther ends at another root, or at none."""
-
-
-@dataclass(frozen=True)
-class Kept:
-    """What a driver keeps of Newton's method for one solve of m numbers, read from where its steps use it.
-
-    `inverse` (m, m) is that of the derivative of the residuals in the unknowns, made for steps of length `step`, which
-    is 0 where the next step is to have a new one. `derivative` is that of the law which it was made with, (2n, 2n);
-    `dampers` are the matrices that damp, (2n, 2n) each; `weights` (m,) measure corrections.
-    """
-
-    step: float
-    derivative: NDArray[np.float64]
-    inverse: NDArray[np.float64]
-    dampers: tuple[NDArray[np.float64], ...]
-    weights: NDArray[np.float64]

@@ -1,0 +1,1 @@
+"""Newton's method for the unknowns of a step, as procedures."""

@@ -1,0 +1,160 @@
+"""Newton's method for the unknowns of a step.
+
+They are predicted from the steps before and corrected with a matrix that is kept from step to step, until the
+corrections are lost in round-off (equal steps) or far below the tolerance (steps that follow the error). Where they
+shrink slowly the matrix is made anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import REAL, WHOLE, Procedure
+from lagrange.procedure.newton.constants import ASTRAY, FARTHEST, LARGEST, MOST, MOST_TIMES, OLD, ROUND_OFF
+from lagrange.procedure.newton.judge import judge
+from lagrange.procedure.newton.matrix import renew
+from lagrange.procedure.newton.prediction import predict
+from lagrange.procedure.outcome import Outcome
+from lagrange.procedure.step.memory import Layout, SolveLayout
+from lagrange.procedure.step.vectors import Given, Vectors
+from lagrange.procedure.values import Memory, Real, Whole
+
+UNROLLED_PRODUCT = 64
+"""A product of matrix and vector is written out up to this many blocks, or columns where rows are taken one by one."""
+
+
+def solve_unknowns(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure:
+    """Return the solve: predict and iterate; where that fails, start again from the guess with a new matrix."""
+    p = Builder(f"{prefix}solve{solve.index}", "Find the unknowns of a solve, and return an outcome.")
+    given = Given(p, layout, solve)
+    newton = given.newton
+    again, begin = _iterate(layout, solve, prefix), _start(layout, solve, prefix)
+    newton.tried_step = given.h
+    if solve.adaptive:
+        _weigh_by_tolerance(given, solve)
+    fresh = p.variable(newton.known.equals(0), "fresh")
+    with p.when(~fresh.value):
+        predict(given, solve)
+        fresh.value = ~p.call(again, *given.handed()).equals(int(Outcome.DONE))
+    with p.when(fresh.value):
+        newton.differentiated = 0
+        newton.matrix_step = 0.0
+        newton.rate = 1.0
+        newton.known = 0
+        given.leave_unless_done(p.call(begin, *given.handed()))
+        given.leave_unless_done(p.call(again, *given.handed()))
+    newton.solved = 1
+    p.leave(int(Outcome.DONE))
+    return p.finish(WHOLE)
+
+
+def _start(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure:
+    """Return the setting of unknowns to their guesses."""
+    p = Builder(f"{prefix}start{solve.index}", "Set the unknowns to their guesses, and return an outcome.", apart=True)
+    given, stated = Given(p, layout, solve), solve.solve
+    arguments = [argument for call in stated.preparation for argument in call.arguments]
+    vectors = Vectors(given, [*arguments, *stated.guesses], [call.time for call in stated.preparation])
+    singular = p.variable(p.false, "singular")
+    for call in stated.preparation:
+        vectors.evaluate(call, singular)
+    if stated.preparation:
+        given.effort.evaluations = given.effort.evaluations + len(stated.preparation)
+    for i, guess in enumerate(stated.guesses):
+        vectors.combine(guess, vectors.at(stated.first + i))
+    given.leave_if(singular.value, Outcome.SINGULAR)
+    p.leave(int(Outcome.DONE))
+    return p.finish(WHOLE)
+
+
+def _weigh_by_tolerance(given: Given, solve: SolveLayout) -> None:
+    """Weigh corrections by what they move in the arguments of the calls, against the tolerances."""
+    p, reached = given.p, [solve.solve.reach(i) for i in range(solve.solve.count)]
+    vectors = Vectors(given, [], [factor for factors, _ in reached for factor in factors])
+    for i, (factors, argument) in enumerate(reached):
+        largest = p.constant(0.0, REAL)
+        for factor in factors:
+            largest = p.larger(largest, abs(vectors.numbers[factor]))
+        weights, state = given.work.at(solve.weights + i * solve.width), vectors.at(argument)
+        with p.each(solve.width, spill=True) as k:
+            weights[k] = largest / p.fma(given.rtol, abs(state[k]), given.atol)
+
+
+def _iterate(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure:
+    """Return the iteration: correct the unknowns until what is left is too small to matter."""
+    about = "Correct the unknowns until what is left is small; return an outcome."
+    p = Builder(f"{prefix}iterate{solve.index}", about, apart=True)
+    given, stated = Given(p, layout, solve), solve.solve
+    newton, effort = given.newton, given.effort
+    arguments = [argument for call in stated.calls for argument in call.arguments]
+    vectors = Vectors(given, [*arguments, *stated.residuals], [call.time for call in stated.calls])
+    unit = given.rtol if solve.adaptive else p.constant(ROUND_OFF, REAL)
+    previous, moved = p.variable(0.0, "previous"), p.variable(0.0, "moved")
+    since = p.variable(OLD, "since")
+    with p.loop(0, MOST_TIMES if solve.adaptive else MOST) as turn:
+        singular = p.variable(p.false, "singular")
+        for call in stated.calls:
+            vectors.evaluate(call, singular)
+        effort.evaluations = effort.evaluations + len(stated.calls)
+        given.leave_if(singular.value, Outcome.SINGULAR)
+        for i, residual in enumerate(stated.residuals):
+            vectors.combine(residual, given.work.at(solve.residual + i * solve.width))
+        with p.when(~newton.matrix_step.equals(given.h)):
+            given.leave_unless_done(p.call(renew(layout, solve, prefix), *given.handed()))
+            since.value = 0
+        norm = _correct(given, solve).called("norm")
+        effort.residual = norm * unit
+        with p.when(~(norm < LARGEST)):
+            p.note("The law is no number there, unless a large correction before has gone astray.")
+            given.leave_if(previous.value * unit < ASTRAY, Outcome.NON_FINITE)
+            p.leave(int(Outcome.DIVERGED))
+        if not solve.adaptive:
+            moved.value = p.fma(norm, unit, moved.value)
+            given.leave_if(moved.value > FARTHEST, Outcome.DIVERGED)
+        verdict = p.call(judge(adaptive=solve.adaptive), newton, turn, norm, previous.value, since.value)
+        with p.when(~verdict.equals(int(Outcome.PAUSED))):
+            p.leave(verdict)
+        previous.value = norm
+        since.value = since.value + 1
+    p.leave(int(Outcome.DIVERGED))
+    return p.finish(WHOLE)
+
+
+def _correct(given: Given, solve: SolveLayout) -> Real:
+    """Add the correction to the unknowns and return its weighted root mean square."""
+    p, work = given.p, given.work
+    unknowns, weights = work.at(solve.first), work.at(solve.weights)
+    with product(given, solve, work.at(solve.inverse), solve.solve.count) as (i, correction):
+        unknowns[i] = unknowns[i] + correction
+        weighted = correction * weights[i]
+        squares = p.dot(weighted, weighted)
+    found: Real = p.sqrt(squares.value * (1.0 / solve.unknowns))
+    return found
+
+
+@contextmanager
+def product(given: Given, solve: SolveLayout, matrix: Memory, vectors: int) -> Iterator[tuple[Whole, Real]]:
+    """Yield a place and the entry there of the product of a matrix, by columns, with the first residuals."""
+    p, residual = given.p, given.work.at(solve.residual)
+    width, length = vectors * solve.width, solve.length
+    block = given.layout.block
+    if vectors * length * (width // block if block > 1 else 1) <= UNROLLED_PRODUCT:
+        entries = [residual[i * solve.width + a] for i in range(vectors) for a in range(length)]
+        columns = [matrix.at(j * width) for j in range(len(entries))]
+        with p.each(width, spill=True, unrolled=True) as row:
+            sums: list[Real] = []
+            for j, entry in enumerate(entries):
+                part = columns[j][row]
+                if j < 2:
+                    sums.append(part * entry)
+                else:
+                    sums[j % 2] = p.fma(part, entry, sums[j % 2])
+            yield row, sums[0] + sums[1] if len(sums) > 1 else sums[0]
+        return
+    with p.each(width, spill=True) as row:
+        total = p.variable(0.0, "total")
+        with p.loop(0, vectors) as i, p.loop(0, length) as a:
+            column = matrix.at((i * length + a) * width)
+            total.value = p.fma(column[row], residual[i * solve.width + a], total.value)
+        yield row, total.value

@@ -1,0 +1,117 @@
+"""Whether a correction was the last one, and what it says about the matrix.
+
+A step of equal length is solved to round-off, one that follows the error far below its tolerance. What is left after a
+correction is the rest of a geometric series: corrections shrink by the `rate` that the last two show, or those of the
+step before.
+Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, IV.8.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import Any
+
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import REAL, WHOLE, Procedure
+from lagrange.procedure.newton.constants import (
+    AGING,
+    FRACTION,
+    FRESH_RATE,
+    GROWTH,
+    HOPELESS,
+    LEAST_RATE,
+    NOISE,
+    OLD,
+    OLDEST,
+    OLDEST_RATE,
+    REST,
+    SLOW,
+    STALLED,
+    STALLED_RATE,
+    TURNS,
+)
+from lagrange.procedure.outcome import Outcome
+from lagrange.procedure.step.memory import NEWTON
+from lagrange.procedure.values import Flag, Real, Whole
+
+
+@cache
+def judge(*, adaptive: bool) -> Procedure:
+    """Return the judgement of a correction: done, paused where another one is wanted, or diverged."""
+    return _Judge(adaptive=adaptive).build()
+
+
+class _Judge:
+    """Builds the procedure; `turn` counts corrections from 0, and `since` those that the matrix has made."""
+
+    def __init__(self, *, adaptive: bool) -> None:
+        kind = "controlled" if adaptive else "equal"
+        self.p = p = Builder(f"judge_{kind}", "Say whether the unknowns are good enough, by the norms of corrections.")
+        self.adaptive = adaptive
+        self.newton: Any = p.record("newton", NEWTON)
+        self.turn: Whole = p.given("turn", WHOLE)
+        self.norm: Real = p.given("norm", REAL)
+        self.previous: Real = p.given("previous", REAL)
+        self.since: Whole = p.given("since", WHOLE)
+
+    def build(self) -> Procedure:
+        p, newton = self.p, self.newton
+        first = self.turn.equals(0)
+        measured = self.norm / self.previous
+        rate = p.choose(first, newton.rate, measured)
+        with p.when(self.enough(first, rate)):
+            aged = p.smaller(newton.rate * AGING, OLDEST_RATE)
+            newton.rate = p.choose(first, aged, p.larger(measured, LEAST_RATE))
+            self.plan_matrix(measured)
+            p.leave(int(Outcome.DONE))
+        with p.when(~first & ~(rate <= SLOW)):
+            if self.adaptive:
+                with p.when(~(rate <= HOPELESS)):
+                    p.leave(int(Outcome.DIVERGED))
+            else:
+                self.stall(rate)
+        p.leave(int(Outcome.PAUSED))
+        return p.finish(WHOLE)
+
+    def enough(self, first: Flag, rate: Real) -> Flag:
+        """Whether what is left is too small to matter, or two corrections in a row are round-off."""
+        p, norm = self.p, self.norm
+        left, bound = norm * rate, FRACTION if self.adaptive else self.newton.noise * REST
+        small: Flag = left <= (1.0 - rate) * bound
+        if self.adaptive:
+            return small
+        both: Real = p.larger(norm, p.choose(first, math.inf, self.previous))
+        round_off: Flag = both <= self.newton.noise
+        return small | round_off
+
+    def plan_matrix(self, rate: Real) -> None:
+        """Have the next step begin with a new matrix where this one is tired; forget noise slowly."""
+        p, newton = self.p, self.newton
+        age = newton.age + 1
+        newton.age = age
+        if self.adaptive:
+            tired = (self.turn > 0) & (rate > FRESH_RATE)
+        else:
+            tired = ((self.turn >= TURNS) & (age >= OLD)) | (age >= OLDEST)
+            newton.noise = p.larger(newton.noise * NOISE, 1.0)
+        with p.when(tired):
+            self.renew()
+
+    def stall(self, rate: Real) -> None:
+        """Take the unknowns where a new matrix no longer shrinks small corrections; give up where large ones grow."""
+        p, norm = self.p, self.norm
+        old = self.since >= OLD
+        fresh = (self.since >= 1) & ~old
+        with p.when(fresh & (rate >= STALLED_RATE) & (norm < STALLED)):
+            self.newton.noise = 2.0 * norm
+            p.leave(int(Outcome.DONE))
+        with p.when(fresh & (rate >= GROWTH) & (norm >= STALLED)):
+            p.leave(int(Outcome.DIVERGED))
+        with p.when(old):
+            self.renew()
+
+    def renew(self) -> None:
+        """Have the matrix and the derivative of the law made anew where they are needed next."""
+        self.newton.matrix_step = 0.0
+        self.newton.differentiated = 0

@@ -1,0 +1,185 @@
+"""The matrix of Newton's method: built from the law's derivative, and inverted.
+
+With unknowns z_j and the calls c of a solve, the derivative of residual i in unknown j is beta_ij I + g_ij J, where J
+is the derivative of the law at one point and g_ij the sum over c of the factor of c in residual i times that of z_j in
+the argument of c. A law of momenta has J in four blocks, each with its own g.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from lagrange.graph.node import Node
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import WHOLE, Procedure
+from lagrange.procedure.linear.gauss_jordan import inversion, row_stride
+from lagrange.procedure.newton.rounding import weigh_by_rounding
+from lagrange.procedure.outcome import Outcome
+from lagrange.procedure.step.memory import Layout, SolveLayout
+from lagrange.procedure.step.vectors import Given, Vectors
+from lagrange.procedure.values import Flag, Memory, Real, Whole
+from lagrange.program.actions import LAWS, Call, Combination, Solve
+
+
+def renew(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure:
+    """Return the making of a matrix for the present step, with the derivative of the law that is known or a new one."""
+    return _Renewal(layout, solve, prefix).build()
+
+
+def factor_of(combination: Combination, vector: int) -> Node | None:
+    """Return the factor of a vector in a combination, if it is there."""
+    return next((factor for i, factor in combination if i == vector), None)
+
+
+def coefficients(layout: Layout, solve: Solve) -> tuple[list[Node], list[Node]]:
+    """Return beta by rows (i, j), and g by rows (i, j, result, argument)."""
+    zero, law = layout.step.graph.zero, LAWS[layout.step.law]
+    unknowns = range(solve.first, solve.first + solve.count)
+    identity = [factor_of(residual, z) or zero for residual in solve.residuals for z in unknowns]
+    factors = []
+    for residual in solve.residuals:
+        for z in unknowns:
+            for result in range(law.results):
+                for argument in range(law.arguments):
+                    total = zero
+                    for call in solve.calls:
+                        outer = factor_of(residual, call.first + result)
+                        inner = factor_of(call.arguments[argument], z)
+                        total = total if outer is None or inner is None else total + outer * inner
+                    factors.append(total)
+    return identity, factors
+
+
+def shares_of(layout: Layout, solve: Solve) -> list[Node]:
+    """Return the factor of each result of each call in each residual, by rows (i, result, call)."""
+    zero, results = layout.step.graph.zero, range(LAWS[layout.step.law].results)
+    return [
+        factor_of(residual, call.first + result) or zero
+        for residual in solve.residuals
+        for result in results
+        for call in solve.calls
+    ]
+
+
+class _Renewal:
+    """Builds the procedure. Matrices stand in the work array, the derivative by columns."""
+
+    def __init__(self, layout: Layout, solve: SolveLayout, prefix: str) -> None:
+        self.p = p = Builder(
+            f"{prefix}renew{solve.index}", "Make the matrix of corrections anew, and return an outcome.", apart=True
+        )
+        self.layout, self.solve, self.law = layout, solve, LAWS[layout.step.law]
+        self.given = Given(p, layout, solve)
+        stated = solve.solve
+        self.point: Call | None = None if solve.adaptive else stated.calls[(len(stated.calls) - 1) // 2]
+        self.identity, self.factors = coefficients(layout, stated)
+        self.shares = shares_of(layout, stated)
+        combined = [*stated.residuals, *(self.point.arguments if self.point else ())]
+        nodes = [*self.identity, *self.factors, *self.shares, *(damp.factor for damp in solve.damped)]
+        self.vectors = Vectors(self.given, combined, [*nodes, *([self.point.time] if self.point else [])])
+        self.matrix = self.given.work.at(solve.matrix)
+        self.derivative = self.given.work.at(solve.derivative)
+
+    def build(self) -> Procedure:
+        p, given, solve = self.p, self.given, self.solve
+        newton = given.newton
+        with p.when(newton.differentiated.equals(0)):
+            self.differentiate()
+        self.fill(self.table(self.identity), self.table(self.factors))
+        singular = self.invert(solve.unknowns)
+        self.spread()
+        if self.layout.step.law == "momentum":
+            with p.when(singular):
+                self.blame_mass()
+        for damp in solve.damped:
+            self.damper(self.vectors.numbers[damp.factor], given.work.at(solve.damper(damp)))
+        if self.point is not None:
+            weigh_by_rounding(self.vectors, solve, self.point, self.table(self.shares, size=True))
+            newton.rate = 1.0
+            newton.noise = 1.0
+            newton.age = 0
+        newton.matrix_step = given.h
+        p.leave(int(Outcome.DONE))
+        return p.finish(WHOLE)
+
+    def table(self, values: Sequence[Node], *, size: bool = False) -> Memory:
+        """Return numbers of the step, or their sizes, as an array."""
+        memory = self.p.reserve(len(values))
+        for i, value in enumerate(values):
+            number = self.vectors.numbers[value]
+            memory[i] = abs(number) if size else number
+        return memory
+
+    def differentiate(self) -> None:
+        """Evaluate the derivative of the law: at the middle call of the residuals, or else where the step starts."""
+        given, layout, n = self.given, self.layout, self.layout.dimension
+        if self.point is None:
+            time, where = given.t, given.work.at(layout.argument)
+            for i in range(layout.step.states):
+                self.vectors.copy(self.vectors.at(i), where.at(i * layout.length), layout.width)
+        else:
+            time, where = self.vectors.numbers[self.point.time], self.vectors.arguments(self.point)
+        given.leave_if(given.jacobian(time, where, given.constants, self.matrix), Outcome.SINGULAR)
+        with self.p.loop(0, n) as a, self.p.loop(0, n) as b:
+            self.derivative[b * n + a] = self.matrix[a * n + b]
+        given.newton.differentiated = 1
+
+    def line(self, column: Whole, r: int, s: int) -> Memory:
+        """Return a column of a block of the derivative: of result r in argument s."""
+        length = self.solve.length
+        return self.derivative.at((column + s * length) * self.layout.dimension + r * length)
+
+    def fill(self, identity: Memory, factors: Memory) -> None:
+        """Write the transposed matrix with the other sign by rows: those of its inverse are the columns to keep.
+
+        A last block of a part runs on over what is written after it.
+        """
+        p, solve, count, length = self.p, self.solve, self.solve.solve.count, self.solve.length
+        blocks = [(r, s) for r in range(self.law.results) for s in range(self.law.arguments)]
+        with p.loop(0, count) as j, p.loop(0, length) as b, p.loop(0, count) as i:
+            pair = i * count + j
+            own = [-factors[pair * len(blocks) + k] for k in range(len(blocks))]
+            one = -identity[pair]
+            row = self.matrix.at((j * length + b) * solve.stride + i * length)
+            lines = [self.line(b, r, s) for r, s in blocks]
+            with p.each(solve.width, spill=True) as a:
+                value = p.choose(a.equals(b), one, 0.0)
+                for factor, line in zip(own, lines, strict=True):
+                    value = p.fma(factor, line[a], value)
+                row[a] = value
+
+    def invert(self, order: int) -> Flag:
+        """Invert the matrix in place, and say whether it is singular."""
+        singular = self.p.call(inversion(order), self.matrix, self.given.work.at(self.solve.pivots))
+        return Flag.of(singular)
+
+    def spread(self) -> None:
+        """Write the inverse by padded columns: a residual then gives its correction."""
+        solve, inverse = self.solve, self.given.work.at(self.solve.inverse)
+        with self.p.loop(0, solve.unknowns) as column, self.p.loop(0, solve.solve.count) as i:
+            source = self.matrix.at(column * solve.stride + i * solve.length)
+            self.keep_column(source, inverse.at(column * solve.all + i * solve.width))
+
+    def keep_column(self, source: Memory, target: Memory) -> None:
+        """Copy as many numbers as a vector has, with zeros up to whole blocks."""
+        p, solve = self.p, self.solve
+        with p.each(solve.width, spill=True) as a:
+            target[a] = source[a] if solve.width == solve.length else p.choose(a < solve.length, source[a], 0.0)
+
+    def blame_mass(self) -> None:
+        """Leave if it is the mass matrix dp/dv that has no inverse, and not what the step makes of it."""
+        length, n = self.solve.length, self.layout.dimension
+        with self.p.loop(0, length) as a, self.p.loop(0, length) as b:
+            self.matrix[a * row_stride(length) + b] = self.derivative[(b + length) * n + a]
+        self.given.leave_if(self.invert(length), Outcome.SINGULAR)
+
+    def damper(self, factor: Real, target: Memory) -> None:
+        """Write (I - factor J)^-1 by columns."""
+        p, solve, length, stride = self.p, self.solve, self.solve.length, row_stride(self.solve.length)
+        with p.loop(0, length) as b:
+            row, line = self.matrix.at(b * stride), self.line(b, 0, 0)
+            with p.each(solve.width, spill=True) as a:
+                row[a] = p.fma(-factor, line[a], p.choose(a.equals(b), 1.0, 0.0))
+        self.invert(length)
+        with p.loop(0, length) as b:
+            self.keep_column(self.matrix.at(b * stride), target.at(b * solve.width))

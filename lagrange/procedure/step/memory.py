@@ -1,0 +1,166 @@
+"""Where the vectors of a step stand in one array, and behind them what its solves keep.
+
+A machine that computes on blocks of numbers pads each vector to whole ones; others have blocks of one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lagrange.procedure.form import REAL, WHOLE, Record
+from lagrange.procedure.linear.gauss_jordan import row_stride
+from lagrange.procedure.newton.constants import HISTORY
+from lagrange.program.actions import Damp, Solve
+from lagrange.program.step import StepProgram
+
+EFFORT = Record.of("Effort", evaluations=WHOLE, residual=REAL)
+"""What a step took: evaluations of the law, and the size of the last correction of an unknown against its own."""
+
+NEWTON = Record.of(
+    "Newton",
+    matrix_step=REAL,
+    differentiated=WHOLE,
+    rate=REAL,
+    noise=REAL,
+    age=WHOLE,
+    solved=WHOLE,
+    tried_step=REAL,
+    old_step=REAL,
+    known=WHOLE,
+    order=WHOLE,
+)
+"""What a solve knows from step to step.
+
+    matrix_step      the length of the steps that its matrix was made for, 0 where the next step is to have a new one
+    differentiated   1 where the derivative of the law serves for the next matrix
+    rate             by which its corrections shrink
+    noise            how large corrections are that are round-off, in units of what was estimated
+    age              steps since the matrix was made
+    solved           1 where the step that is tried has its unknowns
+    tried_step       the length of that step, and `old_step` that of the one before
+    known            how many steps there are to extrapolate from, and `order` how many are used
+"""
+
+
+def whole_blocks(count: int, block: int) -> int:
+    """Return the least multiple of a block that is not below a count."""
+    return -(-count // block) * block
+
+
+class Layout:
+    """Where each vector of a step stands in the work array, and behind them what its solves and its starter keep.
+
+    A step is `alone` if it is not the starter of another. The law takes and gives numbers `in_registers` or arrays.
+    """
+
+    def __init__(
+        self, step: StepProgram, dimension: int, *, block: int, in_registers: bool = False, alone: bool = True
+    ) -> None:
+        self.step, self.dimension, self.block, self.in_registers = step, dimension, block, in_registers
+        self.length = dimension // 2 if step.partitioned else dimension
+        self.width = whole_blocks(self.length, block)
+        self.by_procedures = bool(step.solves) or step.starter is not None
+        """Whether the step is taken by the procedures of `implicit`."""
+        self.keeps_entries = in_registers and alone and not self.by_procedures
+        """Whether the state stands in memory of single numbers as well, which LLVM makes registers of."""
+        self.vectors = step.vectors
+        self.new = self.vectors
+        self.errors = self.new + step.states
+        self.argument = (self.errors + len(step.errors)) * self.width
+        self.result = self.argument + 2 * (dimension + block)
+        self.flags = whole_blocks(self.result + 2 * (dimension + block), block)
+        """Where the driver keeps whether the state one step back is known, and behind it whether the trial gives it."""
+        self.effort = self.flags + 2
+        end = whole_blocks(self.effort + len(EFFORT.fields), block)
+        self.solves: list[SolveLayout] = []
+        for i, solve in enumerate(step.solves):
+            damped = [damp for damp in step.damps if damp.of == i]
+            self.solves.append(SolveLayout(self, end, i, solve, damped))
+            end = self.solves[-1].end
+        self.lost = end
+        """Where stands what rounding has taken from each state, and behind that what the trial step loses."""
+        self.end = end + (2 * step.states * self.width if step.exact else 0)
+        """Where the vectors of the starter stand, if there is one."""
+        self.starting: Layout = self
+        self.size = self.end
+        if step.starter is not None:
+            self.starting = Layout(step.starter, dimension, block=block, in_registers=in_registers, alone=False)
+            self.size += self.starting.size
+
+    def place(self, vector: int) -> int:
+        """Return the offset of a vector."""
+        return vector * self.width
+
+
+class SolveLayout:
+    """What one solve keeps in the work array, from `start`: its record, vectors of all unknowns, and matrices.
+
+    Vectors of unknowns are as wide as `count` padded vectors. The matrices are the inverse of the Newton matrix with
+    the other sign and those that damp, by columns of that width; the law's derivative (2n, 2n) by columns; and room for
+    a matrix that is being inverted, by rows `stride` apart.
+    """
+
+    def __init__(self, layout: Layout, start: int, index: int, solve: Solve, damped: list[Damp]) -> None:
+        self.index, self.solve, self.damped = index, solve, damped
+        self.adaptive = layout.step.control is not None
+        block, dimension, length = layout.block, layout.dimension, layout.length
+        self.length, self.width = length, layout.width
+        self.unknowns = solve.count * length
+        self.all = solve.count * self.width
+        self.stride = row_stride(self.unknowns)
+        self.first = layout.place(solve.first)
+        self.flags = start
+        self.residual = start + whole_blocks(len(NEWTON.fields), block)
+        self.weights = self.residual + self.all
+        self.history = self.weights + self.all
+        self.sizes = self.history + (1 if self.adaptive else HISTORY) * self.all
+        self.places = self.sizes + self.all
+        self.inverse = self.places + 2 * self.width
+        self.dampers = self.inverse + self.unknowns * self.all
+        self.derivative = self.dampers + len(damped) * length * self.width
+        self.matrix = whole_blocks(self.derivative + dimension * dimension, block)
+        self.pivots = self.matrix + self.unknowns * self.stride
+        self.end = self.pivots + 3 * self.stride
+
+    def damper(self, damp: Damp) -> int:
+        """Return the offset of the matrix that damps."""
+        return self.dampers + self.damped.index(damp) * self.length * self.width
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What a driver keeps of Newton's method for one solve of m numbers, read from where its steps use it.
+
+    `inverse` (m, m) is that of the derivative of the residuals in the unknowns, made for steps of length `step`, which
+    is 0 where the next step is to have a new one. `derivative` is that of the law which it was made with, (2n, 2n);
+    `dampers` are the matrices that damp, (2n, 2n) each; `weights` (m,) measure corrections.
+    """
+
+    step: float
+    derivative: NDArray[np.float64]
+    inverse: NDArray[np.float64]
+    dampers: tuple[NDArray[np.float64], ...]
+    weights: NDArray[np.float64]
+
+
+def kept(layout: Layout, matrix_step: float, solve: SolveLayout, work: NDArray[np.float64]) -> Kept:
+    """Return what a solve keeps, read from the work array of its steps."""
+
+    def columns(place: int, vectors: int) -> NDArray[np.float64]:
+        """Return the square matrix that stands by columns of so many padded vectors."""
+        order = vectors * solve.length
+        padded = work[place : place + order * vectors * solve.width].reshape(order, vectors, solve.width)
+        return np.array(padded[:, :, : solve.length].reshape(order, order).T)
+
+    n = layout.dimension
+    weights = work[solve.weights : solve.weights + solve.all].reshape(-1, solve.width)
+    return Kept(
+        step=matrix_step,
+        derivative=work[solve.derivative : solve.derivative + n**2].reshape(n, n).T.copy(),
+        inverse=-columns(solve.inverse, solve.solve.count),
+        dampers=tuple(columns(solve.damper(damp), 1) for damp in solve.damped),
+        weights=weights[:, : solve.length].ravel(),
+    )

@@ -1,0 +1,212 @@
+"""What procedures of a step are made with: its arguments, its numbers, and combinations of its vectors.
+
+A vector stands at its place in the work array, and a combination of vectors is computed entry by entry: whole blocks
+are written, with anything behind the end of a vector.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from lagrange.graph.node import Node
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import FLAG, REAL, Array, Callee
+from lagrange.procedure.outcome import Outcome
+from lagrange.procedure.step.memory import EFFORT, NEWTON, Layout, SolveLayout
+from lagrange.procedure.values import Flag, Memory, Real, Variable, Whole
+from lagrange.program.actions import LAWS, Call, Combination, in_doubles, parts
+
+READ = Array(read=True)
+
+BY_PLACE = Callee((REAL, READ, READ, Array()), (FLAG,))
+"""A law between arrays: of a time, a state and the parameters, to the results; it says whether a matrix is singular."""
+
+
+def in_registers(layout: Layout) -> Callee:
+    """Return the type of a law that takes the state as numbers and gives numbers, and whether a matrix is singular."""
+    results = LAWS[layout.step.law].results * (layout.dimension // 2)
+    return Callee((REAL,) * (1 + layout.dimension) + (READ,), (REAL,) * results + (FLAG,))
+
+
+class Given:
+    """The arguments of a procedure of a step, which it hands on to others of the same step.
+
+    These are the law and its derivative, each with its parameters; time, length of the step and the tolerances; what
+    the step took; what each solve knows, or the one that the procedure is for; and the work array.
+    """
+
+    def __init__(self, p: Builder, layout: Layout, solve: SolveLayout | None = None) -> None:
+        self.p, self.layout, self.solve = p, layout, solve
+        self.law = p.function("law", in_registers(layout) if layout.in_registers else BY_PLACE)
+        self.parameters = p.array("parameters", read=True)
+        self.jacobian = p.function("jacobian", BY_PLACE)
+        self.constants = p.array("constants", read=True)
+        self.t, self.h = p.given("t", REAL), p.given("h", REAL)
+        self.rtol, self.atol = p.given("rtol", REAL), p.given("atol", REAL)
+        self.effort = p.record("effort", EFFORT)
+        owners = layout.solves if solve is None else [solve]
+        self.newtons = [p.record(f"newton{owner.index}", NEWTON) for owner in owners]
+        self.work = p.array("work", size=layout.size, room=layout.block)
+
+    @property
+    def newton(self) -> Any:
+        """What the solve knows that the procedure is for."""
+        return self.newtons[0]
+
+    def handed(self, newton: Any = None) -> tuple[Any, ...]:
+        """Return the arguments for another procedure of the same solve, or of a solve of the step."""
+        law = (self.law, self.parameters, self.jacobian, self.constants)
+        owner = self.newton if newton is None else newton
+        return (*law, self.t, self.h, self.rtol, self.atol, self.effort, owner, self.work)
+
+    def leave_unless_done(self, outcome: Whole) -> None:
+        """End the procedure with an outcome of another unless that is done."""
+        with self.p.when(~outcome.equals(int(Outcome.DONE))):
+            self.p.leave(outcome)
+
+    def leave_if(self, condition: Flag, outcome: Outcome) -> None:
+        """End the procedure with an outcome where a condition holds."""
+        with self.p.when(condition):
+            self.p.leave(int(outcome))
+
+
+class Vectors:
+    """The vectors of a step in a procedure, and the numbers that they are combined with.
+
+    Numbers are made of t, h and the ratio of steps: those of `nodes` are known, and all in `combinations`.
+    """
+
+    def __init__(
+        self,
+        given: Given,
+        combinations: Iterable[Combination],
+        nodes: Iterable[Node] = (),
+        *,
+        ratio: Real | None = None,
+    ) -> None:
+        self.given, self.p, self.layout, self.work = given, given.p, given.layout, given.work
+        step = self.layout.step
+        factors = [factor for one in combinations for _, factor in one if factor is not step.graph.one]
+        wanted = list(dict.fromkeys([*factors, *nodes, step.graph.one]))
+        program = step.scalars(wanted)
+        values: list[Real] = []
+        inputs = {"h": given.h, "ratio": ratio}
+        for op, args, place, value, _ in program.instructions:
+            if op == "time":
+                values.append(given.t)
+            elif op == "state":
+                values.append(self.p.real(inputs[program.inputs[place].name]))
+            elif op == "constant":
+                values.append(self.p.constant(float(value), REAL))
+            else:
+                values.append(self.p.operation(op, *(values[arg] for arg in args)))
+        self.numbers = {node: values[ref] for node, ref in zip(wanted, program.outputs, strict=True)}
+
+    def at(self, vector: int) -> Memory:
+        """Return a vector."""
+        return self.work.at(self.layout.place(vector))
+
+    def combine(self, combination: Combination, target: Memory, *, sizes: bool = False) -> None:
+        """Write a linear combination of vectors, or with `sizes` that of their sizes."""
+        sum_ = Sum(self, combination, sizes=sizes)
+        with self.p.each(self.layout.width, spill=True) as i:
+            target[i] = sum_[i]
+
+    def entries(self, combination: Combination) -> list[Real]:
+        """Return the numbers of a linear combination, each in a register of its own."""
+        length, block = self.layout.length, self.layout.block
+        if len(combination) == 1 and combination[0][1] is self.layout.step.graph.one:
+            found = self.at(combination[0][0])
+        else:
+            found = self.p.reserve(self.layout.width, room=block)
+            self.combine(combination, found)
+        return [found[i] for i in range(length)]
+
+    def keep_entries(self, values: Sequence[Real], target: Memory) -> None:
+        """Write numbers in registers as a vector, filled up with zeros."""
+        block = self.p.reserve(self.layout.width, room=self.layout.block)
+        for i in range(self.layout.width):
+            block[i] = values[i] if i < len(values) else 0.0
+        self.copy(block, target, self.layout.width)
+
+    def copy(self, source: Memory, target: Memory, count: int) -> None:
+        """Copy numbers, whole blocks of them."""
+        with self.p.each(count, spill=True) as i:
+            target[i] = source[i]
+
+    def evaluate(self, call: Call, singular: Variable) -> None:
+        """Evaluate the law and keep its results as vectors; note whether a matrix is singular."""
+        failed = self._by_number(call) if self.layout.in_registers else self._by_place(call)
+        singular.value = singular.value | failed
+
+    def arguments(self, call: Call) -> Memory:
+        """Write the arguments of a call one behind the other."""
+        for i, argument in enumerate(call.arguments):
+            self.combine(argument, self.work.at(self.layout.argument + i * self.layout.length))
+        return self.work.at(self.layout.argument)
+
+    def _by_place(self, call: Call) -> Flag:
+        layout, step, given = self.layout, self.layout.step, self.given
+        where, out = self.arguments(call), self.work.at(layout.result)
+        failed = given.law(self.numbers[call.time], where, given.parameters, out)
+        first = layout.result + (layout.length if step.law == "accelerations" else 0)
+        for i in range(LAWS[step.law].results):
+            self.copy(self.work.at(first + i * layout.length), self.at(call.first + i), layout.width)
+        return Flag.of(failed)
+
+    def _by_number(self, call: Call) -> Flag:
+        layout, law, half = self.layout, LAWS[self.layout.step.law], self.layout.dimension // 2
+        state = [value for argument in call.arguments for value in self.entries(argument)]
+        zeros = [self.p.constant(0.0, REAL)] * (layout.dimension - len(state))
+        *found, failed = self.given.law(self.numbers[call.time], *state, *zeros, self.given.parameters)
+        values = [*state[half:], *found] if law.states == 1 else found
+        for i in range(law.results):
+            self.keep_entries(values[i * layout.length : (i + 1) * layout.length], self.at(call.first + i))
+        return Flag.of(failed)
+
+
+class Sum:
+    """A linear combination of vectors, taken entry by entry inside of an `each`.
+
+    Numbers with h are those of a step that is held to Brouwer's law: h multiplies their factors, in two doubles, at
+    once.
+    """
+
+    def __init__(self, vectors: Vectors, combination: Combination, *, sizes: bool = False) -> None:
+        self.p, step, self.sizes = vectors.p, vectors.layout.step, sizes
+        self.h = vectors.given.h
+        one = step.graph.one
+        plain, scaled = parts(combination, step.h) if step.exact and not sizes else (combination, ())
+        terms = sorted(plain, key=lambda term: term[1] is not one)
+        self.terms: list[tuple[Memory, Real | None]] = []
+        for vector, node in terms:
+            factor = None if node is one else vectors.numbers[node]
+            self.terms.append((vectors.at(vector), abs(factor) if sizes and factor is not None else factor))
+        self.scaled = [(vectors.at(vector), in_doubles(factor)) for vector, factor in scaled]
+
+    def __getitem__(self, i: Whole) -> Real:
+        """Return an entry."""
+        p, total = self.p, None
+        for memory, factor in self.terms:
+            value = abs(memory[i]) if self.sizes else memory[i]
+            if factor is None:
+                total = value if total is None else total + value
+            else:
+                total = factor * value if total is None else p.fma(factor, value, total)
+        slope = self._slope(i)
+        if slope is not None:
+            total = self.h * slope if total is None else p.fma(self.h, slope, total)
+        return p.real(0.0 if total is None else total)
+
+    def _slope(self, i: Whole) -> Real | None:
+        """Return the sum of what h multiplies."""
+        sums: list[Real | None] = [None, None]
+        for memory, doubles in self.scaled:
+            value = memory[i]
+            for k, part in enumerate(doubles):
+                if part:
+                    before = sums[k]
+                    sums[k] = value * part if before is None else self.p.fma(self.p.constant(part, REAL), value, before)
+        first, second = sums
+        return first if first is None or second is None else first + second
