@@ -11,7 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from lagrange.equations.structure import Structure, find_structure, mass_blocks
+from lagrange.equations.solve_plan import SolvePlan, plan_of
+from lagrange.equations.structure import Structure, find_structure
 from lagrange.errors import StatementError
 from lagrange.graph.differentiate import gradient, tangents
 from lagrange.graph.from_sympy import Translator
@@ -26,13 +27,15 @@ from lagrange.statement.statement import Statement
 class Equations:
     """Every law of one system, as nodes of one graph.
 
-    `q`, `v` and `parameters` are the symbols, n, n and k of them; `momenta`, `forces`, `bias` and
-    `accelerations` have n entries, `mass` n rows; `leaves` maps the statement's SymPy leaves to symbols.
+    `q`, `v` and `parameters` are the symbols, n, n and k of them; `rate`, which is dq/dt, `momenta`, `forces`, `bias`
+    and `accelerations` have n entries, `mass` n rows; `plan` solves with it; `leaves` maps the statement's SymPy leaves
+    to symbols.
     """
 
     graph: Graph
     q: tuple[Node, ...]
     v: tuple[Node, ...]
+    rate: tuple[Node, ...]
     time: Node
     parameters: tuple[Node, ...]
     leaves: Mapping[Any, Node]
@@ -43,6 +46,7 @@ class Equations:
     bias: tuple[Node, ...]
     energy: Node
     accelerations: tuple[Node, ...]
+    plan: SolvePlan
     structure: Structure
 
     def translate(self, expression: Any) -> Node:
@@ -72,13 +76,15 @@ def euler_lagrange(statement: Statement) -> Equations:
     mass = mass_matrix(momenta, v)
     check_inertia(statement.names, mass)
     bias = bias_forces(forces, momenta, q, v, time)
-    accelerations = solve_accelerations(graph, mass, bias)
-    structure = find_structure(graph, statement.names, q, time, lagrangian, momenta, extra, mass, accelerations)
+    plan = plan_of(mass)
+    accelerations = solve_accelerations(plan, mass, bias)
+    structure = find_structure(graph, statement.names, q, time, lagrangian, momenta, extra, plan, accelerations)
     known = dict(zip(map(acceleration_of, statement.coordinates), accelerations, strict=True))
     return Equations(
         graph=graph,
         q=q,
         v=v,
+        rate=v,
         time=time,
         parameters=parameters,
         leaves=leaves | known,
@@ -89,6 +95,7 @@ def euler_lagrange(statement: Statement) -> Equations:
         bias=tuple(bias),
         energy=jacobi_integral(lagrangian, momenta, v),
         accelerations=tuple(accelerations),
+        plan=plan,
         structure=structure,
     )
 
@@ -150,13 +157,9 @@ def jacobi_integral(lagrangian: Node, momenta: Sequence[Node], v: Sequence[Node]
     return graph.sum([*powers, (-1, lagrangian)])
 
 
-def solve_accelerations(graph: Graph, mass: Sequence[Sequence[Node]], bias: Sequence[Node]) -> list[Node]:
-    """Return a of M a = h, block by block of the mass matrix."""
-    found: dict[int, Node] = {}
-    for block in mass_blocks(mass):
-        solution = graph.solve([[mass[i][j] for j in block] for i in block], [bias[i] for i in block])
-        found.update(zip(block, solution, strict=True))
-    return [found[i] for i in range(len(bias))]
+def solve_accelerations(plan: SolvePlan, mass: Sequence[Sequence[Node]], bias: Sequence[Node]) -> list[Node]:
+    """Return a of M a = h."""
+    return plan.solved(mass, bias)
 
 
 def _symbols(graph: Graph, statement: Statement) -> tuple[tuple[Node, ...], tuple[Node, ...], Node, tuple[Node, ...]]:

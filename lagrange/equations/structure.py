@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from lagrange.equations.solve_plan import SolvePlan
 from lagrange.errors import listing
 from lagrange.graph.node import Binding, Graph, Kind, Node, reachable
 
@@ -71,18 +72,6 @@ class Structure:
         ]
 
 
-def mass_blocks(mass: Sequence[Sequence[Node]]) -> tuple[tuple[int, ...], ...]:
-    """Return the groups of indices that the non-zero entries of a symmetric matrix connect, each sorted."""
-    n = len(mass)
-    label = list(range(n))
-    for i in range(n):
-        for j in range(i):
-            if mass[i][j] is not mass[i][j].graph.zero and label[i] != label[j]:
-                old, new = max(label[i], label[j]), min(label[i], label[j])
-                label = [new if entry == old else entry for entry in label]
-    return tuple(tuple(i for i in range(n) if label[i] == root) for root in dict.fromkeys(label))
-
-
 def find_structure(
     graph: Graph,
     names: tuple[str, ...],
@@ -91,15 +80,15 @@ def find_structure(
     lagrangian: Node,
     momenta: Sequence[Node],
     extra: Sequence[Node],
-    mass: Sequence[Sequence[Node]],
+    plan: SolvePlan,
     accelerations: Sequence[Node],
 ) -> Structure:
     """Find the structure; `extra` are the generalized forces less dissipation, Q - dD/dv."""
     free = [force is graph.zero for force in extra]
     return Structure(
         names=names,
-        blocks=mass_blocks(mass),
-        constant_mass=all(entry.binding <= Binding.PARAMETER for row in mass for entry in row),
+        blocks=plan.blocks,
+        constant_mass=not plan.moving,
         separable=not any(p.binding in (Binding.TIME, Binding.CONFIGURATION) or _mixed(p, q, time) for p in momenta),
         autonomous=not lagrangian.depends & time.depends,
         forced=not all(free),

@@ -49,7 +49,7 @@ class Kind(enum.Enum):
     PRODUCT = "product"  # None
     POWER = "power"  # the exact exponent
     CALL = "call"  # the function's name
-    FACTOR = "factor"  # n: a symmetric matrix, lower triangle by rows, ready for solving
+    FACTOR = "factor"  # (n, m): a symmetric matrix, lower triangle by rows, whose last m pivots are below zero
     SOLVE = "solve"  # n: (factor, right-hand side) -> solution
     COMPONENT = "component"  # i: one entry of a SOLVE
 
@@ -324,19 +324,22 @@ class Graph:
         flat = [node for pair in branches for node in pair]
         return self._intern(Kind.CALL, (*flat, last), "piecewise")
 
-    def solve(self, matrix: Sequence[Sequence[Node]], right: Sequence[Node]) -> list[Node]:
-        """Return x of matrix x = right, n nodes, for a symmetric matrix given by its lower triangle, by rows."""
+    def solve(self, matrix: Sequence[Sequence[Node]], right: Sequence[Node], negative: int = 0) -> list[Node]:
+        """Return x of matrix x = right, n nodes, for a symmetric matrix given by its lower triangle, by rows.
+
+        It is positive definite but for its last unknowns, so many, whose pivots are below zero: multipliers.
+        """
         n = len(right)
         if n == 1:
             return [right[0] / matrix[0][0]]
-        factor = self._intern(Kind.FACTOR, tuple(matrix[i][j] for i in range(n) for j in range(i + 1)), n)
+        factor = self._intern(Kind.FACTOR, tuple(matrix[i][j] for i in range(n) for j in range(i + 1)), (n, negative))
         return self.solve_with(factor, right)
 
     def solve_with(self, factor: Node, right: Sequence[Node]) -> list[Node]:
         """Return the solution for another right-hand side with a matrix already factored."""
         if all(node is self.zero for node in right):
             return [self.zero] * len(right)
-        return self.components(self._intern(Kind.SOLVE, (factor, *right), factor.data))
+        return self.components(self._intern(Kind.SOLVE, (factor, *right), factor.data[0]))
 
     def components(self, solution: Node) -> list[Node]:
         """Return the unknowns of a SOLVE node, one node each."""

@@ -46,7 +46,7 @@ def _rational(value: int | Fraction) -> Any:
 
 def _solution(node: Node, table: Mapping[Node, Any]) -> Any:
     factor, right = node.args[0].args[0], node.args[0].args[1:]
-    n = factor.data
+    n = len(right)
     if n > 4:
         raise StatementError(f"the solution of {n} coupled equations is too large to write out.")
     matrix = sympy.Matrix(n, n, lambda i, j: table[factor.args[max(i, j) * (max(i, j) + 1) // 2 + min(i, j)]])

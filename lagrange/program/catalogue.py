@@ -28,7 +28,7 @@ class Quantity:
 
 def rhs(equations: Equations) -> Named:
     """Return d[q, v]/dt = [v, a]."""
-    return {"rate": equations.v, "acceleration": equations.accelerations}
+    return {"rate": equations.rate, "acceleration": equations.accelerations}
 
 
 def jacobian(equations: Equations) -> Named:
@@ -40,16 +40,16 @@ def jacobian(equations: Equations) -> Named:
     graph, n = equations.graph, len(equations.q)
     # Symbols stand for the accelerations while differentiating: M times the solution of M a = h would cancel.
     a = [graph.symbol(f"acceleration {i}", Binding.ACCELERATION) for i in range(n)]
-    direction = dict(zip((*equations.q, *equations.v), (*equations.v, *a), strict=True))
+    direction = dict(zip((*equations.q, *equations.v), (*equations.rate, *a), strict=True))
     along = tangents(equations.momenta, {**direction, equations.time: graph.one})
     residual = [along(p) - f for p, f in zip(equations.momenta, equations.forces, strict=True)]
     known = dict(zip(a, equations.accelerations, strict=True))
     columns = []
     for symbol in (*equations.q, *equations.v):
-        column = tangents(residual, {symbol: graph.one})
-        columns.append(_solve(equations, substitute([-column(entry) for entry in residual], known)))
-    upper = [graph.one if j == n + i else graph.zero for i in range(n) for j in range(2 * n)]
-    return {"jacobian": [*upper, *(columns[j][i] for i in range(n) for j in range(2 * n))]}
+        column = tangents([*equations.rate, *residual], {symbol: graph.one})
+        slopes = substitute([-column(entry) for entry in residual], known)
+        columns.append([*map(column, equations.rate), *equations.plan.solved(equations.mass, slopes)])
+    return {"jacobian": [column[i] for i in range(2 * n) for column in columns]}
 
 
 def momentum(equations: Equations) -> Named:
@@ -62,15 +62,6 @@ def momentum_jacobian(equations: Equations) -> Named:
     rows = [*equations.momenta, *equations.forces]
     columns = [tangents(rows, {symbol: equations.graph.one}) for symbol in (*equations.q, *equations.v)]
     return {"momentum_jacobian": [column(row) for row in rows for column in columns]}
-
-
-def _solve(equations: Equations, right: Sequence[Node]) -> list[Node]:
-    """Return x of M x = right, block by block; the factors of M are shared by all right-hand sides."""
-    found: dict[int, Node] = {}
-    for block in equations.structure.blocks:
-        matrix = [[equations.mass[i][j] for j in block] for i in block]
-        found.update(zip(block, equations.graph.solve(matrix, [right[i] for i in block]), strict=True))
-    return [found[i] for i in range(len(right))]
 
 
 QUANTITIES: dict[str, Quantity] = {

@@ -96,10 +96,11 @@ class _Lowering:
         place: int = 0,
         value: float = 0.0,
         order: int = 0,
+        negative: int = 0,
         level: Binding = Binding.CONSTANT,
     ) -> int:
         """Return the number of an instruction, a new one only if there is none like it."""
-        instruction = Instruction(op, args, place, value, order)
+        instruction = Instruction(op, args, place, value, order, negative)
         if instruction not in self.numbers:
             self.numbers[instruction] = len(self.instructions)
             self.instructions.append(instruction)
@@ -135,6 +136,9 @@ class _Lowering:
             return self.call(node.data, args)
         if node.kind is Kind.COMPONENT:
             return self.emit("component", *args, place=node.data)
+        if node.kind is Kind.FACTOR:
+            order, negative = node.data
+            return self.emit("factor", *args, order=order, negative=negative)
         return self.emit(node.kind.value, *args, order=node.data)
 
     def sum(self, node: Node) -> int:

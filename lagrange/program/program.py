@@ -67,7 +67,8 @@ PLACED, SYSTEMS = ("state", "parameter", "component"), ("factor", "solve")
 class Instruction(NamedTuple):
     """One operation on earlier results.
 
-    `place` is that of an input, a parameter or a component, `value` a constant, `order` that of a matrix.
+    `place` is that of an input, a parameter or a component, `value` a constant, `order` that of a matrix, of which the
+    last `negative` pivots are below zero and all others above.
     """
 
     op: str
@@ -75,9 +76,11 @@ class Instruction(NamedTuple):
     place: int = 0
     value: float = 0.0
     order: int = 0
+    negative: int = 0
 
     def __str__(self) -> str:
         shown = [self.place] if self.op in PLACED else [self.order] if self.op in SYSTEMS else []
+        shown += [-self.negative] if self.negative else []
         given = [f"{self.value:.17g}"] if self.op == "constant" else map(str, shown)
         return " ".join([self.op, *given, *(f"%{arg}" for arg in self.args)])
 
@@ -161,7 +164,7 @@ def verify(program: Program) -> None:
 
 
 def _problems(program: Program) -> Iterator[str]:
-    for i, (op, args, place, _, order) in enumerate(program.instructions):
+    for i, (op, args, place, _, order, negative) in enumerate(program.instructions):
         if op not in ARITY:
             yield f"%{i} has the unknown operation {op}"
         elif ARITY[op] not in (None, len(args)):
@@ -174,6 +177,8 @@ def _problems(program: Program) -> Iterator[str]:
             yield f"%{i} = {op} {place} is not there"
         if op == "factor" and len(args) != order * (order + 1) / 2:
             yield f"%{i} factors a matrix of order {order} from {len(args)} entries"
+        if not 0 <= negative <= order * (op == "factor"):
+            yield f"%{i} = {op} of order {order} has {negative} pivots below zero"
         if op == "solve" and len(args) != order + 1:
             yield f"%{i} solves a system of order {order} with {len(args) - 1} right-hand sides"
     if len(program.outputs) != math.prod(program.shape):

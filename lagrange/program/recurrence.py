@@ -55,7 +55,7 @@ class Builder:
         for i, node in enumerate(self.q):
             self.values[node] = self.add(Rule("coordinate", (), (i,)), node)
         for i, node in enumerate(self.v):
-            self.values[node] = self.add(Rule("velocity", (), (i,)), node)
+            self.values[node] = self.add(Rule("unknown", (), (i,)), node)
         self.values[time] = self.add(Rule("time"), time)
         order = [node for node in reachable(outputs) if node.binding > Binding.PARAMETER]
         self.pairs = self._pairs(order)

@@ -10,10 +10,10 @@ coefficients of order k; the rules are listed in `RULES`. Order 0 is an ordinary
 
 For every k from 1 to the order wanted a machine
 
-  1. finds q[k], and the values of the `configuration` list, which need no velocity of order k;
-  2. finds the values of the `trial` list with v[k] = 0, hence p^[k], and solves for v[k] (a constant mass matrix
-     needs no p^: the rate of what p has beside M v is counted among the forces);
-  3. finds the values of the `velocity` list, hence f[k].
+  1. finds q[k], and the values of the list `before`, which need no unknown of order k;
+  2. and for each stage, of which the velocities are the first: finds the values of its list `trial` with unknowns of
+     zero, hence p^[k], and solves for them (a constant mass matrix needs no p^: the rate of what p has beside M v is
+     counted among the forces); then finds the values of its list `found`, hence f[k].
 
 Source: A. Jorba, M. Zou, Experimental Mathematics 14 (2005) 99-117, for the recurrences; the step through the mass
 matrix of order 0 is that of implicit equations, J. D. Pryce, Numerical Algorithms 19 (1998) 195-211.
@@ -26,12 +26,13 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
+from lagrange.equations.solve_plan import SolvePlan
 from lagrange.errors import LagrangeError
 from lagrange.program.program import Program
 
 RULES: dict[str, tuple[int | None, int | None, str]] = {
     "coordinate": (0, 1, "q{0}[k] = v{0}[k-1] / k"),
-    "velocity": (0, 1, "v{0}[k], from the mass matrix"),
+    "unknown": (0, 1, "x{0}[k], from the solve of its stage"),
     "time": (0, 0, "1 at k = 1, else 0"),
     "constant": (0, 0, "0"),
     "linear": (None, None, "sum of c x[k]"),
@@ -65,15 +66,29 @@ class Rule(NamedTuple):
 
 
 @dataclass(frozen=True)
+class Stage:
+    """A solve of every order, A x[k] = right[k-1] / k - left[k], where left[k] is found with x[k] = 0.
+
+    `unknowns` are values; for each there is one of `left` and of `right`, None for zero: of velocities the momenta, up
+    to a constant, and the forces. `plan` says what matrix A of order 0 is, and how it is solved.
+    """
+
+    unknowns: tuple[int, ...]
+    left: tuple[int | None, ...]
+    right: tuple[int | None, ...]
+    plan: SolvePlan
+
+
+@dataclass(frozen=True)
 class SeriesProgram:
     """The series of a motion of n coordinates.
 
     `constants` gives the table of coefficients; `numbers` has the value of each that is known now, else None. `start`
-    gives, for `started`, the values of order 0. The lower triangles of the mass matrix, block by block, follow behind
-    the one or, if it is constant, the other. Both take the parameters, then the `sides` of the switching surfaces (see
+    gives, for `started`, the values of order 0. The lower triangles of the matrices, stage by stage, follow behind the
+    one or, of a constant one, the other. Both take the parameters, then the `sides` of the switching surfaces (see
     `lagrange.program.switching`), which have the signs of what `surfaces` gives; `start` takes the table as well, and
-    its state is [q, v] and what rounding lost of it. `momenta` and `forces` say which values are p, up to a constant,
-    and f (None: zero); `watched` those of the surfaces and events.
+    its state is [q, v] and what rounding lost of it. `rates` are the values that dq/dt are, `watched` those of the
+    surfaces and events.
     """
 
     name: str
@@ -85,29 +100,22 @@ class SeriesProgram:
     rules: tuple[Rule, ...]
     start: Program
     started: tuple[int, ...]
-    momenta: tuple[int | None, ...]
-    forces: tuple[int | None, ...]
+    rates: tuple[int, ...]
+    stages: tuple[Stage, ...]
     watched: tuple[int | None, ...]
-    blocks: tuple[tuple[int, ...], ...]
-    constant_mass: bool
 
     def __post_init__(self) -> None:
         for problem in _problems(self):
             raise LagrangeError(f"series program {self.name} is malformed: {problem}")
 
-    @property
-    def diagonal(self) -> bool:
-        """Whether the mass matrix is diagonal."""
-        return len(self.blocks) == self.dimension
-
     @cached_property
-    def moving(self) -> frozenset[int]:
-        """The values whose coefficient of order k depends on v[k]."""
-        found: set[int] = set()
-        for i, rule in enumerate(self.rules):
-            if rule.op == "velocity" or any(arg in found for arg in self.direct(i)):
-                found.add(i)
-        return frozenset(found)
+    def depth(self) -> tuple[int, ...]:
+        """How many stages must be done at an order before each value is known."""
+        solved = {unknown: place for place, stage in enumerate(self.stages, 1) for unknown in stage.unknowns}
+        found: list[int] = []
+        for i in range(len(self.rules)):
+            found.append(solved.get(i, max((found[arg] for arg in self.direct(i)), default=0)))
+        return tuple(found)
 
     def direct(self, i: int) -> tuple[int, ...]:
         """Return the arguments of a value that are read at order k itself."""
@@ -115,24 +123,31 @@ class SeriesProgram:
         return tuple(arg for place, arg in enumerate(args) if LAGGED.get(op) != place)
 
     @cached_property
-    def configuration(self) -> tuple[int, ...]:
-        """The values to find before v[k] is known, in order."""
-        return tuple(i for i in self._all_needed if i not in self.moving)
+    def before(self) -> tuple[int, ...]:
+        """The values to find before any stage, in order."""
+        return tuple(i for i in self._needed(self._outputs(left=True)) if not self.depth[i])
 
     @cached_property
-    def trial(self) -> tuple[int, ...]:
-        """The values to find with v[k] = 0 for the sake of p^[k], in order; the velocities are not among them."""
-        if self.constant_mass:
-            return ()
-        needed = self._needed([p for p in self.momenta if p is not None])
-        return tuple(i for i in needed if i in self.moving and self.rules[i].op != "velocity")
+    def trials(self) -> tuple[tuple[int, ...], ...]:
+        """For each stage the values to find with unknowns of zero, in order, for what its solve subtracts."""
+        wanted = ([value for value in stage.left if value is not None] for stage in self.stages)
+        return tuple(self._at(self._needed(values), place) for place, values in enumerate(wanted, 1))
 
     @cached_property
-    def velocity(self) -> tuple[int, ...]:
-        """The values to find once v[k] is known, in order: all that f or a later order needs, and what is watched."""
-        wanted = [value for value in (*self.forces, *self.watched) if value is not None]
-        needed = self._needed([*wanted, *sorted(self.kept | self.ranked | self.lagged)])
-        return tuple(i for i in needed if i in self.moving and self.rules[i].op != "velocity")
+    def found(self) -> tuple[tuple[int, ...], ...]:
+        """For each stage the values to find once it is solved, in order: what is read at this or a later order."""
+        needed = self._needed(self._outputs(left=len(self.stages) > 1))
+        return tuple(self._at(needed, place) for place in range(1, len(self.stages) + 1))
+
+    def _at(self, values: Sequence[int], place: int) -> tuple[int, ...]:
+        """Return those of some values that a stage makes known, but for its unknowns."""
+        return tuple(i for i in values if self.depth[i] == place and self.rules[i].op != "unknown")
+
+    def _outputs(self, *, left: bool) -> list[int]:
+        """Return the values that are read by something else than a rule at the same order, with or without p."""
+        named = [value for stage in self.stages for value in (*(stage.left if left else ()), *stage.right)]
+        kept = self.kept | self.ranked | self.lagged
+        return [value for value in (*named, *self.watched, *self.rates, *sorted(kept)) if value is not None]
 
     @cached_property
     def kept(self) -> frozenset[int]:
@@ -162,11 +177,6 @@ class SeriesProgram:
         """The number of sums over lower orders; see the function of this name."""
         return convolutions(self.rules)
 
-    @cached_property
-    def _all_needed(self) -> list[int]:
-        outputs = [i for i in (*self.momenta, *self.forces, *self.watched) if i is not None]
-        return self._needed([*outputs, *sorted(self.kept | self.ranked | self.lagged)])
-
     def _needed(self, outputs: list[int]) -> list[int]:
         """Return what the outputs are computed from at the same order, arguments first."""
         marked = set(outputs)
@@ -176,13 +186,18 @@ class SeriesProgram:
         return sorted(marked)
 
     def __str__(self) -> str:
-        lines = [f"{self.name}: {self.dimension} coordinates, mass matrix of blocks {list(map(len, self.blocks))}"]
+        blocks = [len(block) for stage in self.stages for block in stage.plan.blocks]
+        lines = [f"{self.name}: {self.dimension} coordinates, mass matrix of blocks {blocks}"]
         lines += [f"  c{i} = {number:.17g}" for i, number in enumerate(self.numbers) if number is not None]
-        for title, members in (("before", self.configuration), ("trial", self.trial), ("after", self.velocity)):
+        parts = [("before", self.before)]
+        for trial, found in zip(self.trials, self.found, strict=True):
+            parts += [("trial", trial), ("after", found)]
+        for title, members in parts:
             lines.append(f"{title}:")
             lines += [f"  %{i} = {_shown(self.rules[i])}" for i in members]
-        for title, outputs in (("p", self.momenta), ("f", self.forces), ("watched", self.watched)):
-            lines.append(f"{title}: " + " ".join("0" if output is None else f"%{output}" for output in outputs))
+        outputs = [pair for stage in self.stages for pair in (("p", stage.left), ("f", stage.right))]
+        for title, values in (*outputs, ("watched", self.watched)):
+            lines.append(f"{title}: " + " ".join("0" if value is None else f"%{value}" for value in values))
         return "\n".join(lines)
 
 
@@ -207,13 +222,18 @@ def kept_values(rules: Sequence[Rule]) -> frozenset[int]:
     return frozenset(found)
 
 
+def integrated(rules: Sequence[Rule], rates: Sequence[int]) -> tuple[int, ...]:
+    """Return the rates of the coordinates that are no velocities, which are known as they are."""
+    return tuple(rate for rate in rates if not 0 <= rate < len(rules) or rules[rate].op != "unknown")
+
+
 def lagged_values(rules: Sequence[Rule]) -> frozenset[int]:
     """Return the values that are integrated."""
     return frozenset(rule.args[0] for rule in rules if rule.op == "integral")
 
 
 def _shown(rule: Rule) -> str:
-    if rule.op in ("coordinate", "velocity"):
+    if rule.op in ("coordinate", "unknown"):
         return f"{rule.op} {rule.coefficients[0]}"
     if rule.op == "linear":
         return "linear " + " + ".join(f"c{c} %{arg}" for c, arg in zip(rule.coefficients, rule.args, strict=True))
@@ -221,6 +241,8 @@ def _shown(rule: Rule) -> str:
 
 
 def _problems(program: SeriesProgram) -> Iterator[str]:
+    n, solved = program.dimension, [unknown for stage in program.stages for unknown in stage.unknowns]
+    sizes = {"coordinate": n, "unknown": len(solved)}
     for i, (op, args, coefficients) in enumerate(program.rules):
         if op not in RULES:
             yield f"%{i} has the unknown rule {op}"
@@ -230,26 +252,34 @@ def _problems(program: SeriesProgram) -> Iterator[str]:
             yield f"%{i} = {op} has {len(args)} arguments"
         if len(coefficients) != (len(args) if constants is None else constants):
             yield f"%{i} = {op} has {len(coefficients)} coefficients"
-        size = program.dimension if op in ("coordinate", "velocity") else len(program.numbers)
+        size = sizes.get(op, len(program.numbers))
         if any(not 0 <= c < size for c in coefficients):
             yield f"%{i} = {op} has a coefficient that is not there"
         if any(not 0 <= arg < len(program.rules) for arg in args):
             yield f"%{i} = {op} reads a value that is not there"
         elif any(arg >= i for arg in program.direct(i)):
             yield f"%{i} = {op} reads a later value at its own order"
-    sizes = [len(program.numbers), len(program.started)]
-    sizes[0 if program.constant_mass else 1] += sum(len(b) * (len(b) + 1) // 2 for b in program.blocks)
-    if [len(program.constants.outputs), len(program.start.outputs)] != sizes:
+    given = [len(program.numbers), len(program.started)]
+    for stage in program.stages:
+        given[stage.plan.moving] += len(stage.plan.triangle)
+    if [len(program.constants.outputs), len(program.start.outputs)] != given:
         yield "the start does not give every value of order 0 and the mass matrix"
     if len(program.surfaces.outputs) != max(program.sides, 1):
         yield "there is not one side for each surface"
-    outputs = [i for i in (*program.forces, *program.watched) if i is not None]
-    if any(not 0 <= i < len(program.rules) for i in (*outputs, *program.momenta) if i is not None):
+    lefts = [i for stage in program.stages for i in stage.left if i is not None]
+    rights = [i for stage in program.stages for i in stage.right if i is not None]
+    outputs = [*rights, *(i for i in program.watched if i is not None), *integrated(program.rules, program.rates)]
+    if any(not 0 <= i < len(program.rules) for i in (*outputs, *lefts)):
         yield "an output is no value"
-    if not len(program.momenta) == len(program.forces) == program.dimension:
+    if solved[:n] != list(range(n, 2 * n)):
+        yield "the stages do not find the velocities in their order"
+    if len(program.rates) != n:
+        yield "there is not one rate for each coordinate"
+    if not all(len(stage.left) == len(stage.right) == len(stage.unknowns) for stage in program.stages):
         yield "there is not one momentum and one force for each coordinate"
     missing = (program.kept | program.lagged).union(outputs).difference(program.started)
     if missing:
         yield f"%{min(missing)} has no value of order 0"
-    if sorted(i for block in program.blocks for i in block) != list(range(program.dimension)):
-        yield "the blocks of the mass matrix do not cover the coordinates"
+    for stage in program.stages:
+        if sorted(i for block in stage.plan.blocks for i in block) != list(range(len(stage.unknowns))):
+            yield "the blocks of the mass matrix do not cover the coordinates"

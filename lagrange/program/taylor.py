@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from lagrange.equations.euler_lagrange import Equations, bias_forces
 from lagrange.graph.node import Binding, Exact, Kind, Node
 from lagrange.program.forms import Form, Momentum, Terms, forms
 from lagrange.program.lower import lower
 from lagrange.program.recurrence import Builder, known_node
-from lagrange.program.series import Rule, SeriesProgram, convolutions, kept_values, lagged_values
+from lagrange.program.series import Rule, SeriesProgram, Stage, convolutions, integrated, kept_values, lagged_values
 from lagrange.program.switching import Switched, switch
 
 
@@ -18,8 +19,7 @@ def series_program(equations: Equations, watched: Sequence[Node] = ()) -> tuple[
 
     The values watched are the surfaces, then the nodes given (of events).
     """
-    blocks = equations.structure.blocks
-    mass = [equations.mass[i][j] for block in blocks for i in block for j in block if j <= i]
+    mass = [equations.mass[i][j] for i, j in equations.plan.triangle]
     n, count = len(equations.q), len(watched)
     switched = switch(equations.graph, (*equations.momenta, *equations.forces, *mass), watched)
     p, f = switched.outputs[:n], switched.outputs[n : 2 * n]
@@ -38,7 +38,7 @@ def assemblies(
     seen: Sequence[Node],
 ) -> list[_Assembly]:
     """Return every form of the equations worth comparing."""
-    if all(entry.binding <= Binding.PARAMETER for entry in triangles):
+    if _constant(triangles):
         # Of p only M v is solved for: the rest of it, of a potential that depends on velocities, is a force, and no
         # form may count on p.
         f, p = bias_forces(f, p, e.q, e.v, e.time), [e.graph.zero] * len(p)
@@ -64,17 +64,18 @@ class _Assembly:
     ) -> None:
         self.equations = equations
         self.triangles, self.switched = triangles, switched
-        self.constant_mass = all(entry.binding <= Binding.PARAMETER for entry in triangles)
+        self.plan = replace(equations.plan, moving=not _constant(triangles))
         graph = equations.graph
         forces = [node for terms in form.forces for _, node in terms]
-        inertia = forces if self.constant_mass else form.nodes
+        inertia = form.nodes if self.plan.moving else forces
         self.builder = Builder(graph, equations.q, equations.v, equations.time, [*inertia, *watched], apart=apart)
         self.builder.starts.update(switched.starts)
         self.parts = form.parts
         self.known: dict[Node, int | None] = {}
-        self.momenta = [None if self.constant_mass else self.momentum(node) for node in form.momenta]
+        self.momenta = [self.momentum(node) if self.plan.moving else None for node in form.momenta]
         self.forces = [self.force(terms) for terms in form.forces]
         self.watched = [self.builder.value(node) for node in watched]
+        self.rates = tuple(self.builder.value(rate) for rate in equations.rate)
 
     def momentum(self, node: Node) -> int | None:
         """Return the value of a momentum, up to a constant; those inside it come first."""
@@ -131,7 +132,7 @@ class _Assembly:
         """Return the record."""
         e, b = self.equations, self.builder
         outputs = {value for value in (*self.forces, *self.watched) if value is not None}
-        needed = kept_values(b.rules) | lagged_values(b.rules) | outputs
+        needed = kept_values(b.rules) | lagged_values(b.rules) | outputs.union(integrated(b.rules, self.rates))
         started = tuple(sorted(needed)) or (0,)
         table = list(b.constants) or [e.graph.one]
         mass = list(self.triangles)
@@ -144,7 +145,7 @@ class _Assembly:
         initial = [known_node(values[value]) for value in started]
         constants: dict[str, Sequence[Node]] = {"table": table}
         first: dict[str, Sequence[Node]] = {"values": initial}
-        (constants if self.constant_mass else first)["mass"] = mass
+        (first if self.plan.moving else constants)["mass"] = mass
         state: dict[str, Sequence[Node]] = {"q": e.q, "v": e.v}
         lost = {"q_lost": low[:n], "v_lost": low[n:]}
         stated = self.switched.stated or (e.graph.zero,)
@@ -158,9 +159,11 @@ class _Assembly:
             rules=tuple(b.rules),
             start=lower(f"{name}_start", first, {**state, **lost}, e.time, (*symbols, *entries)),
             started=started,
-            momenta=tuple(self.momenta),
-            forces=tuple(self.forces),
+            rates=self.rates,
+            stages=(Stage(tuple(range(n, 2 * n)), tuple(self.momenta), tuple(self.forces), self.plan),),
             watched=tuple(self.watched),
-            blocks=e.structure.blocks,
-            constant_mass=self.constant_mass,
         )
+
+
+def _constant(triangles: Sequence[Node]) -> bool:
+    return all(entry.binding <= Binding.PARAMETER for entry in triangles)

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from sympy import Abs, Piecewise, cos, exp, sin
 
 from lagrange.equations.euler_lagrange import euler_lagrange
-from lagrange.equations.structure import Structure, mass_blocks
+from lagrange.equations.solve_plan import coupled
+from lagrange.equations.structure import Structure
 from lagrange.graph.node import Binding, Graph
 from lagrange.statement.coordinate import t
 from tests.models import c, k, l, laws, m, omega, phi, r, stated, theta, x, y
@@ -135,7 +136,7 @@ def test_blocks_are_the_connected_groups(n: int, pairs: list[tuple[int, int]]) -
     mass = [[one if full[i, j] else graph.zero for j in range(n)] for i in range(n)]
     reached = np.linalg.matrix_power(full.astype(int), n) > 0
     expected = sorted({tuple(np.flatnonzero(row)) for row in reached})
-    assert sorted(mass_blocks(mass)) == expected
+    assert sorted(coupled(mass)) == expected
 
 
 def test_zero_by_cancellation_splits_a_block() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
+from dataclasses import replace
 from functools import cache, partial
 from typing import Any
 
@@ -20,13 +21,13 @@ from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.machine.series.llvm_driver import CompiledJet, LlvmSeries
 from lagrange.machine.series.packing import Packing, pack
 from lagrange.program.catalogue import program_of
-from lagrange.program.series import RULES, SeriesProgram
+from lagrange.program.series import RULES, SeriesProgram, Stage
 from lagrange.program.taylor import series_program
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.events.surfaces import stated_sides
 from tests.laws.test_random_systems import bent_energies, functions_of, kinetic_energies, potentials
-from tests.models import TARGETS, k, stated, x, y
+from tests.models import SYSTEMS, TARGETS, k, stated, x, y
 from tests.series import NUMBER, jet, numbers
 from tests.series_systems import LARGER
 
@@ -193,11 +194,13 @@ def assert_packed(program: SeriesProgram, lanes: int) -> None:
     """Hold a packing to what the kernels count on: each value once, like with like, arguments before their use."""
     packed = pack(program, lanes)
     n = program.dimension
-    for part in ("configuration", "trial", "velocity"):
-        chunks, members = getattr(packed, part), getattr(program, part)
+    parts = [(packed.before, program.before)]
+    for stage, trial, after in zip(packed.stages, program.trials, program.found, strict=True):
+        parts += [(stage.trial, trial), (stage.found, after)]
+    for chunks, members in parts:
         found = [value for chunk in chunks for value in chunk.values[: chunk.count]]
         assert sorted(found) == [i for i in members if i >= 2 * n]
-        known = set(range(2 * n)) | ({*program.configuration} if part != "configuration" else set())
+        known = set(range(2 * n)) | ({*program.before} if members is not program.before else set())
         for chunk in chunks:
             assert len(chunk.values) in (1, 2, 4, 8) and len(chunk.values) <= lanes
             assert 0 < chunk.count <= len(chunk.values) < 2 * chunk.count or chunk.count == len(chunk.values)
@@ -215,7 +218,7 @@ def assert_packed(program: SeriesProgram, lanes: int) -> None:
                     assert args == list(rule.args) or rule.op == "mul"
                     assert tuple(places) == rule.coefficients
             known |= set(chunk.values)
-    for chunks, first in ((packed.coordinates, 0), (packed.velocities, n)):
+    for chunks, first in ((packed.coordinates, 0), (packed.unknowns, n)):
         assert [value for chunk in chunks for value in chunk.values[: chunk.count]] == list(range(first, first + n))
     assert set(packed.place) >= program.kept | program.lagged | program.ranked
 
@@ -256,3 +259,33 @@ def test_random_mass_matrices_that_depend_on_velocities(T: Any, V: Any, first: f
         expected = exactly[: order + 1] * scale ** np.arange(order + 1.0)[:, None]
         ours = kernel.rows(order, 0.3, state, scale, given)[:, :4]
         assert np.abs(ours - expected).max() < 1e-9 * np.abs(expected).max()
+
+
+# --- stages ---------------------------------------------------------------------------------------------------
+
+
+def in_stages(program: SeriesProgram) -> SeriesProgram:
+    """Return the program with a stage for each block of coordinates: what is solved for first is known to the next."""
+    (whole,) = program.stages
+    assert len(whole.plan.blocks) > 1
+    stages = []
+    for block in whole.plan.blocks:
+        left, right = (tuple(part[i] for i in block) for part in (whole.left, whole.right))
+        plan = replace(whole.plan, blocks=(tuple(range(len(block))),))
+        stages.append(Stage(tuple(whole.unknowns[i] for i in block), left, right, plan))
+    return replace(program, stages=tuple(stages))
+
+
+@pytest.mark.parametrize("order", [6, 0])
+@pytest.mark.parametrize("name", ["saddle", "elastic pendulum", "charge", "spherical pendulum", "Henon-Heiles"])
+def test_unknowns_may_be_found_in_stages(name: str, order: int) -> None:
+    """The series is the same, interpreted, written out and in loops (an order of 0)."""
+    statement = SYSTEMS[name]()
+    program = series_program(euler_lagrange(statement))[0]
+    staged, given = in_stages(program), np.array([statement.defaults[p] for p in statement.parameters])
+    state = np.array(statement.initial) + np.linspace(0.1, 0.3, 2 * program.dimension)
+    expected = NumpySeries(program).rows(6, 0.25, state, 0.5, given)
+    for lanes_ in LANES:
+        found = CompiledJet(pack(staged, lanes_), order).rows(6, 0.25, state, 0.5, given)
+        assert found == pytest.approx(expected, rel=1e-11, abs=1e-13)
+    assert NumpySeries(staged).rows(6, 0.25, state, 0.5, given) == pytest.approx(expected, rel=1e-13, abs=1e-14)

@@ -12,6 +12,7 @@ import sympy as sp
 from sympy import Rational, sin
 
 from lagrange.equations.euler_lagrange import euler_lagrange
+from lagrange.equations.solve_plan import SolvePlan
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.graph.functions import FUNCTIONS
 from lagrange.graph.node import Binding, Graph
@@ -112,7 +113,7 @@ def test_what_switches_has_no_rule(name: str) -> None:
 
 
 def test_every_rule_is_spelled_and_used() -> None:
-    assert set(COEFFICIENT) == set(RULES) - {"coordinate", "velocity"}
+    assert set(COEFFICIENT) == set(RULES) - {"coordinate", "unknown"}
     programs = [series_program(euler_lagrange(forced(f(INNER["a product"]))))[0] for f in UNARY.values()]
     programs += [series_program(euler_lagrange(forced(f(INNER["a sum"]))))[0] for f in UNARY.values()]
     programs.append(series_program(euler_lagrange(forced(m)))[0])
@@ -201,6 +202,14 @@ def edited(i: int, rule: Rule) -> dict[str, Any]:
     return {"rules": tuple(rules)}
 
 
+def staged(**change: Any) -> dict[str, Any]:
+    return {"stages": (replace(sound().stages[0], **change),)}
+
+
+def unstarted() -> int:
+    return next(i for i in range(len(sound().rules)) if i not in sound().started and sound().rules[i].op != "unknown")
+
+
 def shorter(program: Any) -> Any:
     *blocks, (name, size) = program.results
     results = (*blocks, Block(name, size - 1))
@@ -227,12 +236,19 @@ def shorter(program: Any) -> Any:
         (lambda: {"constants": shorter(sound().constants)}, "the start does not give every value of order 0"),
         (lambda: {"started": (0, 2, *sound().started[2:])}, "%1 has no value of order 0"),
         (lambda: {"started": (2, *sound().started[1:])}, "%0 has no value of order 0"),
-        (lambda: {"forces": (9, 99)}, "an output is no value"),
-        (lambda: {"momenta": (None, -1)}, "an output is no value"),
+        (lambda: staged(right=(9, 99)), "an output is no value"),
+        (lambda: staged(left=(None, -1)), "an output is no value"),
         (lambda: {"watched": (10,)}, "an output is no value"),
-        (lambda: {"forces": (9,)}, "there is not one momentum and one force for each coordinate"),
-        (lambda: {"momenta": ()}, "there is not one momentum and one force for each coordinate"),
-        (lambda: {"blocks": ((0,), (0,))}, "the blocks of the mass matrix do not cover the coordinates"),
+        (lambda: staged(right=(9,)), "there is not one momentum and one force for each coordinate"),
+        (lambda: staged(left=()), "there is not one momentum and one force for each coordinate"),
+        (lambda: {"rates": (2,)}, "there is not one rate for each coordinate"),
+        (lambda: {"rates": (2, 99)}, "an output is no value"),
+        (lambda: {"rates": (2, unstarted())}, "has no value of order 0"),
+        (lambda: staged(unknowns=(3, 2)), "the stages do not find the velocities in their order"),
+        (
+            lambda: staged(plan=SolvePlan(((0,), (0,)), moving=False)),
+            "the blocks of the mass matrix do not cover the coordinates",
+        ),
     ],
 )
 def test_a_malformed_program_is_refused(change: Callable[[], dict[str, Any]], message: str) -> None:

@@ -64,7 +64,7 @@ class Arithmetic:
     ) -> list[Any]:
         """Return the outputs of a program."""
         values: list[Any] = []
-        for op, args, place, value, order in program.instructions:
+        for op, args, place, value, order, _ in program.instructions:
             if op == "state":
                 values.append(y[place])
             elif op == "parameter":

@@ -190,7 +190,7 @@ class Body:
         """Factor a matrix: written out if it is small, by the linear solver if not, in lanes when it is solved."""
         n = instruction.order
         if n <= UNROLLED:
-            self.vectors[i] = llvm_ldl.factor(self.e, self.lanes, n, self.entries(instruction))
+            self.vectors[i] = llvm_ldl.factor(self.e, self.lanes, n, self.entries(instruction), instruction.negative)
         elif self.lanes == 1:
             matrix = self.matrix(instruction)
             self.values[i] = self.e.reserve("double", factor_size(n))

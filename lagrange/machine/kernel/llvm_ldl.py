@@ -10,8 +10,12 @@ Entries = dict[tuple[int, int], str]
 """Values of a lower triangle by (row, column); what is missing is zero."""
 
 
-def factor(e: Emitter, lanes: int, n: int, a: Entries) -> list[str]:
-    """Return L by rows with 1/d on its diagonal, then whether every pivot can be trusted."""
+def factor(e: Emitter, lanes: int, n: int, a: Entries, negative: int = 0) -> list[str]:
+    """Return L by rows with 1/d on its diagonal, then whether every pivot can be trusted.
+
+    The last so many pivots are below zero. A pivot vanishes against its diagonal entry, or, of a multiplier, which has
+    none, against what is subtracted: G M^-1 G^T of the constraint.
+    """
     kind, zero = element(lanes), number(0.0, lanes)
     lower: Entries = {}
     scaled: Entries = {}
@@ -22,15 +26,28 @@ def factor(e: Emitter, lanes: int, n: int, a: Entries) -> list[str]:
             if value is not None:
                 scaled[i, j] = value
         diagonal = scaled.get((j, j), zero)
-        size = e.fabs(a.get((j, j), zero), kind)
+        if j < n - negative:
+            pivot, size = diagonal, e.fabs(a.get((j, j), zero), kind)
+        else:
+            pivot, size = e.value(f"fneg {kind} {diagonal}"), _size(e, kind, scaled, lower, j, lanes)
         least = e.value(f"fmul {kind} {size}, {number(PIVOT, lanes)}")
-        good = e.value(f"fcmp ogt {kind} {diagonal}, {least}")
+        good = e.value(f"fcmp ogt {kind} {pivot}, {least}")
         trusted = e.value(f"and {truth(lanes)} {trusted}, {good}") if trusted else good
         lower[j, j] = e.value(f"fdiv {kind} {number(1.0, lanes)}, {diagonal}")
         for i in range(j + 1, n):
             if (i, j) in scaled:
                 lower[i, j] = e.value(f"fmul {kind} {scaled[i, j]}, {lower[j, j]}")
     return [*(lower.get((i, j), zero) for i in range(n) for j in range(i + 1)), trusted]
+
+
+def _size(e: Emitter, kind: str, scaled: Entries, lower: Entries, j: int, lanes: int) -> str:
+    """Return the sum of the sizes of what is subtracted from a diagonal entry."""
+    total = number(0.0, lanes)
+    for k in range(j):
+        if (j, k) in scaled:
+            product = e.value(f"fmul {kind} {scaled[j, k]}, {lower[j, k]}")
+            total = e.value(f"fadd {kind} {total}, {e.fabs(product, kind)}")
+    return total
 
 
 def _reduced(e: Emitter, kind: str, value: str | None, products: list[tuple[str | None, str | None]]) -> str | None:

@@ -99,24 +99,24 @@ def best_order(cost: Cost, tolerance: float) -> int:
     return min(p for p, price in prices.items() if price <= NEARLY * min(prices.values()))
 
 
-def constants(program: SeriesProgram, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the table of constants, and the inverse (n, n) of a constant mass matrix, else an empty array.
+def constants(program: SeriesProgram, parameters: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
+    """Return the table of constants, and the inverse (n, n) of the matrix of each stage that has a constant one.
 
-    The inverse is NaN where a parameter is, such as a side that is still to be found. Raises SingularMassMatrix.
+    An inverse is NaN where a parameter is, such as a side that is still to be found. Raises SingularMassMatrix.
     """
     with np.errstate(all="ignore"):
         values = FLOATS.evaluate(program.constants, 0.0, [0.0] * (2 * program.dimension), list(parameters))
     table, rest = np.array(values[: len(program.numbers)], dtype=float), values[len(program.numbers) :]
-    if not program.constant_mass:
-        return table, np.empty((0, 0))
-    whole = np.zeros((program.dimension, program.dimension))
-    if np.isnan(parameters).any():
-        return table, np.full_like(whole, np.nan)
-    for block in program.blocks:
-        count = len(block) * (len(block) + 1) // 2
-        whole[np.ix_(block, block)] = inverse(symmetric(len(block), rest[:count]))
-        rest = rest[count:]
-    return table, whole
+    unknown, found = bool(np.isnan(parameters).any()), []
+    for plan in (stage.plan for stage in program.stages if not stage.plan.moving):
+        whole = np.zeros((plan.size, plan.size))
+        for block in plan.blocks:
+            count = len(block) * (len(block) + 1) // 2
+            if not unknown:
+                whole[np.ix_(block, block)] = inverse(symmetric(len(block), rest[:count]))
+            rest = rest[count:]
+        found.append(np.full_like(whole, np.nan) if unknown else whole)
+    return table, found
 
 
 def symmetric(n: int, triangle: list[float]) -> FloatArray:

@@ -30,7 +30,7 @@ def cheapest_order(packing: Packing, tolerance: float) -> int:
 
 def inverts(packing: Packing) -> bool:
     """Return whether a mass matrix is inverted at each step."""
-    return not packing.program.constant_mass and not packing.program.diagonal
+    return any(stage.plan.inverted for stage in packing.stages)
 
 
 def operations(packing: Packing, order: int) -> int:
@@ -48,7 +48,7 @@ def is_large(packing: Packing, order: int) -> bool:
 
 def chunks(packing: Packing) -> int:
     """Return the number of vectors that an order computes."""
-    return len(packing.configuration) + len(packing.trial) + len(packing.velocity)
+    return len(packing.before) + sum(len(stage.trial) + len(stage.found) for stage in packing.stages)
 
 
 def sums(packing: Packing) -> int:

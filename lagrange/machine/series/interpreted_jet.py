@@ -6,7 +6,7 @@ With floats it is the numpy machine's; with mpmath's numbers it gives reference 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lagrange.equations.solve_plan import SolvePlan
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.kernel.arithmetic import FLOATS, Arithmetic
 from lagrange.machine.series.constants import inverse
@@ -45,15 +46,18 @@ class Jet:
         first = self.arithmetic.evaluate(program.start, t, [*y, *lost], [*self.parameters, *table])
         x[0, list(program.started)] = first[: len(program.started)]
         x[0, : 2 * n] = list(y)
-        mass = self._mass if program.constant_mass else self._full(first[len(program.started) :])
+        matrices = self._matrices(first[len(program.started) :])
         for k in range(1, order + 1):
-            x[k, :n] = x[k - 1, n : 2 * n] * scale / k
-            self._fill(x, k, program.configuration, scale)
-            self._fill(x, k, program.trial, scale)
-            rate = [x[k - 1, f] * scale / k if f is not None else 0 * y[0] for f in program.forces]
-            right = [r if p is None else r - x[k, p] for r, p in zip(rate, self._momenta, strict=True)]
-            x[k, n : 2 * n] = self._solve(mass, right)
-            self._fill(x, k, program.velocity, scale)
+            x[k, :n] = x[k - 1, list(program.rates)] * scale / k
+            self._fill(x, k, program.before, scale)
+            for stage, matrix, trial, found in zip(
+                program.stages, matrices, program.trials, program.found, strict=True
+            ):
+                self._fill(x, k, trial, scale)
+                rate = [x[k - 1, f] * scale / k if f is not None else 0 * y[0] for f in stage.right]
+                right = [r if p is None else r - x[k, p] for r, p in zip(rate, stage.left, strict=True)]
+                x[k, list(stage.unknowns)] = self._solve(matrix, right)
+                self._fill(x, k, found, scale)
         return x
 
     @cached_property
@@ -62,20 +66,24 @@ class Jet:
         return self.arithmetic.evaluate(self.program.constants, zeros[0], zeros, self.parameters)
 
     @cached_property
-    def _mass(self) -> Numbers:
-        return self._full(self._table[len(self.program.numbers) :])
+    def _constant(self) -> list[Numbers | None]:
+        """The matrix of each stage that has a constant one."""
+        rest = iter(self._table[len(self.program.numbers) :])
+        return [None if stage.plan.moving else self._full(stage.plan, rest) for stage in self.program.stages]
 
-    @cached_property
-    def _momenta(self) -> Sequence[int | None]:
-        return [None] * self.program.dimension if self.program.constant_mass else self.program.momenta
+    def _matrices(self, triangles: Sequence[Any]) -> list[Numbers]:
+        """Return the matrix of each stage."""
+        rest, stages = iter(triangles), self.program.stages
+        return [
+            self._full(stage.plan, rest) if known is None else known
+            for stage, known in zip(stages, self._constant, strict=True)
+        ]
 
-    def _full(self, triangles: Sequence[Any]) -> Numbers:
-        """Return the mass matrix (n, n) from the lower triangles of its blocks. Raises SingularMassMatrix."""
-        n = self.program.dimension
-        mass = np.full((n, n), self.arithmetic.number(0.0), dtype=self.arithmetic.dtype)
-        places = [(i, j) for block in self.program.blocks for i in block for j in block if j <= i]
-        for (i, j), entry in zip(places, triangles, strict=True):
-            mass[i, j] = mass[j, i] = entry
+    def _full(self, plan: SolvePlan, entries: Iterator[Any]) -> Numbers:
+        """Return a matrix (n, n) from the lower triangles of its blocks. Raises SingularMassMatrix."""
+        mass = np.full((plan.size, plan.size), self.arithmetic.number(0.0), dtype=self.arithmetic.dtype)
+        for i, j in plan.triangle:
+            mass[i, j] = mass[j, i] = next(entries)
         if mass.dtype == float:
             inverse(mass)  # refuses what is singular to the round-off of doubles
         return mass
@@ -84,7 +92,7 @@ class Jet:
         """Enter the coefficients of order k of some values, in order."""
         for i in members:
             rule = self.program.rules[i]
-            if rule.op not in ("coordinate", "velocity"):
+            if rule.op not in ("coordinate", "unknown"):
                 constants = [self._table[c] for c in rule.coefficients]
                 x[k, i] = COEFFICIENT[rule.op](_Place(x, k, i, rule.args, constants, scale))
 

@@ -110,12 +110,12 @@ class CompiledJet:
         if known is not None and known[0] == key:
             return known[1]
         prepared = np.zeros(prepared_size(self.program.start) + 1)
-        table, inverse = constants(self.program, parameters)
+        table, inverses = constants(self.program, parameters)
         given = np.concatenate([parameters, table])
         prepared[: len(given)] = given
         self._prepare(address(prepared))
-        columns = np.diag(inverse) if self.program.diagonal else inverse.T.ravel()
-        parts = [columns] if self.program.constant_mass else []
+        plans = [stage.plan for stage in self.program.stages if not stage.plan.moving]
+        parts = [np.diag(a) if plan.diagonal else a.T.ravel() for a, plan in zip(inverses, plans, strict=True)]
         found = prepared, np.concatenate([*parts, table[self._table.order], [0.0]])
         self._prepared = (key, found)
         return found
@@ -132,10 +132,9 @@ class CompiledJet:
 
 
 def inverse_size(program: SeriesProgram) -> int:
-    """Return how many numbers the inverse of a constant mass matrix takes."""
-    if not program.constant_mass:
-        return 0
-    return program.dimension if program.diagonal else program.dimension**2
+    """Return how many numbers the inverses of constant matrices take."""
+    plans = [stage.plan for stage in program.stages if not stage.plan.moving]
+    return sum(plan.size if plan.diagonal else plan.size**2 for plan in plans)
 
 
 def series_ir(program: SeriesProgram, layout: TaylorLayout, jet: str) -> str:

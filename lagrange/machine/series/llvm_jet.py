@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
+from lagrange.equations.solve_plan import SolvePlan
 from lagrange.machine.kernel.llvm_body import ANGLES, Body, angles
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.sine_cosine import call_sine_and_cosine, sine_and_cosine
@@ -182,14 +183,10 @@ class Start:
 
 
 def lower_triangles(
-    packing: Packing, entries: Sequence[str]
+    plan: SolvePlan, entries: Iterator[str]
 ) -> list[tuple[tuple[int, ...], dict[tuple[int, int], str]]]:
-    """Return each block of coordinates with the entries of its lower triangle."""
-    rest = iter(entries)
-    return [
-        (block, {(i, j): next(rest) for i in range(len(block)) for j in range(i + 1)})
-        for block in packing.program.blocks
-    ]
+    """Return each block of unknowns with the entries of its lower triangle, taken from those of all stages."""
+    return [(block, {(i, j): next(entries) for i in range(len(block)) for j in range(i + 1)}) for block in plan.blocks]
 
 
 def constant_vector(e: Emitter, table: Table, lanes: tuple[int, ...]) -> str:

@@ -64,8 +64,7 @@ class Slots:
     def __init__(self, packing: Packing, begin: int) -> None:
         self.places: dict[Operand, int] = {}
         self.size = begin
-        velocities = [chunk.whole for chunk in packing.velocities]
-        for operand in (*packing.summed, *packing.delayed, *packing.initial, *velocities):
+        for operand in (*packing.summed, *packing.delayed, *packing.initial, *packing.rates):
             if operand not in self.places:
                 width = len(operand.values)
                 self.size = -(-self.size // width) * width
@@ -76,8 +75,8 @@ class Slots:
 
 def scratch_size(program: SeriesProgram) -> int:
     """Return how many doubles the inverse of the mass matrix takes behind the rows, on the way to it too."""
-    n = program.dimension
-    return 0 if program.constant_mass or program.diagonal else padded(n) ** 2 + n * n + work_size(n)
+    sizes = (stage.plan.size for stage in program.stages if stage.plan.inverted)
+    return sum(padded(n) ** 2 + n * n + work_size(n) for n in sizes)
 
 
 def unrolled_layout(program: SeriesProgram, order: int) -> TaylorLayout:

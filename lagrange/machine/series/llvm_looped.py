@@ -9,8 +9,9 @@ and multiplies and adds and nothing else; then the short chain of values that de
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
+from lagrange.equations.solve_plan import SolvePlan
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.spelling import element, number
 from lagrange.machine.series.llvm_jet import (
@@ -26,8 +27,8 @@ from lagrange.machine.series.llvm_jet import (
 )
 from lagrange.machine.series.llvm_layout import Slots, TaylorLayout
 from lagrange.machine.series.llvm_rules import Arithmetic, Vector, coefficient, divided
-from lagrange.machine.series.packing import Chunk, Operand, Packing
-from lagrange.procedure.linear.inverse import padded
+from lagrange.machine.series.packing import NOTHING, Chunk, Operand, PackedStage, Packing
+from lagrange.procedure.linear.inverse import padded, work_size
 
 TILE = 16
 """How many sums run in one loop: their totals stay in registers."""
@@ -55,60 +56,63 @@ class LoopedJet:
 
     def function(self) -> str:
         """Return the IR."""
-        e, program = self.e, self.packing.program
+        e, packing = self.e, self.packing
         self.write_first()
-        self.inverse_at = self.invert()
+        self.inverses = self.invert()
         self.reciprocals = {operand: self.one_over(operand) for operand in self.divisors()}
-        refined = not program.constant_mass
+        refined = any(stage.plan.moving for stage in packing.stages)
         self.start_guess()
         # Order 1 is computed twice, the second time from the velocities found first: see `UnrolledJet.refined`.
         with e.loop(0 if refined else 1, e.value("add nsw i64 %order, 1")) as turn:
             begun = e.value(f"icmp ne i64 {turn}, 0")
             self.begin(e.value(f"select i1 {begun}, i64 {turn}, i64 1"))
             self.sum_up()
-            for chunk, velocity in zip(self.packing.coordinates, self.packing.velocities, strict=True):
-                lanes = len(chunk.values)
-                self.x[chunk] = self.share(self.before(velocity.whole), lanes)
-            self.fill(self.packing.configuration)
-            guesses = self.guesses()
-            for chunk, guess in zip(self.packing.velocities, guesses, strict=True):
-                self.x[chunk] = guess
-            self.fill(self.packing.trial)
-            found = [
-                self.do.add(value, guess, len(chunk.values))
-                for chunk, value, guess in zip(self.packing.velocities, self.velocities(), guesses, strict=True)
-            ]
-            self.keep_guess(found, begun)
-            moving = program.moving
-            self.gathered = {o: v for o, v in self.gathered.items() if moving.isdisjoint(o.values)}
-            for chunk, value in zip(self.packing.velocities, found, strict=True):
-                self.x[chunk] = value
-            self.fill(self.packing.velocity)
+            for chunk, rate in zip(packing.coordinates, packing.rates, strict=True):
+                self.x[chunk] = self.share(self.before(rate), len(chunk.values))
+            self.fill(packing.before)
+            for place, stage in enumerate(packing.stages):
+                guesses = self.guesses(stage)
+                self.know(place, guesses)
+                self.fill(stage.trial)
+                found = [
+                    self.do.add(value, guess, len(chunk.values))
+                    for chunk, value, guess in zip(stage.unknowns, self.solved(place), guesses, strict=True)
+                ]
+                self.keep_guess(stage, found, begun)
+                self.know(place, found)
+                self.fill(stage.found)
             self.write()
         e.do(f"ret i32 {self.origin.body.status()}")
         return e.function(SIGNATURE)
 
+    def know(self, place: int, found: Sequence[Vector]) -> None:
+        """Enter the unknowns of a stage, and drop what was gathered with others in their place."""
+        depth = self.packing.program.depth
+        self.gathered = {
+            operand: vector
+            for operand, vector in self.gathered.items()
+            if all(value == NOTHING or depth[value] <= place for value in operand.values)
+        }
+        self.x.update(zip(self.packing.stages[place].unknowns, found, strict=True))
+
     def start_guess(self) -> None:
-        """Begin with velocities of zero."""
-        if not self.packing.program.constant_mass:
-            for chunk in self.packing.velocities:
-                self.e.store(number(0.0, len(chunk.values)), self.guess_at(chunk), element(len(chunk.values)))
+        """Begin with unknowns of zero, where order 1 is computed twice."""
+        for chunk in (chunk for stage in self.packing.stages if stage.plan.moving for chunk in stage.unknowns):
+            self.e.store(number(0.0, len(chunk.values)), self.guess_at(chunk), element(len(chunk.values)))
 
     def guess_at(self, chunk: Chunk) -> str:
-        """Return where the guess of some velocities stands."""
+        """Return where the guess of some unknowns stands."""
         return self.origin.body.scratch(f"guess {chunk.values[0]}", element(len(chunk.values)), 1)
 
-    def guesses(self) -> list[Vector]:
-        """Return the velocities from which those of this turn are corrected: zero but in the second turn."""
-        if self.packing.program.constant_mass:
-            return [None] * len(self.packing.velocities)
-        return [self.e.load(self.guess_at(chunk), element(len(chunk.values))) for chunk in self.packing.velocities]
+    def guesses(self, stage: PackedStage) -> list[Vector]:
+        """Return the unknowns from which those of this turn are corrected: zero but in the second turn."""
+        if not stage.plan.moving:
+            return [None] * len(stage.unknowns)
+        return [self.e.load(self.guess_at(chunk), element(len(chunk.values))) for chunk in stage.unknowns]
 
-    def keep_guess(self, found: Sequence[Vector], begun: str) -> None:
-        """Keep the velocities of the first turn for the second, and none after it."""
-        if self.packing.program.constant_mass:
-            return
-        for chunk, value in zip(self.packing.velocities, found, strict=True):
+    def keep_guess(self, stage: PackedStage, found: Sequence[Vector], begun: str) -> None:
+        """Keep the unknowns of the first turn for the second, and none after it."""
+        for chunk, value in zip(stage.unknowns, found, strict=True) if stage.plan.moving else ():
             lanes = len(chunk.values)
             kind, zero = element(lanes), number(0.0, lanes)
             kept = self.e.value(f"select i1 {begun}, {kind} {zero}, {kind} {value or zero}")
@@ -251,58 +255,74 @@ class LoopedJet:
         first = self.e.value(f"icmp eq i64 {self.k}, 1")
         return self.splat(self.e.choose(first, "%scale", literal(0.0)), lanes)
 
-    def invert(self) -> str:
-        """Find the inverse of the mass matrix and return its address; of a diagonal one it is a vector."""
-        e, program = self.e, self.packing.program
-        n = program.dimension
-        if program.constant_mass:
-            return "%c"
-        if program.diagonal:
-            memory = e.reserve("double", padded(n))
-            for block, entry in lower_triangles(self.packing, self.origin.triangles):
-                value = e.real("fdiv", literal(1.0), entry[0, 0])
-                zero = e.real("fcmp oeq", entry[0, 0], literal(0.0))
-                self.origin.body.singular.append(zero)
-                e.put(value, memory, block[0])
-            return memory
-        end = e.value(f"mul nsw i64 {e.value('add nsw i64 %order, 1')}, {self.layout.width}")
-        inverse = e.address("%rows", end)
+    def invert(self) -> list[str]:
+        """Find the inverse of the matrix of each stage and return the addresses; of a diagonal one it is a vector."""
+        found, given, triangles = [], 0, iter(self.origin.triangles)
+        behind = self.e.address("%rows", self.row_count()) if self.layout.scratch else ""
+        for stage in self.packing.stages:
+            plan = stage.plan
+            if not plan.moving:
+                found.append(self.e.address("%c", given) if given else "%c")
+                given += plan.size if plan.diagonal else plan.size**2
+            elif plan.diagonal:
+                found.append(self.divisions(plan, triangles))
+            else:
+                found.append(behind)
+                behind = self.inverted(plan, triangles, behind)
+        return found
+
+    def row_count(self) -> str:
+        """Return where the rows end."""
+        return self.e.value(f"mul nsw i64 {self.e.value('add nsw i64 %order, 1')}, {self.layout.width}")
+
+    def divisions(self, plan: SolvePlan, triangles: Iterator[str]) -> str:
+        """Return the address of one over each entry of a diagonal matrix."""
+        e, memory = self.e, self.e.reserve("double", padded(plan.size))
+        for block, entry in lower_triangles(plan, triangles):
+            value = e.real("fdiv", literal(1.0), entry[0, 0])
+            self.origin.body.singular.append(e.real("fcmp oeq", entry[0, 0], literal(0.0)))
+            e.put(value, memory, block[0])
+        return memory
+
+    def inverted(self, plan: SolvePlan, triangles: Iterator[str], inverse: str) -> str:
+        """Write the inverse of a matrix to an address, and return what is behind it and behind its work."""
+        e, n = self.e, plan.size
         matrix = e.address(inverse, padded(n) ** 2)
         work = e.address(matrix, n * n)
         placed = {}
-        for block, lower in lower_triangles(self.packing, self.origin.triangles):
+        for block, lower in lower_triangles(plan, triangles):
             placed.update({(block[i], block[j]): value for (i, j), value in lower.items()})
         for j in range(n):
             for i in range(j, n):
                 e.put(placed.get((i, j), literal(0.0)), matrix, j * n + i)
         arguments = f"i64 {n}, i64 {padded(n)}, ptr {matrix}, ptr {inverse}, ptr {work}"
         self.origin.body.singular.append(e.value(f"call i1 @invert({arguments})"))
-        return inverse
+        return "" if len(self.packing.stages) == 1 else e.address(work, work_size(n))
 
-    def velocities(self) -> list[Vector]:
-        """Return v[k] = M0^-1 (f[k-1] scale / k - p^[k])."""
-        packing, program, e = self.packing, self.packing.program, self.e
+    def solved(self, place: int) -> list[Vector]:
+        """Return the unknowns of a stage: v[k] = M0^-1 (f[k-1] scale / k - p^[k])."""
+        stage, e = self.packing.stages[place], self.e
         right: list[Vector] = []
-        for chunk, force, momentum in zip(packing.velocities, packing.forces, packing.momenta, strict=True):
+        for chunk, force, momentum in zip(stage.unknowns, stage.right, stage.left, strict=True):
             lanes = len(chunk.values)
             rate = None if force is None else self.share(self.before(force), lanes)
             right.append(self.do.less(rate, None if momentum is None else self.now(momentum), lanes))
-        if program.diagonal:
-            return self.divided(right)
-        memory = self.origin.body.scratch("right", "double", padded(program.dimension))
-        place = 0
-        for chunk, vector in zip(packing.velocities, right, strict=True):
-            store_exactly(e, vector, len(chunk.values), chunk.count, e.address(memory, place))
-            place += chunk.count
-        return self.product(memory)
+        if stage.plan.diagonal:
+            return self.divided(stage, self.inverses[place], right)
+        memory = self.origin.body.scratch("right", "double", padded(stage.plan.size))
+        at = 0
+        for chunk, vector in zip(stage.unknowns, right, strict=True):
+            store_exactly(e, vector, len(chunk.values), chunk.count, e.address(memory, at))
+            at += chunk.count
+        return self.product(stage, self.inverses[place], memory)
 
-    def divided(self, right: Sequence[Vector]) -> list[Vector]:
+    def divided(self, stage: PackedStage, inverses: str, right: Sequence[Vector]) -> list[Vector]:
         """Return each entry times the inverse of its mass."""
         found: list[Vector] = []
         place = 0
-        for chunk, vector in zip(self.packing.velocities, right, strict=True):
+        for chunk, vector in zip(stage.unknowns, right, strict=True):
             lanes = len(chunk.values)
-            inverse = self.load_exactly(self.e.address(self.inverse_at, place), lanes, chunk.count)
+            inverse = self.load_exactly(self.e.address(inverses, place), lanes, chunk.count)
             found.append(self.do.fma(vector, inverse, None, lanes))
             place += chunk.count
         return found
@@ -318,17 +338,14 @@ class LoopedJet:
         vector = self.shuffle.gather(found + [found[-1]] * (lanes - count))
         return vector or number(0.0, lanes)
 
-    def product(self, right: str) -> list[Vector]:
+    def product(self, stage: PackedStage, inverse: str, right: str) -> list[Vector]:
         """Return the product of the inverse with a vector in memory."""
-        e, n = self.e, self.packing.program.dimension
-        stride = n if self.packing.program.constant_mass else padded(n)
-        chunks = self.packing.velocities
+        e, n, chunks = self.e, stage.plan.size, stage.unknowns
+        stride = padded(n) if stage.plan.moving else n
         starts = [sum(chunk.count for chunk in chunks[:i]) for i in range(len(chunks))]
 
         def column(j: str | int) -> list[str]:
-            base = e.address(
-                self.inverse_at, j * stride if isinstance(j, int) else e.value(f"mul nsw i64 {j}, {stride}")
-            )
+            base = e.address(inverse, j * stride if isinstance(j, int) else e.value(f"mul nsw i64 {j}, {stride}"))
             return [
                 self.load_exactly(e.address(base, at), len(chunk.values), chunk.count)
                 for at, chunk in zip(starts, chunks, strict=True)
@@ -356,13 +373,13 @@ class LoopedJet:
         """Store the row."""
         e, packing = self.e, self.packing
         place = 0
-        for chunk in (*packing.coordinates, *packing.velocities):
+        for chunk in packing.state:
             store_exactly(e, self.now(chunk.whole), len(chunk.values), chunk.count, e.address(self.row, place))
             place += chunk.count
         for i, watched in enumerate(packing.program.watched):
             value = None if watched is None else self.now(Operand((watched,)))
             e.put(value or literal(0.0), self.row, self.layout.watched_at + i)
-        for operand in dict.fromkeys([*packing.summed, *packing.delayed, *(c.whole for c in packing.velocities)]):
+        for operand in dict.fromkeys([*packing.summed, *packing.delayed, *packing.rates]):
             lanes = len(operand.values)
             e.store(
                 self.now(operand) or number(0.0, lanes),

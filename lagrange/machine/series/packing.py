@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-from lagrange.program.series import Rule, SeriesProgram
+from lagrange.equations.solve_plan import SolvePlan
+from lagrange.program.series import Rule, SeriesProgram, Stage
 
 
 @dataclass(frozen=True)
@@ -59,26 +60,51 @@ class Chunk:
 
 
 @dataclass(frozen=True)
+class PackedStage:
+    """A stage as chunks: its unknowns, what is found with these zero, and once they are known.
+
+    `left` and `right` are operands for each chunk of unknowns, None where they are zero in all of it.
+    """
+
+    unknowns: tuple[Chunk, ...]
+    trial: tuple[Chunk, ...]
+    found: tuple[Chunk, ...]
+    left: tuple[Operand | None, ...]
+    right: tuple[Operand | None, ...]
+    plan: SolvePlan
+
+
+@dataclass(frozen=True)
 class Packing:
-    """A series program as chunks, in the order of their evaluation within each part."""
+    """A series program as chunks, in the order of their evaluation within each part; `rates` are those of q."""
 
     program: SeriesProgram
     coordinates: tuple[Chunk, ...]
-    velocities: tuple[Chunk, ...]
-    configuration: tuple[Chunk, ...]
-    trial: tuple[Chunk, ...]
-    velocity: tuple[Chunk, ...]
+    rates: tuple[Operand, ...]
+    before: tuple[Chunk, ...]
+    stages: tuple[PackedStage, ...]
+
+    @cached_property
+    def state(self) -> tuple[Chunk, ...]:
+        """The coordinates and the velocities."""
+        return (*self.coordinates, *(chunk for chunk in self.unknowns if chunk.values[0] < 2 * self.program.dimension))
+
+    @cached_property
+    def unknowns(self) -> tuple[Chunk, ...]:
+        """What the stages solve for."""
+        return tuple(chunk for stage in self.stages for chunk in stage.unknowns)
 
     @cached_property
     def place(self) -> dict[int, tuple[Chunk, int]]:
         """The chunk and the lane of each value."""
-        chunks = (*self.coordinates, *self.velocities, *self.configuration, *self.trial, *self.velocity)
+        chunks = (*self.coordinates, *self.unknowns, *self.computed)
         return {value: (chunk, lane) for chunk in chunks for lane, value in enumerate(chunk.values[: chunk.count])}
 
     @cached_property
     def computed(self) -> tuple[Chunk, ...]:
         """Every chunk that has a rule, each once."""
-        return tuple(dict.fromkeys((*self.configuration, *self.trial, *self.velocity)))
+        parts = (part for stage in self.stages for part in (stage.trial, stage.found))
+        return tuple(dict.fromkeys(chunk for part in (self.before, *parts) for chunk in part))
 
     @cached_property
     def summed(self) -> tuple[Operand, ...]:
@@ -89,30 +115,14 @@ class Packing:
     def delayed(self) -> tuple[Operand, ...]:
         """The operands that are read one order later: what is integrated, and the forces."""
         integrated = [chunk.args[0] for chunk in self.computed if chunk.op == "integral"]
-        return tuple(dict.fromkeys([*integrated, *(force for force in self.forces if force is not None)]))
+        forces = [force for stage in self.stages for force in stage.right if force is not None]
+        return tuple(dict.fromkeys([*integrated, *forces]))
 
     @cached_property
     def initial(self) -> tuple[Operand, ...]:
         """The operands that are read at order 0 by the rules of higher orders."""
         found = [operand for chunk in self.computed for operand in (*chunk.args, chunk.whole) if chunk.sums]
         return tuple(dict.fromkeys(found))
-
-    @cached_property
-    def forces(self) -> tuple[Operand | None, ...]:
-        """The forces on the coordinates of each chunk of velocities, None where there is none in all of it."""
-        return tuple(self._outputs(chunk, self.program.forces) for chunk in self.velocities)
-
-    @cached_property
-    def momenta(self) -> tuple[Operand | None, ...]:
-        """The momenta of the coordinates of each chunk of velocities, None for a constant mass matrix."""
-        if self.program.constant_mass:
-            return (None,) * len(self.velocities)
-        return tuple(self._outputs(chunk, self.program.momenta) for chunk in self.velocities)
-
-    def _outputs(self, chunk: Chunk, outputs: Sequence[int | None]) -> Operand | None:
-        n = self.program.dimension
-        found = [outputs[value - n] for value in chunk.values]
-        return None if all(value is None for value in found) else Operand(tuple(-1 if v is None else v for v in found))
 
 
 NOTHING = -1
@@ -122,40 +132,61 @@ NOTHING = -1
 def pack(program: SeriesProgram, lanes: int) -> Packing:
     """Return the program packed into vectors of up to `lanes` values."""
     packer = _Packer(program, lanes)
-    n = program.dimension
-    coordinates = packer.chunks("coordinate", list(range(n)))
-    velocities = packer.chunks("velocity", list(range(n, 2 * n)))
-    trial, velocity = frozenset(program.trial), frozenset(program.velocity)
+    coordinates = tuple(packer.chunks("coordinate", list(range(program.dimension))))
+    unknowns = [tuple(packer.chunks("unknown", list(stage.unknowns))) for stage in program.stages]
+    trials, founds = ([frozenset(part) for part in parts] for parts in (program.trials, program.found))
     groups: dict[_Group, list[int]] = {}
-    for i in sorted({*program.configuration, *trial, *velocity}):
+    for i in sorted({*program.before}.union(*trials, *founds)):
         rule = program.rules[i]
-        if rule.op not in ("coordinate", "velocity"):
+        if rule.op not in ("coordinate", "unknown"):
             kind = len(rule.args) if rule.op == "linear" else 0
             choice = rule.coefficients if rule.op == "choose" else ()
-            group = _Group(i in program.moving, *packer.level[i], rule.op, kind, choice, i in trial, i in velocity)
+            stage = program.depth[i]
+            trial, found = stage > 0 and i in trials[stage - 1], stage > 0 and i in founds[stage - 1]
+            group = _Group(stage, *packer.level[i], rule.op, kind, choice, trial, found)
             groups.setdefault(group, []).append(i)
     made = {group: packer.chunks(group.op, groups[group]) for group in sorted(groups)}
-    return Packing(
-        program,
-        tuple(coordinates),
-        tuple(velocities),
-        tuple(chunk for group, chunks in made.items() if not group.moving for chunk in chunks),
-        tuple(chunk for group, chunks in made.items() if group.trial for chunk in chunks),
-        tuple(chunk for group, chunks in made.items() if group.moving and group.velocity for chunk in chunks),
+
+    def part(place: int, which: str = "") -> tuple[Chunk, ...]:
+        chosen = (group for group in made if group.stage == place and (not which or getattr(group, which)))
+        return tuple(chunk for group in chosen for chunk in made[group])
+
+    stages = tuple(
+        PackedStage(
+            chunks,
+            part(place, "trial"),
+            part(place, "found"),
+            _outputs(chunks, stage, stage.left),
+            _outputs(chunks, stage, stage.right),
+            stage.plan,
+        )
+        for place, (stage, chunks) in enumerate(zip(program.stages, unknowns, strict=True), 1)
+    )
+    rates = tuple(Operand(tuple(program.rates[value] for value in chunk.values)) for chunk in coordinates)
+    return Packing(program, coordinates, rates, part(0), stages)
+
+
+def _outputs(chunks: Sequence[Chunk], stage: Stage, outputs: Sequence[int | None]) -> tuple[Operand | None, ...]:
+    """Return what stands for each chunk of unknowns of a stage."""
+    known = dict(zip(stage.unknowns, outputs, strict=True))
+    lanes = [[known[value] for value in chunk.values] for chunk in chunks]
+    return tuple(
+        None if all(value is None for value in found) else Operand(tuple(NOTHING if v is None else v for v in found))
+        for found in lanes
     )
 
 
 class _Group(NamedTuple):
     """What values of one vector have in common, in the order of their evaluation."""
 
-    moving: bool
+    stage: int
     sums: int
     depth: int
     op: str
     arguments: int
     choice: tuple[int, ...]
     trial: bool
-    velocity: bool
+    found: bool
 
 
 def widths(count: int, lanes: int) -> list[int]:
@@ -219,7 +250,7 @@ def levels(program: SeriesProgram) -> list[tuple[int, int]]:
     for i, rule in enumerate(program.rules):
         before = [found[arg] for arg in program.direct(i)]
         sums = max((level for level, _ in before), default=0)
-        if rule.op == "velocity":
+        if rule.op == "unknown":
             found.append((len(program.rules), 0))
         elif rule.op == "linear":
             found.append((sums, max((depth for level, depth in before if level == sums), default=0) + 1))

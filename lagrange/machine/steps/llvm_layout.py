@@ -42,7 +42,7 @@ class Scalars:
         wanted = list(dict.fromkeys([*factors, *nodes, step.graph.one]))
         program = step.scalars(wanted)
         values: list[str] = []
-        for op, args, place, value, _ in program.instructions:
+        for op, args, place, value, *_ in program.instructions:
             if op == "time":
                 values.append("%t")
             elif op == "state":
