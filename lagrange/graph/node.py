@@ -325,10 +325,7 @@ class Graph:
         return self._intern(Kind.CALL, (*flat, last), "piecewise")
 
     def solve(self, matrix: Sequence[Sequence[Node]], right: Sequence[Node], negative: int = 0) -> list[Node]:
-        """Return x of matrix x = right, n nodes, for a symmetric matrix given by its lower triangle, by rows.
-
-        It is positive definite but for its last unknowns, so many, whose pivots are below zero: multipliers.
-        """
+        """Return x of matrix x = right, for a symmetric matrix given by its lower triangle; see `Kind.FACTOR`."""
         n = len(right)
         if n == 1:
             return [right[0] / matrix[0][0]]

@@ -112,10 +112,10 @@ class SeriesProgram:
     def depth(self) -> tuple[int, ...]:
         """How many stages must be done at an order before each value is known."""
         solved = {unknown: place for place, stage in enumerate(self.stages, 1) for unknown in stage.unknowns}
-        found: list[int] = []
+        depths: list[int] = []
         for i in range(len(self.rules)):
-            found.append(solved.get(i, max((found[arg] for arg in self.direct(i)), default=0)))
-        return tuple(found)
+            depths.append(solved.get(i, max((depths[arg] for arg in self.direct(i)), default=0)))
+        return tuple(depths)
 
     def direct(self, i: int) -> tuple[int, ...]:
         """Return the arguments of a value that are read at order k itself."""

@@ -11,6 +11,7 @@ import pytest
 from lagrange.compiler import machine
 from lagrange.graph.node import Binding, Graph
 from lagrange.machine.backend import Kernel, SingularMassMatrix
+from lagrange.machine.kernel.llvm_body import saved_slots, width_of
 from lagrange.program.lower import lower
 from tests.machine.matrices import REGULAR, SINGULAR, Matrix, hollow, indefinite, positive
 from tests.models import TARGETS
@@ -224,3 +225,53 @@ def test_a_system_too_large_for_lanes() -> None:
     with pytest.raises(SingularMassMatrix) as raised:
         kernel(0.0, states, np.empty(0))
     assert raised.value.column == 5
+
+
+def bordered(rng: np.random.Generator, n: int, m: int) -> Any:
+    """Return [[M, G^T], [G, 0]] with M (n, n) positive definite and G (m, n)."""
+    border = rng.normal(size=(m, n))
+    return np.block([[positive(rng, n), border.T], [border, np.zeros((m, m))]])
+
+
+def hoisted_kernel(size: int, multipliers: int) -> Kernel:
+    """Return a kernel of a x = b with a from the parameters, by L D L^T written out."""
+    graph = Graph()
+    entries = [graph.symbol(f"a{i}", Binding.PARAMETER) for i in range(size * (size + 1) // 2)]
+    right = [graph.symbol(f"b{i}", Binding.CONFIGURATION) for i in range(size)]
+    rows = [[2 * entries[i * (i + 1) // 2 + j] for j in range(i + 1)] for i in range(size)]
+    outputs = graph.solve(rows, [2 * entry for entry in right], multipliers)
+    return machine("llvm").load(
+        lower(f"bordered{size}", {"x": outputs}, {"y": right}, graph.symbol("t", Binding.TIME), entries)
+    )
+
+
+def trusted(kernel: Any, values: Any) -> bool:
+    """Return whether every pivot was trusted: the last that `prepare` keeps of the factors."""
+    slots = saved_slots(kernel.program)
+    (factor,) = (ref for ref in slots if kernel.program.instructions[ref].op == "factor")
+    return bool(kernel.prepare(values)[slots[factor] + width_of(kernel.program, factor) - 1])
+
+
+@pytest.mark.parametrize(("n", "m"), [(2, 1), (3, 1), (4, 2), (3, 3)])
+def test_a_pivot_of_a_multiplier_is_below_zero_and_trusted(n: int, m: int) -> None:
+    """Without saying so, every such pivot would be looked at again with pivoting."""
+    rng = np.random.default_rng(n + 10 * m)
+    size = n + m
+    stated_so, plain = hoisted_kernel(size, m), hoisted_kernel(size, 0)
+    for _ in range(20):
+        a, b = bordered(rng, n, m), rng.normal(size=size)
+        values = a[np.tril_indices(size)]
+        x = stated_so(0.0, b, values)
+        assert backward_error(a, x, b) < 1e-11
+        assert trusted(stated_so, values) and not trusted(plain, values)
+        assert plain(0.0, b, values) == pytest.approx(x, rel=1e-9, abs=1e-11)
+
+
+def test_constraints_that_depend_on_one_another_are_not_trusted() -> None:
+    rng = np.random.default_rng(5)
+    a = bordered(rng, 4, 2)
+    a[5, :4] = a[:4, 5] = 3 * a[4, :4]
+    kernel, values = hoisted_kernel(6, 2), a[np.tril_indices(6)]
+    assert not trusted(kernel, values)
+    with pytest.raises(SingularMassMatrix):
+        kernel(0.0, np.ones(6), values)

@@ -92,7 +92,7 @@ class Vectors:
         program = step.scalars(wanted)
         values: list[Real] = []
         inputs = {"h": given.h, "ratio": ratio}
-        for op, args, place, value, _ in program.instructions:
+        for op, args, place, value, *_ in program.instructions:
             if op == "time":
                 values.append(given.t)
             elif op == "state":
