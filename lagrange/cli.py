@@ -154,7 +154,11 @@ def _add_run(commands: Any) -> None:
     add_start(run_)
     run_.add_argument("--method", metavar="NAME", help="integrator, such as dop853 or rk4 (default: taylor)")
     run_.add_argument("--rtol", metavar="X", help="relative tolerance of an adaptive method")
-    run_.add_argument("--atol", metavar="X", help="absolute tolerance of an adaptive method")
+    run_.add_argument(
+        "--atol",
+        metavar="X",
+        help="absolute tolerance of an adaptive method; by default it follows the size of each entry",
+    )
     run_.add_argument("--step", metavar="H", help="step of a method with fixed steps")
     run_.add_argument("--points", metavar="N", help="output at N equally spaced times instead of at every step")
     run_.add_argument(

@@ -36,7 +36,8 @@ def race(
 
     `methods` are registered names or instances; without them ten of our own
     and two of SciPy's take part, one or two of a kind; those that the system does not suit are left out with a note.
-    Adaptive ones run at each of `tolerances` (rtol = atol), others at each of `steps`, whose default fits the motion.
+    Adaptive ones run at each of `tolerances` (rtol; the absolute one follows the scale), others at each of `steps`,
+    whose default fits the motion.
     An error is the largest of the final state, in the units of its entries; `relative` divides each entry by its
     largest magnitude along the run, and `outputs` looks at that many equally spaced times instead of the end, as a
     run gives them with `t_eval`. Times are the least of `repeats` warm runs, in seconds, as `lg.flow` makes them where

@@ -39,7 +39,8 @@ def integrate(
     """Integrate a model over `span` = (t0, t1), which may run backwards, and return the Solution.
 
     `initial` overlays the statement's initial state, by coordinate, velocity or name. `method` is a registered name
-    or an instance; `lg.methods.table()` lists them. Adaptive methods take `rtol` and `atol`, others a `step`.
+    or an instance; `lg.methods.table()` lists them. Adaptive methods take `rtol` and `atol`, others a `step`;
+    without `atol` the absolute tolerance of an entry of the state follows its largest size so far.
     `t_eval` (k,) are the output times; without it every accepted step is kept. `max_steps` counts tried steps,
     `max_wall` is in seconds, for the steps and before them for compiling; `max_memory` bounds the bytes of the steps
     that are kept, and is a quarter of the machine's memory unless given. Whatever happens along the way ends in

@@ -115,7 +115,7 @@ def _by_method(problem: Problem, times: Sequence[float], given: Any, unit: Float
 
 def _states(problem: Problem, times: Sequence[float], method: Any, tolerance: float | None) -> tuple[Any, ...]:
     """Return the states at the times, each the end of a run from the one before: nothing is interpolated."""
-    flow = Flow(problem.model, RunOptions(method, tolerance, tolerance))
+    flow = Flow(problem.model, RunOptions(method, tolerance))
     y, now, found = problem.y0, problem.t0, []
     for then in times:
         y = flow(y, now, then, problem.parameters)

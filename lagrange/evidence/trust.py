@@ -149,7 +149,6 @@ def _twins(
     start = found.dense(found.t[:1])[:, 0]
     moving = np.where(start == 0, size, np.abs(start))
     signs = np.where(np.arange(len(start)) % 2, -1.0, 1.0)
-    least = float(size[size > 0].min(initial=np.inf)) if size.any() else 1.0
     for method, tolerance, off in TWINS:
         moved = start + off * ROUNDING * signs * moving
         try:
@@ -157,7 +156,7 @@ def _twins(
                 model,
                 found.span,
                 dict(zip(rows, moved.tolist(), strict=True)),
-                RunOptions(method, tolerance, tolerance * least, parameters=values),
+                RunOptions(method, tolerance, parameters=values),
             )
         except StatementError:
             continue

@@ -77,7 +77,7 @@ REFUSED, SKIPPED = "refused", "skipped"
 class Entry:
     """One method at one setting.
 
-    `setting` is the tolerance (rtol = atol) of an adaptive method, else the step. `error` is NaN where there is no
+    `setting` is the tolerance (rtol) of an adaptive method, else the step. `error` is NaN where there is no
     end; where it is not `resolved`, the true one lies at or below it, which is all that the reference can tell. `time`
     is the least of `timed` warm runs, in seconds, NaN where none ended. `status` and `message` say how the run ended.
     """
@@ -189,7 +189,7 @@ class _Heat:
         if late is not None:
             message = f"not run: at {late:.3g} it took longer than {self.terms.max_wall:g} s."
             return replace(blank, status=SKIPPED, message=message)
-        chosen: dict[str, Any] = {"rtol": setting, "atol": setting} if adaptive else {"step": setting}
+        chosen: dict[str, Any] = {"rtol": setting} if adaptive else {"step": setting}
         problem = replace(self.problem, t_eval=self.outputs, **chosen)
         try:
             found = _checked(run_by(method, problem))
@@ -306,9 +306,7 @@ def _fine_run(
     max_wall: float,
 ) -> tuple[Trajectory, dict[Any, float]]:
     """Return the run from which the sizes of the states and the growth of errors come, and the parameters' values."""
-    run, values = integrate(
-        model, span, initial, RunOptions(SCOUT, FINE, FINE, max_wall=max_wall, parameters=parameters)
-    )
+    run, values = integrate(model, span, initial, RunOptions(SCOUT, FINE, max_wall=max_wall, parameters=parameters))
     if not _checked(run).status.complete:
         raise RunError(f"there is no end to race for: {run.message}")
     return run, values
@@ -323,7 +321,7 @@ def _checked(found: Trajectory) -> Trajectory:
 
 def _ladder(problem: Problem) -> tuple[float, ...]:
     """Return the steps that methods with equal steps are tried at where none are given."""
-    rough = find(SCOUT).integrate(replace(problem, rtol=ROUGH, atol=ROUGH))
+    rough = find(SCOUT).integrate(replace(problem, rtol=ROUGH))
     count = max(FEWEST, PER_STEP * rough.steps)
     return tuple(abs(problem.t1 - problem.t0) / (count << k) for k in range(RUNGS))
 

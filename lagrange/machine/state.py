@@ -19,6 +19,20 @@ SPACING, EARLIEST = 16 * 2.0**-52, 1e-290
 """A step shorter than the first part of the time is lost in the round-off of the time; a time nearer to zero counts as
 the second, for at zero nothing is lost."""
 
+WIDEST = 8
+"""The entries of the state that a machine handles at once, at most."""
+
+LEAST_FLOOR = 1e-300
+"""The floor of an entry that nothing is known of: it can have an error, and no state is as small."""
+
+STUCK = 3
+"""After so many rejected trials of a step in a row, or one that moved an entry that was zero and has no floor, a driver
+asks how large the entries are. A Taylor driver, whose steps are rejected seldom, asks at the second, fourth, eighth
+rejection of a run, and so on."""
+
+SURVEYS = 8
+"""A run asks so often at most: where it has to shrink its steps again and again it is the motion that wants it."""
+
 
 OUTCOMES = tuple(Outcome)
 """The outcomes by number."""
@@ -34,23 +48,46 @@ class DriverState:
     rounding took from the time, SCALE the unit of time, signed, and LIMIT the longest step after FAILS steps in a
     row that were not what the equations say at their end.
 
+    An entry of the state may be wrong by RTOL times its size in a step and its floor. The floors (2n,), padded to
+    whole vectors of a machine, are the last `reals`. An accepted step raises a floor to SHARE times the size of its
+    entry there: floors that are given stay as they are with a SHARE of 0, and those that follow the scale begin at
+    `LEAST_FLOOR`.
+
     `counts`: STEPS accepted, REJECTED trials, EVALUATIONS of the law, and ROWS written, none unless RECORD is 1.
-    AFTER_REJECT is 1 behind a rejected trial, SLOPE_KNOWN where the first slope of the next step is there already,
-    LOOK where the next step is to be looked at whatever it shows; TRIES is how often the series of a step was
-    computed anew in another unit of time. KEPT is 0 where nothing that a driver has kept from former steps, such as
-    a matrix or unknowns to extrapolate, belongs to this run.
+    AFTER_REJECT counts the rejected trials in a row behind which the run stands; SLOPE_KNOWN is 1 where the first slope
+    of the next step is there already, LOOK where the next step is to be looked at whatever it shows; TRIES is how often
+    the series of a step was computed anew in another unit of time. KEPT is 0 where nothing that a driver has kept from
+    former steps, such as a matrix or unknowns to extrapolate, belongs to this run. SURVEYED is how often the run came
+    back as UNSCALED.
 
     `floats` and `integers` are the same entries, to be set one by one: that takes a fifth of the time. `fault` is
     what a driver that is no machine code has to say of its failed step, and `kept` how many bytes it keeps of the run.
     """
 
-    T, END, H, RTOL, ATOL, PREVIOUS, START, STEP, CAUSE, LONGEST, LOW, SCALE, ONCE, RESIDUAL, LIMIT = range(15)
+    T, END, H, RTOL, SHARE, PREVIOUS, START, STEP, CAUSE, LONGEST, LOW, SCALE, ONCE, RESIDUAL, LIMIT = range(15)
+    FLOORS = 15
     STEPS, REJECTED, EVALUATIONS, SLOPE_KNOWN, ROWS, RECORD, AFTER_REJECT, TRIES, LOOK, KEPT, FAILS = range(11)
+    SURVEYED = 11
 
-    def __init__(self, t: float, end: float, y: NDArray[np.float64], rtol: float, atol: float, step: float) -> None:
-        """Begin at (t, y) towards `end`; `step` is the signed step of a fixed-step method, or a first step, or 0."""
-        self.reals = np.zeros(self.LIMIT + 1)
-        self.counts = np.zeros(self.FAILS + 1, dtype=np.int64)
+    def __init__(
+        self,
+        t: float,
+        end: float,
+        y: NDArray[np.float64],
+        rtol: float,
+        atol: float,
+        step: float,
+        share: float = 0.0,
+    ) -> None:
+        """Begin at (t, y) towards `end`; `step` is the signed step of a fixed-step method, or a first step, or 0.
+
+        `atol` is the floor of every entry to begin with.
+        """
+        self.reals = np.zeros(self.FLOORS + -(-len(y) // WIDEST) * WIDEST)
+        self.reals[self.FLOORS :] = 1.0
+        self.floors = self.reals[self.FLOORS : self.FLOORS + len(y)]
+        self.floors[:] = atol
+        self.counts = np.zeros(self.SURVEYED + 1, dtype=np.int64)
         self.y = np.array(y, dtype=float)
         floats: Any = self.reals.data
         integers: Any = self.counts.data
@@ -59,7 +96,7 @@ class DriverState:
         floats[self.END] = end
         floats[self.H] = floats[self.STEP] = step
         floats[self.RTOL] = rtol
-        floats[self.ATOL] = atol
+        floats[self.SHARE] = share
         floats[self.PREVIOUS] = floats[self.SCALE] = 1.0
         floats[self.CAUSE] = Outcome.STEP_TOO_SMALL
         floats[self.LONGEST] = floats[self.ONCE] = floats[self.LIMIT] = math.inf

@@ -6,7 +6,11 @@ import enum
 
 
 class Outcome(enum.IntEnum):
-    """Why a driver came back; BROKEN says that `DriverState.fault` knows."""
+    """Why a driver came back; BROKEN says that `DriverState.fault` knows.
+
+    UNSCALED asks for a look at how large the entries of the state are: steps shrink, and floors that are too low, of
+    entries of which nothing is known or which are round-off, would shrink them to nothing. The run goes on as it is.
+    """
 
     DONE = 0
     PAUSED = 1
@@ -16,3 +20,4 @@ class Outcome(enum.IntEnum):
     WATCHED = 5
     DIVERGED = 6
     BROKEN = 7
+    UNSCALED = 8

@@ -13,8 +13,9 @@ from lagrange.trajectory.events.ending import Verdict
 from lagrange.trajectory.inertia import lost_inertia
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.limits import compiled_late, memory_limit
-from lagrange.trajectory.messages import message, small_state, unsolved
+from lagrange.trajectory.messages import coarse, message, unsolved
 from lagrange.trajectory.plan import Plan, Watcher
+from lagrange.trajectory.sizes import survey
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 BURST = 0.02
@@ -67,10 +68,7 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
     """Run a problem by a plan; see `Integrator.integrate` for what comes back."""
     began = time.perf_counter()
     tolerances, parameters = plan.tolerances, problem.parameter_array
-    size = tolerances.step * (1.0 if problem.t1 >= problem.t0 else -1.0)
-    rtol, atol = tolerances.margin * tolerances.rtol, tolerances.margin * tolerances.atol
-    state = DriverState(problem.t0, problem.t1, problem.y0, rtol, atol, size)
-    state.reals[DriverState.LONGEST] = tolerances.longest
+    state = tolerances.begin(problem.t0, problem.t1, problem.y0)
     rows = _Rows(problem.t0, problem.y0)
     status, sentence = _first_look(problem, name, parameters)
     watch = None
@@ -102,7 +100,7 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
         t=t,
         y=y,
         status=status,
-        message=" ".join([sentence, *tolerances.notes, *small_state(status, states, tolerances.atol)]),
+        message=" ".join([sentence, *tolerances.notes, *coarse(problem, status, states, tolerances)]),
         method=name,
         steps=state.count(DriverState.STEPS),
         rejected=state.count(DriverState.REJECTED),
@@ -113,7 +111,7 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
         form=plan.form,
         step=None if tolerances.rtol else tolerances.step,
         rtol=tolerances.rtol or None,
-        atol=tolerances.atol if tolerances.rtol else None,
+        atol=tolerances.atol if tolerances.rtol and not tolerances.share else None,
         t_events=() if watch is None else watch.t_events[: len(problem.events)],
         y_events=() if watch is None else watch.y_events[: len(problem.events)],
     )
@@ -176,6 +174,8 @@ def _bursts(
                 verdict = watch.end(state) if outcome is Outcome.DONE else watch.meet(state)
                 if verdict.jumped:
                     rows.add(state.t, state.y)
+            elif outcome is Outcome.UNSCALED:
+                survey(problem.model, problem.parameter_array, state)
             elif outcome is Outcome.BROKEN:
                 return state.fault.status, ""
             elif outcome is Outcome.STEP_TOO_SMALL:

@@ -21,8 +21,10 @@ from lagrange.trajectory.integrator import Problem, run_by
 from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.options import AS_IT_COMES, RunOptions
 from lagrange.trajectory.plan import Plan, Planned
+from lagrange.trajectory.sizes import survey
 from lagrange.trajectory.trajectory import FloatArray
 
+_GOES_ON = (Outcome.PAUSED, Outcome.UNSCALED)
 _NO_TIMES, _NO_ROWS = np.empty(0), np.empty((0, 0))
 
 
@@ -88,9 +90,11 @@ class Flow:
         self._begin(self._plan, state, start, t0, t1)
         outcome = Outcome.PAUSED
         left = self._max_steps
-        while outcome is Outcome.PAUSED and left > 0:
+        while outcome in _GOES_ON and left > 0:
             outcome = driver.advance(state, min(left, LARGEST_BURST), _NO_TIMES, _NO_ROWS)
             left -= LARGEST_BURST
+            if outcome is Outcome.UNSCALED:
+                survey(self._model, self._model.parameter_array(parameters), state)
         if outcome is not Outcome.DONE:
             return self._by_run(start, t0, t1, parameters)
         return state.y.copy()
@@ -106,10 +110,7 @@ class Flow:
 
     def _fresh(self, plan: Plan) -> DriverState:
         """Return the record of a run from 0 to 1, from which every run of the flow begins."""
-        settings = plan.tolerances
-        rtol, atol = settings.margin * settings.rtol, settings.margin * settings.atol
-        state = DriverState(0.0, 1.0, np.zeros(self._dimension), rtol, atol, settings.step)
-        state.reals[DriverState.LONGEST] = settings.longest
+        state = plan.tolerances.begin(0.0, 1.0, np.zeros(self._dimension))
         state.counts[:] = 0
         self._first = state.reals.copy()
         return state

@@ -11,6 +11,7 @@ import numpy as np
 from lagrange.errors import listing
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.limits import memory_limit
+from lagrange.trajectory.tolerances import Tolerances
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 _SENTENCES: dict[Status, str] = {
@@ -49,8 +50,11 @@ GROWN = 1e6
 SLOW = 1e-6
 """A last correction below this part of the unknowns is no sign of a far solution: the corrections shrink too slowly."""
 
-FEW = 10.0
-"""A state below so many absolute tolerances has one digit, or none."""
+FAR = 1e3
+"""An absolute tolerance so many times above rtol times an entry is spoken of: three of its digits are not looked at."""
+
+ROUND_OFF = 2.0**-40
+"""An entry below this part of the largest of its kind, coordinates or velocities, may be round-off of what cancels."""
 
 UNITS = "choose units in which its numbers are larger"
 """The remedy where a tolerance for the state would be below the doubles that have all their digits."""
@@ -150,14 +154,28 @@ def unsolved(residual: float) -> str:
     )
 
 
-def small_state(status: Status, states: FloatArray, atol: float) -> Iterator[str]:
-    """Yield a note if a complete run stays so small that the absolute tolerance leaves it few digits, or none."""
-    largest = float(np.max(np.abs(states)))
-    if status.complete and 0 < largest < FEW * atol:
-        lower = 1e-9 * largest
-        remedy = f"lower atol to some {lower:.0e}" if lower >= sys.float_info.min else UNITS
-        few = f"so atol = {atol:g} leaves it few digits, or none"
-        yield f"No entry of the state exceeds {largest:.3g}, {few}: {remedy}."
+def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tolerances) -> Iterator[str]:
+    """Yield a note if the absolute tolerance of a complete run leaves an entry fewer digits than rtol asks for.
+
+    `states` are (S+1, 2n). An entry that is round-off of the others of its kind needs no digits.
+    """
+    if not status.complete or not tolerances.rtol:
+        return
+    sizes = np.abs(states).max(axis=0)
+    kinds = np.repeat([half.max(initial=0.0) for half in np.split(sizes, 2)], len(sizes) // 2)
+    short = (sizes < tolerances.atol / (FAR * tolerances.rtol)) & (sizes > ROUND_OFF * kinds)
+    if not short.any():
+        return
+    row = int(np.argmin(np.where(short, sizes, np.inf)))
+    entry, asked = f"{row_names(problem)[row]} does not exceed {sizes[row]:.3g}", f"rtol = {tolerances.rtol:g} asks for"
+    lower = tolerances.rtol * sizes[row]
+    if tolerances.share or lower < sys.float_info.min:
+        yield f"{entry}, near the smallest of all doubles, and has fewer digits than {asked}: {UNITS}."
+    else:
+        yield (
+            f"{entry}, so atol = {tolerances.atol:g} leaves it fewer digits than {asked}: leave atol out, and it "
+            f"follows the size of each entry, or lower it to some {lower:.0e}."
+        )
 
 
 def row_names(problem: Problem) -> tuple[str, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -21,24 +20,8 @@ from lagrange.trajectory.events.step_watch import StepWatch
 from lagrange.trajectory.integrator import Claims, Integrator, Problem
 from lagrange.trajectory.paths.piecewise import PiecewisePath
 from lagrange.trajectory.paths.step_paths import StepPath
+from lagrange.trajectory.tolerances import Tolerances
 from lagrange.trajectory.trajectory import FloatArray
-
-
-@dataclass(frozen=True)
-class Tolerances:
-    """What a driver is told, and notes for the user.
-
-    That is the relative and absolute tolerance and the longest step, or the size of equal steps. A driver aims at
-    `margin` times the tolerances.
-    """
-
-    rtol: float = 0.0
-    atol: float = 0.0
-    step: float = 0.0
-    longest: float = math.inf
-    margin: float = 1.0
-    notes: tuple[str, ...] = ()
-
 
 Path = Callable[[FloatArray], FloatArray]
 """Dense output: from times (K,) to states (2n, K)."""

@@ -52,9 +52,7 @@ class Scripted:
 def test_errors_are_those_against_the_closed_form() -> None:
     found = race(methods=["rk4", "dop853"], tolerances=[1e-4, 1e-8], steps=[0.05, 0.025])
     for entry in found:
-        options: dict[str, Any] = (
-            {"rtol": entry.setting, "atol": entry.setting} if entry.adaptive else {"step": entry.setting}
-        )
+        options: dict[str, Any] = {"rtol": entry.setting} if entry.adaptive else {"step": entry.setting}
         end = lg.flow(SPRING.compile(), method=entry.method, **options)([1.0, 0.0], 0.0, END)
         assert entry.error == pytest.approx(np.abs(end - EXACT).max(), rel=1e-3)
         assert entry.resolved and entry.complete and entry.status == "success"
@@ -250,7 +248,7 @@ def test_growth_on_the_way_counts_too() -> None:
 
 def test_chaos_has_no_winner() -> None:
     pendulum, start = lg.scene("double-pendulum"), {"theta1": 2.0, "theta2": 2.5}
-    found = race(pendulum, 20.0, initial=start, reference=np.zeros(4))
+    found = race(pendulum, 24.0, initial=start, reference=np.zeros(4))
     assert found.growth > 1e14
     assert found.floor > 1e-2
     assert found.notes[0].startswith("No method can win")

@@ -141,7 +141,7 @@ REQUESTS = (
     ),
     Fault(
         "tiny",
-        "x = 1e-300, with the default atol of 1e-12",
+        "x = 1e-300, whose square no double holds",
         bob,
         options={"initial": {x: 1e-300}},
         truth=scaled(1e-300),

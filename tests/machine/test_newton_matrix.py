@@ -189,11 +189,14 @@ class Reading:
         self.calls: list[tuple[float, FloatArray]] = []
         self.replaced: Law | None = None
         self.solves: list[Solve] = []
+        self.starts_with_slope = False
         method.function(self.f, t, *states, h, self)
 
     def f(self, t: float, *arguments: FloatArray) -> Any:
         """Evaluate the law, or what has taken its place."""
         self.calls.append((float(t), np.concatenate(arguments).astype(float)))
+        if not self.solves and self.replaced is None and len(self.vectors) == 1:
+            self.starts_with_slope = float(t) == self.t and np.array_equal(self.calls[-1][1], self.start)
         values = np.split((self.replaced or self.law)(*self.calls[-1]), self.results)
         self.vectors += values
         return tuple(values) if self.results > 1 else values[0]
@@ -261,7 +264,10 @@ class Reading:
         count = len(matrix) // len(self.start)
         unknowns = self.factors(len(vectors), wanted)[first : first + count]
         reached = [max(abs(float(place[0])) for place in one.places) for one in unknowns]
-        weights: FloatArray = np.concatenate([reach / (ATOL + RTOL * abs(self.start)) for reach in reached])
+        # What a step moves an entry by is a part of its size: an entry may pass through zero.
+        moved = abs(self.h * self.law(self.t, self.start)) if self.starts_with_slope else 0.0
+        size = np.maximum(abs(self.start), moved)
+        weights: FloatArray = np.concatenate([reach / (ATOL + RTOL * size) for reach in reached])
         return weights
 
 

@@ -115,7 +115,9 @@ def test_a_right_hand_side_that_ends(name: str, target: str) -> None:
     assert found.status is Status.NON_FINITE
     assert np.isfinite(found.y).all() and 0.4 < found.t[-1] < 0.75
     assert f"{name} stopped at t = " in found.message
-    assert "x_dot is nan" in found.message and "Look for a division by zero" in found.message
+    # The last slope of a step that ends beyond the wall may be all that is no number: a method has it for its error.
+    assert "x_dot is nan" in found.message or "the acceleration of x is nan" in found.message
+    assert "Look for a division by zero" in found.message
     if name in ADAPTIVE:
         assert found.y[0, -1] == pytest.approx(1.0, abs=1e-6)
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.messages import message, small_state, unsolved
+from lagrange.trajectory.messages import coarse, message, unsolved
+from lagrange.trajectory.tolerances import Tolerances
 from lagrange.trajectory.trajectory import Status
 
 MODEL: Any = SimpleNamespace(statement=SimpleNamespace(names=("r", "phi")))
@@ -122,12 +123,21 @@ def test_a_run_with_events_is_not_sent_to_a_solver_that_refuses_them(status: Sta
     assert "scipy" not in text and "cvode" not in text
 
 
-def test_a_tolerance_that_leaves_no_digit_is_spoken_of_where_the_run_has_an_end() -> None:
-    states = np.array([[1.0, -3.7], [0.5, 0.0]])
-    assert "exceeds 3.7, so atol = 0.5 leaves it few digits, or none" in "".join(
-        small_state(Status.SUCCESS, states, 0.5)
-    )
-    (note,) = small_state(Status.SUCCESS, np.array([[1e-305, 0.0]]), 1e-12)
-    assert note.endswith("few digits, or none: choose units in which its numbers are larger.") and "0e+00" not in note
-    assert not [*small_state(Status.SUCCESS, states, 1e-3)]  # three digits are no reason to speak
-    assert not [*small_state(Status.MAX_STEPS, states, 0.5)]  # what ended the run is said, and nothing beside it
+def test_an_absolute_tolerance_that_leaves_an_entry_few_digits_is_spoken_of() -> None:
+    states = np.array([[1.0, -3e-7, 2.0, 0.0], [0.5, 2e-7, 1.0, 0.0]])
+    given = Tolerances(1e-9, 1e-12)
+    assert [*coarse(PROBLEM, Status.SUCCESS, states, given)] == [
+        "phi does not exceed 3e-07, so atol = 1e-12 leaves it fewer digits than rtol = 1e-09 asks for: leave atol out, "
+        "and it follows the size of each entry, or lower it to some 3e-16."
+    ]
+    assert not [*coarse(PROBLEM, Status.SUCCESS, states, Tolerances(1e-9, 1e-16))]
+    assert not [*coarse(PROBLEM, Status.SUCCESS, states, Tolerances(1e-9, 1e-300, 1e-12))]  # it follows the scale
+    assert not [*coarse(PROBLEM, Status.SUCCESS, states, Tolerances(step=0.1))]
+    assert not [*coarse(PROBLEM, Status.MAX_STEPS, states, given)]  # what ended the run is said, and nothing beside it
+    least = Tolerances(1e-9, 1e-300, 1e-12)
+    assert [*coarse(PROBLEM, Status.SUCCESS, 1e-300 * states, least)] == [
+        "phi does not exceed 3e-307, near the smallest of all doubles, and has fewer digits than rtol = 1e-09 asks "
+        "for: choose units in which its numbers are larger."
+    ]
+    noise = np.array([[1.0, 1e-16, 2.0, 1e-15]])
+    assert not [*coarse(PROBLEM, Status.SUCCESS, noise, given)]  # round-off needs no digits

@@ -135,7 +135,7 @@ def test_an_empty_span_is_one_state(method: Any) -> None:
 
 def test_a_state_below_atol_is_spoken_of(method: Any) -> None:
     run = method.integrate(problem(oscillator, y0=(1e-20, 0.0)))
-    assert "atol = 1e-10 leaves it few digits, or none" in run.message
+    assert "so atol = 1e-10 leaves it fewer digits than rtol = 1e-08 asks for" in run.message
     assert "atol" not in method.integrate(problem(oscillator)).message
 
 

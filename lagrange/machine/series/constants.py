@@ -16,6 +16,10 @@ FARTHEST = 10.0
 """The series is computed in a time scaled by a power of two near the last step, so that its coefficients neither
 overflow nor vanish whatever the units are; a step that differs from the scale by more than 2**10 is computed anew."""
 
+START_ROWS = 4
+"""So many rows behind the first say how large an entry becomes that a run begins with at zero: the fourth is that of
+what moves what moves it. Series of entries that begin later say nothing about it."""
+
 NEAREST = 1.5
 """The first step of a run is computed anew if it differs from the scale by more than 2**1.5."""
 

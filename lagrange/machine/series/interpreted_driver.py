@@ -25,6 +25,7 @@ from lagrange.machine.series.constants import (
     ROWS_SEEN,
     SHORTER,
     SHORTEST,
+    START_ROWS,
     TRIES,
     VANISHED,
     ZERO,
@@ -33,7 +34,7 @@ from lagrange.machine.series.constants import (
     shown_radius,
 )
 from lagrange.machine.series.interpreted_jet import Jet
-from lagrange.machine.state import EARLIEST, NEAR_END, SPACING, DriverState, Outcome
+from lagrange.machine.state import EARLIEST, LEAST_FLOOR, NEAR_END, SPACING, SURVEYS, DriverState, Outcome
 from lagrange.program.series import SeriesProgram
 
 S = DriverState
@@ -124,15 +125,37 @@ class NumpyTaylorDriver:
                     break
                 series = self._look(state)
                 if self._held is not None and not self._proven(state, series, times, rows):
+                    failed = state.count(S.REJECTED)
+                    if self._asks(state, failed > 1 and failed & (failed - 1) == 0):
+                        return Outcome.UNSCALED
                     continue
                 if turn == budget or state.t == state.reals[S.END]:
                     break
                 if series is None:
                     return Outcome.SINGULAR
+                new = state.reals[S.SHARE] > 0 and (not state.count(S.STEPS) or state.count(S.TRIES))
+                if new and self._asks(state, self._begins_blind(state, series)):
+                    return Outcome.UNSCALED
                 outcome = self._step(state, series)
                 if outcome is not Outcome.PAUSED:
                     return outcome
         return Outcome.DONE if state.t == state.reals[S.END] else Outcome.PAUSED
+
+    def _asks(self, state: DriverState, wanted: bool) -> bool:
+        """Whether to come back for a look at how large the entries are; see `Outcome`."""
+        return wanted and state.reals[S.SHARE] > 0 and state.count(S.SURVEYED) < SURVEYS
+
+    def _begins_blind(self, state: DriverState, series: FloatArray) -> bool:
+        """Give floors that follow the scale a start where entries are zero: what the series reach in the time scale.
+
+        Return whether there are entries of which the series begin so late that they say no more than that.
+        """
+        entries = len(state.y)
+        reach = state.reals[S.SHARE] * np.max(np.abs(series[1 : START_ROWS + 1, :entries]), axis=0)
+        zero = state.y == 0
+        moving = zero & (reach > 0) & (reach < math.inf)
+        state.floors[moving] = reach[moving]
+        return bool((zero & (state.floors <= LEAST_FLOOR) & (series[-2:, :entries] != 0).any(axis=0)).any())
 
     def _look(self, state: DriverState) -> FloatArray | None:
         """Return the series from the state, or None where the mass matrix is singular."""
@@ -173,7 +196,7 @@ class NumpyTaylorDriver:
         """Whether the derivative (2n,) at the state is what a series of length h has there, in units of the scale."""
         scale, entries = float(state.reals[S.SCALE]), len(state.y)
         size = np.maximum(np.abs(state.y), np.abs(slope[:entries]))
-        tolerance = state.reals[S.RTOL] * size + state.reals[S.ATOL]
+        tolerance = state.reals[S.RTOL] * size + state.floors
         off = float(np.max(np.abs(slope[:entries] - expected) / tolerance))
         allowed = DEFECT * self._order * abs(scale / h) + NOISE * float(np.max(np.abs(slope[:entries]) / tolerance))
         return off <= allowed
@@ -230,6 +253,7 @@ class NumpyTaylorDriver:
         if watched and (state.count(S.LOOK) or self._near(series, h / scale)):
             return Outcome.WATCHED
         self._before = abs(h)
+        np.maximum(state.floors, reals[S.SHARE] * np.abs(state.y), out=state.floors)
         before, low = state.y.copy(), self._low
         slope = self._advance(state, series, h / scale)
         if slope is None:
@@ -248,7 +272,7 @@ class NumpyTaylorDriver:
         """
         entries = len(state.y)
         size = np.maximum(np.abs(state.y), np.abs(series[1, :entries]))
-        tolerance = state.reals[S.RTOL] * size + state.reals[S.ATOL]
+        tolerance = state.reals[S.RTOL] * size + state.floors
         p = self._order
 
         ratios = np.max(np.abs(series[:, :entries]) / tolerance, axis=1)

@@ -25,7 +25,7 @@ from lagrange.machine.series.llvm_proof import Proof
 from lagrange.machine.series.llvm_step_size import StepSize
 from lagrange.machine.series.llvm_sum import derivatives, increments, looped
 from lagrange.machine.state import EARLIEST, NEAR_END, SPACING, DriverState, Outcome
-from lagrange.machine.steps.llvm_calls import bump, leave_if
+from lagrange.machine.steps.llvm_calls import bump, leave_if, leave_unscaled
 
 
 def drive_function(layout: TaylorLayout) -> str:
@@ -76,6 +76,10 @@ class _Loop:
         e.do(f"br i1 {proven}, label %{name}.proven, label %{name}.back")
         e.label(f"{name}.back")
         self.proof.take_back()
+        failed = e.get("%counts", r.REJECTED, "i64")
+        before = e.value(f"sub i64 {failed}, 1")
+        doubled = e.value(f"icmp eq i64 {e.value(f'and i64 {failed}, {before}')}, 0")
+        leave_unscaled(e, e.value(f"and i1 {doubled}, {e.value(f'icmp sgt i64 {failed}, 1')}"))
         e.jump(f"{name}.end")
         e.label(f"{name}.proven")
         self.proof.record(t)
@@ -84,6 +88,7 @@ class _Loop:
         e.jump(f"{name}.on")
         e.label(f"{name}.on")
         leave_if(e, singular, Outcome.SINGULAR)
+        weights = self.begin_floors(weights)
         exponent = self.size.exponent(weights)
         reach = self.reach(t, low, end, scale)
         e.do(f"br i1 {self.fits(exponent, reach)}, label %{name}.yes, label %{name}.no")
@@ -94,6 +99,22 @@ class _Loop:
         self.step(t, low, end, scale, exponent, weights, f"{name}.end")
         e.jump(f"{name}.end")
         e.label(f"{name}.end")
+
+    def begin_floors(self, weights: list[str]) -> list[str]:
+        """Return the weights for a step; where a run begins, or a scale of time is tried, floors begin."""
+        e, r, kind = self.e, DriverState, self.kind
+        cells = [e.reserve(kind) for _ in weights]
+        for weight, cell in zip(weights, cells, strict=True):
+            e.store(weight, cell, kind)
+        steps, tries = (e.get("%counts", which, "i64") for which in (r.STEPS, r.TRIES))
+        first, again = e.value(f"icmp eq i64 {steps}, 0"), e.value(f"icmp ne i64 {tries}, 0")
+        begins = e.value(f"or i1 {first}, {again}")
+        follows = e.real("fcmp ogt", e.get("%reals", r.SHARE), literal(0.0))
+        with e.when(e.value(f"and i1 {begins}, {follows}")):
+            leave_unscaled(e, self.size.first_floors())
+            for weight, cell in zip(self.size.weights(), cells, strict=True):
+                e.store(weight, cell, kind)
+        return [e.load(cell, kind) for cell in cells]
 
     def leave(self, waiting: str, there: str, last: str) -> None:
         """Come back where no step waits for its proof and none is to be taken."""
@@ -186,6 +207,7 @@ class _Loop:
         self.proof.probe(t, scale, s, h, weights, self.size.ends(exponent), elsewhere)
         if self.layout.watched:
             self.look_out(s)
+        self.size.raise_floors()
         # A series that terminates says nothing about the next one.
         ends = e.real("fcmp ogt", whole, literal(FARTHEST))
         longer = power_of_two(e, e.choose(ends, literal(0.0), whole))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.spelling import element, number
-from lagrange.machine.series.constants import APART, GUARD, REACH, ROWS_SEEN, VANISHED
+from lagrange.machine.series.constants import APART, GUARD, REACH, ROWS_SEEN, START_ROWS, VANISHED
 from lagrange.machine.series.llvm_layout import TaylorLayout
 from lagrange.machine.series.llvm_log2 import logarithm
-from lagrange.machine.state import DriverState
+from lagrange.machine.state import LEAST_FLOOR, DriverState
 
 
 class StepSize:
@@ -106,15 +106,57 @@ class StepSize:
     def weights(self) -> list[str]:
         """Return one over the tolerance of each entry of the state."""
         e, kind, lanes = self.e, self.kind, self.layout.lanes
-        rtol, atol = (e.splat(e.get("%reals", which), self.kind) for which in (DriverState.RTOL, DriverState.ATOL))
+        rtol = e.splat(e.get("%reals", DriverState.RTOL), kind)
         found = []
         for place in range(0, self.layout.padded, lanes):
             y = e.fabs(e.load(e.address("%work", place), kind), kind)
             moved = e.fabs(self.entries(self.e.address(self.rows, self.layout.width), place), kind)
             size = e.value(f"bitcast <{lanes} x i64> {self.largest([y, moved])} to {kind}")
-            tolerance = e.fma(rtol, size, atol, kind)
+            tolerance = e.fma(rtol, size, e.load(self.floor(place), kind), kind)
             found.append(e.value(f"fdiv {kind} {number(1.0, lanes)}, {tolerance}"))
         return found
+
+    def floor(self, place: int) -> str:
+        """Return the address of some floors; see `DriverState`."""
+        return self.e.address("%reals", DriverState.FLOORS + place)
+
+    def raise_floors(self) -> None:
+        """Raise the floors to their share of the state."""
+        e, kind = self.e, self.kind
+        share = e.splat(e.get("%reals", DriverState.SHARE), kind)
+        for place in range(0, self.layout.padded, self.layout.lanes):
+            size = e.value(f"fmul {kind} {share}, {e.fabs(e.load(e.address('%work', place), kind), kind)}")
+            floor = e.load(self.floor(place), kind)
+            e.store(self.where("ogt", size, floor, size, floor), self.floor(place), kind)
+
+    def where(self, how: str, a: str, b: str, one: str, other: str) -> str:
+        """Return some entries of one vector, where those of two others compare so, or else of another."""
+        e, lanes = self.e, self.layout.lanes
+        holds = e.value(f"fcmp {how} {self.kind} {a}, {b}")
+        return e.value(f"select <{lanes} x i1> {holds}, {self.kind} {one}, {self.kind} {other}")
+
+    def first_floors(self) -> str:
+        """Give floors a start where entries are zero; return whether some series begin too late for that.
+
+        See the numpy driver.
+        """
+        e, kind, lanes = self.e, self.kind, self.layout.lanes
+        share, least = e.splat(e.get("%reals", DriverState.SHARE), kind), number(LEAST_FLOOR, lanes)
+        zero, infinite = (e.splat(literal(x), kind) for x in (0.0, float("inf")))
+        blind = []
+        for place in range(0, self.layout.padded, lanes):
+            sizes = [e.fabs(self.entries(self.row(k), place), kind) for k in range(1, START_ROWS + 1)]
+            size = e.value(f"bitcast <{lanes} x i64> {self.largest(sizes)} to {kind}")
+            reach = e.value(f"fmul {kind} {share}, {size}")
+            floor = e.load(self.floor(place), kind)
+            reach = self.where("olt", reach, infinite, self.where("ogt", reach, zero, reach, floor), floor)
+            y = e.load(e.address("%work", place), kind)
+            floor = self.where("oeq", y, zero, reach, floor)
+            e.store(floor, self.floor(place), kind)
+            late = [e.fabs(self.entries(self.row_at(less), place), kind) for less in (1, 0)]
+            last = e.value(f"bitcast <{lanes} x i64> {self.largest(late)} to {kind}")
+            blind.append(self.where("oeq", y, zero, self.where("ole", floor, least, last, zero), zero))
+        return e.value(f"xor i1 {e.real('fcmp oeq', self.largest_entry(blind), literal(0.0))}, true")
 
     def ratio(self, row: str, weights: list[str]) -> str:
         """Return the largest coefficient of a row over its tolerance, NaN if one is not a number."""

@@ -1,8 +1,15 @@
 """How step control decides, on every machine; what a method may choose of it is `Control`.
 
-Source of the first step, of `INTEGRAL`, `LEAST_PREVIOUS` and `DAMPING`: E. Hairer, S. P. Norsett, G. Wanner, Solving
+Source of `INTEGRAL`, `LEAST_PREVIOUS` and `DAMPING`: E. Hairer, S. P. Norsett, G. Wanner, Solving
 Ordinary Differential Equations I, 2nd ed., 1993, II.4 and II.10, and its programs DOPRI5 and DOP853.
 """
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
 
 SLIVER = 1e-6
 """A last one of equal steps that is shorter than this part of the step is round-off of the grid, and joins the step
@@ -29,14 +36,35 @@ where it changes slowly."""
 DAMPING = 0.01
 """The share of the second error vector's sum of squares in the norm of DOP853."""
 
-SMALL, GUESS = 1e-5, 1e-6
-"""For a first step: a state or a slope of less than the first of its tolerance says nothing, and h is guessed."""
+FIRST_SHARE = 0.01
+"""For a first step: an Euler step of the trial length changes the state by this part at most, and the first step aims
+at this part of the tolerance."""
 
-SHARE = 0.01
-"""An Euler step of the first guess changes the state by this part; the second guess aims at this part of the error."""
+CANCELLED, TILT = 2.0**-12, 2.0**-26
+"""An acceleration that is less than the first part of what it owes to the entries of the state may be round-off of what
+cancels. What it owes shows where each entry is moved by about the second part of itself."""
 
-FLAT, SLOWLY = 1e-15, 1e-3
-"""With slopes of less than the first of their tolerance, the second guess is this part of the first one, or `GUESS`."""
+NOISE = 2.0**-44
+"""Slopes are rounded to a few units of round-off of what they are made of, 2**-52: this part of it, over the natural
+period, is no more than noise."""
 
-LEAP = 100.0
-"""The first step is at most so many times the first guess."""
+ALONE = 16.0
+"""Coordinates that such accelerations move must not be the ones that a first step follows: what they say of the square
+of the rate may be so many times what the others do."""
+
+LEAST_FIRST = 2.0**-44
+"""Where an entry is zero its floor begins with this part, at least, of what the first step reaches: Newton's method has
+to get below it."""
+
+RESOLVED = 64.0
+"""A first step is not shorter than so many of the shortest: it is a guess, and no reason to give up."""
+
+FIRST_TRIAL, FLAT = 2.0**-20, 1e-3
+"""Parts of the run. The first is the trial length where no entry that is not zero has a slope, as in a state at rest;
+the second is the first step where neither slopes nor their change say anything about its length."""
+
+
+@lru_cache(maxsize=64)
+def tilts(size: int) -> NDArray[np.float64]:
+    """Return numbers from 1 to 2, all different: else the difference of two equal entries would owe nothing to them."""
+    return np.asarray(1 + np.arange(size) * 0.6180339887498949 % 1)

@@ -9,25 +9,30 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lagrange.machine.backend import FloatArray, Kernel, SingularMassMatrix
-from lagrange.machine.state import EARLIEST, NEAR_END, SPACING, DriverState, Outcome
+from lagrange.machine.state import EARLIEST, LEAST_FLOOR, NEAR_END, SPACING, STUCK, SURVEYS, DriverState, Outcome
 from lagrange.machine.steps.control_constants import (
     AFTER_BROKEN,
     AFTER_DIVERGED,
+    ALONE,
+    CANCELLED,
     DAMPING,
     FAR,
+    FIRST_SHARE,
+    FIRST_TRIAL,
     FLAT,
-    GUESS,
     INTEGRAL,
-    LEAP,
+    LEAST_FIRST,
     LEAST_NORM,
     LEAST_PREVIOUS,
-    SHARE,
+    NOISE,
+    RESOLVED,
     SHRUNK,
     SLIVER,
-    SLOWLY,
-    SMALL,
+    TILT,
+    tilts,
 )
 from lagrange.machine.steps.interpreted_step import InterpretedStep
 from lagrange.procedure.step.memory import Kept
@@ -94,7 +99,10 @@ class NumpyDriver:
         control: Any = self._step.control
         reals = state.reals
         if reals[S.H] == 0:
-            reals[S.H] = self._first_step(state, control)
+            first = self._first_step(state, control)
+            if first is None:
+                return Outcome.UNSCALED
+            reals[S.H] = first
         t, end, h = state.t, reals[S.END], np.copysign(min(abs(reals[S.H]), reals[S.LONGEST]), reals[S.H])
         least = SPACING * max(abs(t), EARLIEST)
         final = abs(h) * NEAR_END >= abs(end - t)
@@ -115,7 +123,7 @@ class NumpyDriver:
         norm = self._norm(state, control, y, errors)
         factor = control.safety * max(norm, LEAST_NORM) ** -(1 / control.exponent - INTEGRAL * control.memory)
         if not norm <= 1.0:
-            return self._reject(state, Outcome.STEP_TOO_SMALL, length * min(max(factor, control.least), SHRUNK))
+            return self._reject(state, Outcome.STEP_TOO_SMALL, length * min(max(factor, control.least), SHRUNK), y)
         factor *= reals[S.PREVIOUS] ** control.memory
         reals[S.PREVIOUS] = max(norm, LEAST_PREVIOUS)
         most = 1.0 if state.count(S.AFTER_REJECT) else control.most
@@ -184,6 +192,7 @@ class NumpyDriver:
     def _accept(self, state: DriverState, t: float, y: FloatArray, times: FloatArray, rows: FloatArray) -> None:
         state.reals[S.T] = t
         state.y[:] = y
+        np.maximum(state.floors, state.reals[S.SHARE] * abs(y), out=state.floors)
         state.counts[S.STEPS] += 1
         self._slope = self._last if self._step.ends_with_slope else None
         if self._by_procedures:
@@ -196,41 +205,79 @@ class NumpyDriver:
             rows[row] = y
             state.counts[S.ROWS] += 1
 
-    def _reject(self, state: DriverState, cause: Outcome, h: float) -> Outcome:
+    def _reject(self, state: DriverState, cause: Outcome, h: float, moved: FloatArray | None = None) -> Outcome:
+        """Try again with a step of h; ask how large entries are if it is not the first try, or one has no size yet.
+
+        Where the trial `moved` the state, an entry that it left at zero does not count.
+        """
         state.reals[S.CAUSE] = cause
         state.reals[S.H] = h
-        state.counts[S.AFTER_REJECT] = 1
+        state.counts[S.AFTER_REJECT] += 1
         state.counts[S.REJECTED] += 1
+        blank = state.floors <= LEAST_FLOOR
+        asked = state.count(S.AFTER_REJECT) == STUCK or (blank if moved is None else blank & (moved != 0)).any()
+        if asked and state.reals[S.SHARE] > 0 and state.count(S.SURVEYED) < SURVEYS:
+            return Outcome.UNSCALED
         return Outcome.PAUSED
 
     def _norm(self, state: DriverState, control: Control, y: FloatArray, errors: list[FloatArray]) -> float:
-        scale = state.reals[S.ATOL] + state.reals[S.RTOL] * np.maximum(abs(state.y), abs(y))
+        scale = state.floors + state.reals[S.RTOL] * np.maximum(abs(state.y), abs(y))
         sums = [float(((error / scale) ** 2).sum()) for error in errors]
         if not control.damped:
             return float(np.sqrt(sums[0] / len(y)))
         mixed = sums[0] + DAMPING * sums[1]
         return sums[0] / float(np.sqrt(mixed * len(y))) if mixed > 0 else 0.0
 
-    def _first_step(self, state: DriverState, control: Control) -> float:
-        """Return a first step from two slopes (Hairer, Norsett, Wanner, Solving ODE I, II.4), with its sign."""
-        t, y, span = state.t, state.y, state.reals[S.END] - state.t
-        scale = state.reals[S.ATOL] + state.reals[S.RTOL] * abs(y)
+    def _first_step(self, state: DriverState, control: Control) -> float | None:
+        """Return a first step with its sign, from how slopes change over a short one; None to ask for sizes of entries.
 
-        def size(vector: FloatArray) -> float:
-            return float(np.sqrt(np.mean((vector / scale) ** 2)))
-
-        state.counts[S.EVALUATIONS] += 2
+        The jerk over the velocity is the square of a rate, whatever the units of entries and of time are and wherever
+        coordinates begin; without either, the acceleration over the coordinate is, or over the velocity. What is small
+        against its tolerance counts as what its floor is the tolerance of. A floor that is to follow the scale begins,
+        where an entry is zero, with what the step reaches. An acceleration that may be round-off of what cancels, as at
+        an equilibrium, is none to go by: what it owes to the coordinate is.
+        """
+        t, y, reals, n = state.t, state.y, state.reals, len(state.y) // 2
+        span = abs(reals[S.END] - t)
+        sign = float(np.sign(reals[S.END] - t))
+        known = y != 0
+        at, moves = known[:n], known[n:]
+        far, speed = np.split(abs(y) + state.floors / reals[S.RTOL], 2)
+        state.counts[S.EVALUATIONS] += 3
         try:
             slope = self._kernel(t, y, self._parameters)
-            d0, d1 = size(y), size(slope)
-            ratio = 0.0 if d0 < SMALL or d1 < SMALL else SHARE * d0 / d1
-            # A slope infinitely large against its tolerance, as where y = 0 and atol is next to 0, says nothing.
-            h0 = min(ratio if ratio > 0 else GUESS, abs(span))
-            signed = float(np.copysign(h0, span))
-            d2 = size(self._kernel(t + signed, y + signed * slope, self._parameters) - slope) / h0
+            force = abs(slope[n:])
+            rate = float(np.max(np.where(at, np.sqrt(force / far), np.where(moves, force / speed, 0.0))))
+            trial = min(FIRST_SHARE / rate if rate > 0 else FIRST_TRIAL * span, span)
+            later = self._kernel(t + sign * trial, y + sign * trial * slope, self._parameters)
+            tilted = self._kernel(t, y * (1 + TILT * tilts(len(y))), self._parameters)
         except SingularMassMatrix:
-            return float(np.copysign(min(GUESS, abs(span)), span))
-        largest = max(d1, d2)
-        h1 = max(GUESS, SLOWLY * h0) if largest <= FLAT else (SHARE / largest) ** (1 / control.exponent)
-        chosen = min(LEAP * h0, h1, abs(span))
-        return float(np.copysign(chosen if chosen > 0 else h0, span))
+            return float(sign * FLAT * span)
+        jerk = np.where(moves, abs(later - slope)[n:] / trial / speed, 0.0)
+        by_place, by_speed = (
+            np.where(one, part, np.inf) for one, part in ((at, force / far), (moves, (force / speed) ** 2))
+        )
+        other = np.minimum(by_place, by_speed)
+        squares = np.where(jerk > 0, jerk, np.where(at | moves, other, 0.0))
+        owed = abs(tilted - slope)[n:] / TILT
+        doubtful = abs(slope[n:]) < CANCELLED * owed
+        if reals[S.SHARE] > 0 and not state.count(S.SURVEYED) and self._follows(squares, doubtful, slope):
+            return None
+        paired = np.where(doubtful & at, owed / far, 0.0)
+        change = float(np.sqrt(max(np.max(squares), np.max(paired))))
+        rate = change if 0 < change < np.inf else rate
+        aim = float((FIRST_SHARE * reals[S.RTOL]) ** (1 / control.exponent))
+        h = min(max(aim / rate if rate > 0 else FLAT * span, RESOLVED * SPACING * abs(t)), span)
+        if reals[S.SHARE] > 0:
+            ahead = abs(slope + (later - slope) * (h / trial))
+            reach = h * np.where((ahead < np.inf) & (ahead > abs(slope)), ahead, abs(slope))
+            np.maximum(state.floors, max(reals[S.SHARE], LEAST_FIRST) * reach, out=state.floors, where=~known)
+            period = 1 / rate if rate > 0 else 0.0
+            noise = np.where(doubtful, period * NOISE * owed, 0.0)
+            np.maximum(state.floors, np.concatenate([period * noise, noise]), out=state.floors)
+        return float(sign * h)
+
+    def _follows(self, squares: FloatArray, doubtful: NDArray[np.bool_], slope: FloatArray) -> bool:
+        """Whether nothing moves yet, or a first step follows accelerations that may be round-off of what cancels."""
+        others = float(squares[~doubtful].max(initial=0.0))
+        return bool(squares[doubtful].max(initial=0.0) > ALONE * others or not slope.any())

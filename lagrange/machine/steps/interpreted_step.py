@@ -53,7 +53,7 @@ class InterpretedStep:
         layout, effort, reals = self.layout, self._effort, state.reals
         whole = np.concatenate(states)
         self.work[: len(whole)] = whole
-        tolerances = float(reals[state.RTOL]), float(reals[state.ATOL])
+        tolerances = float(reals[state.RTOL]), memoryview(state.floors.data)
         nothing = memoryview(array("d"))
         laws = (self._law, nothing, self._jacobian, nothing)
         effort.evaluations = 0

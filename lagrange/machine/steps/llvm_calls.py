@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from lagrange.machine.kernel import llvm_calling
 from lagrange.machine.llvm.emitter import Emitter, literal
-from lagrange.machine.state import DriverState, Outcome
+from lagrange.machine.state import SURVEYS, DriverState, Outcome
 from lagrange.machine.steps.llvm_layout import (
     KIND,
     Scalars,
@@ -112,3 +112,10 @@ def leave_with(e: Emitter, status: str) -> None:
     e.label(f"{name}.out")
     e.do(f"ret i32 {status}")
     e.label(f"{name}.on")
+
+
+def leave_unscaled(e: Emitter, asked: str) -> None:
+    """Come back on a condition for a look at how large the entries are, where floors follow them; see `Outcome`."""
+    follows = e.real("fcmp ogt", e.get("%reals", DriverState.SHARE), literal(0.0))
+    some = e.value(f"icmp slt i64 {e.get('%counts', DriverState.SURVEYED, 'i64')}, {SURVEYS}")
+    leave_if(e, e.value(f"and i1 {asked}, {e.value(f'and i1 {follows}, {some}')}"), Outcome.UNSCALED)

@@ -8,6 +8,7 @@ from lagrange.graph.node import Node
 from lagrange.machine.kernel import llvm_calling
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.spelling import spell
+from lagrange.machine.state import DriverState
 from lagrange.procedure.step.memory import Layout
 from lagrange.program.actions import Combination
 from lagrange.program.step import StepProgram
@@ -16,6 +17,7 @@ BLOCK = 4
 """Doubles that are loaded and stored at once."""
 
 KIND = f"<{BLOCK} x double>"
+TRUTH = f"<{BLOCK} x i1>"
 """LLVM's type of a block of numbers."""
 
 UNROLLED_BLOCKS = 2
@@ -156,6 +158,17 @@ def total(e: Emitter, vector: str) -> str:
     left = e.value(f"fadd double {parts[0]}, {parts[1]}")
     right = e.value(f"fadd double {parts[2]}, {parts[3]}")
     return e.value(f"fadd double {left}, {right}")
+
+
+def largest(e: Emitter, vector: str) -> str:
+    """Return the largest of a block's entries, NaN if one is."""
+    parts = [e.value(f"extractelement {KIND} {vector}, i64 {k}") for k in range(BLOCK)]
+    return e.larger(e.larger(parts[0], parts[1]), e.larger(parts[2], parts[3]))
+
+
+def in_floors(e: Emitter, offset: str | int) -> str:
+    """Return the address of the block at an offset of the floors of the state."""
+    return e.address(e.address("%reals", DriverState.FLOORS), offset)
 
 
 def finite(e: Emitter, layout: Layout, vectors: Sequence[int]) -> str:

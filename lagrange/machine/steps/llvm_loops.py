@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from lagrange.machine.llvm.emitter import Emitter, literal
-from lagrange.machine.state import EARLIEST, NEAR_END, SPACING, DriverState, Outcome
+from lagrange.machine.state import EARLIEST, NEAR_END, SPACING, STUCK, DriverState, Outcome
 from lagrange.machine.steps.control_constants import (
     AFTER_BROKEN,
     AFTER_DIVERGED,
@@ -19,7 +19,8 @@ from lagrange.machine.steps.control_constants import (
     SHRUNK,
     SLIVER,
 )
-from lagrange.machine.steps.llvm_calls import LAW, RECORDS, bump, leave_if, leave_with
+from lagrange.machine.steps.llvm_calls import LAW, RECORDS, bump, leave_if, leave_unscaled, leave_with
+from lagrange.machine.steps.llvm_error_norm import raise_floors, some_blank
 from lagrange.machine.steps.llvm_layout import KIND, blocks, finite, in_work
 from lagrange.machine.steps.llvm_step import accept, attempt, take_entries
 from lagrange.procedure.step.memory import NEWTON, Layout
@@ -109,10 +110,10 @@ def _first_step(e: Emitter, end: str) -> str:
     direction = e.choose(e.real("fcmp olt", distance, literal(0.0)), literal(-1.0), literal(1.0))
     with e.when(e.real("fcmp oeq", e.get("%reals", DriverState.H), literal(0.0))):
         arguments = f"ptr %rhs, ptr %p, double {t}, double {e.fabs(distance)}, double {direction}"
-        tolerances = ", ".join(f"double {e.get('%reals', which)}" for which in (DriverState.RTOL, DriverState.ATOL))
-        size = e.value(f"call double @first_step({arguments}, {tolerances}, ptr %work)")
+        size = e.value(f"call double @first_step({arguments}, ptr %reals, ptr %counts, ptr %work)")
+        bump(e, DriverState.EVALUATIONS, 3)
+        leave_if(e, e.real("fcmp olt", size, literal(0.0)), Outcome.UNSCALED)
         e.put(e.real("fmul", size, direction), "%reals", DriverState.H)
-        bump(e, DriverState.EVALUATIONS, 2)
     return direction
 
 
@@ -128,25 +129,24 @@ def _trial(e: Emitter, step: StepProgram, layout: Layout, length: str, after: st
     cause = e.choose(done, literal(float(Outcome.NON_FINITE)), failure)
     unsolved = e.real("fcmp oeq", cause, literal(float(Outcome.DIVERGED)))
     part = e.choose(unsolved, literal(AFTER_DIVERGED), literal(AFTER_BROKEN))
-    _reject(e, cause, e.real("fmul", length, part))
+    _reject(e, layout, cause, e.real("fmul", length, part), moved=False)
     e.jump(f"{name}.end")
     e.label(f"{name}.measure")
-    _judge(e, step, name, length, after, rejected)
+    _judge(e, step, layout, name, length, after, rejected)
     e.label(f"{name}.end")
 
 
-def _judge(e: Emitter, step: StepProgram, name: str, length: str, after: str, rejected: str) -> None:
+def _judge(e: Emitter, step: StepProgram, layout: Layout, name: str, length: str, after: str, rejected: str) -> None:
     """Accept or reject a finite trial step by its error norm, and set the next step."""
     control: Any = step.control
-    tolerances = ", ".join(f"double {e.get('%reals', which)}" for which in (DriverState.RTOL, DriverState.ATOL))
-    norm = e.value(f"call double @norm(ptr %work, {tolerances})")
+    norm = e.value("call double @norm(ptr %reals, ptr %work)")
     shrink = e.power(e.larger(norm, literal(LEAST_NORM)), -(1 / control.exponent - INTEGRAL * control.memory))
     factor = e.real("fmul", shrink, literal(control.safety))
     accepted = e.real("fcmp ole", norm, literal(1.0))
     e.do(f"br i1 {accepted}, label %{name}.accept, label %{name}.reject")
     e.label(f"{name}.reject")
     bounded = e.smaller(e.larger(factor, literal(control.least)), literal(SHRUNK))
-    _reject(e, literal(float(Outcome.STEP_TOO_SMALL)), e.real("fmul", length, bounded))
+    _reject(e, layout, literal(float(Outcome.STEP_TOO_SMALL)), e.real("fmul", length, bounded), moved=True)
     e.jump(f"{name}.end")
     e.label(f"{name}.accept")
     if control.memory:
@@ -160,12 +160,19 @@ def _judge(e: Emitter, step: StepProgram, name: str, length: str, after: str, re
         factor = e.choose(steady, literal(1.0), factor)
     e.put(e.real("fmul", length, factor), "%reals", DriverState.H)
     e.put("0", "%counts", DriverState.AFTER_REJECT, "i64")
+    raise_floors(e, layout)
     accept(e, after)
     e.jump(f"{name}.end")
 
 
-def _reject(e: Emitter, cause: str, h: str) -> None:
+def _reject(e: Emitter, layout: Layout, cause: str, h: str, *, moved: bool) -> None:
+    """Try again with a step of h; ask how large entries are if it is not the first try, or one has no size yet.
+
+    Where the trial `moved` the state, an entry that it left at zero does not count.
+    """
     e.put(cause, "%reals", DriverState.CAUSE)
     e.put(h, "%reals", DriverState.H)
-    e.put("1", "%counts", DriverState.AFTER_REJECT, "i64")
+    bump(e, DriverState.AFTER_REJECT, 1)
     bump(e, DriverState.REJECTED, 1)
+    stuck = e.value(f"icmp eq i64 {e.get('%counts', DriverState.AFTER_REJECT, 'i64')}, {STUCK}")
+    leave_unscaled(e, e.value(f"or i1 {stuck}, {some_blank(e, layout, moved=moved)}"))

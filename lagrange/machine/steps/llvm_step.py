@@ -62,7 +62,7 @@ def implicit_function(layout: Layout, prefix: str = "") -> str:
     e = Emitter()
     effort = e.address("%work", layout.effort)
     e.put("0", effort, EFFORT.places["evaluations"], "i64")
-    tolerances = ", ".join(f"double {e.get('%reals', which)}" for which in (DriverState.RTOL, DriverState.ATOL))
+    tolerances = f"double {e.get('%reals', DriverState.RTOL)}, ptr {e.address('%reals', DriverState.FLOORS)}"
     known = e.value("icmp ne i64 %slope_known, 0")
     given = f"{LAW}, double %t, double %h, {tolerances}, ptr {effort}, {_newtons(e, layout)}ptr %work, i1 {known}"
     outcome = e.value(f"call i64 @{prefix}take({given})")

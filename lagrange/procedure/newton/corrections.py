@@ -69,16 +69,24 @@ def _start(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure:
 
 
 def _weigh_by_tolerance(given: Given, solve: SolveLayout) -> None:
-    """Weigh corrections by what they move in the arguments of the calls, against the tolerances."""
+    """Weigh corrections by what they move in the arguments of the calls, against the tolerances.
+
+    Where an entry begins at zero, the size that it has in the step is what its slope moves it by.
+    """
     p, reached = given.p, [solve.solve.reach(i) for i in range(solve.solve.count)]
     vectors = Vectors(given, [], [factor for factors, _ in reached for factor in factors])
+    step = vectors.layout.step
+    slope = vectors.at(step.calls[0].first) if step.starts_with_slope else None
     for i, (factors, argument) in enumerate(reached):
         largest = p.constant(0.0, REAL)
         for factor in factors:
             largest = p.larger(largest, abs(vectors.numbers[factor]))
         weights, state = given.work.at(solve.weights + i * solve.width), vectors.at(argument)
         with p.each(solve.width, spill=True) as k:
-            weights[k] = largest / p.fma(given.rtol, abs(state[k]), given.atol)
+            size = abs(state[k])
+            if slope is not None:
+                size = p.larger(size, abs(given.h * slope[k]))
+            weights[k] = largest / p.fma(given.rtol, size, given.floors[k])
 
 
 def _iterate(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure:

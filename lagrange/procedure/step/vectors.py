@@ -32,8 +32,9 @@ def in_registers(layout: Layout) -> Callee:
 class Given:
     """The arguments of a procedure of a step, which it hands on to others of the same step.
 
-    These are the law and its derivative, each with its parameters; time, length of the step and the tolerances; what
-    the step took; what each solve knows, or the one that the procedure is for; and the work array.
+    These are the law and its derivative, each with its parameters; time, length of the step, the relative tolerance and
+    the floors of entries; what the step took; what each solve knows, or the one that the procedure is for; and the work
+    array.
     """
 
     def __init__(self, p: Builder, layout: Layout, solve: SolveLayout | None = None) -> None:
@@ -43,7 +44,8 @@ class Given:
         self.jacobian = p.function("jacobian", BY_PLACE)
         self.constants = p.array("constants", read=True)
         self.t, self.h = p.given("t", REAL), p.given("h", REAL)
-        self.rtol, self.atol = p.given("rtol", REAL), p.given("atol", REAL)
+        self.rtol = p.given("rtol", REAL)
+        self.floors = p.array("floors", size=layout.dimension, room=layout.block, read=True)
         self.effort = p.record("effort", EFFORT)
         owners = layout.solves if solve is None else [solve]
         self.newtons = [p.record(f"newton{owner.index}", NEWTON) for owner in owners]
@@ -58,7 +60,7 @@ class Given:
         """Return the arguments for another procedure of the same solve, or of a solve of the step."""
         law = (self.law, self.parameters, self.jacobian, self.constants)
         owner = self.newton if newton is None else newton
-        return (*law, self.t, self.h, self.rtol, self.atol, self.effort, owner, self.work)
+        return (*law, self.t, self.h, self.rtol, self.floors, self.effort, owner, self.work)
 
     def leave_unless_done(self, outcome: Whole) -> None:
         """End the procedure with an outcome of another unless that is done."""

@@ -89,6 +89,7 @@ class EventDriver:
                 state.fault = None
                 raise
             if cut is not None:
+                _lower(state, reals[S.FLOORS :], rows[begun : state.count(S.ROWS)])
                 return Outcome.WATCHED
             self._look = min(2 * self._look, LONGEST_LOOK)
         return outcome
@@ -133,3 +134,10 @@ class EventDriver:
             flight = max(AHEAD * abs(cut.t - self._watch.changed), CLOSE * abs(cut.t))
             reals[S.H] = math.copysign(min(abs(cut.length), flight), cut.length)
         self._watch.set_back(cut)
+
+
+def _lower(state: DriverState, floors: FloatArray, rows: FloatArray) -> None:
+    """Let the floors be those from before some steps, raised by the rows (k, 2n) that are left of these."""
+    count = len(state.floors)
+    sizes = np.abs(rows[:, :count]).max(axis=0, initial=0.0)
+    np.maximum(floors[:count], state.reals[S.SHARE] * sizes, out=state.floors)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
@@ -13,7 +14,8 @@ import numpy as np
 
 from lagrange.errors import StatementError, shown
 from lagrange.machine.model import Model
-from lagrange.machine.state import DriverState, Outcome
+from lagrange.machine.state import LEAST_FLOOR, DriverState, Outcome
+from lagrange.machine.steps.control_constants import FAR, FIRST_SHARE
 from lagrange.statement.number import real_number
 from lagrange.trajectory.driver import drive
 from lagrange.trajectory.events.step_watch import StepWatch
@@ -23,10 +25,14 @@ from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.settings import adaptive_settings
 from lagrange.trajectory.paths.piecewise import PiecewisePath
 from lagrange.trajectory.paths.sampled import Piece, SampledPath
-from lagrange.trajectory.plan import Tolerances
+from lagrange.trajectory.sizes import first_floors, slopes_of
+from lagrange.trajectory.tolerances import Tolerances
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 S = DriverState
+
+SPACINGS = 64
+"""A first step is not shorter than so many spacings of floating-point times: SciPy gives up below ten of them."""
 
 MOST_UNMOVED = 20
 """Steps in a row that may leave the time where it is; LSODA begins with two of them at t = 1e9."""
@@ -57,9 +63,10 @@ class Stepper(Protocol):
         """Return the path over the last step, which began at (t, y)."""
 
 
-Start = Callable[[Law, Tolerances, float, FloatArray, float], Stepper]
-"""Makes a solver that goes from a time and a state to the end of the law's problem, by a first step of a given length
-at most; where that is infinite, the solver chooses."""
+Start = Callable[[Law, Tolerances, FloatArray, float, FloatArray, float], Stepper]
+"""Makes a solver with absolute tolerances (2n,) that goes from a time and a state to the end of the law's problem, by a
+first step of a given length at most; where that is infinite, the solver chooses. The tolerances may rise as it goes, in
+place."""
 
 
 def check_bounds(name: str, max_step: float, first_step: float | None) -> None:
@@ -78,14 +85,16 @@ def drive_stepwise(
     package: str,
     start: Start,
     listening: AbstractContextManager[Sequence[Any]],
+    first: int = 0,
 ) -> Trajectory:
     """Run a problem by the solvers that `start` makes; see `Integrator.integrate` for what comes back.
 
-    `listening` has what the package says by other ways than its results; the last of it explains a divergence.
+    `first` is the power of a first step with which its error grows, 0 where the solver chooses it well. `listening` has
+    what the package says by other ways than its results; the last of it explains a divergence.
     """
     tolerances = adaptive_settings(name, problem, None, None, None)
     with np.errstate(all="ignore"), listening as said:
-        return drive(problem, SolverPlan(problem, tolerances, package, start, said), name)
+        return drive(problem, SolverPlan(problem, tolerances, package, start, said, first), name)
 
 
 @dataclass(eq=False)
@@ -97,6 +106,8 @@ class SolverPlan:
     package: str
     start: Start
     said: Sequence[Any]
+    first: int = 0
+    """The power of a first step with which its error grows, or 0 where the solver chooses that step well."""
     form: str = ""
     watched: bool = False
     pieces: list[Piece] = field(default_factory=list)
@@ -187,8 +198,29 @@ class SolverDriver:
         law.forget()
         law.rhs(t, y)
         if law.fault is None:
-            self._solver = self._plan.start(law, self._plan.tolerances, t, y, first)
+            first = min(first, self._scale(state, t, y))
+            self._solver = self._plan.start(law, self._plan.tolerances, state.floors, t, y, first)
         return law.fault
+
+    def _scale(self, state: DriverState, t: float, y: FloatArray) -> float:
+        """Give floors that follow the scale a start where the run begins; return the first step by their period.
+
+        The solvers' own choice of it has absolute times in it.
+        """
+        plan, law = self._plan, self._law
+        if not plan.tolerances.share or (state.floors > LEAST_FLOOR).any():
+            return np.inf
+        counted = law.counted(slopes_of(plan.problem.model, law.parameters))
+        left = float(state.reals[S.END]) - t
+        state.floors[:], period = first_floors(counted, t, y, left, plan.tolerances.share)
+        if not plan.first:
+            return np.inf
+        first = float((FIRST_SHARE * plan.tolerances.rtol) ** (1 / plan.first)) * period
+        if first < FAR * abs(t):
+            # SciPy takes what rounding the times makes of a step for another length.
+            spacing = float(np.spacing(abs(t)))
+            first = spacing * 2.0 ** math.ceil(math.log2(max(first / spacing, SPACINGS)))
+        return first
 
     def _step(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Fault | None:
         """Take one step and keep it if it, its end and its interpolant are sound; else return the fault."""
@@ -227,4 +259,5 @@ class SolverDriver:
         state.kept += piece.values.nbytes + PIECE
         times[row], rows[row] = t, y
         state.reals[S.T], state.y[:] = t, y
+        np.maximum(state.floors, state.reals[S.SHARE] * abs(y), out=state.floors)
         state.counts[[S.ROWS, S.STEPS]] += 1

@@ -10,6 +10,7 @@ import numpy as np
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.trajectory.foreign.fault import Fault
 from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.sizes import Slopes
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 EVALUATIONS_PER_STEP = 5_000
@@ -73,6 +74,15 @@ class Law:
         if not np.isfinite(slope).all():
             self._remember(Fault(Status.NON_FINITE, t, y.copy(), slope))
         return slope
+
+    def counted(self, slopes: Slopes) -> Slopes:
+        """Return slopes whose evaluations count, and whose faults are none of a step."""
+
+        def evaluate(t: float, y: FloatArray) -> FloatArray:
+            self.evaluations += 1
+            return slopes(t, y)
+
+        return evaluate
 
     def jacobian(self, t: float, y: FloatArray) -> FloatArray:
         """Return d rhs / dy, (2n, 2n); where there is none, the last one, which Newton's iteration can do with."""

@@ -20,7 +20,7 @@ from lagrange.trajectory.foreign.fault import Fault
 from lagrange.trajectory.foreign.guarded_rhs import Law
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.paths.sampled import Piece
-from lagrange.trajectory.plan import Tolerances
+from lagrange.trajectory.tolerances import Tolerances
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 _ONE_AT_A_TIME = threading.RLock()
@@ -31,14 +31,21 @@ class _Stepper:
     """A solver of SciPy's between two steps; see `Stepper`. Its time counts from `origin`."""
 
     def __init__(
-        self, method: ScipyMethod, law: Law, tolerances: Tolerances, t: float, y: FloatArray, first: float
+        self,
+        method: ScipyMethod,
+        law: Law,
+        tolerances: Tolerances,
+        floors: FloatArray,
+        t: float,
+        y: FloatArray,
+        first: float,
     ) -> None:
         self.law, self.method, self.end = law, method, law.problem.t1
         self.origin = origin = t if method.from_zero else 0.0
         self.forward = 1.0 if self.end > t else -1.0
         self.rejected = 0
         longest = min(method.max_step, tolerances.longest)
-        options: dict[str, Any] = {"rtol": tolerances.rtol, "atol": tolerances.atol, "max_step": longest}
+        options: dict[str, Any] = {"rtol": tolerances.rtol, "atol": floors, "max_step": longest}
         if not method.claims.explicit:
             options["jac"] = lambda s, y: law.jacobian(origin + s, y)
         first = min(first, method.first_step or np.inf)
@@ -99,14 +106,16 @@ class ScipyMethod(ABC):
     """Whether the solver is told the time since its start, because it loses track of a large one."""
     stages: ClassVar[int] = 0
     """The evaluations of one trial step, 0 if they are not fixed in number."""
+    first_power: ClassVar[int] = 0
+    """The power of a first step with which its error grows, 0 if the solver chooses it without absolute times."""
 
     def __post_init__(self) -> None:
         check_bounds(self.name, self.max_step, self.first_step)
 
     def integrate(self, problem: Problem) -> Trajectory:
         """Run the problem; see `Integrator`."""
-        start = partial(_Stepper, self)
-        return drive_stepwise(problem, self.name, "SciPy", start, _captured(not self.claims.explicit))
+        start, power = partial(_Stepper, self), self.first_power if self.first_step is None else 0
+        return drive_stepwise(problem, self.name, "SciPy", start, _captured(not self.claims.explicit), power)
 
 
 @contextmanager
@@ -129,6 +138,7 @@ class RK45(ScipyMethod):
     solver: ClassVar[Callable[..., OdeSolver]] = scipy.integrate.RK45
     degree: ClassVar[int] = 4
     stages: ClassVar[int] = scipy.integrate.RK45.n_stages
+    first_power: ClassVar[int] = 5
 
 
 @final
@@ -141,6 +151,7 @@ class RK23(ScipyMethod):
     solver: ClassVar[Callable[..., OdeSolver]] = scipy.integrate.RK23
     degree: ClassVar[int] = 3
     stages: ClassVar[int] = scipy.integrate.RK23.n_stages
+    first_power: ClassVar[int] = 3
 
 
 @final
@@ -153,6 +164,7 @@ class DOP853(ScipyMethod):
     solver: ClassVar[Callable[..., OdeSolver]] = scipy.integrate.DOP853
     degree: ClassVar[int] = 7
     stages: ClassVar[int] = scipy.integrate.DOP853.n_stages
+    first_power: ClassVar[int] = 8
 
 
 @final
@@ -164,6 +176,7 @@ class Radau(ScipyMethod):
     claims: ClassVar[Claims] = Claims(order=5, adaptive=True, a_stable=True, explicit=False, events=True)
     solver: ClassVar[Callable[..., OdeSolver]] = scipy.integrate.Radau
     degree: ClassVar[int] = 3
+    first_power: ClassVar[int] = 4
 
 
 @final
@@ -175,6 +188,7 @@ class BDF(ScipyMethod):
     claims: ClassVar[Claims] = Claims(order=5, adaptive=True, explicit=False, events=True)
     solver: ClassVar[Callable[..., OdeSolver]] = scipy.integrate.BDF
     degree: ClassVar[int] = 5
+    first_power: ClassVar[int] = 2
 
 
 @final

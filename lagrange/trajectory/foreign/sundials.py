@@ -19,7 +19,7 @@ from lagrange.trajectory.foreign.fault import Fault
 from lagrange.trajectory.foreign.guarded_rhs import Law
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.paths.sampled import Piece
-from lagrange.trajectory.plan import Tolerances
+from lagrange.trajectory.tolerances import Tolerances
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 ORDERS = {"BDF": 5, "Adams": 12}
@@ -107,6 +107,7 @@ class _Stepper:
         options: CVODE,
         law: Law,
         tolerances: Tolerances,
+        floors: FloatArray,
         t: float,
         y: FloatArray,
         first: float,
@@ -127,7 +128,7 @@ class _Stepper:
             method=options.method,
             jacfn=self.jacobian,
             rtol=tolerances.rtol,
-            atol=tolerances.atol,
+            atol=floors.copy(),
             max_step=0.0 if np.isinf(longest) else longest,
             first_step=0.0 if np.isinf(first) else min(first, self.end),
             max_order=options.claims.order,

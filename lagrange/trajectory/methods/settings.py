@@ -9,14 +9,25 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import StatementError, shown
+from lagrange.machine.state import LEAST_FLOOR
 from lagrange.statement.number import real_number
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.plan import Tolerances
+from lagrange.trajectory.tolerances import Tolerances
 
 RTOL = 1e-9
-ATOL = 1e-12
-"""Default tolerances. On the double pendulum over 20 s (started at 30 degrees each) DOP853 then ends within 5e-9 of a
-run at 1e-13, in 0.5 ms; at 1e-6, SciPy's habit of 1e-3 left far behind, it would be 1e-5."""
+"""The default relative tolerance. On the double pendulum over 20 s (started at 30 degrees each) DOP853 then ends within
+5e-9 of a run at 1e-13, in 0.5 ms; at 1e-6, SciPy's habit of 1e-3 left far behind, it would be 1e-5."""
+
+SHARE = 1e-3
+"""Without an absolute tolerance an entry may be wrong in a step by RTOL times its own size, and by this part of RTOL
+times the largest size that it has had in the run: so much of it counts as zero where it fades or is small for a while.
+So each entry, in whatever units, is measured by itself, and the same motion in other units has the same steps. A part
+of 1 would leave a comet that comes a thousand times nearer to the sun than it was a thousandth of its digits there;
+without any, what has faded to round-off would be followed for ever. Of a system of sizes near 1 the tolerances are
+those of RTOL = 1e-9 and an absolute 1e-12."""
+
+LEAST_SHARE = 2.0**-52
+"""The absolute tolerance that follows the scale is never below the spacing of doubles at the largest size."""
 
 EQUAL_STEPS = 1000
 """How many equal steps a run is divided into where no step is given; the status card says so."""
@@ -28,7 +39,7 @@ system at rest would step over it, and there is no error to see it by."""
 LEAST_RTOL = 100 * 2.0**-52
 """A relative tolerance below this asks for more than doubles hold."""
 
-LEAST_ATOL = 1e-300
+LEAST_ATOL = LEAST_FLOOR
 """Added in place of an absolute tolerance of zero, so that a coordinate that is exactly zero can have an error."""
 
 
@@ -60,21 +71,24 @@ def adaptive_settings(
 ) -> Tolerances:
     """Return the tolerances of an adaptive method: the run's, else the method's own, else the defaults.
 
-    What both give must be the same. `least` is the smallest relative tolerance that the method can use.
+    The default absolute tolerance follows the scale of each entry; see `SHARE`. What both give must be the same.
+    `least` is the smallest relative tolerance that the method can use.
     """
     check_problem(name, problem)
     if problem.step is not None or step is not None:
         raise StatementError(
             f"{name} chooses its steps by itself: give rtol and atol, or a fixed-step method such as rk4."
         )
-    relative = _tolerance(name, "rtol", problem.rtol, rtol, RTOL)
-    absolute = _tolerance(name, "atol", problem.atol, atol, ATOL)
+    asked, absolute = _tolerance(name, "rtol", problem.rtol, rtol), _tolerance(name, "atol", problem.atol, atol)
+    relative = RTOL if asked is None else asked
     notes: tuple[str, ...] = ()
     if relative < least:
         notes = (f"rtol = {relative:g} is below round-off and was raised to {least:.3g}.",)
     span = abs(problem.t1 - problem.t0)
     longest = span / LOOKS if problem.model.equations.structure.brief and span else math.inf
-    return Tolerances(max(relative, least), max(absolute, LEAST_ATOL), longest=longest, notes=notes)
+    relative = max(relative, least)
+    share = max(SHARE * relative, LEAST_SHARE) if absolute is None else 0.0
+    return Tolerances(relative, max(absolute or 0.0, LEAST_ATOL), share, longest=longest, notes=notes)
 
 
 def fixed_settings(
@@ -108,14 +122,14 @@ def check_problem(name: str, problem: Problem) -> None:
         raise StatementError(f"{name} cannot run {shown(problem)}: give an lg.Problem, or call lg.integrate().")
 
 
-def _tolerance(name: str, what: str, asked: Any, own: Any, default: float) -> float:
-    """Return the run's tolerance, else the method's own, else the default."""
+def _tolerance(name: str, what: str, asked: Any, own: Any) -> float | None:
+    """Return the run's tolerance, else the method's own, else None."""
     given = [_number(what, value) for value in (asked, own) if value is not None]
     if len(given) == 2 and given[0] != given[1]:
         raise StatementError(
             f"{what} is given twice, {given[0]:g} for the run and {given[1]:g} for {name} itself: give it in one place."
         )
-    return given[0] if given else default
+    return given[0] if given else None
 
 
 def _number(what: str, value: Any) -> float:

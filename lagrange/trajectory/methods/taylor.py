@@ -25,7 +25,7 @@ from lagrange.trajectory.methods.explicit import DOP853
 from lagrange.trajectory.methods.settings import adaptive_settings, check_options
 from lagrange.trajectory.paths.series import SeriesPath
 from lagrange.trajectory.paths.step_paths import HermitePath
-from lagrange.trajectory.plan import Tolerances
+from lagrange.trajectory.tolerances import Tolerances
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 MARGIN = 0.1
@@ -117,7 +117,8 @@ class TaylorPlan:
         if not self.watched:
             return None
         parameters, own = problem.parameter_array, self.tolerances
-        leaps = Leaps(problem, DOP853(rtol=own.margin * own.rtol, atol=own.margin * own.atol))
+        absolute = None if own.share else own.margin * own.atol
+        leaps = Leaps(problem, DOP853(rtol=own.margin * own.rtol, atol=absolute))
         return Watch(self.series, self.order, driver, parameters, self.impacts, partial(watched_names, problem), leaps)
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: Watch | None) -> SeriesPath:

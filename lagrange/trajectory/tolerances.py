@@ -1,0 +1,35 @@
+"""What a driver is told of accuracy and of the lengths of steps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from lagrange.machine.state import DriverState
+from lagrange.trajectory.trajectory import FloatArray
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """What a driver is told, and notes for the user.
+
+    That is the relative and absolute tolerance and the longest step, or the size of equal steps. With a `share` the
+    absolute tolerance of an entry is at least so many times its largest size so far: it follows the scale, and `atol`
+    is what it begins with. A driver aims at `margin` times the tolerances.
+    """
+
+    rtol: float = 0.0
+    atol: float = 0.0
+    share: float = 0.0
+    step: float = 0.0
+    longest: float = math.inf
+    margin: float = 1.0
+    notes: tuple[str, ...] = ()
+
+    def begin(self, t0: float, t1: float, y0: FloatArray) -> DriverState:
+        """Return the record of a run that begins at (t0, y0) towards t1."""
+        h = self.step if t1 >= t0 else -self.step
+        aim = self.margin
+        state = DriverState(t0, t1, y0, aim * self.rtol, aim * self.atol, h, aim * self.share)
+        state.reals[DriverState.LONGEST] = self.longest
+        return state
