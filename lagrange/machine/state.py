@@ -22,7 +22,7 @@ the second, for at zero nothing is lost."""
 WIDEST = 8
 """The entries of the state that a machine handles at once, at most."""
 
-LEAST_FLOOR = 1e-300
+LEAST_FLOOR = 1e-307
 """The floor of an entry that nothing is known of: it can have an error, and no state is as small."""
 
 STUCK = 3

@@ -40,6 +40,9 @@ ROUNDS = 256
 AHEAD = (0.0, 1.0, 4.0, 16.0, 64.0)
 """Forces that depend on time are looked at so many steps ahead: of a system at rest they may be all there is."""
 
+HALVINGS = 52
+"""Forces that have not acted yet are looked for at the time left, its half, its quarter and so on."""
+
 LOOKS = 64
 """So often along a run a solver's forces are looked at before it."""
 
@@ -53,6 +56,8 @@ def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
     t, left = state.t, float(reals[DriverState.END]) - state.t
     h = float(reals[DriverState.H])
     looks = [t + _within(part * (h or FLAT * left), left) for part in AHEAD]
+    if not state.y.any():
+        looks += [t + left * 2.0**-k for k in range(HALVINGS)]
     sizes, owed, _ = entry_sizes(slopes_of(model, parameters), t, state.y, left, looks)
     blank = state.floors <= LEAST_FLOOR
     found = np.where(blank, reals[DriverState.SHARE] * sizes, 0.0)

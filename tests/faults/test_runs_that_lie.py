@@ -60,7 +60,8 @@ def test_the_initial_state_is_not_a_number(name: str) -> None:
 def test_not_a_number_from_half_time(name: str, target: str) -> None:
     found = go(particle(target, Piecewise((-x, t < 0.5)), initial={x: 1.0}), 1.0, name)
     assert found.status is Status.NON_FINITE
-    assert found.t[-1] == pytest.approx(0.5, abs=0.011) and "x_dot is nan" in found.message
+    assert found.t[-1] == pytest.approx(0.5, abs=0.011)
+    assert "x_dot is nan" in found.message or "the acceleration of x is nan" in found.message
     assert found.y[0, -1] == pytest.approx(math.cos(found.t[-1]), abs=0.01)
 
 

@@ -169,14 +169,17 @@ def test_a_series_goes_through(name: str, target: str) -> None:
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("method", ["dopri5", "dop853", "radau5", "gauss2", "velocity-verlet", "scipy-lsoda"])
 def test_every_other_method_goes_through(name: str, method: str) -> None:
-    """Equal steps of 1e-3 step over a kink or jump with an error of their size."""
+    """Equal steps of 1e-3 step over a kink or jump with an error of their size.
+
+    An estimate of the error sees a kink where a stage falls behind it; where slopes are infinite, within a factor.
+    """
     adaptive = find(method).claims.adaptive
     model = system(name)
     if method == "velocity-verlet" and name in ("a speed", "damped contact"):
         pytest.skip("a splitting takes no force that depends on velocities")
     found = go(model, method, **({"rtol": 1e-8, "atol": 1e-10} if adaptive else {"step": 1e-3}))
     assert found.status is Status.SUCCESS, found.message
-    assert found.y[:, -1] == pytest.approx(truth(name), abs=1e-5 if adaptive else 2e-2)
+    assert found.y[:, -1] == pytest.approx(truth(name), abs=3e-5 if adaptive else 2e-2)
 
 
 @pytest.mark.parametrize("name", CASES)

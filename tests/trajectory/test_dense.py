@@ -52,7 +52,10 @@ def test_the_path_is_of_the_order_of_its_method(name: str) -> None:
 @pytest.mark.parametrize("order", range(3, 10))
 @pytest.mark.parametrize(("name", "counts"), [("Henon-Heiles", (8, 16)), ("cart and pole", (80, 160))])
 def test_a_hermite_path_of_any_order(name: str, counts: tuple[int, int], order: int) -> None:
-    """Between states of the exact motion the error within a step shows, which is of one order more."""
+    """Between states of the exact motion the error within a step shows, which is of one order more.
+
+    The exact motion itself is known to some 3e-13 between its steps, ten times the tolerance of its run.
+    """
     compiled = model(name)
     times = np.linspace(0.0, 2.0, 203)
     truth = exact(compiled, 2.0, t_eval=times).y
@@ -61,7 +64,7 @@ def test_a_hermite_path_of_any_order(name: str, counts: tuple[int, int], order: 
         grid = np.linspace(0.0, 2.0, count + 1)
         path = hermite(compiled, grid, exact(compiled, 2.0, t_eval=grid).y.T, order)
         errors.append(np.abs(path(times) - truth).max())
-    assert np.log2(errors[0] / errors[1]) > order + 1 - 0.5 or errors[1] < 2e-13, errors
+    assert np.log2(errors[0] / errors[1]) > order + 1 - 0.5 or errors[1] < 3e-13, errors
 
 
 @pytest.mark.parametrize(("name", "counts"), [("Henon-Heiles", (32, 64)), ("cart and pole", (100, 200))])

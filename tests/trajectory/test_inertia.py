@@ -83,7 +83,9 @@ def test_an_inertia_by_an_absolute_value(target: str) -> None:
 )
 def test_other_singularities_are_not_blamed_on_it(given: dict[str, Any], method: str) -> None:
     found = run(build(**given), 5.0, method)
-    assert found.status in (Status.STEP_TOO_SMALL, Status.NON_FINITE) and "mass matrix" not in found.message
+    # LSODA may step over a pole, and what gives it away is the energy.
+    ends = (Status.STEP_TOO_SMALL, Status.NON_FINITE, *([Status.UNRELIABLE] if method == "scipy-lsoda" else []))
+    assert found.status in ends and "mass matrix" not in found.message
 
 
 def test_a_motion_in_words() -> None:

@@ -154,7 +154,7 @@ class NumpyTaylorDriver:
         reach = state.reals[S.SHARE] * np.max(np.abs(series[1 : START_ROWS + 1, :entries]), axis=0)
         zero = state.y == 0
         moving = zero & (reach > 0) & (reach < math.inf)
-        state.floors[moving] = reach[moving]
+        state.floors[moving] = np.maximum(reach[moving], LEAST_FLOOR)
         return bool((zero & (state.floors <= LEAST_FLOOR) & (series[-2:, :entries] != 0).any(axis=0)).any())
 
     def _look(self, state: DriverState) -> FloatArray | None:

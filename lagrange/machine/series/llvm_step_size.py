@@ -150,6 +150,7 @@ class StepSize:
             reach = e.value(f"fmul {kind} {share}, {size}")
             floor = e.load(self.floor(place), kind)
             reach = self.where("olt", reach, infinite, self.where("ogt", reach, zero, reach, floor), floor)
+            reach = self.where("olt", reach, least, least, reach)
             y = e.load(e.address("%work", place), kind)
             floor = self.where("oeq", y, zero, reach, floor)
             e.store(floor, self.floor(place), kind)

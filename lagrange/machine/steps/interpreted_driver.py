@@ -270,7 +270,7 @@ class NumpyDriver:
         h = min(max(aim / rate if rate > 0 else FLAT * span, RESOLVED * SPACING * abs(t)), span)
         if reals[S.SHARE] > 0:
             ahead = abs(slope + (later - slope) * (h / trial))
-            reach = h * np.where((ahead < np.inf) & (ahead > abs(slope)), ahead, abs(slope))
+            reach = h * np.where((ahead < np.inf) & (slope == 0), ahead, abs(slope))
             np.maximum(state.floors, max(reals[S.SHARE], LEAST_FIRST) * reach, out=state.floors, where=~known)
             period = 1 / rate if rate > 0 else 0.0
             noise = np.where(doubtful, period * NOISE * owed, 0.0)

@@ -14,7 +14,7 @@ import numpy as np
 
 from lagrange.errors import StatementError, shown
 from lagrange.machine.model import Model
-from lagrange.machine.state import LEAST_FLOOR, DriverState, Outcome
+from lagrange.machine.state import LEAST_FLOOR, SURVEYS, DriverState, Outcome
 from lagrange.machine.steps.control_constants import FAR, FIRST_SHARE
 from lagrange.statement.number import real_number
 from lagrange.trajectory.driver import drive
@@ -170,7 +170,7 @@ class SolverDriver:
             fault = replace(fault, detail=f"{plan.package} says: {plan.said[-1].message}")
         state.fault = fault
         if fault is not None:
-            return Outcome.BROKEN
+            return Outcome.UNSCALED if self._asks(state, fault) else Outcome.BROKEN
         return Outcome.DONE if state.t == state.reals[S.END] else Outcome.PAUSED
 
     def _advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Fault | None:
@@ -201,6 +201,14 @@ class SolverDriver:
             first = min(first, self._scale(state, t, y))
             self._solver = self._plan.start(law, self._plan.tolerances, state.floors, t, y, first)
         return law.fault
+
+    def _asks(self, state: DriverState, fault: Fault) -> bool:
+        """Whether steps vanish where an entry has no size yet: ask for one, and start the solver anew with it."""
+        vanished = fault.status is Status.STEP_TOO_SMALL and state.reals[S.SHARE] > 0
+        if not (vanished and (state.floors <= LEAST_FLOOR).any() and state.count(S.SURVEYED) < SURVEYS):
+            return False
+        self._solver = None
+        return True
 
     def _scale(self, state: DriverState, t: float, y: FloatArray) -> float:
         """Give floors that follow the scale a start where the run begins; return the first step by their period.
