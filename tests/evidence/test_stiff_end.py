@@ -37,7 +37,8 @@ def test_a_stiff_run_that_gives_up_names_the_cause_and_an_implicit_method(method
 
 
 def test_the_method_that_is_named_gets_through() -> None:
-    assert DAMPED.run(5.0, method="radau5").status is lg.Status.SUCCESS
+    """It swings through the lowest point, where phi has no inertia at all: at lower tolerances a step may end there."""
+    assert DAMPED.run(5.0, method="radau5", rtol=1e-8).status is lg.Status.SUCCESS
 
 
 @pytest.mark.parametrize("status", LIMITS)
