@@ -26,9 +26,9 @@ answers both alike is a jump of the slopes, as where a contact ends, and its siz
 NEAR_REST = 2.0**-40
 """Where all is zero there is no size to move by: this part of what forces reach in the time left is tried as well."""
 
-TURNS = 6
-"""So often the answer of the slopes to a move is the next move. The largest factor between one and the second after it
-is then the square of the fastest rate, whatever the units are."""
+TURNS = 3
+"""So often the answer of the slopes to the answer to a move is the next move. The largest factor between the two is
+then the square of the fastest rate, whatever the units are."""
 
 SETTLED = 8.0
 """An entry without a size gets what its neighbours change of it in a period. Where these sizes then change themselves
@@ -59,8 +59,9 @@ def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
     if not state.y.any():
         looks += [t + left * 2.0**-k for k in range(HALVINGS)]
     sizes, owed, _ = entry_sizes(slopes_of(model, parameters), t, state.y, left, looks)
-    blank = state.floors <= LEAST_FLOOR
-    found = np.where(blank, reals[DriverState.SHARE] * sizes, 0.0)
+    share = reals[DriverState.SHARE]
+    blank = state.floors <= np.maximum(LEAST_FLOOR, share * NOISE * owed)
+    found = np.where(blank, share * sizes, 0.0)
     state.floors[:] = np.maximum(state.floors, np.maximum(found, NOISE * owed))
 
 
@@ -100,14 +101,15 @@ def entry_sizes(
         slope = slopes(t, y)
         answer = _Answer(lambda state: slopes(t, state), slope, y)
         force = np.fmax.reduce([np.abs(slopes(when, y)[len(y) // 2 :]) for when in looks])
-        force = np.where(np.isfinite(force), force, 0.0)
         period = abs(left)
+        noise = NOISE * answer(_own(y, np.zeros_like(force), period))[len(force) :]
+        force = np.where(np.isfinite(force) & (force > noise), force, 0.0)
         rate = max(answer.rate(part * _own(y, force, period)) for part in ((1.0,) if y.any() else (1.0, NEAR_REST)))
         period = min(period, 1 / rate) if rate > 0 else period
         size, handed = _own(y, force, period), np.zeros(len(y), dtype=bool)
         for _ in range(ROUNDS):
             owed = period * answer(size)
-            fresh = (size == 0) & (owed > 0)
+            fresh = (size <= NOISE * owed) & (owed > 0)
             change = float(np.max(owed[handed] / size[handed], initial=0.0))
             if change > SETTLED:
                 period = period / float(np.sqrt(change))
@@ -147,12 +149,14 @@ class _Answer:
         return np.where(np.isfinite(found), found, 0.0)
 
     def rate(self, move: FloatArray) -> float:
-        """Return the fastest rate of the motion near the state, 0 where nothing answers."""
-        moves, found = [move], 0.0
-        for turn in range(TURNS):
-            moves.append(self(moves[-1]))
-            if turn:
-                known = (moves[-3] > 0) & np.isfinite(moves[-1])
-                factor = np.max(moves[-1][known] / moves[-3][known], initial=0.0)
-                found = float(np.sqrt(factor)) if turn == 1 or factor < found**2 else found
-        return found
+        """Return the fastest rate of the motion near the state, 0 where nothing answers to a move (2n,).
+
+        Entries that do not move by themselves tell nothing: what they get is from others, in round-off at first.
+        """
+        known, found = move > 0, np.inf
+        for _ in range(TURNS):
+            then = self(self(move))
+            both = known & (move > 0) & np.isfinite(then)
+            found = min(found, float(np.max(then[both] / move[both], initial=0.0)))
+            move = then
+        return float(np.sqrt(found))

@@ -76,7 +76,8 @@ def test_both_machines_take_the_same_steps(method: str, system: lg.System) -> No
     here, there = (
         lg.integrate(system.compile(target=m), (0.0, 3.0), {}, method=chosen, rtol=1e-6) for m in ("llvm", "numpy")
     )
-    assert abs(here.steps - there.steps) <= 0.02 * there.steps + 1
+    # Where a force is round-off the first step may follow its last digits, and a few steps the first.
+    assert abs(here.steps - there.steps) <= 0.02 * there.steps + 2
     assert here.y[:, -1] == pytest.approx(there.y[:, -1], abs=1e-5)
 
 

@@ -133,7 +133,8 @@ class NumpyTaylorDriver:
                     break
                 if series is None:
                     return Outcome.SINGULAR
-                new = state.reals[S.SHARE] > 0 and (not state.count(S.STEPS) or state.count(S.TRIES))
+                fresh = state.reals[S.SHARE] > 0 and not state.count(S.SURVEYED)
+                new = fresh and (not state.count(S.STEPS) or state.count(S.TRIES))
                 if new and self._asks(state, self._begins_blind(state, series)):
                     return Outcome.UNSCALED
                 outcome = self._step(state, series)

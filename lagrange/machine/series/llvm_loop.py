@@ -101,7 +101,7 @@ class _Loop:
         e.label(f"{name}.end")
 
     def begin_floors(self, weights: list[str]) -> list[str]:
-        """Return the weights for a step; where a run begins, or a scale of time is tried, floors begin."""
+        """Return the weights for a step; where a run begins, or tries a scale of time, floors begin, until surveyed."""
         e, r, kind = self.e, DriverState, self.kind
         cells = [e.reserve(kind) for _ in weights]
         for weight, cell in zip(weights, cells, strict=True):
@@ -110,7 +110,8 @@ class _Loop:
         first, again = e.value(f"icmp eq i64 {steps}, 0"), e.value(f"icmp ne i64 {tries}, 0")
         begins = e.value(f"or i1 {first}, {again}")
         follows = e.real("fcmp ogt", e.get("%reals", r.SHARE), literal(0.0))
-        with e.when(e.value(f"and i1 {begins}, {follows}")):
+        fresh = e.value(f"icmp eq i64 {e.get('%counts', r.SURVEYED, 'i64')}, 0")
+        with e.when(e.value(f"and i1 {begins}, {e.value(f'and i1 {follows}, {fresh}')}")):
             leave_unscaled(e, self.size.first_floors())
             for weight, cell in zip(self.size.weights(), cells, strict=True):
                 e.store(weight, cell, kind)
