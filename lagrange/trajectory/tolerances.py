@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from lagrange.machine.state import DriverState
+from lagrange.machine.state import LEAST_FLOOR, DriverState
 from lagrange.trajectory.trajectory import FloatArray
 
 
@@ -30,6 +30,7 @@ class Tolerances:
         """Return the record of a run that begins at (t0, y0) towards t1."""
         h = self.step if t1 >= t0 else -self.step
         aim = self.margin
-        state = DriverState(t0, t1, y0, aim * self.rtol, aim * self.atol, h, aim * self.share)
+        floor = max(aim * self.atol, LEAST_FLOOR)
+        state = DriverState(t0, t1, y0, aim * self.rtol, floor, h, aim * self.share)
         state.reals[DriverState.LONGEST] = self.longest
         return state

@@ -153,7 +153,9 @@ def run(fault: Fault, method: Any, claims: Claims) -> Trajectory:
         options.update(fault.adaptive)
     else:
         options.update({"step": fault.step, **fault.equal})
-    return integrate(fault.model(), (fault.start, fault.end), options=RunOptions(method, **options))[0]
+    initial, progress = options.pop("initial", None), options.pop("progress", None)
+    span = (fault.start, fault.end)
+    return integrate(fault.model(), span, initial, RunOptions(method, **options), progress=progress)[0]
 
 
 def _slow(method: str) -> bool:

@@ -106,7 +106,8 @@ class Interpreted:
     def try_step(self, t: float, h: float, *, slope_known: bool) -> int:
         self.effort.evaluations = 0
         laws: tuple[Any, ...] = (self.law, [], self.jacobian, [])
-        given = (t, h, 1e-6, 1e-8, self.effort, *self.newtons, self.work, slope_known)
+        floors = [1e-8] * self.layout.dimension + [1.0] * 8
+        given = (t, h, 1e-6, floors, self.effort, *self.newtons, self.work, slope_known)
         return int(run(self.take, *laws, *given)[0])
 
     def make_state(self) -> None:

@@ -49,7 +49,8 @@ SLOPES = tuple(name for name in EQUAL if name not in MOMENTA)
 
 def run(model: Model, end: float, method: Any, start: float = 0.0, initial: Any = None, **options: Any) -> Trajectory:
     """Return the trajectory from `start` to `end`."""
-    return integrate(model, (start, end), initial, RunOptions(method, **options))[0]
+    progress = options.pop("progress", None)
+    return integrate(model, (start, end), initial, RunOptions(method, **options), progress=progress)[0]
 
 
 def stepped(name: str, step: float) -> Any:

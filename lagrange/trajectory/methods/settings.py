@@ -39,7 +39,7 @@ system at rest would step over it, and there is no error to see it by."""
 LEAST_RTOL = 100 * 2.0**-52
 """A relative tolerance below this asks for more than doubles hold."""
 
-LEAST_ATOL = LEAST_FLOOR
+LEAST_ATOL = 1e-300
 """Added in place of an absolute tolerance of zero, so that a coordinate that is exactly zero can have an error."""
 
 
@@ -88,7 +88,8 @@ def adaptive_settings(
     longest = span / LOOKS if problem.model.equations.structure.brief and span else math.inf
     relative = max(relative, least)
     share = max(SHARE * relative, LEAST_SHARE) if absolute is None else 0.0
-    return Tolerances(relative, max(absolute or 0.0, LEAST_ATOL), share, longest=longest, notes=notes)
+    begins = LEAST_FLOOR if absolute is None else max(absolute, LEAST_ATOL)
+    return Tolerances(relative, begins, share, longest=longest, notes=notes)
 
 
 def fixed_settings(
