@@ -145,7 +145,7 @@ def test_machine_code_takes_the_steps_of_the_interpreter(name: str, n: int) -> N
         assert beside.take() is Outcome.PAUSED
         h = beside.known(ours.layout.solves[0], ours.offset)["tried_step"]
         assert ours.try_step(t, h, slope_known=known) == Outcome.DONE
-        evaluations += ours.effort.evaluations + (2 if first else 0)
+        evaluations += ours.effort.evaluations + (3 if first else 0)
         assert state.count(S.EVALUATIONS) == evaluations
         assert state.reals[S.RESIDUAL] == ours.effort.residual
         if len(taking) > 1:
