@@ -162,8 +162,11 @@ def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tol
     if not status.complete or not tolerances.rtol:
         return
     sizes = np.abs(states).max(axis=0)
+    short = sizes < tolerances.atol / (FAR * tolerances.rtol)
+    if not short.any():
+        return
     kinds = np.repeat([half.max(initial=0.0) for half in np.split(sizes, 2)], len(sizes) // 2)
-    short = (sizes < tolerances.atol / (FAR * tolerances.rtol)) & (sizes > ROUND_OFF * kinds)
+    short &= sizes > ROUND_OFF * kinds
     if not short.any():
         return
     row = int(np.argmin(np.where(short, sizes, np.inf)))
