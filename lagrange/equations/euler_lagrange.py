@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from lagrange.equations.solve_plan import SolvePlan, plan_of
+from lagrange.equations.state_layout import StateLayout
 from lagrange.equations.structure import Structure, find_structure
 from lagrange.errors import StatementError
 from lagrange.graph.differentiate import gradient, tangents
@@ -48,6 +49,12 @@ class Equations:
     accelerations: tuple[Node, ...]
     plan: SolvePlan
     structure: Structure
+    layout: StateLayout
+
+    @property
+    def state(self) -> dict[str, Sequence[Node]]:
+        """The symbols of the state by part, as programs read them."""
+        return {"q": self.q, "v": self.v}
 
     def translate(self, expression: Any) -> Node:
         """Return the node of a SymPy expression in q, v, accelerations, parameters and t."""
@@ -97,6 +104,7 @@ def euler_lagrange(statement: Statement) -> Equations:
         accelerations=tuple(accelerations),
         plan=plan,
         structure=structure,
+        layout=StateLayout(statement.names, statement.names),
     )
 
 

@@ -216,7 +216,7 @@ class _Run:
         """Return the interval as doubles see it. Raises _TooLong where the rule does not resolve it."""
         times = t + h * self.rule.places
         start = np.array([float(x) for x in state])
-        q0, v0 = np.split(start, 2)
+        q0, v0 = self.model.layout.split(start)
         a = np.tile(self.model.rhs(t, start, self.parameters)[len(q0) :], (len(times), 1))
         with np.errstate(all="ignore"):
             for _ in range(SWEEPS):
@@ -262,11 +262,11 @@ class _Run:
 
     def _end(self, t: Any, h: Any, state: Numbers, guess: _Interval) -> Numbers:
         """Return the state at the end of the interval from t to t + h."""
-        n, dot = self.model.dimension, self.laws.context.fdot
+        dot = self.laws.context.fdot
         a = self._accelerations(t, h, state, guess)
         _, v = self._states(h, state, a)
         moved = []
-        for start, rates in ((state[:n], v), (state[n:], a)):
+        for start, rates in zip(self.model.layout.split(state), (v, a), strict=True):
             columns = zip(*rates, strict=True)
             moved += [x + h * dot(self.rule.weights, column) for x, column in zip(start, columns, strict=True)]
         return moved
@@ -310,9 +310,9 @@ class _Run:
 
     def _states(self, h: Any, state: Numbers, a: Sequence[Numbers]) -> tuple[list[Numbers], list[Numbers]]:
         """Return coordinates and velocities at the points, s rows of n numbers each."""
-        n = self.model.dimension
-        v = self._integrated(h, state[n:], a)
-        return self._integrated(h, state[:n], v), v
+        first, rates = self.model.layout.split(state)
+        v = self._integrated(h, rates, a)
+        return self._integrated(h, first, v), v
 
     def _integrated(self, h: Any, start: Numbers, rates: Sequence[Numbers]) -> list[Numbers]:
         columns, dot = list(zip(*rates, strict=True)), self.laws.context.fdot

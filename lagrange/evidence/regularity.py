@@ -41,7 +41,7 @@ def check_mass_matrix(
 def _matrices(equations: Equations, kernel: Kernel, statement: Statement | None) -> FloatArray:
     """Return the mass matrix at the states that are tried, (n, n, states)."""
     random = np.random.default_rng(7)
-    state = random.uniform(0.2, 1.2, (2 * len(equations.q), POINTS))
+    state = random.uniform(0.2, 1.2, (equations.layout.size, POINTS))
     some = random.uniform(0.5, 2.0, len(equations.parameters))
     found = [kernel(random.uniform(0.2, 1.2, POINTS), state, some)]
     if statement is not None:

@@ -103,7 +103,7 @@ def stiffness(model: Model, trajectory: Trajectory, parameters: Mapping[Any, Any
         try:
             masses = _kernel(model, "mass_matrix", path, steps, values)
             least = max(NEGLIGIBLE, SLOWER * LET_THROUGH * (trajectory.rtol or 0.0))
-            changes = _changes(masses, path.states, steps, least) / np.abs(h)
+            changes = _changes(masses, path.states[:, model.layout.v], steps, least) / np.abs(h)
             longest = max(stability_limit(polynomial, angle) for angle in np.linspace(np.pi / 2, np.pi, 7))
             if np.mean(np.abs(h) * changes * SLOWER < 2 * longest) <= 0.5:
                 return None
@@ -133,19 +133,17 @@ def _kernel(
     model: Model, name: str, path: RungeKuttaPath | SeriesPath, steps: FloatArray, values: FloatArray
 ) -> FloatArray:
     """Return a quantity at the begin of the steps, the step first; numpy needs no compiling for so few states."""
-    n = model.dimension
     states = path.states[steps].T
     kernel = model.interpreted(name)
-    found = kernel.columns(path.times[steps], (states[:n], states[n:]), values)
+    found = kernel.columns(path.times[steps], model.layout.split(states), values)
     return np.moveaxis(np.broadcast_to(found, (*found.shape[:2], len(steps))), -1, 0)
 
 
-def _changes(masses: FloatArray, states: FloatArray, steps: FloatArray, least: float) -> FloatArray:
+def _changes(masses: FloatArray, velocities: FloatArray, steps: FloatArray, least: float) -> FloatArray:
     """Return by what part of its range the velocity changes over each of the steps: the largest of its entries.
 
     A range counts as `least` of the speed at least.
     """
-    velocities = states[:, states.shape[1] // 2 :]
     weights = np.abs(np.diagonal(masses, axis1=1, axis2=2)).mean(axis=0)
     speed = math.sqrt(float(np.mean(np.sum(velocities[steps] ** 2 * weights, axis=1))))
     ranges = np.maximum(np.abs(velocities).max(axis=0), least * speed / np.sqrt(weights))

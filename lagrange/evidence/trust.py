@@ -144,8 +144,7 @@ def _twins(
     model: Model, found: Trajectory, values: Mapping[Any, float], size: FloatArray
 ) -> Iterator[tuple[str, Trajectory]]:
     """Yield the twins that run at all, each with a name; `size` (2n,) is that of the states soon after the start."""
-    names = model.statement.names
-    rows = (*names, *(f"{name}_dot" for name in names))
+    rows = model.layout.names()
     start = found.dense(found.t[:1])[:, 0]
     moving = np.where(start == 0, size, np.abs(start))
     signs = np.where(np.arange(len(start)) % 2, -1.0, 1.0)

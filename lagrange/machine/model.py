@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange.equations.euler_lagrange import Equations
+from lagrange.equations.state_layout import StateLayout
 from lagrange.errors import RunError, StatementError, listing, shown
 from lagrange.graph.branches import either, read_when, where_read
 from lagrange.graph.node import Binding, Kind, Node, reachable
@@ -81,6 +82,11 @@ class Model:
     def dimension(self) -> int:
         """The number n of coordinates."""
         return len(self.statement.coordinates)
+
+    @property
+    def layout(self) -> StateLayout:
+        """Where coordinates and velocities stand in a state, and their names."""
+        return self.equations.layout
 
     @property
     def conservative(self) -> bool:
@@ -154,7 +160,7 @@ class Model:
         state = self._state(q, v)
         if state[0].ndim > 1:
             return self._run("accelerations", t, state, parameters)
-        return self._run("rhs", t, state, parameters)[self.dimension :]
+        return self._run("rhs", t, state, parameters)[self.layout.v]
 
     def rhs(self, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
         """Return dy/dt = [v, a], (2n,) or (2n, batch); t is a number or (batch,)."""
@@ -298,9 +304,8 @@ class Model:
     @cached_property
     def _velocities_in_mass(self) -> tuple[str, ...]:
         """The velocities that the mass matrix depends on, as a user writes them."""
-        n = self.dimension
         rows = sorted({i.place for i in self.kernel("mass_matrix").program.instructions if i.op == "state"})
-        return tuple(f"{self.statement.names[row - n]}.dot" for row in rows if row >= n)
+        return tuple(self.layout.names(".dot")[row] for row in rows if row >= self.layout.v.start)
 
     @cached_property
     def _alone(self) -> list[int]:
@@ -363,10 +368,10 @@ class Model:
 
     def _checked_state(self, y: ArrayLike) -> State:
         array = real_array(y, "y")
-        n = 2 * self.dimension
+        n = self.layout.size
         if array.ndim not in (1, 2) or array.shape[0] != n:
             raise StatementError(f"y has shape {array.shape}: give [q, v] of shape ({n},), or ({n}, batch).")
-        return array[: self.dimension], array[self.dimension :]
+        return self.layout.split(array)
 
     @staticmethod
     def _scalar(value: FloatArray) -> Any:

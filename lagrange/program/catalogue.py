@@ -37,9 +37,9 @@ def jacobian(equations: Equations) -> Named:
     With r = M a - h as a function of y at fixed a, the lower rows solve M da/dy = -dr/dy; r is one forward
     sweep over p along (v, a, 1), so no entry of M is differentiated.
     """
-    graph, n = equations.graph, len(equations.q)
+    graph = equations.graph
     # Symbols stand for the accelerations while differentiating: M times the solution of M a = h would cancel.
-    a = [graph.symbol(f"acceleration {i}", Binding.ACCELERATION) for i in range(n)]
+    a = [graph.symbol(f"acceleration {i}", Binding.ACCELERATION) for i in range(len(equations.v))]
     direction = dict(zip((*equations.q, *equations.v), (*equations.rate, *a), strict=True))
     along = tangents(equations.momenta, {**direction, equations.time: graph.one})
     residual = [along(p) - f for p, f in zip(equations.momenta, equations.forces, strict=True)]
@@ -49,7 +49,7 @@ def jacobian(equations: Equations) -> Named:
         column = tangents([*equations.rate, *residual], {symbol: graph.one})
         slopes = substitute([-column(entry) for entry in residual], known)
         columns.append([*map(column, equations.rate), *equations.plan.solved(equations.mass, slopes)])
-    return {"jacobian": [column[i] for i in range(2 * n) for column in columns]}
+    return {"jacobian": [entry for row in zip(*columns, strict=True) for entry in row]}
 
 
 def momentum(equations: Equations) -> Named:
@@ -89,7 +89,7 @@ def program_of(name: str, equations: Equations) -> Program:
     return lower(
         name,
         results,
-        {"q": equations.q, "v": equations.v},
+        equations.state,
         equations.time,
         equations.parameters,
         shape=shape,
@@ -102,5 +102,4 @@ def lower_nodes(
     name: str, nodes: Sequence[Node], equations: Equations, shape: tuple[int, ...] | None = None
 ) -> Program:
     """Return the program of any nodes of the equations' graph, as a function of t, q, v and parameters."""
-    inputs = {"q": equations.q, "v": equations.v}
-    return lower(name, {name: nodes}, inputs, equations.time, equations.parameters, shape=shape)
+    return lower(name, {name: nodes}, equations.state, equations.time, equations.parameters, shape=shape)

@@ -146,18 +146,17 @@ class _Assembly:
         constants: dict[str, Sequence[Node]] = {"table": table}
         first: dict[str, Sequence[Node]] = {"values": initial}
         (first if self.plan.moving else constants)["mass"] = mass
-        state: dict[str, Sequence[Node]] = {"q": e.q, "v": e.v}
         lost = {"q_lost": low[:n], "v_lost": low[n:]}
         stated = self.switched.stated or (e.graph.zero,)
         return SeriesProgram(
             name=name,
             dimension=len(e.q),
             sides=len(self.switched.sides),
-            surfaces=lower(f"{name}_surfaces", {"surfaces": stated}, state, e.time, e.parameters),
-            constants=lower(f"{name}_constants", constants, state, e.time, symbols),
+            surfaces=lower(f"{name}_surfaces", {"surfaces": stated}, e.state, e.time, e.parameters),
+            constants=lower(f"{name}_constants", constants, e.state, e.time, symbols),
             numbers=tuple(float(c.data) if c.kind is Kind.CONSTANT else None for c in table),
             rules=tuple(b.rules),
-            start=lower(f"{name}_start", first, {**state, **lost}, e.time, (*symbols, *entries)),
+            start=lower(f"{name}_start", first, {**e.state, **lost}, e.time, (*symbols, *entries)),
             started=started,
             rates=self.rates,
             stages=(Stage(tuple(range(n, 2 * n)), tuple(self.momenta), tuple(self.forces), self.plan),),

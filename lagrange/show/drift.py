@@ -47,16 +47,16 @@ def energy_drift(
     model: Model, energy: FloatArray, t: FloatArray, y: FloatArray, parameters: Mapping[Any, float]
 ) -> EnergyDrift:
     """Return the drift of the energies (N,) of the states y (2n, N) at the times t (N,)."""
-    n = model.dimension
     with np.errstate(all="ignore"):  # a run that left the finite numbers says so itself
-        return _drift(model, energy, t, y, parameters, n)
+        return _drift(model, energy, t, y, parameters)
 
 
 def _drift(
-    model: Model, energy: FloatArray, t: FloatArray, y: FloatArray, parameters: Mapping[Any, float], n: int
+    model: Model, energy: FloatArray, t: FloatArray, y: FloatArray, parameters: Mapping[Any, float]
 ) -> EnergyDrift:
-    momenta = np.asarray(model.momenta(y[:n], y[n:], t, parameters))
-    exchanged = 0.5 * float(np.max(np.abs(np.sum(y[n:] * momenta, axis=0))))
+    q, v = model.layout.split(y)
+    momenta = np.asarray(model.momenta(q, v, t, parameters))
+    exchanged = 0.5 * float(np.max(np.abs(np.sum(v * momenta, axis=0))))
     first, absolute = float(energy[0]), float(np.max(np.abs(energy - energy[0])))
     small = abs(first) < _NEAR_ZERO * exchanged
     scale, against = (exchanged, "the largest |v.p|/2") if small else (abs(first), "the initial energy")

@@ -112,8 +112,7 @@ class Solution:
     @property
     def names(self) -> tuple[str, ...]:
         """The names of the 2n rows: the coordinates, then their velocities with `_dot`."""
-        names = self.model.statement.names
-        return (*names, *(f"{name}_dot" for name in names))
+        return self.model.layout.names()
 
     def __getitem__(self, key: Any) -> FloatArray:
         """Return the row (N,) of a coordinate or a velocity, given as SymPy expression or by name."""
@@ -146,8 +145,7 @@ class Solution:
     @cached_property
     def energy(self) -> FloatArray:
         """The energy v.p - L at the output times, (N,)."""
-        n = self.model.dimension
-        return np.asarray(self.model.energy(self.y[:n], self.y[n:], self.t, self.parameters))
+        return np.asarray(self.model.energy(*self.model.layout.split(self.y), self.t, self.parameters))
 
     @cached_property
     def drift(self) -> EnergyDrift:

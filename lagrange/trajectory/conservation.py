@@ -100,9 +100,9 @@ def _exchanged(problem: Problem, trajectory: Trajectory, until: float) -> float:
 
 def _kinetic(problem: Problem, y: FloatArray) -> FloatArray:
     """Return |v.p| / 2 of states (2n, K), the kinetic energy where that is quadratic in the velocities."""
-    n = problem.model.dimension
-    momenta = problem.model.momenta(y[:n], y[n:], problem.t0, problem.parameter_array)
-    return np.asarray(np.abs(np.sum(y[n:] * momenta, axis=0)) / 2)
+    q, v = problem.model.layout.split(y)
+    momenta = problem.model.momenta(q, v, problem.t0, problem.parameter_array)
+    return np.asarray(np.abs(np.sum(v * momenta, axis=0)) / 2)
 
 
 def _noise(problem: Problem, before: float) -> float:
@@ -113,7 +113,7 @@ def _noise(problem: Problem, before: float) -> float:
     rates = problem.model.kernel("rhs")(problem.t0, y0, problem.parameter_array)[n:]
     begun = np.append(BEGUN * sizes[:n] * rates / (np.abs(rates).max() or 1.0), np.zeros(n))
     moved = y0[:, None] + np.column_stack([begun, VISIBLE * sizes[:, None] * ways])
-    energies = problem.model.energy(moved[:n], moved[n:], problem.t0, problem.parameter_array)
+    energies = problem.model.energy(*problem.model.layout.split(moved), problem.t0, problem.parameter_array)
     return float(_finite(np.abs(energies - before)).max(initial=0.0))
 
 

@@ -120,8 +120,7 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
 def _first_look(problem: Problem, name: str, parameters: FloatArray) -> tuple[Status | None, str]:
     """Return a status and its sentence if the run cannot even begin."""
     model, y0 = problem.model, problem.y0
-    n = len(y0) // 2
-    q, v = y0[:n], y0[n:]
+    q, v = model.layout.split(y0)
     singular, slope = model.column_without_inertia(problem.t0, q, v, parameters) is not None, y0
     try:
         slope = model.kernel("rhs")(problem.t0, y0, parameters)

@@ -45,7 +45,7 @@ class Flow:
         self._integrator = find(DEFAULT if options.method is None else options.method)
         self._options = replace(options, method=self._integrator)
         self._model = model
-        self._dimension = 2 * model.dimension
+        self._dimension = model.layout.size
         self._max_steps = options.step_limit
         self._local = _Prepared()
         unit = Problem(

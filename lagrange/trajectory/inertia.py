@@ -25,7 +25,7 @@ MOST_NAMED = 8
 
 def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
     """Return what to say of a run that ends at a state (2n,) because a motion has lost its inertia, else nothing."""
-    model, parameters, n = problem.model, problem.parameter_array, len(y) // 2
+    model, parameters = problem.model, problem.parameter_array
     kernel = model.kernel("mass_matrix")
     before, here = kernel(problem.t0, problem.y0, parameters), kernel(t, y, parameters)
     sizes = np.abs(np.diag(before))
@@ -41,7 +41,7 @@ def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
     place = _few([f"{name} = {number(x)}" for name, x in zip(row_names(problem), y, strict=True)])
     return (
         f"the mass matrix d2L/dv2 degenerates there, at {place}: a motion with "
-        f"{motion_along(model.statement.names[:n], null / units)} has {left / least:.2g} of the least inertia at the "
+        f"{motion_along(model.layout.rates, null / units)} has {left / least:.2g} of the least inertia at the "
         "start, and its acceleration grows beyond all bounds. End the run before it, or state a Lagrangian that keeps "
         "its inertia."
     )
@@ -50,7 +50,7 @@ def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
 def _moves_along(problem: Problem, t: float, y: FloatArray, null: FloatArray, metric: FloatArray) -> bool:
     """Whether the acceleration at a state is mostly that of one motion, measured by the inertia at the start."""
     try:
-        rate = problem.model.kernel("rhs")(t, y, problem.parameter_array)[len(y) // 2 :]
+        rate = problem.model.kernel("rhs")(t, y, problem.parameter_array)[problem.model.layout.v]
     except SingularMassMatrix:
         return True
     size = float(np.sqrt(metric @ rate**2))

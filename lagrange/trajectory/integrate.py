@@ -50,7 +50,7 @@ def integrate(
         t0=t0,
         t1=t1,
         y0=np.array(initial_state({} if initial is None else initial, statement.coordinates, statement.initial)),
-        t_eval=_output_times(options.t_eval, t0, t1, 2 * model.dimension),
+        t_eval=_output_times(options.t_eval, t0, t1, model.layout.size),
         rtol=options.rtol,
         atol=options.atol,
         step=options.step,
@@ -83,8 +83,7 @@ def _check_start(problem: Problem) -> float:
     value = energy(problem, y0)
     if math.isfinite(value):
         return value
-    names = (*model.statement.names, *(f"{name}.dot" for name in model.statement.names))
-    state = listing(f"{name} = {x:.6g}" for name, x in zip(names, y0, strict=True))
+    state = listing(f"{name} = {x:.6g}" for name, x in zip(model.layout.names(".dot"), y0, strict=True))
     raise StatementError(
         f"the energy of {model.statement.name} is {value} at the initial state ({state}), so the motion cannot start "
         "there. Look for an overflow, a division by zero, or a sqrt or log outside its domain, in the kinetic and "

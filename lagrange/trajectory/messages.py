@@ -183,8 +183,7 @@ def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tol
 
 def row_names(problem: Problem) -> tuple[str, ...]:
     """Return what to call the 2n rows of the state: theta, then theta_dot."""
-    names = problem.model.statement.names
-    return (*names, *(f"{name}_dot" for name in names))
+    return problem.model.layout.names()
 
 
 def non_finite(problem: Problem, y: FloatArray, slope: FloatArray | None = None) -> str:
@@ -192,8 +191,9 @@ def non_finite(problem: Problem, y: FloatArray, slope: FloatArray | None = None)
     names = row_names(problem)
     if bad := [f"{name} is {value}" for name, value in zip(names, y, strict=True) if not np.isfinite(value)]:
         return _few(bad)
-    n = len(names) // 2
-    rates = [f"the {what} of {name}" for what in ("velocity", "acceleration") for name in names[:n]]
+    layout = problem.model.layout
+    rates = [f"the velocity of {name}" for name in layout.coordinates]
+    rates += [f"the acceleration of {name}" for name in layout.rates]
     pairs = () if slope is None else zip(rates, slope, strict=True)
     return _few([f"{rate} is {value}" for rate, value in pairs if not np.isfinite(value)])
 

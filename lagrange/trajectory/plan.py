@@ -165,20 +165,20 @@ class StepPlan:
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
         """Take the failed step again, in a simpler way if it is implicit; see `Plan`."""
         step, parameters = self.step, problem.parameter_array
-        kernel, n = problem.model.kernel("rhs"), len(state.y) // 2
+        kernel, layout = problem.model.kernel("rhs"), problem.model.layout
         h = float(state.reals[DriverState.STEP] or state.reals[DriverState.H] / AFTER_BROKEN)
 
         def f(t: float, y: FloatArray) -> FloatArray:
             split = step.law == "accelerations"
-            slope = kernel(t, np.concatenate([y, np.zeros(n)]) if split else y, parameters)
-            return slope[n:] if split else slope
+            slope = kernel(t, np.concatenate([y, np.zeros(len(layout.rates))]) if split else y, parameters)
+            return slope[layout.v] if split else slope
 
         with np.errstate(all="ignore"):
             try:
                 if step.solves:
                     return _moved_ahead(f, state, h)
                 if step.partitioned:
-                    return np.concatenate(step.function(f, state.t, state.y[:n], state.y[n:], h))
+                    return np.concatenate(step.function(f, state.t, *layout.split(state.y), h))
                 moved = step.function(f, state.t, state.y, h)
             except SingularMassMatrix:
                 return state.y

@@ -100,11 +100,12 @@ class Leaps:
 
     def _steady(self, t: float, y: FloatArray, there: float, end: FloatArray) -> bool:
         """Return whether the accelerations at two times on a leap are nearly the same."""
-        kernel, parameters, n = self.problem.model.kernel("rhs"), self.problem.parameter_array, len(y) // 2
+        model, parameters = self.problem.model, self.problem.parameter_array
+        kernel, v = model.kernel("rhs"), model.layout.v
         try:
-            first, last = kernel(t, y, parameters)[n:], kernel(there, end, parameters)[n:]
+            first, last = kernel(t, y, parameters)[v], kernel(there, end, parameters)[v]
         except SingularMassMatrix:
             return False
         own = np.maximum(np.abs(first), np.abs(last))
-        slow = np.maximum(np.abs(y[n:]), np.abs(end[n:])) / abs(self.problem.t1 - self.problem.t0)
+        slow = np.maximum(np.abs(y[v]), np.abs(end[v])) / abs(self.problem.t1 - self.problem.t0)
         return bool(np.isfinite(own).all() and (np.abs(last - first) <= CHANGE * np.maximum(own, slow)).all())

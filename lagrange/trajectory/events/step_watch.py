@@ -331,11 +331,9 @@ class StepWatch(Record):
         stayed = {m.which: float(at_zero[m.which]) for m in met}
         self._start = _Start(stayed=stayed, met={m.which: m.root.rising for m in met})
         verdict = self._defined(state)
-        q, v = np.split(after, 2)
-        if (
-            verdict.status is None
-            and self.problem.model.column_without_inertia(state.t, q, v, self.parameters) is not None
-        ):
+        model = self.problem.model
+        where = (state.t, *model.layout.split(after), self.parameters)
+        if verdict.status is None and model.column_without_inertia(*where) is not None:
             return Verdict(Status.SINGULAR, jumped=True)
         return Verdict(verdict.status, verdict.detail, jumped=True)
 
