@@ -252,6 +252,15 @@ def test_no_set_decides_an_order() -> None:
     assert complaints(iterates_sets, stages) == []
 
 
+def test_every_file_has_a_plain_name() -> None:
+    # A test that is run by hand in the checkout may leave a file there that is named by what it was given.
+    there = [
+        *ROOT.glob("*"),
+        *(path for folder in ("lagrange", "tests", "docs", "examples") for path in ROOT.glob(f"{folder}/**/*")),
+    ]
+    assert [path.name for path in there if not re.fullmatch(r"[A-Za-z0-9_.-]+", path.name)] == []
+
+
 def test_the_median_function_is_short() -> None:
     lengths = [length(function) for source in PACKAGE.values() for function in functions(ast.parse(source))]
     assert statistics.median(lengths) < MEDIAN_FUNCTION

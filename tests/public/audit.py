@@ -1,16 +1,19 @@
 """Calls everything public with text in every argument, in every container, and says what the text brought about.
 
-Run as a program in a folder of its own: the hook that listens cannot be taken off a process.
+Run as a program, which goes to a folder of its own: calls leave files that are named by the text, and the hook that
+listens cannot be taken off a process.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import resource
 import sys
 from collections import UserString, deque
 from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import CodeType
 from typing import Any
 
@@ -126,4 +129,6 @@ def main(folder: Path) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    json.dump(main(Path.cwd()), sys.stdout)
+    with TemporaryDirectory() as folder:
+        os.chdir(folder)
+        json.dump(main(Path(folder)), sys.stdout)
