@@ -69,9 +69,12 @@ CONSTANT = "constant"
 """The operation without operands: its datum is the value."""
 
 
+_RESULTS = {(op, taken): result for op, signatures in OPERATIONS.items() for taken, result in signatures}
+
+
 def result_kind(op: str, kinds: tuple[Kind, ...]) -> Kind | None:
     """Return what an operation gives for operands of some kinds, or None where it does not take them."""
-    return next((result for taken, result in OPERATIONS.get(op, ()) if taken == kinds), None)
+    return _RESULTS.get((op, kinds))
 
 
 @dataclass(frozen=True)
@@ -353,8 +356,13 @@ class Procedure:
         return tuple(found)
 
 
+_OUTER = (When, Repeat, Loop, Each)
+
+
 def inner(statement: Statement) -> tuple[Block, ...]:
     """Return the blocks inside a statement."""
+    if not isinstance(statement, _OUTER):
+        return ()
     match statement:
         case When(then=then, otherwise=otherwise):
             return (then, otherwise)
@@ -362,7 +370,6 @@ def inner(statement: Statement) -> tuple[Block, ...]:
             return (test, body)
         case Loop(body=body) | Each(body=body):
             return (body,)
-    return ()
 
 
 def calls(block: Block) -> list[Call]:

@@ -128,9 +128,14 @@ class _Check:
 
     def statement(self, statement: Statement) -> bool:
         """Check a statement; return whether the procedure ends with it."""
+        if isinstance(statement, Let):
+            self.let(statement)
+            return False
         match statement:
-            case Let():
-                self.let(statement)
+            case Load() | Store() | Read() | Write():
+                self.memory(statement)
+            case Declare() | Get() | Set():
+                self.variable(statement)
             case Reserve(ref=ref, array=array):
                 if array.size is None:
                     raise self.error(f"the array %{ref} of its own has no size")
@@ -139,10 +144,6 @@ class _Check:
                 held = self.array(array)
                 self.kind(start, WHOLE)
                 self.define(ref, Array(held.kind, None, held.read, held.room))
-            case Load() | Store() | Read() | Write():
-                self.memory(statement)
-            case Declare() | Get() | Set():
-                self.variable(statement)
             case Call():
                 self.call(statement)
             case Leave(values=values):

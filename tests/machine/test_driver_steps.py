@@ -19,6 +19,7 @@ from lagrange.compiler import machine, model_of
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
+from lagrange.procedure.step.run import COUNTS, RUN
 from lagrange.program.step import Control, StepProgram, trace
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
@@ -119,6 +120,12 @@ def drivers(name: str, system: str) -> list[Any]:
         problem = Problem(compiled, compiled.parameter_values(), 0.0, 1.0, start)
         found.append(planned(name, problem).driver(compiled, compiled.parameter_array()))
     return found
+
+
+def test_procedures_know_the_entries_of_a_run_by_name() -> None:
+    state = S(0.0, 1.0, np.zeros(2), 1e-6, 1e-8, 0.1)
+    for record, count in ((RUN, S.FLOORS), (COUNTS, len(state.counts))):
+        assert [getattr(S, name.upper()) for name, _ in record.fields] == list(range(count))
 
 
 @pytest.mark.parametrize("system", SYSTEMS)

@@ -20,8 +20,9 @@ from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.machine.steps.llvm_layout import laid_out
 from lagrange.procedure.interpreter import Span, run
-from lagrange.procedure.step.implicit import accept_step, take_step
 from lagrange.procedure.step.memory import EFFORT, NEWTON, Layout, SolveLayout
+from lagrange.procedure.step.run import COUNTS, RUN
+from lagrange.procedure.step.trial import accept_step, take_step
 from lagrange.program.actions import LAWS
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.plan import StepPlan
@@ -110,8 +111,14 @@ class Interpreted:
         given = (t, h, 1e-6, floors, self.effort, *self.newtons, self.work, slope_known)
         return int(run(self.take, *laws, *given)[0])
 
+    def calls(self, *, known: bool) -> int:
+        """Return how often a step evaluates the law outside of its solves."""
+        step = self.layout.step
+        return len(step.calls) - (known and step.starts_with_slope)
+
     def make_state(self) -> None:
-        run(self.accept, *self.newtons, self.work)
+        where = RUN.structure(), COUNTS.structure()
+        run(self.accept, *where, *self.newtons, self.work, 0.0, [], [])
 
     def assert_same(self) -> None:
         """Compare what a step leaves: unknowns, residuals, weights, history and matrices, and what each solve knows."""
@@ -145,7 +152,7 @@ def test_machine_code_takes_the_steps_of_the_interpreter(name: str, n: int) -> N
         assert beside.take() is Outcome.PAUSED
         h = beside.known(ours.layout.solves[0], ours.offset)["tried_step"]
         assert ours.try_step(t, h, slope_known=known) == Outcome.DONE
-        evaluations += ours.effort.evaluations + (3 if first else 0)
+        evaluations += ours.effort.evaluations + ours.calls(known=known) + (3 if first else 0)
         assert state.count(S.EVALUATIONS) == evaluations
         assert state.reals[S.RESIDUAL] == ours.effort.residual
         if len(taking) > 1:

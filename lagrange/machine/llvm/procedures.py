@@ -177,10 +177,15 @@ class Printer:
 
     def statement(self, statement: Statement) -> None:
         """Print a statement."""
+        if isinstance(statement, Let):
+            self.let(statement)
+            return
         e = self.e
         match statement:
-            case Let():
-                self.let(statement)
+            case Load() | Store() | Read() | Write():
+                self.memory(statement)
+            case Declare() | Get() | Set():
+                self.variable(statement)
             case Reserve(ref=ref, array=array):
                 room = (array.size or 0) + (array.room if array.room > 1 else 0)
                 self.define(ref, e.reserve(KINDS[array.kind], room), array)
@@ -188,10 +193,6 @@ class Printer:
                 held = self.array(array)
                 place = e.address(self.values[array], self.values[start], KINDS[held.kind])
                 self.define(ref, place, Array(held.kind, None, held.read, held.room))
-            case Load() | Store() | Read() | Write():
-                self.memory(statement)
-            case Declare() | Get() | Set():
-                self.variable(statement)
             case Call():
                 self.call(statement)
             case Leave(values=values):

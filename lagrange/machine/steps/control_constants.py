@@ -11,10 +11,6 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-SLIVER = 1e-6
-"""A last one of equal steps that is shorter than this part of the step is round-off of the grid, and joins the step
-before it."""
-
 FAR = 1e-6
 """Below this part of the time, rounding the time changes the length of a step by more than 1e-10 of it."""
 

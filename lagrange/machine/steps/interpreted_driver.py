@@ -1,7 +1,7 @@
 """The driver of the numpy machine: the same loop over steps as the compiled ones, in plain Python.
 
-It runs an explicit step function on arrays as it was written, so it is the place to read what the compiled drivers do.
-An implicit step is run by the procedures that they run.
+Equal steps, and each trial of a step, are the procedures that the compiled drivers run. How steps follow the error is
+stated here, as the place to read what the compiled drivers do.
 """
 
 from __future__ import annotations
@@ -30,7 +30,6 @@ from lagrange.machine.steps.control_constants import (
     NOISE,
     RESOLVED,
     SHRUNK,
-    SLIVER,
     TILT,
     tilts,
 )
@@ -42,58 +41,39 @@ S = DriverState
 
 
 class NumpyDriver:
-    """Advances a run by calling the step function on arrays, or its procedures where it solves; see `Driver`."""
+    """Advances a run by the procedures of its step; see `Driver`."""
 
     def __init__(
         self, step: StepProgram, kernel: Kernel, parameters: FloatArray, jacobian: Kernel | None = None
     ) -> None:
-        self._step = step
-        self._by_procedures = bool(step.solves) or step.starter is not None
-        self._kernel = kernel
-        self._jacobian = jacobian
-        self._parameters = parameters
-        self._slope: FloatArray | None = None
+        self._step, self._kernel, self._parameters = step, kernel, parameters
+
+        def with_parameters(function: Kernel) -> Any:
+            return lambda t, y: function(t, y, parameters)
+
+        derivative = None if jacobian is None else with_parameters(jacobian)
+        self._taken = InterpretedStep(step, kernel.program.states, with_parameters(kernel), derivative)
 
     def adopt(self, state: DriverState) -> None:
         """Leave the state where it is; see `Driver`."""
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Advance a run; see `Driver`."""
-        if not state.count(S.SLOPE_KNOWN):
-            self._slope = None
-        if self._by_procedures and not state.count(S.KEPT):
-            state.counts[S.KEPT] = 1
-            self._begin()
-        take = self._fixed if self._step.control is None else self._adaptive
         with np.errstate(all="ignore"):
+            if self._step.control is None:
+                return self._taken.run(state, budget, times, rows)
+            self._taken.begin(state)
             for _ in range(budget):
                 if state.t == state.reals[S.END]:
                     break
-                outcome = take(state, times, rows)
+                outcome = self._adaptive(state, times, rows)
                 if outcome is not Outcome.PAUSED:
                     return outcome
         return Outcome.DONE if state.t == state.reals[S.END] else Outcome.PAUSED
 
     def kept(self) -> tuple[Kept, ...]:
         """Return what each solve of the steps keeps, and behind them each of the starter, once steps were taken."""
-        starting = () if self._starter is self._usual else self._starter.kept()
-        return (*self._usual.kept(), *starting)
-
-    def _fixed(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome:
-        end, h = state.reals[S.END], state.reals[S.STEP]
-        after = state.reals[S.START] + (state.count(S.STEPS) + 1) * h
-        if (end - (after + SLIVER * h)) * np.sign(h) <= 0:
-            after, h = end, end - state.t
-        try:
-            outcome, y, _ = self._attempt(state, h)
-        except SingularMassMatrix:
-            return Outcome.SINGULAR
-        if outcome is not Outcome.DONE:
-            return outcome
-        if not np.isfinite(y).all():
-            return Outcome.NON_FINITE
-        self._accept(state, after, y, times, rows)
-        return Outcome.PAUSED
+        return self._taken.kept()
 
     def _adaptive(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome:
         control: Any = self._step.control
@@ -111,10 +91,7 @@ class NumpyDriver:
         after = end if final else t + h
         # Far from time zero a step is as long as times allow; elsewhere it keeps its length, and a matrix made for it.
         length = after - t if final or abs(h) < FAR * abs(t) else h
-        try:
-            outcome, y, errors = self._attempt(state, length)
-        except SingularMassMatrix:
-            outcome = Outcome.SINGULAR
+        outcome, y, errors = self._taken.attempt(state, length)
         if outcome is not Outcome.DONE:
             part = AFTER_DIVERGED if outcome is Outcome.DIVERGED else AFTER_BROKEN
             return self._reject(state, outcome, part * length)
@@ -130,80 +107,9 @@ class NumpyDriver:
         factor = max(min(factor, most), control.least)
         reals[S.H] = length * (1.0 if 1.0 <= factor < control.hold else factor)
         state.counts[S.AFTER_REJECT] = 0
-        self._accept(state, after, y, times, rows)
+        self._taken.accept(state, after, times, rows)
+        np.maximum(state.floors, reals[S.SHARE] * abs(y), out=state.floors)
         return Outcome.PAUSED
-
-    def _attempt(self, state: DriverState, h: float) -> tuple[Outcome, FloatArray, list[FloatArray]]:
-        """Return how a step ends, the state after it and the error vectors, and keep the first slope for another try.
-
-        Raises SingularMassMatrix.
-        """
-        if self._by_procedures:
-            return self._solved(state, h)
-        calls: list[FloatArray] = []
-        step, n = self._step, len(state.y) // 2
-
-        def f(t: float, y: FloatArray) -> FloatArray:
-            if not calls and self._slope is not None and step.starts_with_slope:
-                calls.append(self._slope)
-                return self._slope
-            state.counts[S.EVALUATIONS] += 1
-            whole = np.concatenate([y, np.zeros(n)]) if step.partitioned else y
-            slope = self._kernel(t, whole, self._parameters)
-            calls.append(slope[n:] if step.partitioned else slope)
-            return calls[-1]
-
-        if step.partitioned:
-            q, v = step.function(f, state.t, state.y[:n], state.y[n:], h)
-            result: tuple[FloatArray, list[FloatArray]] = (np.concatenate([q, v]), [])
-        elif step.control is None:
-            result = (step.function(f, state.t, state.y, h), [])
-        else:
-            y, *errors = step.function(f, state.t, state.y, h)
-            result = (y, errors)
-        self._slope = calls[0] if step.starts_with_slope else None
-        state.counts[S.SLOPE_KNOWN] = self._slope is not None
-        self._last = calls[-1]
-        return Outcome.DONE, *result
-
-    def _begin(self) -> None:
-        """Forget what was kept from the steps of another run."""
-
-        def evaluate(kernel: Any) -> Any:
-            return lambda t, y: kernel(t, y, self._parameters)
-
-        law, jacobian = evaluate(self._kernel), evaluate(self._jacobian)
-        dimension, starter = self._kernel.program.states, self._step.starter
-        self._usual = InterpretedStep(self._step, dimension, law, jacobian)
-        self._starter = self._usual if starter is None else InterpretedStep(starter, dimension, law, jacobian)
-        self._before: list[FloatArray] = []
-
-    def _solved(self, state: DriverState, h: float) -> tuple[Outcome, FloatArray, list[FloatArray]]:
-        """Take an implicit step, with the starter where the state one step back is not known."""
-        states = [state.y.copy()]
-        usual = self._step.starter is None or (bool(self._before) and h == state.reals[S.STEP])
-        taken = self._usual if usual else self._starter
-        slope_known = bool(state.count(S.SLOPE_KNOWN))
-        found = taken.take(state, [*states, *self._before] if usual else states, h, slope_known=slope_known)
-        state.counts[S.SLOPE_KNOWN] = self._step.starts_with_slope
-        self._tried = states if h == state.reals[S.STEP] else []
-        return found
-
-    def _accept(self, state: DriverState, t: float, y: FloatArray, times: FloatArray, rows: FloatArray) -> None:
-        state.reals[S.T] = t
-        state.y[:] = y
-        np.maximum(state.floors, state.reals[S.SHARE] * abs(y), out=state.floors)
-        state.counts[S.STEPS] += 1
-        self._slope = self._last if self._step.ends_with_slope else None
-        if self._by_procedures:
-            self._usual.accept()
-            self._before = [] if self._step.starter is None else self._tried
-        state.counts[S.SLOPE_KNOWN] = self._step.ends_with_slope
-        if state.count(S.RECORD):
-            row = state.count(S.ROWS)
-            times[row] = t
-            rows[row] = y
-            state.counts[S.ROWS] += 1
 
     def _reject(self, state: DriverState, cause: Outcome, h: float, moved: FloatArray | None = None) -> Outcome:
         """Try again with a step of h; ask how large entries are if it is not the first try, or one has no size yet.

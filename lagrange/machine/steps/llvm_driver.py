@@ -28,11 +28,11 @@ from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA, function
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.machine.steps.llvm_error_norm import first_step_function, norm_function
 from lagrange.machine.steps.llvm_layout import laid_out
-from lagrange.machine.steps.llvm_loops import adaptive_loop, fixed_loop
-from lagrange.machine.steps.llvm_step import either_function, implicit_function, record_function, step_function
+from lagrange.machine.steps.llvm_loops import adaptive_loop, equal_loop
 from lagrange.procedure.form import Procedure, calls
-from lagrange.procedure.step.implicit import accept_step, take_step
+from lagrange.procedure.step.equal_steps import begin, equal_steps
 from lagrange.procedure.step.memory import NEWTON, Kept, Layout, kept
+from lagrange.procedure.step.trial import accept_step, try_step
 from lagrange.program.step import StepProgram
 
 
@@ -104,25 +104,17 @@ def _compiled(step: StepProgram, dimension: int) -> _Code:
 def driver_ir(step: StepProgram, dimension: int) -> str:
     """Return the IR of the driver of a step for states of that dimension."""
     layout = laid_out(step, dimension)
-    loop = adaptive_loop if step.control else fixed_loop
-    parts = [declarations(), METADATA, ATTRIBUTES, record_function(layout)]
-    if layout.by_procedures:
-        parts += [*_implicit_functions(layout), implicit_function(layout)]
-    else:
-        parts.append(step_function(layout))
-    if step.starter is not None:
-        parts += [implicit_function(layout.starting, "starter_"), either_function(layout)]
+    parts = [declarations(), METADATA, ATTRIBUTES, *_procedures(layout)]
     if step.control:
-        parts.append(norm_function(step, layout))
-        parts.append(first_step_function(step, layout))
-    return "\n".join([*parts, loop(step, layout)])
+        parts += [norm_function(step, layout), first_step_function(step, layout), adaptive_loop(step, layout)]
+    else:
+        parts.append(equal_loop(layout))
+    return "\n".join(parts)
 
 
-def _implicit_functions(layout: Layout) -> list[str]:
-    """Return the procedures of a step that solves, with those of its starter, and all that they call."""
-    made = [take_step(layout), accept_step(layout)]
-    if layout.step.starter is not None:
-        made.append(take_step(layout.starting, "starter_"))
+def _procedures(layout: Layout) -> list[str]:
+    """Return the procedures of a step, and all that they call; what is called once is merged into its caller."""
+    made = [begin(layout), try_step(layout), accept_step(layout)] if layout.step.control else [equal_steps(layout)]
     wanted: dict[Procedure, None] = {}
     for procedure in made:
         wanted |= dict.fromkeys((*procedure.callees, procedure))

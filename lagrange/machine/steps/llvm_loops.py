@@ -1,6 +1,6 @@
 """The loops over steps in machine code: equal steps, and steps that follow the error.
 
-They do what `lagrange.machine.steps.interpreted_driver` does, which is the place to read it.
+The second does what `lagrange.machine.steps.interpreted_driver` does, which is the place to read it.
 """
 
 from __future__ import annotations
@@ -17,44 +17,28 @@ from lagrange.machine.steps.control_constants import (
     LEAST_NORM,
     LEAST_PREVIOUS,
     SHRUNK,
-    SLIVER,
 )
-from lagrange.machine.steps.llvm_calls import LAW, RECORDS, bump, leave_if, leave_unscaled, leave_with
+from lagrange.machine.steps.llvm_calls import LAW, RECORDS, bump, leave_if, leave_unscaled
 from lagrange.machine.steps.llvm_error_norm import raise_floors, some_blank
-from lagrange.machine.steps.llvm_layout import KIND, blocks, finite, in_work
-from lagrange.machine.steps.llvm_step import accept, attempt, take_entries
-from lagrange.procedure.step.memory import NEWTON, Layout
+from lagrange.machine.steps.llvm_layout import finite
+from lagrange.machine.steps.llvm_step import accept, attempt, run_arguments, take_entries
+from lagrange.procedure.step.memory import Layout
 from lagrange.program.step import StepProgram
 
 
-def fixed_loop(step: StepProgram, layout: Layout) -> str:
-    """Emit equal steps from the start; times are multiples of the step, and the last step ends at the end."""
+def equal_loop(layout: Layout) -> str:
+    """Emit equal steps, which are a procedure."""
     e = Emitter()
-    _forget(e, layout)
-    take_entries(e, layout)
-    start, end, h = (e.get("%reals", which) for which in (DriverState.START, DriverState.END, DriverState.STEP))
-    with e.loop(0, "%budget"):
-        t = e.get("%reals", DriverState.T)
-        leave_if(e, e.real("fcmp oeq", t, end), Outcome.DONE)
-        count = e.get("%counts", DriverState.STEPS, "i64")
-        following = e.value(f"sitofp i64 {e.value(f'add nsw i64 {count}, 1')} to double")
-        grid = e.fma(following, h, start)
-        left = e.real("fsub", end, e.fma(literal(SLIVER), h, grid))
-        ahead = e.choose(e.real("fcmp olt", h, literal(0.0)), e.value(f"fneg double {left}"), left)
-        beyond = e.real("fcmp ole", ahead, literal(0.0))
-        length = e.choose(beyond, e.real("fsub", end, t), h)
-        leave_with(e, attempt(e, step, t, length))
-        good = finite(e, layout, [layout.new + i for i in range(step.states)])
-        leave_if(e, e.value(f"xor i1 {good}, true"), Outcome.NON_FINITE)
-        accept(e, e.choose(beyond, end, grid))
-    _come_back(e, end)
+    given = f"{run_arguments(e, layout)}, i64 %budget, ptr %times, ptr %rows"
+    outcome = e.value(f"call i64 @equal_steps({given})")
+    e.do(f"ret i32 {e.value(f'trunc i64 {outcome} to i32')}")
     return e.function(_SIGNATURE)
 
 
 def adaptive_loop(step: StepProgram, layout: Layout) -> str:
     """Emit steps whose size follows the error."""
     e = Emitter()
-    _forget(e, layout)
+    e.do(f"call void @begin({run_arguments(e, layout)})")
     take_entries(e, layout)
     end = e.get("%reals", DriverState.END)
     direction = _first_step(e, end)
@@ -83,20 +67,6 @@ def adaptive_loop(step: StepProgram, layout: Layout) -> str:
 _SIGNATURE = f"define i32 @drive({LAW}, {RECORDS}, i64 %budget, ptr noalias %times, ptr noalias %rows)"
 
 
-def _forget(e: Emitter, layout: Layout) -> None:
-    """Clear what is kept in the work array if it belongs to another run; a starter makes all anew at each step."""
-    places = [(layout.flags, 2), *((newton.flags, len(NEWTON.fields)) for newton in layout.solves)]
-    if layout.solves:
-        with e.when(e.value(f"icmp eq i64 {e.get('%counts', DriverState.KEPT, 'i64')}, 0")):
-            e.put("1", "%counts", DriverState.KEPT, "i64")
-            for place, count in places:
-                for i in range(count):
-                    e.put(literal(0.0), "%work", place + i)
-            for i in range(layout.step.states if layout.step.exact else 0):
-                for offset in blocks(e, layout.width):
-                    e.store("zeroinitializer", in_work(e, layout.lost + i * layout.width, offset), KIND)
-
-
 def _come_back(e: Emitter, end: str) -> None:
     """Return when the budget is used up."""
     reached = e.real("fcmp oeq", e.get("%reals", DriverState.T), end)
@@ -119,7 +89,7 @@ def _first_step(e: Emitter, end: str) -> str:
 
 def _trial(e: Emitter, step: StepProgram, layout: Layout, length: str, after: str, rejected: str) -> None:
     """Take a trial step; reject it where it fails or something in it is not a number, else judge it by its error."""
-    status = attempt(e, step, e.get("%reals", DriverState.T), length)
+    status = attempt(e, layout, e.get("%reals", DriverState.T), length)
     done = e.value(f"icmp eq i32 {status}, {int(Outcome.DONE)}")
     good = finite(e, layout, [layout.new, *(layout.errors + i for i in range(len(step.errors)))])
     name = e.fresh("trial")
@@ -161,7 +131,7 @@ def _judge(e: Emitter, step: StepProgram, layout: Layout, name: str, length: str
     e.put(e.real("fmul", length, factor), "%reals", DriverState.H)
     e.put("0", "%counts", DriverState.AFTER_REJECT, "i64")
     raise_floors(e, layout)
-    accept(e, after)
+    accept(e, layout, after)
     e.jump(f"{name}.end")
 
 

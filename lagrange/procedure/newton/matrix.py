@@ -119,7 +119,8 @@ class _Renewal:
                 self.vectors.copy(self.vectors.at(i), where.at(i * layout.length), layout.width)
         else:
             time, where = self.vectors.numbers[self.point.time], self.vectors.arguments(self.point)
-        given.leave_if(given.jacobian(time, where, given.constants, self.matrix), Outcome.SINGULAR)
+        failed = given.laws.jacobian(time, where, given.laws.constants, self.matrix)
+        given.leave_if(failed, Outcome.SINGULAR)
         with self.p.loop(0, n) as a, self.p.loop(0, n) as b:
             self.derivative[b * n + a] = self.matrix[a * n + b]
         given.newton.differentiated = 1

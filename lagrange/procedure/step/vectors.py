@@ -29,6 +29,34 @@ def in_registers(layout: Layout) -> Callee:
     return Callee((REAL,) * (1 + layout.dimension) + (READ,), (REAL,) * results + (FLAG,))
 
 
+def law_of(layout: Layout) -> Callee:
+    """Return the type of the law that steps call."""
+    return in_registers(layout) if layout.in_registers else BY_PLACE
+
+
+def floors_of(p: Builder, layout: Layout) -> Memory:
+    """Return how wrong each entry of the state may be beside its share of the relative tolerance, as a parameter."""
+    return p.array("floors", size=layout.dimension, room=layout.block, read=True)
+
+
+def newton_records(p: Builder, layout: Layout, prefix: str = "") -> list[Any]:
+    """Return what the solves of a step know, as parameters."""
+    return [p.record(f"{prefix}newton{solve.index}", NEWTON) for solve in layout.solves]
+
+
+class Laws:
+    """The law of a step and its derivative, each with its parameters."""
+
+    def __init__(self, p: Builder, layout: Layout) -> None:
+        self.law, self.parameters = p.function("law", law_of(layout)), p.array("parameters", read=True)
+        self.jacobian, self.constants = p.function("jacobian", BY_PLACE), p.array("constants", read=True)
+
+    @property
+    def handed(self) -> tuple[Any, ...]:
+        """The arguments for another procedure of the same step."""
+        return self.law, self.parameters, self.jacobian, self.constants
+
+
 class Given:
     """The arguments of a procedure of a step, which it hands on to others of the same step.
 
@@ -39,16 +67,12 @@ class Given:
 
     def __init__(self, p: Builder, layout: Layout, solve: SolveLayout | None = None) -> None:
         self.p, self.layout, self.solve = p, layout, solve
-        self.law = p.function("law", in_registers(layout) if layout.in_registers else BY_PLACE)
-        self.parameters = p.array("parameters", read=True)
-        self.jacobian = p.function("jacobian", BY_PLACE)
-        self.constants = p.array("constants", read=True)
+        self.laws = Laws(p, layout)
         self.t, self.h = p.given("t", REAL), p.given("h", REAL)
         self.rtol = p.given("rtol", REAL)
-        self.floors = p.array("floors", size=layout.dimension, room=layout.block, read=True)
+        self.floors = floors_of(p, layout)
         self.effort = p.record("effort", EFFORT)
-        owners = layout.solves if solve is None else [solve]
-        self.newtons = [p.record(f"newton{owner.index}", NEWTON) for owner in owners]
+        self.newtons = newton_records(p, layout) if solve is None else [p.record(f"newton{solve.index}", NEWTON)]
         self.work = p.array("work", size=layout.size, room=layout.block)
 
     @property
@@ -56,11 +80,10 @@ class Given:
         """What the solve knows that the procedure is for."""
         return self.newtons[0]
 
-    def handed(self, newton: Any = None) -> tuple[Any, ...]:
-        """Return the arguments for another procedure of the same solve, or of a solve of the step."""
-        law = (self.law, self.parameters, self.jacobian, self.constants)
-        owner = self.newton if newton is None else newton
-        return (*law, self.t, self.h, self.rtol, self.floors, self.effort, owner, self.work)
+    def handed(self, *newtons: Any) -> tuple[Any, ...]:
+        """Return the arguments for another procedure of the same solve, or of some of the step."""
+        numbers = self.t, self.h, self.rtol, self.floors
+        return (*self.laws.handed, *numbers, self.effort, *(newtons or self.newtons), self.work)
 
     def leave_unless_done(self, outcome: Whole) -> None:
         """End the procedure with an outcome of another unless that is done."""
@@ -76,7 +99,9 @@ class Given:
 class Vectors:
     """The vectors of a step in a procedure, and the numbers that they are combined with.
 
-    Numbers are made of t, h and the ratio of steps: those of `nodes` are known, and all in `combinations`.
+    Numbers are made of t, h and the ratio of steps: those of `nodes` are known, and all in `combinations`. `state` has
+    the single numbers of the state, where they are kept, and `known` are those of vectors that have just been computed:
+    what comes back from memory is there some cycles later.
     """
 
     def __init__(
@@ -86,7 +111,10 @@ class Vectors:
         nodes: Iterable[Node] = (),
         *,
         ratio: Real | None = None,
+        state: Memory | None = None,
     ) -> None:
+        self.state = state
+        self.known: dict[int, list[Real]] = {}
         self.given, self.p, self.layout, self.work = given, given.p, given.layout, given.work
         step = self.layout.step
         factors = [factor for one in combinations for _, factor in one if factor is not step.graph.one]
@@ -116,12 +144,34 @@ class Vectors:
             target[i] = sum_[i]
 
     def entries(self, combination: Combination) -> list[Real]:
-        """Return the numbers of a linear combination, each in a register of its own."""
-        length, block = self.layout.length, self.layout.block
-        if len(combination) == 1 and combination[0][1] is self.layout.step.graph.one:
-            found = self.at(combination[0][0])
+        """Return the numbers of a linear combination, each in a register of its own.
+
+        What was computed last is added last and number by number, so that nothing waits for what it does not need.
+        """
+        step = self.layout.step
+        known = [] if step.exact else [term for term in combination if term[0] in self.known]
+        last = max(known, default=None, key=lambda term: term[0])
+        before = tuple(term for term in combination if term is not last)
+        totals = self._apart(before) if last is None or before else []
+        if last is None:
+            return totals
+        values, node = self.known[last[0]], last[1]
+        if node is step.graph.one:
+            return [a + b for a, b in zip(totals, values, strict=True)] if totals else values
+        factor = self.numbers[node]
+        if not totals:
+            return [factor * value for value in values]
+        return [self.p.fma(factor, value, total) for value, total in zip(values, totals, strict=True)]
+
+    def _apart(self, combination: Combination) -> list[Real]:
+        """Return the numbers of a combination that is computed in blocks, or read where it is one vector."""
+        length, one = self.layout.length, self.layout.step.graph.one
+        if len(combination) == 1 and combination[0][1] is one:
+            vector = combination[0][0]
+            kept = self.state is not None and vector < self.layout.step.states
+            found = self.state.at(vector * length) if self.state is not None and kept else self.at(vector)
         else:
-            found = self.p.reserve(self.layout.width, room=block)
+            found = self.p.reserve(self.layout.width, room=self.layout.block)
             self.combine(combination, found)
         return [found[i] for i in range(length)]
 
@@ -137,9 +187,12 @@ class Vectors:
         with self.p.each(count, spill=True) as i:
             target[i] = source[i]
 
-    def evaluate(self, call: Call, singular: Variable) -> None:
-        """Evaluate the law and keep its results as vectors; note whether a matrix is singular."""
-        failed = self._by_number(call) if self.layout.in_registers else self._by_place(call)
+    def evaluate(self, call: Call, singular: Variable, *, always: bool = False) -> None:
+        """Evaluate the law and keep its results as vectors; note whether a matrix is singular.
+
+        What is computed `always` is known to all that follows.
+        """
+        failed = self._by_number(call, always=always) if self.layout.in_registers else self._by_place(call)
         singular.value = singular.value | failed
 
     def arguments(self, call: Call) -> Memory:
@@ -151,20 +204,24 @@ class Vectors:
     def _by_place(self, call: Call) -> Flag:
         layout, step, given = self.layout, self.layout.step, self.given
         where, out = self.arguments(call), self.work.at(layout.result)
-        failed = given.law(self.numbers[call.time], where, given.parameters, out)
+        failed = given.laws.law(self.numbers[call.time], where, given.laws.parameters, out)
         first = layout.result + (layout.length if step.law == "accelerations" else 0)
         for i in range(LAWS[step.law].results):
             self.copy(self.work.at(first + i * layout.length), self.at(call.first + i), layout.width)
         return Flag.of(failed)
 
-    def _by_number(self, call: Call) -> Flag:
+    def _by_number(self, call: Call, *, always: bool) -> Flag:
         layout, law, half = self.layout, LAWS[self.layout.step.law], self.layout.dimension // 2
         state = [value for argument in call.arguments for value in self.entries(argument)]
         zeros = [self.p.constant(0.0, REAL)] * (layout.dimension - len(state))
-        *found, failed = self.given.law(self.numbers[call.time], *state, *zeros, self.given.parameters)
+        laws = self.given.laws
+        *found, failed = laws.law(self.numbers[call.time], *state, *zeros, laws.parameters)
         values = [*state[half:], *found] if law.states == 1 else found
         for i in range(law.results):
-            self.keep_entries(values[i * layout.length : (i + 1) * layout.length], self.at(call.first + i))
+            found = values[i * layout.length : (i + 1) * layout.length]
+            self.keep_entries(found, self.at(call.first + i))
+            if always:
+                self.known[call.first + i] = found
         return Flag.of(failed)
 
 

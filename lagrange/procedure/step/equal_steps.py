@@ -1,0 +1,92 @@
+"""The loop over steps of equal length: times are multiples of the step, and the last step ends at the end."""
+
+from __future__ import annotations
+
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import REAL, WHOLE, Procedure
+from lagrange.procedure.outcome import Outcome
+from lagrange.procedure.step.memory import NEWTON, Layout
+from lagrange.procedure.step.trial import Running, accept_step, try_step
+from lagrange.procedure.values import Flag, Memory
+
+SLIVER = 1e-6
+"""A last one of equal steps that is shorter than this part of the step is round-off of the grid, and joins the step
+before it."""
+
+WRITTEN_OUT = 2
+"""A state whose vectors have up to so many blocks is looked at block by block without a loop."""
+
+
+def equal_steps(layout: Layout) -> Procedure:
+    """Return the loop; it comes back at the end, after so many steps as `budget` says, or where a step fails."""
+    p = Builder("equal_steps", "Take equal steps towards the end, and return an outcome.")
+    given = Running(p, layout)
+    run, counts = given.run, given.counts
+    budget, times, rows = p.given("budget", WHOLE), p.array("times"), p.array("rows", room=layout.block)
+    forget(given)
+    entries = keep_entries(given)
+    start, end, h = run.start, run.end, run.step
+    with p.loop(0, budget):
+        t = run.t
+        with p.when(t.equals(end)):
+            p.leave(int(Outcome.DONE))
+        grid = p.fma(p.real(counts.steps + 1), h, start)
+        left = end - p.fma(SLIVER, h, grid)
+        beyond = p.choose(h < 0.0, -left, left) <= 0.0
+        length = p.choose(beyond, end - t, h)
+        outcome = p.call(try_step(layout), *given.handed, t, length, *entries)
+        with p.when(~outcome.equals(int(Outcome.DONE))):
+            p.leave(outcome)
+        with p.when(~is_finite(given)):
+            p.leave(int(Outcome.NON_FINITE))
+        after = p.choose(beyond, end, grid)
+        accepted = (run, counts, *given.newtons, given.work, *entries)
+        p.call(accept_step(layout), *accepted, after, times, rows)
+    p.leave(p.choose(run.t.equals(end), p.whole(int(Outcome.DONE)), p.whole(int(Outcome.PAUSED))))
+    return p.finish(WHOLE)
+
+
+def begin(layout: Layout) -> Procedure:
+    """Return what a run of other steps begins with."""
+    p = Builder("begin", "Clear what is kept from steps if it belongs to another run.")
+    forget(Running(p, layout))
+    return p.finish()
+
+
+def forget(given: Running) -> None:
+    """Clear what is kept from steps if it belongs to another run; a starter makes all anew at each step."""
+    p, layout, work = given.p, given.layout, given.work
+    if not (layout.solves or layout.step.starter is not None):
+        return
+    with p.when(given.counts.kept.equals(0)):
+        given.counts.kept = 1
+        work[layout.flags] = 0.0
+        work[layout.flags + 1] = 0.0
+        for newton in given.newtons:
+            for name, kind in NEWTON.fields:
+                setattr(newton, name, 0.0 if kind is REAL else 0)
+        lost = work.at(layout.lost)
+        with p.each(layout.step.states * layout.width if layout.step.exact else 0, spill=True) as i:
+            lost[i] = 0.0
+
+
+def keep_entries(given: Running) -> list[Memory]:
+    """Return the array of the single numbers of the state, read from where it stands, if they are kept."""
+    p, layout = given.p, given.layout
+    if not layout.keeps_entries:
+        return []
+    entries = p.reserve(2 * layout.dimension)
+    for i in range(layout.step.states):
+        for k in range(layout.length):
+            entries[i * layout.length + k] = given.work[layout.place(i) + k]
+    return [entries]
+
+
+def is_finite(given: Running) -> Flag:
+    """Whether all of the new state is finite: 0 * x is 0 for these numbers alone, and NaN for the others."""
+    p, layout = given.p, given.layout
+    new, zero = given.work.at(layout.place(layout.new)), p.constant(0.0, REAL)
+    with p.each(layout.step.states * layout.width, unrolled=layout.width <= WRITTEN_OUT * layout.block) as i:
+        total = p.dot(new[i], zero)
+    found: Flag = total.value.equals(0.0)
+    return found

@@ -1,0 +1,29 @@
+"""Where a run stands: the entries of `DriverState`, in its order, as records that procedures read and write."""
+
+from __future__ import annotations
+
+from lagrange.procedure.form import REAL, WHOLE, Record
+
+RUN = Record(
+    "Run",
+    tuple(
+        (name, REAL)
+        for name in (
+            *("t", "end", "h", "rtol", "share", "previous", "start", "step", "cause", "longest"),
+            *("low", "scale", "once", "residual", "limit"),
+        )
+    ),
+)
+"""The real numbers of a run."""
+
+COUNTS = Record(
+    "Counts",
+    tuple(
+        (name, WHOLE)
+        for name in (
+            *("steps", "rejected", "evaluations", "slope_known", "rows", "record", "after_reject"),
+            *("tries", "look", "kept", "fails", "surveyed"),
+        )
+    ),
+)
+"""What a run counts, and its flags."""

@@ -1,0 +1,232 @@
+"""One trial step of a step program, and what accepting it does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
+from lagrange.procedure.newton.corrections import product, solve_unknowns
+from lagrange.procedure.newton.prediction import keep
+from lagrange.procedure.outcome import Outcome
+from lagrange.procedure.step.memory import EFFORT, Layout
+from lagrange.procedure.step.run import COUNTS, RUN
+from lagrange.procedure.step.vectors import Given, Laws, Sum, Vectors, floors_of, newton_records
+from lagrange.procedure.values import Flag, Memory, Real, Whole
+from lagrange.program.actions import Call, Damp
+
+
+def take_step(layout: Layout, prefix: str = "") -> Procedure:
+    """Return the trial of a step; names of procedures begin with the prefix."""
+    step = layout.step
+    p = Builder(f"{prefix}take", "Try a step, and return an outcome; the slope at its start may be known.")
+    given = Given(p, layout)
+    slope_known = p.given("slope_known", FLAG)
+    entries = entries_of(p, layout)
+    calls = [argument for call in step.calls for argument in call.arguments]
+    others = [*(damp.vector for damp in step.damps), *step.results, *step.errors]
+    vectors = Vectors(given, [*calls, *others], [call.time for call in step.calls], state=entries)
+    singular = p.variable(p.false, "singular")
+    solves = iter(zip(layout.solves, given.newtons, strict=True))
+    for i, action in enumerate(step.actions):
+        if isinstance(action, Call) and i == 0 and step.starts_with_slope:
+            with p.when(~slope_known):
+                vectors.evaluate(action, singular)
+        elif isinstance(action, Call):
+            vectors.evaluate(action, singular, always=True)
+        elif isinstance(action, Damp):
+            _damp(vectors, action)
+        else:
+            solve, newton = next(solves)
+            given.leave_unless_done(p.call(solve_unknowns(layout, solve, prefix), *given.handed(newton)))
+    for i in range(step.states):
+        _keep_result(vectors, i, entries)
+    for i, error in enumerate(step.errors):
+        vectors.combine(error, vectors.at(layout.errors + i))
+    given.leave_if(singular.value, Outcome.SINGULAR)
+    p.leave(int(Outcome.DONE))
+    return p.finish(WHOLE)
+
+
+def entries_of(p: Builder, layout: Layout) -> Memory | None:
+    """Return the array of the single numbers of the state and behind them those of the new state, if they are kept."""
+    return p.array("entries", size=2 * layout.dimension) if layout.keeps_entries else None
+
+
+def _damp(vectors: Vectors, damp: Damp) -> None:
+    """Write (I - factor J)^-1 times a vector."""
+    layout, work = vectors.layout, vectors.work
+    solve = layout.solves[damp.of]
+    vectors.combine(damp.vector, work.at(solve.residual))
+    result = vectors.at(damp.result)
+    with product(vectors.given, solve, work.at(solve.damper(damp)), 1) as (i, value):
+        result[i] = value
+
+
+def _keep_result(vectors: Vectors, state: int, entries: Memory | None) -> None:
+    """Write a new state, as a compensated sum of what it was and what the step adds, where rounding is to be kept.
+
+    Source: D. E. Knuth, The Art of Computer Programming, vol. 2, 3rd ed., 1997, 4.2.2, theorem B.
+    """
+    p, layout, work = vectors.p, vectors.layout, vectors.work
+    step = layout.step
+    result, new = step.results[state], vectors.at(layout.new + state)
+    if entries is not None:
+        values = vectors.entries(result)
+        vectors.keep_entries(values, new)
+        for k, value in enumerate(values):
+            entries[layout.dimension + state * layout.length + k] = value
+        return
+    if not step.compensated(state):
+        vectors.combine(result, new)
+        return
+    added = Sum(vectors, tuple(term for term in result if term != (state, step.graph.one)))
+    old = vectors.at(state)
+    lost, tried = (work.at(layout.lost + (i * step.states + state) * layout.width) for i in (0, 1))
+    with p.each(layout.width, spill=True) as i:
+        y = old[i]
+        move = added[i] + lost[i]
+        total = y + move
+        back = total - y
+        new[i] = total
+        tried[i] = (y - (total - back)) + (move - back)
+
+
+class Running:
+    """The arguments of a procedure that takes steps of a run: the laws, where it stands, and what its solves know."""
+
+    def __init__(self, p: Builder, layout: Layout) -> None:
+        self.p, self.layout, self.laws = p, layout, Laws(p, layout)
+        self.run: Any = p.record("run", RUN)
+        self.counts: Any = p.record("counts", COUNTS)
+        self.floors = floors_of(p, layout)
+        self.effort: Any = p.record("effort", EFFORT)
+        self.newtons = newton_records(p, layout)
+        self.starters = newton_records(p, layout.starting, "starter_") if layout.step.starter is not None else []
+        self.work = p.array("work", size=layout.size, room=layout.block)
+
+    @property
+    def handed(self) -> tuple[Any, ...]:
+        """The arguments for another procedure of the same run."""
+        return (
+            *self.laws.handed,
+            self.run,
+            self.counts,
+            self.floors,
+            self.effort,
+            *self.newtons,
+            *self.starters,
+            self.work,
+        )
+
+    def take(self, t: Real, h: Real, slope_known: Flag, more: Sequence[Memory]) -> Whole:
+        """Take a step from the state, and return the outcome."""
+        numbers = t, h, self.run.rtol, self.floors
+        given = (*self.laws.handed, *numbers, self.effort, *self.newtons, self.work)
+        return self.p.whole(self.p.call(take_step(self.layout), *given, slope_known, *more))
+
+    def start(self, t: Real, h: Real) -> Whole:
+        """Take a step of the starter, in memory of its own, and return the outcome."""
+        p, layout, starting = self.p, self.layout, self.layout.starting
+        memory = self.work.at(layout.end)
+
+        def copy(source: Memory, target: Memory) -> None:
+            with p.each(layout.width, spill=True) as i:
+                target[i] = source[i]
+
+        for i in range(layout.step.states):
+            copy(self.work.at(layout.place(i)), memory.at(starting.place(i)))
+        numbers = t, h, self.run.rtol, self.floors
+        given = (*self.laws.handed, *numbers, self.effort, *self.starters, memory)
+        outcome = p.call(take_step(starting, "starter_"), *given, p.false)
+        for i in range(layout.step.states):
+            copy(memory.at(starting.place(starting.new + i)), self.work.at(layout.place(layout.new + i)))
+        return p.whole(outcome)
+
+
+def try_step(layout: Layout) -> Procedure:
+    """Return the trial of a step of a run, by its starter where the state one step back is not known."""
+    step = layout.step
+    p = Builder("try_step", "Try a step of a run, count what it takes, and return an outcome.")
+    given = Running(p, layout)
+    t, h = p.given("t", REAL), p.given("h", REAL)
+    entries = entries_of(p, layout)
+    counts = given.counts
+    effort = given.effort if step.solves or step.starter is not None else None
+    if effort is not None:
+        effort.evaluations = 0
+    if step.starter is None:
+        known = ~counts.slope_known.equals(0)
+        calls = len(step.calls) - p.whole(known) if step.starts_with_slope else len(step.calls)
+        counts.evaluations = counts.evaluations + calls
+        outcome = given.take(t, h, known, [] if entries is None else [entries])
+    else:
+        outcome = _try_either(given, t, h)
+    if effort is not None:
+        counts.evaluations = counts.evaluations + effort.evaluations
+        given.run.residual = effort.residual
+    if step.starts_with_slope:
+        counts.slope_known = 1
+    p.leave(outcome)
+    return p.finish(WHOLE)
+
+
+def _try_either(given: Running, t: Real, h: Real) -> Whole:
+    """Try a step from two states, or one of the starter; return the outcome."""
+    p, layout, counts = given.p, given.layout, given.counts
+    equal = h.equals(given.run.step)
+    given.work[layout.flags + 1] = p.real(equal)
+    outcome = p.variable(int(Outcome.DONE), "outcome")
+    with p.when(equal & given.work[layout.flags].equals(1.0)) as ways:
+        counts.evaluations = counts.evaluations + len(layout.step.calls)
+        outcome.value = given.take(t, h, p.false, [])
+    with ways.otherwise():
+        counts.evaluations = counts.evaluations + len(layout.starting.step.calls)
+        outcome.value = given.start(t, h)
+    return p.whole(outcome.value)
+
+
+def accept_step(layout: Layout) -> Procedure:
+    """Return what makes the trial step the state."""
+    step = layout.step
+    p = Builder("accept_step", "Make the trial step the state at a time, and a row where rows are kept.")
+    run: Any = p.record("run", RUN)
+    counts: Any = p.record("counts", COUNTS)
+    newtons = newton_records(p, layout)
+    work = p.array("work", size=layout.size, room=layout.block)
+    entries = entries_of(p, layout)
+    t, times, rows = p.given("t", REAL), p.array("times"), p.array("rows", room=layout.block)
+
+    def copy(source: Memory, target: Memory) -> None:
+        with p.each(layout.width, spill=True) as i:
+            target[i] = source[i]
+
+    run.t = t
+    if step.starter is not None:
+        work[layout.flags] = work[layout.flags + 1]
+    for i in range(step.states):
+        state, new = work.at(layout.place(i)), work.at(layout.place(layout.new + i))
+        if step.starter is not None:
+            copy(state, work.at(layout.place(step.states + i)))
+        copy(new, state)
+        if step.compensated(i):
+            lost = layout.lost + i * layout.width
+            copy(work.at(lost + step.states * layout.width), work.at(lost))
+    if entries is not None:
+        for k in range(layout.dimension):
+            entries[k] = entries[layout.dimension + k]
+    if step.ends_with_slope:
+        first, last = (work.at(layout.place(step.calls[k].first)) for k in (0, -1))
+        copy(last, first)
+    counts.slope_known = int(step.ends_with_slope)
+    for solve, newton in zip(layout.solves, newtons, strict=True):
+        p.call(keep(layout, solve), newton, work)
+    counts.steps = counts.steps + 1
+    with p.when(~counts.record.equals(0)):
+        row = counts.rows
+        times[row] = t
+        for i in range(step.states):
+            copy(work.at(layout.place(i)), rows.at(row * layout.dimension + i * layout.length))
+        counts.rows = row + 1
+    return p.finish()
