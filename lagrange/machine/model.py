@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange.equations.euler_lagrange import Equations
-from lagrange.equations.state_layout import StateLayout
 from lagrange.errors import RunError, StatementError, listing, shown
 from lagrange.graph.branches import either, read_when, where_read
 from lagrange.graph.node import Binding, Kind, Node, reachable
@@ -56,6 +55,7 @@ class Model:
             raise StatementError(f"a model is made by system.compile(), not of {shown(statement)} alone.")
         self.statement = statement
         self.equations = equations
+        self.layout = equations.layout
         self._made = made
         self._function = lru_cache(maxsize=FUNCTIONS_KEPT)(made.function)
         self._kernels: dict[str, Kernel] = {}
@@ -82,11 +82,6 @@ class Model:
     def dimension(self) -> int:
         """The number n of coordinates."""
         return len(self.statement.coordinates)
-
-    @property
-    def layout(self) -> StateLayout:
-        """Where coordinates and velocities stand in a state, and their names."""
-        return self.equations.layout
 
     @property
     def conservative(self) -> bool:

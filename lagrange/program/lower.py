@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from decimal import MAX_EMAX, MIN_EMIN, Decimal, localcontext
 from fractions import Fraction
+from typing import Any
 
 from lagrange.errors import StatementError
 from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, reachable
@@ -89,18 +90,9 @@ class _Lowering:
             self.done[node] = self.compute(node)
         return self.done[node]
 
-    def emit(
-        self,
-        op: str,
-        *args: int,
-        place: int = 0,
-        value: float = 0.0,
-        order: int = 0,
-        negative: int = 0,
-        level: Binding = Binding.CONSTANT,
-    ) -> int:
+    def emit(self, op: str, *args: int, level: Binding = Binding.CONSTANT, **data: Any) -> int:
         """Return the number of an instruction, a new one only if there is none like it."""
-        instruction = Instruction(op, args, place, value, order, negative)
+        instruction = Instruction(op, args, **data)
         if instruction not in self.numbers:
             self.numbers[instruction] = len(self.instructions)
             self.instructions.append(instruction)

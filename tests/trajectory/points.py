@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from lagrange.equations.state_layout import StateLayout
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.trajectory.integrator import Problem
 
@@ -16,6 +17,7 @@ class Point:
     """A fake model: one coordinate x with the acceleration a(t, x, v)."""
 
     statement = SimpleNamespace(names=("x",), parameters=())
+    layout = StateLayout(("x",), ("x",))
     equations = SimpleNamespace(structure=SimpleNamespace(brief=False))
 
     def __init__(self, acceleration: Any) -> None:

@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lagrange.equations.state_layout import StateLayout
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.messages import coarse, message, unsolved
 from lagrange.trajectory.tolerances import Tolerances
 from lagrange.trajectory.trajectory import Status
 
-MODEL: Any = SimpleNamespace(statement=SimpleNamespace(names=("r", "phi")))
+NAMES = ("r", "phi")
+MODEL: Any = SimpleNamespace(statement=SimpleNamespace(names=NAMES), layout=StateLayout(NAMES, NAMES))
 PROBLEM = Problem(MODEL, {}, 1.0, -3.0, np.zeros(4), max_steps=7, max_wall=0.5)
 STATE = np.array([1.0, -2.0, 3e9, 4.0])
 WHERE = "at t = 0.25 on the way from 1 to -3"

@@ -83,7 +83,7 @@ class LlvmKernel(Shared):
     def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
         """Evaluate the program; see `Kernel`."""
         if y.ndim > 1:
-            return self.columns(t, [y[rows] for rows in self._rows], parameters)
+            return self.columns(t, list(map(y.__getitem__, self._rows)), parameters)
         prepared = self.prepare(parameters)
         y = np.ascontiguousarray(y, dtype=float)
         out = np.empty(self._program.shape)
