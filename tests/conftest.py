@@ -1,12 +1,16 @@
-"""What every test shares: no window is ever opened, and random examples repeat in continuous integration."""
+"""What every test shares: no window is ever opened, random examples repeat, and a default run takes few of many cases."""
 
 from __future__ import annotations
 
 import os
 import signal
+from typing import Any
 
 import hypothesis
 import matplotlib as mpl
+import pytest
+
+from tests.covering import thinned
 
 mpl.use("Agg")
 
@@ -18,3 +22,32 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 hypothesis.settings.register_profile("here", deadline=None)
 hypothesis.settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True)
 hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "here")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--all", action="store_true", help="run every case of every product of parameters")
+
+
+def chosen_by_hand(config: pytest.Config) -> bool:
+    """Whether all cases were asked for, or tests by their names."""
+    return bool(config.option.all or config.option.keyword or any("::" in given for given in config.args))
+
+
+def pytest_report_header(config: pytest.Config) -> str:
+    return "cases: all" if chosen_by_hand(config) else "cases: every value of every parameter; --all takes every product"
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if not chosen_by_hand(config):
+        items[:], others = thinned(items)
+        config.hook.pytest_deselected(items=others)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Give each process whole files, in their order: models and machine code are made once per file."""
+    from xdist.scheduler import LoadFileScheduling
+
+    config.option.loadscopereorder = False
+    return LoadFileScheduling(config, log)

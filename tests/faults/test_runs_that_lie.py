@@ -19,6 +19,8 @@ from tests.models import TARGETS, build, x
 from tests.trajectory.runs import ADAPTIVE, FIXED, IMPLICIT, NAMES, SPLITTINGS, run
 
 STOPPED = (Status.NON_FINITE, Status.STEP_TOO_SMALL, Status.MAX_STEPS, Status.MAX_WALL, Status.DIVERGED)
+HANGS = 300.0
+"""Seconds after which a run does not end of itself, on the busiest machine."""
 ANY_FORCE = tuple(name for name in NAMES if name not in SPLITTINGS)
 
 
@@ -31,13 +33,12 @@ def go(model: Model, end: float, name: str, step: float = 0.01, **options: Any) 
     """Run with limits that a sane run never meets, and hold the result to what every result must be."""
     if model.target == "numpy" and name in ("bs3", "radau3", "radau5"):
         pytest.skip("the same steps as on llvm, see test_driver and test_implicit, and many of them")
-    began = time.perf_counter()
+    began = time.process_time()
     if name in FIXED:
         options["step"] = step
+    found = run(model, end, name, max_wall=HANGS, max_steps=300_000, **options)
     # An interpreted Taylor step takes some milliseconds, and a brief force a thousand steps.
-    patience = 60.0 if model.target == "numpy" else 5.0
-    found = run(model, end, name, max_wall=patience, max_steps=300_000, **options)
-    assert time.perf_counter() - began < 2 * patience
+    assert time.process_time() - began < (120.0 if model.target == "numpy" else 10.0)
     assert np.isfinite(found.t).all() and np.isfinite(found.y).all()
     assert found.y.shape == (2, len(found.t)) and len(found.t) == found.steps + 1
     assert found.span == (found.t[0], found.t[-1]) and found.t[-1] <= end

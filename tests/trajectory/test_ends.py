@@ -22,6 +22,8 @@ from tests.models import TARGETS, M, build, k, m, model, x, y, z
 from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, planned, run
 
 SLOW = "thousands of interpreted Newton steps, the same as on llvm"
+HANGS = 300.0
+"""Seconds after which something waits for what does not come, on the busiest machine."""
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -47,11 +49,12 @@ def test_max_steps(name: str, target: str) -> None:
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", NAMES)
 def test_max_wall(name: str, target: str) -> None:
-    began = time.perf_counter()
+    began = time.process_time()
     options = {"step": 1e-6} if name in FIXED else {}
     found = run(model("Henon-Heiles", target), 1e7, name, max_wall=0.05, **options)
     assert found.status is Status.MAX_WALL and "used up max_wall = 0.05 s at t = " in found.message
-    assert time.perf_counter() - began < 3.0
+    # Of the processor's time, whatever else the machine does: the whole way would take hours, and most is compiling.
+    assert time.process_time() - began < 3.0
     assert len(found.t) == found.steps + 1 > 1 and np.isfinite(found.y).all()
 
 
@@ -60,16 +63,16 @@ def test_max_wall(name: str, target: str) -> None:
 def test_ctrl_c_keeps_what_there_is(name: str, target: str) -> None:
     compiled = model("Henon-Heiles", target)
     options: dict[str, Any] = {"step": 1e-6} if name in FIXED else {}
-    on_its_way = threading.Event()
+    bursts = threading.Semaphore(0)
 
     def press() -> None:
-        on_its_way.wait(20.0)
-        time.sleep(0.02)
-        os.kill(os.getpid(), signal.SIGINT)
+        # After some bursts, on the way through the next one; the limits are for a run that nothing interrupts.
+        if all(bursts.acquire(timeout=HANGS) for _ in range(3)):
+            os.kill(os.getpid(), signal.SIGINT)
 
     finger = threading.Thread(target=press)
     finger.start()
-    found = run(compiled, 1e7, name, max_wall=20.0, progress=lambda t: on_its_way.set(), **options)
+    found = run(compiled, 1e7, name, max_wall=HANGS, progress=lambda t: bursts.release(), **options)
     finger.join()
     assert found.status is Status.INTERRUPTED
     assert (
@@ -77,7 +80,6 @@ def test_ctrl_c_keeps_what_there_is(name: str, target: str) -> None:
     )
     assert 0 < found.t[-1] < 1e7 and len(found.t) > 2
     assert len(found.t) == found.y.shape[1] and (np.diff(found.t) > 0).all() and np.isfinite(found.y).all()
-    assert found.wall < 5.0
     energy = compiled.energy(found.y[:2], found.y[2:])
     assert np.abs(energy / energy[0] - 1).max() < 1e-3
 

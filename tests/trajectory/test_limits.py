@@ -124,12 +124,12 @@ def test_ctrl_c_while_compiling() -> None:
     large = lg.System(sum(x.dot**2 for x in q) / 2, sum(d**2 / 2 + d**4 / 4 for d in stretch), initial={q[0]: 0.3})
     model = large.compile(check=False)
     finger = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
-    began = time.perf_counter()
+    began = time.process_time()
     finger.start()
     with pytest.raises(KeyboardInterrupt):
         compile_for_ever(model)
     finger.join()
-    assert time.perf_counter() - began < 20.0  # on a machine that does much else
+    assert time.process_time() - began < 20.0
 
 
 class Terminal:

@@ -33,9 +33,9 @@ def go(
     model: Model, end: float, events: Any = None, start: float = 0.0, method: Any = "taylor", **options: Any
 ) -> Trajectory:
     """Run with events, within seconds, and hold the result to what every result must be."""
-    began = time.perf_counter()
+    began = time.process_time()
     found = run(model, end, method, start, events=events, **options)
-    assert time.perf_counter() - began < 60.0
+    assert time.process_time() - began < 60.0
     forward = 1.0 if end >= start else -1.0
     assert (forward * np.diff(found.t) >= 0).all() and np.isfinite(found.y).all()
     for times, states in zip(found.t_events, found.y_events, strict=True):

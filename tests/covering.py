@@ -1,0 +1,84 @@
+"""Which cases of a product of parameters a default run takes: every value of every parameter, not every combination.
+
+A test over methods, machines and systems has hundreds of cases, most of which say what their neighbours said. A default
+run takes as many cases as the longest parameter has values. The others are dealt over them such that each value occurs,
+and as many pairs of values as fit; the reference machine occurs once, since tests of its own hold the two machines
+together. Tests whose parameters are one list keep all of it.
+"""
+
+from __future__ import annotations
+
+import itertools
+import zlib
+from collections.abc import Hashable, Iterable, Sequence
+
+import pytest
+
+Value = tuple[str, Hashable]
+"""The names of what is given together, and which of the values it is."""
+Case = tuple[Value, ...]
+
+SELDOM = ("target", "numpy")
+"""The value that is taken once only: the interpreted machine, which runs a step some hundred times as long."""
+
+
+def covering(cases: Sequence[Case], start: int = 0) -> list[int]:
+    """Return which cases to take, sorted: every value occurs. `start` says at which value of the longest to begin."""
+    if not cases or len(cases[0]) < 2:
+        return list(range(len(cases)))
+    columns = [list(dict.fromkeys(column)) for column in zip(*cases, strict=True)]
+    leading = max(range(len(columns)), key=lambda k: len(columns[k]))
+    order, start = columns[leading], start % len(columns[leading])
+    taken: list[int] = []
+    seen: set[Hashable] = set()
+    for value in (*order[start:], *order[:start]):
+        taken.append(_best((k for k, case in enumerate(cases) if case[leading] == value), cases, seen))
+        seen.update(cases[taken[-1]], _pairs(cases[taken[-1]]))
+    for k, case in enumerate(cases):
+        if not seen.issuperset(case):  # of a product with gaps
+            taken.append(k)
+            seen.update(case)
+    return sorted(taken)
+
+
+def _best(choices: Iterable[int], cases: Sequence[Case], seen: set[Hashable]) -> int:
+    """Return the case with the most values that are new, then not the slow machine, then with the most new pairs."""
+
+    def gain(k: int) -> tuple[int, bool, int]:
+        case = cases[k]
+        return sum(v not in seen for v in case), SELDOM not in case, sum(p not in seen for p in _pairs(case))
+
+    return max(choices, key=gain)
+
+
+def _pairs(case: Case) -> list[tuple[Value, Value]]:
+    return list(itertools.combinations(case, 2))
+
+
+def case_of(item: pytest.Item) -> Case:
+    """Return the values that a test is given, one for each list of parameters that it has."""
+    given = getattr(item, "callspec", None)
+    if given is None:
+        return ()
+    marks = [mark.args[0] if mark.args else mark.kwargs["argnames"] for mark in item.iter_markers("parametrize")]
+    together = [
+        tuple(name.strip() for name in names.split(",")) if isinstance(names, str) else tuple(names) for names in marks
+    ]
+    return tuple((",".join(names), _identity([given.params[name] for name in names])) for names in together)
+
+
+def _identity(values: Sequence[object]) -> Hashable:
+    """Return which values these are: a text itself, anything else by the object, which all cases of a product share."""
+    return values[0] if len(values) == 1 and isinstance(values[0], str) else tuple(id(value) for value in values)
+
+
+def thinned(items: Sequence[pytest.Item]) -> tuple[list[pytest.Item], list[pytest.Item]]:
+    """Return the tests to run, in their order, and the rest."""
+    tests: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        tests.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    kept: set[pytest.Item] = set()
+    for name, cases in tests.items():
+        # The text decides where to begin, so that not all tests pair the same method with the same system.
+        kept.update(cases[k] for k in covering([case_of(item) for item in cases], zlib.crc32(name.encode())))
+    return [item for item in items if item in kept], [item for item in items if item not in kept]
