@@ -34,7 +34,9 @@ def chosen_by_hand(config: pytest.Config) -> bool:
 
 
 def pytest_report_header(config: pytest.Config) -> str:
-    return "cases: all" if chosen_by_hand(config) else "cases: every value of every parameter; --all takes every product"
+    return (
+        "cases: all" if chosen_by_hand(config) else "cases: every value of every parameter; --all takes every product"
+    )
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -16,6 +16,9 @@ from collections.abc import Sequence
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.program.program import Program
 
+BLOCK = 4
+"""Doubles that are loaded and stored at once, by kernels and by the steps around them."""
+
 MOST = 8
 """Up to so many numbers of a state, and results, are passed in registers."""
 

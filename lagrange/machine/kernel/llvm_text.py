@@ -20,7 +20,6 @@ from lagrange.machine.kernel.llvm_body import UNROLLED, Body, shares_angle_funct
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.sine_cosine import angle_function
 from lagrange.machine.llvm.spelling import BOOLEAN, declaration, intrinsics, library_functions, number, spell
-from lagrange.machine.steps.llvm_layout import BLOCK
 from lagrange.procedure.linear.dense import factor_size
 from lagrange.program.program import Instruction, Program
 
@@ -175,7 +174,7 @@ def _store_together(e: Emitter, values: Sequence[str]) -> None:
 def _pieces(length: int) -> Iterator[tuple[int, int]]:
     """Yield (first, width) of the blocks of a vector and of the pieces of two and one that are left."""
     begin = 0
-    for width in (BLOCK, 2, 1):
+    for width in (llvm_calling.BLOCK, 2, 1):
         while begin + width <= length:
             yield begin, width
             begin += width

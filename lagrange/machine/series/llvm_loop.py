@@ -8,6 +8,7 @@ result is an `Outcome`. It does what `lagrange.machine.series.interpreted_driver
 
 from __future__ import annotations
 
+from lagrange.machine.llvm.counts_and_exits import bump, leave_if, leave_unscaled
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.series.constants import (
     BEYOND,
@@ -25,7 +26,6 @@ from lagrange.machine.series.llvm_proof import Proof
 from lagrange.machine.series.llvm_step_size import StepSize
 from lagrange.machine.series.llvm_sum import derivatives, increments, looped
 from lagrange.machine.state import EARLIEST, NEAR_END, SPACING, DriverState, Outcome
-from lagrange.machine.steps.llvm_calls import bump, leave_if, leave_unscaled
 
 
 def drive_function(layout: TaylorLayout) -> str:

@@ -6,13 +6,13 @@ tries a shorter one.
 
 from __future__ import annotations
 
+from lagrange.machine.llvm.counts_and_exits import bump
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.series.constants import DEFECT, FAILURES, GROWN, NOISE, PROBES, RETREAT
 from lagrange.machine.series.llvm_layout import TaylorLayout
 from lagrange.machine.series.llvm_step_size import StepSize
 from lagrange.machine.series.llvm_sum import looped
 from lagrange.machine.state import DriverState
-from lagrange.machine.steps.llvm_calls import bump
 
 
 class Proof:

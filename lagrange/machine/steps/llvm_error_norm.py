@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from lagrange.machine.kernel.llvm_calling import BLOCK
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.state import LEAST_FLOOR, SPACING, DriverState
 from lagrange.machine.steps.control_constants import (
@@ -18,7 +19,7 @@ from lagrange.machine.steps.control_constants import (
     tilts,
 )
 from lagrange.machine.steps.llvm_calls import evaluate_in_place
-from lagrange.machine.steps.llvm_layout import BLOCK, KIND, TRUTH, blocks, in_floors, in_work, largest, splat, total
+from lagrange.machine.steps.llvm_layout import KIND, TRUTH, blocks, in_floors, in_work, largest, splat, total
 from lagrange.procedure.step.memory import Layout
 from lagrange.program.step import StepProgram
 

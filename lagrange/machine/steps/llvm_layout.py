@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from lagrange.machine.kernel import llvm_calling
+from lagrange.machine.kernel.llvm_calling import BLOCK
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.state import DriverState
 from lagrange.procedure.step.memory import Layout
 from lagrange.program.step import StepProgram
-
-BLOCK = 4
-"""Doubles that are loaded and stored at once."""
 
 KIND, TRUTH = (f"<{BLOCK} x {kind}>" for kind in ("double", "i1"))
 """LLVM's types of a block of numbers, and of truths."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from lagrange.machine.llvm.counts_and_exits import bump, leave_if, leave_unscaled
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.state import EARLIEST, NEAR_END, SPACING, STUCK, DriverState, Outcome
 from lagrange.machine.steps.control_constants import (
@@ -18,7 +19,7 @@ from lagrange.machine.steps.control_constants import (
     LEAST_PREVIOUS,
     SHRUNK,
 )
-from lagrange.machine.steps.llvm_calls import LAW, RECORDS, bump, leave_if, leave_unscaled
+from lagrange.machine.steps.llvm_calls import LAW, RECORDS
 from lagrange.machine.steps.llvm_error_norm import raise_floors, some_blank
 from lagrange.machine.steps.llvm_layout import finite
 from lagrange.machine.steps.llvm_step import accept, attempt, run_arguments, take_entries

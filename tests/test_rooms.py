@@ -1,0 +1,121 @@
+"""The arrows between the rooms of machine/ and trajectory/: which room imports which, and that no arrow flows back."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Mapping
+from graphlib import TopologicalSorter
+
+import pytest
+
+from tests.test_layering import TREE, Modules, imports_of
+
+PLAIN: Mapping[str, tuple[str, ...]] = {
+    "machine records": ("backend", "copies", "python_source", "state"),
+    "machine entries": ("llvm_machine", "model", "numpy_machine"),
+    "trajectory records": ("integrator", "options", "tolerances", "trajectory"),
+    "trajectory runs": ("driver", "inertia", "limits", "messages", "plan", "sizes"),
+    "trajectory entries": ("conservation", "flow", "integrate"),
+}
+"""The modules beside the rooms: what every room reads, what runs a plan, and what is called from outside. The records
+stand before all rooms of their stage, the entries behind all."""
+
+MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
+    "machine records": (),
+    "machine/llvm": ("machine records",),
+    "machine/kernel": ("machine records", "machine/llvm"),
+    "machine/steps": ("machine records", "machine/llvm", "machine/kernel"),
+    "machine/series": ("machine records", "machine/llvm", "machine/kernel"),
+    "machine entries": ("machine records", "machine/kernel", "machine/steps", "machine/series"),
+    "trajectory records": ("machine records", "machine entries"),
+    "trajectory/tableaux": (),
+    "trajectory/paths": ("machine records", "trajectory records", "trajectory/tableaux"),
+    "trajectory/events": (
+        *("machine records", "machine/kernel", "machine/series", "machine entries"),
+        *("trajectory records", "trajectory/paths"),
+    ),
+    "trajectory runs": (
+        *("machine records", "machine/steps", "machine entries"),
+        *("trajectory records", "trajectory/paths", "trajectory/events"),
+    ),
+    "trajectory/methods": (
+        *("machine records", "machine/steps", "machine/series", "machine entries"),
+        *("trajectory records", "trajectory/tableaux", "trajectory/paths", "trajectory/events", "trajectory runs"),
+    ),
+    "trajectory/foreign": (
+        *("machine records", "machine/steps", "machine entries"),
+        *("trajectory records", "trajectory/paths", "trajectory/events", "trajectory runs", "trajectory/methods"),
+    ),
+    "trajectory entries": (
+        *("machine records", "machine entries"),
+        *("trajectory records", "trajectory runs", "trajectory/methods"),
+    ),
+}
+"""Each room, in the order in which it is built, and the rooms that it knows. What a trajectory knows of the machine's
+inner rooms are the constants that all drivers agree on, and the arithmetic of doubles."""
+
+
+def room(module: str) -> str | None:
+    """Return the room that a module stands in, None outside of machine/ and trajectory/."""
+    _, *parts = module.split(".")
+    if len(parts) < 2 or parts[0] not in ("machine", "trajectory"):
+        return None
+    stage, name = parts[:2]
+    if f"{stage}/{name}" in MAY_IMPORT:
+        return f"{stage}/{name}"
+    return next(
+        (group for group, names in PLAIN.items() if group.split()[0] == stage and name in names), f"{stage}/{name}?"
+    )
+
+
+def arrows(modules: Modules) -> dict[tuple[str, str], str]:
+    """Return the arrows between rooms, each with one import that makes it."""
+    found: dict[tuple[str, str], str] = {}
+    for name, tree in modules.items():
+        for target, line in imports_of(tree, modules):
+            here, there = room(name), room(target)
+            if here and there and here != there:
+                found.setdefault((here, there), f"{name}:{line} imports {target}")
+    return found
+
+
+def strange(modules: Modules) -> list[str]:
+    """Imports that the table does not have."""
+    return [text for (here, there), text in arrows(modules).items() if there not in MAY_IMPORT.get(here, ())]
+
+
+def test_only_the_arrows_of_the_table() -> None:
+    assert strange(TREE) == []
+
+
+def test_every_arrow_of_the_table_is_needed() -> None:
+    drawn = {(here, there) for here, rooms in MAY_IMPORT.items() for there in rooms}
+    assert drawn - set(arrows(TREE)) == set()
+
+
+def test_the_table_has_every_room_in_order_and_no_ring() -> None:
+    found = {room(name) for name in TREE} - {None}
+    assert found == set(MAY_IMPORT)
+    TopologicalSorter(MAY_IMPORT).prepare()
+    rooms = list(MAY_IMPORT)
+    assert [rooms.index(there) < k for k, here in enumerate(rooms) for there in MAY_IMPORT[here]].count(False) == 0
+
+
+@pytest.mark.parametrize(
+    ("module", "source"),
+    [
+        ("machine.kernel.llvm_text", "from lagrange.machine.steps.llvm_layout import laid_out"),
+        ("machine.llvm.emitter", "import lagrange.machine.kernel.llvm_calling"),
+        ("trajectory.trajectory", "from lagrange.trajectory import driver"),
+        (
+            "trajectory.paths.sampled",
+            "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from lagrange.trajectory.events import roots",
+        ),
+        ("trajectory.methods.explicit", "from lagrange.trajectory.foreign import driver"),
+        ("trajectory.messages", "from lagrange.trajectory.integrate import integrate"),
+        ("trajectory.new_module", "from lagrange.trajectory.trajectory import Status"),
+    ],
+)
+def test_an_arrow_that_flows_back_is_seen(module: str, source: str) -> None:
+    targets = {name: ast.parse("") for name in TREE}
+    assert len(strange({**targets, f"lagrange.{module}": ast.parse(source)})) == 1
