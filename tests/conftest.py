@@ -1,4 +1,4 @@
-"""What every test shares: no window is ever opened, random examples repeat, and a default run takes few of many cases."""
+"""What every test shares: no window opens, random examples repeat, and a default run takes few of many cases."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import hypothesis
 import matplotlib as mpl
 import pytest
 
-from tests.covering import thinned
+from tests import covering
 
 mpl.use("Agg")
 
@@ -28,6 +28,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--all", action="store_true", help="run every case of every product of parameters")
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    covering.WHOLE = config.option.all
+
+
 def chosen_by_hand(config: pytest.Config) -> bool:
     """Whether all cases were asked for, or tests by their names."""
     return bool(config.option.all or config.option.keyword or any("::" in given for given in config.args))
@@ -41,9 +45,12 @@ def pytest_report_header(config: pytest.Config) -> str:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    if not chosen_by_hand(config):
-        items[:], others = thinned(items)
-        config.hook.pytest_deselected(items=others)
+    if chosen_by_hand(config):
+        return
+    quick = [item for item in items if item.get_closest_marker("exhaustive") is None]
+    kept, others = covering.thinned(quick)
+    config.hook.pytest_deselected(items=[*others, *(item for item in items if item.get_closest_marker("exhaustive"))])
+    items[:] = kept
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -11,8 +11,17 @@ from __future__ import annotations
 import itertools
 import zlib
 from collections.abc import Hashable, Iterable, Sequence
+from typing import TypeVar
 
 import pytest
+
+WHOLE = False
+"""Whether everything was asked for; `conftest.py` says so before tests are collected."""
+
+PART, LEAST = 4, 3
+"""Of what is drawn at random a default run takes one in `PART`, and so many at least."""
+
+T = TypeVar("T", bound=tuple[Hashable, ...])
 
 Value = tuple[str, Hashable]
 """The names of what is given together, and which of the values it is."""
@@ -53,6 +62,17 @@ def _best(choices: Iterable[int], cases: Sequence[Case], seen: set[Hashable]) ->
 
 def _pairs(case: Case) -> list[tuple[Value, Value]]:
     return list(itertools.combinations(case, 2))
+
+
+def share(count: int) -> int:
+    """Return how often a default run does what everything does `count` times, each time with other random numbers."""
+    return count if WHOLE else min(count, max(LEAST, count // PART))
+
+
+def dealt(rows: Sequence[T]) -> list[T]:
+    """Return what a default run takes of the rows of a product that has gaps, written as one list of parameters."""
+    names = [tuple((str(k), value) for k, value in enumerate(row)) for row in rows]
+    return list(rows) if WHOLE else [rows[k] for k in covering(names)]
 
 
 def case_of(item: pytest.Item) -> Case:

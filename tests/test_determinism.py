@@ -20,9 +20,10 @@ from lagrange.program.catalogue import QUANTITIES, program_of
 from lagrange.trajectory.methods.explicit import DOP853, RK4
 from lagrange.trajectory.methods.explicit import runge_kutta_step as step_of
 from lagrange.trajectory.methods.splitting import Verlet, splitting_step
+from tests.covering import share
 from tests.models import SYSTEMS
 
-PROCESSES = 6
+PROCESSES = share(6)
 NAMES = ("double pendulum", "chain of 7", "cart and pole", "blocks", "friction", "8 carried masses", "saddle")
 CHOSEN = ("rhs", "energy")
 VECTOR_NAMES = {"sin": "_ZGVdN4v_sin", "exp": "_ZGVdN4v_exp"}

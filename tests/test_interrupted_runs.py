@@ -1,8 +1,8 @@
 """`lagrange run --out`, stopped by SIGINT and SIGTERM at random moments: it ends, and the folder holds one run.
 
-Ten of each are tried; `LAGRANGE_SIGNALS=200` tries 200 of each. Moments are parts of the time that a run takes here and
-now, half of them in the first half of its writing: what comes after is soon over. That each operation of the exchange
-may be stopped is shown one by one in tests/show/test_transaction.py.
+Three of each are tried, ten with --all; `LAGRANGE_SIGNALS=200` tries 200 of each. Moments are parts of the time that a
+run takes here and now, half of them in the first half of its writing: what comes after is soon over. That each
+operation of the exchange may be stopped is shown one by one in tests/show/test_transaction.py.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ from pathlib import Path
 
 import pytest
 
-COUNT, SEED = int(os.environ.get("LAGRANGE_SIGNALS", "10")), int(os.environ.get("LAGRANGE_SEED", "20"))
+from tests.covering import share
+
+COUNT, SEED = int(os.environ.get("LAGRANGE_SIGNALS", share(10))), int(os.environ.get("LAGRANGE_SEED", "20"))
 
 NAMES = ("card.json", "trajectory.csv", "trajectory.png")
 

@@ -100,8 +100,8 @@ class Copy:
     def pytest(self, arguments: Sequence[str], *, seconds: float | None = None) -> int:
         """Run pytest, for so many seconds of the processor at most, and return its status."""
 
-        command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-p", "tests.mutants.reach"]
-        command += [] if seconds is None else ["--seconds", str(seconds)]
+        command = [sys.executable, "-m", "pytest", "-q", "-x", "--all", "-p", "no:cacheprovider"]
+        command += ["-p", "tests.mutants.reach", *([] if seconds is None else ["--seconds", str(seconds)])]
         environment = {**os.environ, "PYTHONPATH": str(self.place), "PYTHONDONTWRITEBYTECODE": "1", "CI": "1"}
         with (self.place / "pytest.log").open("w", encoding="utf-8") as log:
             process = subprocess.Popen(

@@ -1,4 +1,7 @@
-"""Every fault on every registered method: none in silence, none without an end."""
+"""Every fault on every registered method: none in silence, none without an end.
+
+There is a test for each kind of fault, so that each method meets each kind when few of the cases are taken.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +10,33 @@ import pytest
 from lagrange.trajectory.methods.registry import names
 from tests.faults.fault import Fault, take
 from tests.faults.matrix import FAULTS
+from tests.faults.motions import MOTIONS
+from tests.faults.occurrences import EVENTS
+from tests.faults.requests import REQUESTS
+
+
+def gets_what_it_deserves(fault: Fault, method: str) -> None:
+    cell = take(fault, method)
+    assert cell.sound, f"{cell.verdict}, {cell.status}: {cell.detail}"
 
 
 @pytest.mark.parametrize("method", names())
-@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
-def test_a_fault_gets_what_it_deserves(fault: Fault, method: str) -> None:
-    cell = take(fault, method)
-    assert cell.sound, f"{cell.verdict}, {cell.status}: {cell.detail}"
+@pytest.mark.parametrize("fault", MOTIONS, ids=lambda fault: fault.name)
+def test_a_motion_that_is_hard_to_follow(fault: Fault, method: str) -> None:
+    gets_what_it_deserves(fault, method)
+
+
+@pytest.mark.parametrize("method", names())
+@pytest.mark.parametrize("fault", EVENTS, ids=lambda fault: fault.name)
+def test_an_event_that_is_hard_to_find(fault: Fault, method: str) -> None:
+    gets_what_it_deserves(fault, method)
+
+
+@pytest.mark.parametrize("method", names())
+@pytest.mark.parametrize("fault", REQUESTS, ids=lambda fault: fault.name)
+def test_a_request_that_is_hard_to_meet(fault: Fault, method: str) -> None:
+    gets_what_it_deserves(fault, method)
+
+
+def test_every_fault_is_of_one_of_these_kinds() -> None:
+    assert FAULTS == (*MOTIONS, *EVENTS, *REQUESTS)

@@ -26,6 +26,7 @@ from lagrange.program.taylor import series_program
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.events.surfaces import stated_sides
+from tests.covering import share
 from tests.laws.test_random_systems import bent_energies, functions_of, kinetic_energies, potentials
 from tests.models import SYSTEMS, TARGETS, k, stated, x, y
 from tests.series import NUMBER, jet, numbers
@@ -35,7 +36,7 @@ LANES = (1, 2, 4, 8)
 WRITTEN_OUT = {1: 4, 2: 7, 4: 11, 8: 6}
 """The order of the code that is written out, by lanes."""
 
-few = settings(max_examples=8, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+few = settings(max_examples=share(8), suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 
 
 @cache

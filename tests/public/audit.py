@@ -108,14 +108,15 @@ CONTAINERS: dict[str, Callable[[], Any]] = {
 }
 
 
-def main(folder: Path) -> dict[str, Any]:
-    """Return how many calls there were, and what is wrong with some."""
+def main(folder: Path, part: int) -> dict[str, Any]:
+    """Return how many calls there were, and what is wrong with some. One container in `part` meets each argument."""
     sys.addaudithook(hook)
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-    calls, wrong = 0, []
+    calls, wrong, turn = 0, [], 0
     for public in surface():
         for parameter in public.parameters:
-            for container, make in CONTAINERS.items():
+            turn += 1
+            for container, make in list(CONTAINERS.items())[turn % part :: part]:
                 given = arguments(public, folder) | {parameter.name: make()}
                 heard.clear()  # what the test itself made is not heard
                 positional = [given.pop(p.name) for p in public.parameters if p.kind is p.POSITIONAL_ONLY]
@@ -131,4 +132,4 @@ def main(folder: Path) -> dict[str, Any]:
 if __name__ == "__main__":
     with TemporaryDirectory() as folder:
         os.chdir(folder)
-        json.dump(main(Path(folder)), sys.stdout)
+        json.dump(main(Path(folder), int(sys.argv[1])), sys.stdout)

@@ -16,6 +16,7 @@ import pytest
 from lagrange.errors import SceneError
 from lagrange.statement.scene import read_scene
 from lagrange.statement.vocabulary import WORDS
+from tests.covering import PART, WHOLE
 from tests.statement.attacks import ATTACKS, CANARY
 from tests.statement.scenes import DROP, LEAN, write
 
@@ -62,7 +63,9 @@ def test_there_are_many_and_different() -> None:
 @pytest.mark.parametrize("field", FIELDS)
 def test_every_attack_is_refused_in_every_field(field: str, tmp_path: Path) -> None:
     read_scene(write(tmp_path, LEAN))
-    for attack in ATTACKS:
+    # One attack in four meets each field, and each attack two fields at least, unless all are asked for.
+    first, every = (0, 1) if WHOLE else (list(FIELDS).index(field) % PART, PART)
+    for attack in ATTACKS[first::every]:
         path = write(tmp_path, LEAN, **FIELDS[field](attack))
         error, seconds = refusal_of(path)
         assert error is not None, attack

@@ -19,6 +19,7 @@ from lagrange.statement.coordinate import coordinate, t, velocity_of
 from lagrange.statement.declare import declare
 from lagrange.statement.statement import Statement
 from lagrange.system import System
+from tests.covering import share
 from tests.textbook.systems import value
 
 Draw = Callable[[st.SearchStrategy[Any]], Any]
@@ -81,7 +82,7 @@ def numbers(count: int) -> st.SearchStrategy[list[Fraction]]:
 @pytest.mark.parametrize(("n", "examples"), [(1, 15), (2, 10), (3, 5)])
 def test_random_lagrangians_agree_with_lagranges_method(n: int, examples: int) -> None:
     # An example costs a tenth of a second and more: shrinking one would take minutes.
-    @settings(max_examples=examples, phases=[Phase.explicit, Phase.reuse, Phase.generate])
+    @settings(max_examples=share(examples), phases=[Phase.explicit, Phase.reuse, Phase.generate])
     @given(statements(n), numbers(2 * n + 1))
     def agree(statement: Statement, point: list[Fraction]) -> None:
         with mpmath.workdps(50):

@@ -13,6 +13,7 @@ import pytest
 
 from lagrange.trajectory.events.roots import Root, Side, may_vanish, roots
 from lagrange.trajectory.trajectory import FloatArray
+from tests.covering import share
 
 EPSILON = 2.0**-52
 GRID = 2**40
@@ -112,7 +113,7 @@ def sturm_count(c: FloatArray) -> int:
     return changes(0) - changes(1)
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(share(10)))
 def test_every_root_of_a_random_polynomial_is_found_once(seed: int) -> None:
     """A thousand with known roots in each block; the location is right to the round-off of g over its slope."""
     rng = np.random.default_rng(seed)

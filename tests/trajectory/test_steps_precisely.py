@@ -19,6 +19,7 @@ from lagrange.statement.coordinate import t
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.tableaux.verner9 import MATRIX, B
+from tests.covering import dealt
 from tests.models import SYSTEMS, TARGETS, build, laws, model, phi, theta
 from tests.trajectory.precisely import (
     DIGITS,
@@ -69,7 +70,7 @@ def verner9_in_digits(f: Rhs, t: Any, y: Any, h: Any) -> Any:
     return y + h * sum(mpmath.mpf(b) * s for b, s in zip(B.split(), slopes, strict=True))
 
 
-@pytest.mark.parametrize(("name", "law"), PRECISE)
+@pytest.mark.parametrize(("name", "law"), dealt(PRECISE))
 def test_the_order_without_round_off(name: str, law: Law) -> None:
     """At 60 digits, one step less two of half the size is of order p + 1, in the mean over some places.
 
@@ -133,7 +134,7 @@ EACH = [
 ]
 
 
-@pytest.mark.parametrize(("name", "law"), EACH)
+@pytest.mark.parametrize(("name", "law"), dealt(EACH))
 def test_the_step_itself_is_symplectic_or_clearly_not(name: str, law: Law) -> None:
     """Methods of slopes get Hamilton's equations, where kinetic energy and potential need not separate."""
     error = defect(name, law, lagrange=program(name).law != "rhs")
@@ -210,7 +211,9 @@ def compiled(law: Law, target: str) -> Model:
 
 
 @pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize(("name", "law"), [(name, law) for name, law in EACH if name in EXPLICIT or name in FIXED])
+@pytest.mark.parametrize(
+    ("name", "law"), dealt([(name, law) for name, law in EACH if name in EXPLICIT or name in FIXED])
+)
 def test_the_compiled_step_is_the_step_that_was_written(name: str, law: Law, target: str) -> None:
     """So that what is proven of the step in many digits holds for the one that runs, to round-off."""
     model = compiled(law, target)
