@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Mapping
 from graphlib import TopologicalSorter
 
 import pytest
 
-from tests.test_layering import TREE, Modules, imports_of
+from tests.test_layering import ROOT, TREE, Modules, imports_of
 
 PLAIN: Mapping[str, tuple[str, ...]] = {
     "machine records": ("backend", "copies", "python_source", "state"),
@@ -99,6 +100,28 @@ def test_the_table_has_every_room_in_order_and_no_ring() -> None:
     TopologicalSorter(MAY_IMPORT).prepare()
     rooms = list(MAY_IMPORT)
     assert [rooms.index(there) < k for k, here in enumerate(rooms) for there in MAY_IMPORT[here]].count(False) == 0
+
+
+ROW = re.compile(r"\| `(lagrange[\w/]*)` \| [^|]{10,} \| ((?:`tests/[\w/.]+` ?)+)\|")
+"""A row of the floor plan: a room, what it does, and its tests."""
+
+
+def floor_plan() -> dict[str, list[str]]:
+    """Return the tests that the page names for each room."""
+    page = (ROOT / "docs" / "extending.md").read_text("utf-8")
+    return {match[1]: re.findall(r"`([^`]+)`", match[2]) for match in ROW.finditer(page)}
+
+
+def test_the_floor_plan_has_every_folder_and_tests_that_exist() -> None:
+    folders = [path for path in ROOT.glob("lagrange/**/") if any(path.glob("*.py")) or any(path.glob("*.toml"))]
+    assert set(floor_plan()) == {folder.relative_to(ROOT).as_posix() for folder in folders}
+    assert [test for tests in floor_plan().values() for test in tests if not (ROOT / test).exists()] == []
+
+
+def test_every_folder_of_tests_is_in_the_floor_plan() -> None:
+    page = (ROOT / "docs" / "extending.md").read_text("utf-8")
+    folders = {path.parent.name for path in ROOT.glob("tests/*/test_*.py")}
+    assert [name for name in sorted(folders - {"mutants"}) if f"`tests/{name}" not in page] == []
 
 
 @pytest.mark.parametrize(
