@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-from typing import Any
 
 import hypothesis
 import matplotlib as mpl
@@ -30,6 +29,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     covering.WHOLE = config.option.all
+    if getattr(config.option, "dist", "no") == "load":
+        # Each process gets whole files, in their order: models and machine code are made once per file.
+        config.option.dist, config.option.loadscopereorder = "loadfile", False
 
 
 def chosen_by_hand(config: pytest.Config) -> bool:
@@ -51,12 +53,3 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     kept, others = covering.thinned(quick)
     config.hook.pytest_deselected(items=[*others, *(item for item in items if item.get_closest_marker("exhaustive"))])
     items[:] = kept
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Give each process whole files, in their order: models and machine code are made once per file."""
-    from xdist.scheduler import LoadFileScheduling
-
-    config.option.loadscopereorder = False
-    return LoadFileScheduling(config, log)

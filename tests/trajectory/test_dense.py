@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,15 +12,17 @@ import sympy as sp
 
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import t
-from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.explicit import RungeKutta
 from lagrange.trajectory.methods.radau import PATHS
 from lagrange.trajectory.methods.registry import find
+from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.paths.step_paths import HermitePath
+from lagrange.trajectory.plan import Planned
 from lagrange.trajectory.tableaux.dopri5 import DOPRI5
 from lagrange.trajectory.trajectory import FloatArray, Status
 from tests.models import TARGETS, VALUES, build, g, k, l, m, model, x, z
-from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, STEPPED, exact, run, stepped
+from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, SPLITTINGS, STEPPED, exact, run, stepped
 
 COUNTS = {1: (400, 800), 2: (80, 160), 8: (12, 24), 9: (4, 8)}
 """How many steps, by the order of the method; 24 and 48 for the others."""
@@ -47,6 +49,77 @@ def test_the_path_is_of_the_order_of_its_method(name: str) -> None:
     assert np.log2(errors[0] / errors[1]) > min(claims.order, claims.dense + 1) - 0.35, errors
     ends = [np.abs(run(compiled, 3.0, stepped(name, 3.0 / n)).y[:, -1] - truth[:, -1]).max() for n in counts]
     assert errors[1] < 30 * ends[1] or claims.dense + 1 < claims.order
+
+
+CLAIMED: dict[str, Planned] = {
+    **{name: method for name in NAMES if isinstance(method := find(name), Planned) and name != "taylor"},
+    **{f"taylor, order {order}": Taylor(order=order) for order in (4, 5, 8, 12)},
+}
+"""Every method of ours, by its own name or as it is asked for: the order of taylor follows from the tolerance."""
+
+
+def measured_order(method: Any, system: str, end: float) -> float:
+    """Return the order of the path alone: between states of the exact motion its error goes like h^(order + 1).
+
+    By the four grids with the smallest errors above round-off, from 2 to 1448 steps by factors of the square root of 2.
+    Round-off is more where weights of the path cancel: those of verner9 reach 13,293, those of dop853 545.
+    """
+    compiled, times = model(system), np.linspace(0.0, end, 499)
+    truth, kept = exact(compiled, end, t_eval=times).y, []
+    problem = Problem(compiled, compiled.parameter_values(), 0.0, end, truth[:, 0])
+    for count in (round(2 * 2 ** (i / 2)) for i in range(20)):
+        grid = np.linspace(0.0, end, count + 1)
+        path = method.plan(problem).path(problem, grid, exact(compiled, end, t_eval=grid).y.T, None)
+        error = np.abs(path(times) - truth).max()
+        if error < (3e-11 if method.name in ("verner9", "dop853") else 1e-12):
+            break
+        kept.append((count, error))
+    assert len(kept) >= 4, kept
+    counts, errors = zip(*kept[-4:], strict=True)
+    return float(-np.polyfit(np.log(counts), np.log(errors), 1)[0] - 1)
+
+
+def off(method: Any) -> float:
+    """Return by how much the measured order of the path differs from the claimed one."""
+    system, end = ("Henon-Heiles", 3.0) if method.name in SPLITTINGS else ("cart and pole", 1.2)
+    claimed: int = method.claims.dense
+    return abs(measured_order(method, system, end) - claimed)
+
+
+@pytest.mark.parametrize("name", CLAIMED)
+def test_the_observed_order_of_the_path_is_the_claimed_one(name: str) -> None:
+    """Neither less nor more: measured orders are within 0.17 of what is claimed."""
+    assert off(CLAIMED[name]) < 0.25
+
+
+@dataclass(frozen=True)
+class Overstated:
+    """A method that claims of its path what is not so."""
+
+    method: Any
+    by: int
+
+    @property
+    def name(self) -> str:
+        return str(self.method.name)
+
+    @property
+    def claims(self) -> Claims:
+        claims: Claims = self.method.claims
+        return replace(claims, dense=claims.dense + self.by)
+
+    def plan(self, problem: Problem) -> Any:
+        return self.method.plan(problem)
+
+
+@pytest.mark.parametrize("by", [-1, 1])
+@pytest.mark.parametrize("name", ["euler", "dopri5", "verlet", "gauss3", "taylor, order 8"])
+def test_a_wrong_claim_of_a_path_is_seen(name: str, by: int) -> None:
+    assert off(Overstated(CLAIMED[name], by)) > 0.75
+
+
+def test_a_method_of_ours_that_has_a_path_claims_its_order() -> None:
+    assert [name for name in NAMES if find(name).claims.dense == 0] == []
 
 
 @pytest.mark.parametrize("order", range(3, 10))
