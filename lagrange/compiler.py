@@ -13,8 +13,9 @@ Solution.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from typing import Any
 
@@ -60,9 +61,10 @@ class Stages:
         program, switched = series_program(self.equations, watched)
         return self.machine.series(program), switched
 
-    def again(self, statement: Statement) -> Model:
-        """Return the model of a statement on the same machine."""
-        return model_of(statement, self.machine)
+    @property
+    def again(self) -> Callable[[Statement], Model]:
+        """What makes the model of a statement on the same machine; it pickles without the equations of this one."""
+        return partial(_on_machine, self.machine)
 
 
 def state(**stated: Any) -> Statement:
@@ -75,6 +77,10 @@ def equations_of(statement: Statement) -> Equations:
     equations = euler_lagrange(statement)
     check_mass_matrix(equations, Stages(equations, machine("numpy")).kernel, statement)
     return equations
+
+
+def _on_machine(on: Machine, statement: Statement) -> Model:
+    return model_of(statement, on)
 
 
 def model_of(statement: Statement, on: Machine, equations: Equations | None = None) -> Model:

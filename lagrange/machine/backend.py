@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -133,5 +133,6 @@ class Made(Protocol):
     def series(self, watched: tuple[Node, ...]) -> tuple[Series, Switched]:
         """Return the Taylor series of the motion with what is watched, and its switching surfaces."""
 
-    def again(self, statement: Statement) -> Any:
-        """Return the model of a statement on the same machine, as a pickle does."""
+    @property
+    def again(self) -> Callable[[Statement], Any]:
+        """What makes the model of a statement on the same machine, as a pickle does."""

@@ -39,4 +39,4 @@ def test_a_request_that_is_hard_to_meet(fault: Fault, method: str) -> None:
 
 
 def test_every_fault_is_of_one_of_these_kinds() -> None:
-    assert FAULTS == (*MOTIONS, *EVENTS, *REQUESTS)
+    assert (*MOTIONS, *EVENTS, *REQUESTS) == FAULTS

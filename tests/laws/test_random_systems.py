@@ -235,5 +235,11 @@ def test_series_of_any_order_give_the_motion(T: Any, V: Any, state: Any, order: 
     start = dict(zip(("x", "y", "x_dot", "y_dot"), map(float, state), strict=True))
     rtol = 1e-9 if order > 8 else 1e-6
     found, _ = integrate(compiled, (0.0, 0.1), start, RunOptions(Taylor(rtol=rtol, atol=rtol, order=order)))
+    if found.status is Status.SINGULAR:
+        # Now and then a system is drawn that loses its inertia on the way: then that is so.
+        masses = (compiled.mass_matrix(y[:2], v=y[2:]) for y in (found.y[:, 0], found.y[:, -1]))
+        first, last = (np.abs(np.linalg.eigvalsh(mass)).min() for mass in masses)
+        assert last < 1e-3 * first
+        return
     assert found.status is Status.SUCCESS, found.message
     assert found.y[:, -1] == pytest.approx(run(compiled, state, 0.1).y[:, -1], abs=100 * rtol)

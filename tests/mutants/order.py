@@ -30,9 +30,9 @@ def calls(mutant: Mutant, test: Reached) -> bool:
 
 
 def distance(mutant: Mutant, test: str) -> int:
-    """Return 0 for the test file named like the mutant's, 1 for the same folder, 2 for others."""
+    """Return 0 for the test file named like the mutant's, on whatever machine, 1 for the same stage, 2 for others."""
     parts, name = mutant.file.split("/"), test.partition("::")[0]
-    if name == f"tests/{parts[1]}/test_{parts[-1]}":
+    if name == f"tests/{parts[1]}/test_{parts[-1].removeprefix('llvm_').removeprefix('interpreted_')}":
         return 0
     return 1 if name.startswith(f"tests/{parts[1]}/") else 2
 
