@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 
@@ -53,3 +54,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     kept, others = covering.thinned(quick)
     config.hook.pytest_deselected(items=[*others, *(item for item in items if item.get_closest_marker("exhaustive"))])
     items[:] = kept
+
+
+def pytest_collection_finish() -> None:
+    """Spare the collector what is there before the tests and stays: it would walk all of it again and again."""
+    gc.collect()
+    gc.freeze()

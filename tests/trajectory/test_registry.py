@@ -14,7 +14,7 @@ import pytest
 
 import lagrange.methods
 from lagrange.errors import StatementError
-from lagrange.machine.series.constants import HIGHEST, LOWEST
+from lagrange.machine.series.order import HIGHEST, LOWEST
 from lagrange.statement.coordinate import t
 from lagrange.trajectory.integrator import Claims, Integrator
 from lagrange.trajectory.methods import registry

@@ -6,7 +6,7 @@ ratios are what matters, and they are good to a fifth.
 
 from __future__ import annotations
 
-from lagrange.machine.series.constants import Cost, best_order
+from lagrange.machine.series.order import Cost, best_order
 from lagrange.machine.series.packing import Packing
 
 LARGEST = 4000

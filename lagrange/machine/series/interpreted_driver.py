@@ -29,11 +29,10 @@ from lagrange.machine.series.constants import (
     TRIES,
     VANISHED,
     ZERO,
-    Cost,
-    best_order,
     shown_radius,
 )
 from lagrange.machine.series.interpreted_jet import Jet
+from lagrange.machine.series.order import Cost, best_order
 from lagrange.machine.state import EARLIEST, LEAST_FLOOR, NEAR_END, SPACING, SURVEYS, DriverState, Outcome
 from lagrange.program.series import SeriesProgram
 

@@ -12,7 +12,7 @@ from lagrange.errors import StatementError, shown
 from lagrange.graph.node import Node
 from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
 from lagrange.machine.model import Model
-from lagrange.machine.series.constants import LOWEST
+from lagrange.machine.series.order import LOWEST
 from lagrange.machine.state import DriverState
 from lagrange.trajectory.driver import drive
 from lagrange.trajectory.events.actions import Impact, impact, root_of

@@ -1,0 +1,34 @@
+"""The order of a Taylor step: the one at which a step costs least for its length."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+LOWEST, HIGHEST = 4, 32
+"""The orders to choose from."""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a step of order p costs, in nanoseconds or so: fixed + each p + pairs p**2."""
+
+    fixed: float
+    each: float
+    pairs: float
+
+
+NEARLY = 1.07
+"""The lowest order within this factor of the least cost is taken: the cost is flat there, and lower orders compile
+sooner, keep further from the radius of convergence and round less. At a tolerance of 1e-13 six scenes, from the
+pendulum to sun, earth and moon, run in 0.74 to 1.04 of the time that the order of least cost takes, and compile in
+0.58 to 0.77 of it."""
+
+
+def best_order(cost: Cost, tolerance: float) -> int:
+    """Return the order p at which the cost of a step over its length, which goes like tolerance**(1/p), is least."""
+    prices = {
+        p: (cost.fixed + cost.each * p + cost.pairs * p * p) * math.exp(-math.log(tolerance) / p)
+        for p in range(LOWEST, HIGHEST + 1)
+    }
+    return min(p for p, price in prices.items() if price <= NEARLY * min(prices.values()))
