@@ -9,8 +9,8 @@ from lagrange.machine.kernel.llvm_body import ANGLES, Body, angles
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.sine_cosine import call_sine_and_cosine, sine_and_cosine
 from lagrange.machine.llvm.spelling import element, number
-from lagrange.machine.series.llvm_rules import Vector, vector_literal
-from lagrange.machine.series.packing import NOTHING, Chunk, Operand, Packing
+from lagrange.machine.series.llvm_rules import Orders, Vector, vector_literal
+from lagrange.machine.series.packing import NOTHING, Chunk, Operand, PackedStage, Packing
 from lagrange.program.program import Instruction, Program
 
 SIGNATURE = (
@@ -187,6 +187,16 @@ def lower_triangles(
 ) -> list[tuple[tuple[int, ...], dict[tuple[int, int], str]]]:
     """Return each block of unknowns with the entries of its lower triangle, taken from those of all stages."""
     return [(block, {(i, j): next(entries) for i in range(len(block)) for j in range(i + 1)}) for block in plan.blocks]
+
+
+def right_sides(jet: Orders, stage: PackedStage) -> list[Vector]:
+    """Return what a stage solves for, f[k-1] scale / k - p^[k] for each chunk of unknowns."""
+    found = []
+    for chunk, force, momentum in zip(stage.unknowns, stage.right, stage.left, strict=True):
+        lanes = len(chunk.values)
+        rate = None if force is None else jet.share(jet.before(force), lanes)
+        found.append(jet.do.less(rate, None if momentum is None else jet.now(momentum), lanes))
+    return found
 
 
 def constant_vector(e: Emitter, table: Table, lanes: tuple[int, ...]) -> str:

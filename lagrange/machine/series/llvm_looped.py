@@ -23,6 +23,7 @@ from lagrange.machine.series.llvm_jet import (
     known_numbers,
     lower_triangles,
     pieces,
+    right_sides,
     store_exactly,
 )
 from lagrange.machine.series.llvm_layout import Slots, TaylorLayout
@@ -302,11 +303,7 @@ class LoopedJet:
     def solved(self, place: int) -> list[Vector]:
         """Return the unknowns of a stage: v[k] = M0^-1 (f[k-1] scale / k - p^[k])."""
         stage, e = self.packing.stages[place], self.e
-        right: list[Vector] = []
-        for chunk, force, momentum in zip(stage.unknowns, stage.right, stage.left, strict=True):
-            lanes = len(chunk.values)
-            rate = None if force is None else self.share(self.before(force), lanes)
-            right.append(self.do.less(rate, None if momentum is None else self.now(momentum), lanes))
+        right = right_sides(self, stage)
         if stage.plan.diagonal:
             return self.divided(stage, self.inverses[place], right)
         memory = self.origin.body.scratch("right", "double", padded(stage.plan.size))

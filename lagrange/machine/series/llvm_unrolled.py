@@ -24,6 +24,7 @@ from lagrange.machine.series.llvm_jet import (
     constant_vector,
     known_numbers,
     lower_triangles,
+    right_sides,
     store_exactly,
 )
 from lagrange.machine.series.llvm_layout import TaylorLayout
@@ -210,12 +211,7 @@ class UnrolledJet:
         plan = stage.plan
         if plan.diagonal and not plan.moving:
             return self.lightest(stage, inverse)
-        right: list[tuple[Vector, int]] = []
-        for chunk, force, momentum in zip(stage.unknowns, stage.right, stage.left, strict=True):
-            lanes = len(chunk.values)
-            rate = None if force is None else self.share(self.before(force), lanes)
-            trial = None if momentum is None else self.now(momentum)
-            right.append((self.do.less(rate, trial, lanes), lanes))
+        right = zip(right_sides(self, stage), (len(chunk.values) for chunk in stage.unknowns), strict=True)
         entries = [(vector, lanes, lane) for vector, lanes in right for lane in range(lanes)][: plan.size]
         found = []
         for chunk, columns in zip(stage.unknowns, inverse, strict=True):
