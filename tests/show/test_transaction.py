@@ -14,6 +14,7 @@ import pytest
 from lagrange.errors import RunError, StatementError
 from lagrange.show.files import write_atomically
 from lagrange.show.transaction import ARRIVING, LEAVING, WRITING, recover, write_together
+from tests.covering import share
 
 posix = pytest.mark.skipif(os.name != "posix", reason="locks and signals are those of POSIX")
 
@@ -64,7 +65,9 @@ def test_a_writer_that_fails_leaves_what_was_there(tmp_path: Path, failure: Base
 
 
 @posix
-@pytest.mark.parametrize("how", ["kill", "full", "dead", "SIGINT", "SIGTERM", *(f"full+{k}" for k in range(1, 7))])
+@pytest.mark.parametrize(
+    "how", ["kill", "full", "dead", "SIGINT", "SIGTERM", *(f"full+{k}" for k in range(1, 1 + share(6)))]
+)
 def test_stopped_anywhere_it_is_one_run(tmp_path: Path, how: str) -> None:
     for found in stopped(tmp_path, how, "together"):
         seen = {name: words for name, words in found["left"].items() if not name.startswith(".")}

@@ -169,8 +169,8 @@ def test_what_goes_wrong_is_raised_with_the_sentence_of_a_run(target: str) -> No
         flow([math.nan, 0, 0, 0], 0.0, 1.0)
     pole = build(target, kinetic=x.dot**2 / 2, potential=-2 * x**3)
     for name in ADAPTIVE:
-        if target == "numpy" and name.startswith("radau"):
-            continue  # thousands of interpreted Newton steps, the same as on llvm
+        if target == "numpy" and name not in ("dopri5", "taylor"):
+            continue  # thousands of interpreted steps up to the pole, the same as on llvm
         with pytest.raises(RunError, match=rf"{name} stopped at t = .* on the way from 0 to 5"):
             flow_of(pole, method=name)([1.0, 2.0], 0.0, 5.0)
     spherical = flow_of(model("spherical pendulum", target))
