@@ -25,6 +25,7 @@ from lagrange.evidence.quick import quick_check
 from lagrange.evidence.regularity import check_mass_matrix
 from lagrange.graph.node import Node
 from lagrange.machine.backend import Kernel, Machine, Series
+from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.model import Model
 from lagrange.program.catalogue import lower_nodes, program_of
 from lagrange.program.switching import Switched
@@ -50,11 +51,11 @@ class Stages:
 
     def interpreted(self, name: str) -> Kernel:
         """Return a quantity for a few states, for which compiling would take longer."""
-        return machine("numpy").load(program_of(name, self.equations))
+        return InterpretedKernel(program_of(name, self.equations))
 
     def function(self, name: str, nodes: Sequence[Node]) -> Kernel:
         """Return any nodes of the equations' graph as a function, interpreted."""
-        return machine("numpy").load(lower_nodes(name, nodes, self.equations))
+        return InterpretedKernel(lower_nodes(name, nodes, self.equations))
 
     def series(self, watched: tuple[Node, ...]) -> tuple[Series, Switched]:
         """Return the Taylor series of the motion with what is watched, and its switching surfaces."""

@@ -1,120 +1,36 @@
-"""The numpy machine: interprets a program, one array operation per instruction. The readable reference."""
+"""The numpy machine: nothing but Python and NumPy."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-from lagrange.machine.backend import FloatArray, SingularMassMatrix
-from lagrange.machine.kernel.arithmetic import FLOATS
+from lagrange.machine.backend import FloatArray, Kernel
+from lagrange.machine.kernel.interpreted import InterpretedKernel
+from lagrange.machine.kernel.python_kernel import PythonKernel
+from lagrange.machine.kernel.python_text import fits
 from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.machine.steps.interpreted_driver import NumpyDriver
-from lagrange.procedure.linear.dense import PIVOT
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
 from lagrange.program.step import StepProgram
 
 
 @dataclass(frozen=True)
-class NumpyKernel:
-    """A program and the loop that interprets it."""
-
-    program: Program
-
-    def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
-        """Evaluate the program; see `Kernel`."""
-        return self._rows(t, y, y.shape[1:], parameters)
-
-    def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Evaluate every column; see `Kernel`."""
-        return self._rows(t, [row for block in inputs for row in block], inputs[0].shape[1:], parameters)
-
-    def _rows(
-        self, t: float | FloatArray, y: Sequence[Any] | FloatArray, columns: tuple[int, ...], parameters: FloatArray
-    ) -> FloatArray:
-        with np.errstate(all="ignore"):
-            values = WITH_SYSTEMS.evaluate(self.program, np.asarray(t, dtype=float), y, parameters)
-        out = np.empty((len(values), *columns))
-        for row, value in enumerate(values):
-            out[row] = value
-        return out.reshape((*self.program.shape, *columns))
-
-
-@dataclass(frozen=True)
 class NumpyMachine:
-    """Runs programs without compiling them."""
+    """Runs programs without a compiler, as Python that is printed for each."""
 
     name: str = "numpy"
 
-    def load(self, program: Program) -> NumpyKernel:
-        """Return a kernel that interprets the program."""
-        return NumpyKernel(program)
+    def load(self, program: Program) -> Kernel:
+        """Return the program as Python; one with a large linear system is interpreted."""
+        return PythonKernel(program) if fits(program) else InterpretedKernel(program)
 
     def series(self, program: SeriesProgram) -> NumpySeries:
         """Return a series program that is interpreted."""
         return NumpySeries(program)
 
     def driver(
-        self, step: StepProgram, kernel: NumpyKernel, parameters: FloatArray, jacobian: NumpyKernel | None = None
+        self, step: StepProgram, kernel: Kernel, parameters: FloatArray, jacobian: Kernel | None = None
     ) -> NumpyDriver:
         """Return a driver that takes each step in Python."""
         return NumpyDriver(step, kernel, parameters, jacobian)
-
-
-def _matrix(n: int, *lower: Any) -> FloatArray:
-    """Return the full matrix (n, n) or (n, n, batch) from its lower triangle by rows."""
-    rows = np.array(np.broadcast_arrays(*lower), dtype=float)
-    i, j = np.tril_indices(n)
-    full = np.empty((n, n, *rows.shape[1:]))
-    full[i, j] = rows
-    full[j, i] = rows
-    return full
-
-
-def _solve(n: int, matrix: FloatArray, *right: Any) -> FloatArray:
-    """Return the solution (n,) or (n, batch) by Gaussian elimination with scaled partial pivoting."""
-    columns = np.broadcast_shapes(matrix.shape[2:], *(np.shape(entry) for entry in right))
-    whole = matrix[..., None] if columns and matrix.ndim == 2 else matrix
-    a = np.broadcast_to(whole, (n, n, *columns)).reshape(n, n, -1).copy()
-    b = np.array(np.broadcast_arrays(*right, np.empty(columns))[:n], dtype=float).reshape(n, -1)
-    finite = np.asarray(np.isfinite(a).all(axis=(0, 1)))
-    scale = _scale(a)
-    a *= scale[:, None] * scale
-    b *= scale
-    lanes = np.arange(a.shape[2])
-    largest = np.abs(a).max(axis=1)
-    for j in range(n):
-        pick = j + np.argmax(np.abs(a[j:, j]) / largest[j:], axis=0)
-        for array in (a, b, largest):
-            here, there = array[j].copy(), array[pick, ..., lanes]
-            array[j] = np.moveaxis(there, 0, -1)
-            array[pick, ..., lanes] = np.moveaxis(here, -1, 0)
-        _check_pivot(a[j, j], largest[j], finite, columns)
-        factor = a[j + 1 :, j] / a[j, j]
-        a[j + 1 :] -= factor[:, None] * a[j]
-        b[j + 1 :] -= factor * b[j]
-    x = np.empty_like(b)
-    for j in reversed(range(n)):
-        x[j] = (b[j] - (a[j, j + 1 :] * x[j + 1 :]).sum(axis=0)) / a[j, j]
-    return np.where(finite, scale * x, np.nan).reshape((n, *columns))
-
-
-def _scale(a: FloatArray) -> FloatArray:
-    """Return the units (n, k) in which a positive definite matrix has a unit diagonal, and ones for any other."""
-    diagonal = np.einsum("iik->ik", a)
-    return np.where((diagonal > 0).all(axis=0), 1 / np.sqrt(np.abs(diagonal)), 1.0)
-
-
-def _check_pivot(pivot: FloatArray, largest: FloatArray, finite: NDArray[np.bool_], columns: tuple[int, ...]) -> None:
-    """Refuse a pivot that is zero to round-off, but in matrices with an entry that is not finite: no verdict."""
-    singular = finite & ((np.abs(pivot) <= PIVOT * largest) | (pivot == 0.0))
-    if singular.any():
-        raise SingularMassMatrix(int(np.argmax(singular)) if columns else None)
-
-
-WITH_SYSTEMS = replace(FLOATS, systems={"factor": _matrix, "solve": _solve})
-"""Doubles, and the linear systems of the mass matrix in them."""

@@ -106,8 +106,7 @@ def loaded(procedure: Procedure) -> Callable[..., Any]:
     """
     names: dict[str, Any] = {f"_{op}": function for op, function in OPERATIONS.items() if op not in SPELLED}
     names |= {"_part": part_of, "_reals": _reals, "_wholes": _wholes, "nan": math.nan, "inf": math.inf}
-    exec(compile(source(procedure), f"<procedure {procedure.name}>", "exec"), names)
-    made: Callable[..., Any] = names[procedure.name]
+    made = defined(source(procedure), procedure.name, names)
     arrays = [isinstance(parameter.type, Array) for parameter in procedure.parameters]
 
     def run(*args: Any) -> Any:
@@ -115,6 +114,14 @@ def loaded(procedure: Procedure) -> Callable[..., Any]:
         return made(*[Span(arg) if array and not isinstance(arg, AS_THEY_ARE) else arg for arg, array in pairs])
 
     return run
+
+
+def defined(text: str, name: str, names: Mapping[str, Any]) -> Callable[..., Any]:
+    """Return the function of a name that printed source defines, which may use other names."""
+    known = dict(names)
+    exec(compile(text, f"<{name}>", "exec"), known)
+    made: Callable[..., Any] = known[name]
+    return made
 
 
 AS_THEY_ARE = (memoryview, Span)

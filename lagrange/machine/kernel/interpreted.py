@@ -1,0 +1,95 @@
+"""A program and the loop that interprets it, one array operation per instruction: the readable reference."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lagrange.machine.backend import FloatArray, SingularMassMatrix
+from lagrange.machine.kernel.arithmetic import FLOATS
+from lagrange.procedure.linear.dense import PIVOT
+from lagrange.program.program import Program
+
+
+@dataclass(frozen=True)
+class InterpretedKernel:
+    """A program and the loop that interprets it."""
+
+    program: Program
+
+    def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
+        """Evaluate the program; see `Kernel`."""
+        return self._rows(t, y, y.shape[1:], parameters)
+
+    def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
+        """Evaluate every column; see `Kernel`."""
+        return self._rows(t, [row for block in inputs for row in block], inputs[0].shape[1:], parameters)
+
+    def _rows(
+        self, t: float | FloatArray, y: Sequence[Any] | FloatArray, columns: tuple[int, ...], parameters: FloatArray
+    ) -> FloatArray:
+        with np.errstate(all="ignore"):
+            values = WITH_SYSTEMS.evaluate(self.program, np.asarray(t, dtype=float), y, parameters)
+        out = np.empty((len(values), *columns))
+        for row, value in enumerate(values):
+            out[row] = value
+        return out.reshape((*self.program.shape, *columns))
+
+
+def _matrix(n: int, *lower: Any) -> FloatArray:
+    """Return the full matrix (n, n) or (n, n, batch) from its lower triangle by rows."""
+    rows = np.array(np.broadcast_arrays(*lower), dtype=float)
+    i, j = np.tril_indices(n)
+    full = np.empty((n, n, *rows.shape[1:]))
+    full[i, j] = rows
+    full[j, i] = rows
+    return full
+
+
+def _solve(n: int, matrix: FloatArray, *right: Any) -> FloatArray:
+    """Return the solution (n,) or (n, batch) by Gaussian elimination with scaled partial pivoting."""
+    columns = np.broadcast_shapes(matrix.shape[2:], *(np.shape(entry) for entry in right))
+    whole = matrix[..., None] if columns and matrix.ndim == 2 else matrix
+    a = np.broadcast_to(whole, (n, n, *columns)).reshape(n, n, -1).copy()
+    b = np.array(np.broadcast_arrays(*right, np.empty(columns))[:n], dtype=float).reshape(n, -1)
+    finite = np.asarray(np.isfinite(a).all(axis=(0, 1)))
+    scale = _scale(a)
+    a *= scale[:, None] * scale
+    b *= scale
+    lanes = np.arange(a.shape[2])
+    largest = np.abs(a).max(axis=1)
+    for j in range(n):
+        pick = j + np.argmax(np.abs(a[j:, j]) / largest[j:], axis=0)
+        for array in (a, b, largest):
+            here, there = array[j].copy(), array[pick, ..., lanes]
+            array[j] = np.moveaxis(there, 0, -1)
+            array[pick, ..., lanes] = np.moveaxis(here, -1, 0)
+        _check_pivot(a[j, j], largest[j], finite, columns)
+        factor = a[j + 1 :, j] / a[j, j]
+        a[j + 1 :] -= factor[:, None] * a[j]
+        b[j + 1 :] -= factor * b[j]
+    x = np.empty_like(b)
+    for j in reversed(range(n)):
+        x[j] = (b[j] - (a[j, j + 1 :] * x[j + 1 :]).sum(axis=0)) / a[j, j]
+    return np.where(finite, scale * x, np.nan).reshape((n, *columns))
+
+
+def _scale(a: FloatArray) -> FloatArray:
+    """Return the units (n, k) in which a positive definite matrix has a unit diagonal, and ones for any other."""
+    diagonal = np.einsum("iik->ik", a)
+    return np.where((diagonal > 0).all(axis=0), 1 / np.sqrt(np.abs(diagonal)), 1.0)
+
+
+def _check_pivot(pivot: FloatArray, largest: FloatArray, finite: NDArray[np.bool_], columns: tuple[int, ...]) -> None:
+    """Refuse a pivot that is zero to round-off, but in matrices with an entry that is not finite: no verdict."""
+    singular = finite & ((np.abs(pivot) <= PIVOT * largest) | (pivot == 0.0))
+    if singular.any():
+        raise SingularMassMatrix(int(np.argmax(singular)) if columns else None)
+
+
+WITH_SYSTEMS = replace(FLOATS, systems={"factor": _matrix, "solve": _solve})
+"""Doubles, and the linear systems of the mass matrix in them."""

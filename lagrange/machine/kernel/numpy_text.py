@@ -1,0 +1,227 @@
+"""Print a program as straight-line NumPy on rows of numbers, one for each of many states.
+
+Each operation writes into a row that is free, so a block of columns stays in the cache.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from lagrange.machine.kernel.python_text import ATOM, GIVEN, TRUTHS, Entries, FloatPrinter, listed, products_of, rows_of
+from lagrange.procedure.linear.dense import PIVOT
+from lagrange.program.program import Instruction, Program
+
+UFUNCS: Mapping[str, str] = {
+    "neg": "negative",
+    "add": "add",
+    "sub": "subtract",
+    "mul": "multiply",
+    "div": "divide",
+    "power": "power",
+    "abs": "absolute",
+    "min": "minimum",
+    "max": "maximum",
+    "asin": "arcsin",
+    "acos": "arccos",
+    "atan": "arctan",
+    "atan2": "arctan2",
+    "and": "logical_and",
+    "or": "logical_or",
+    "not": "logical_not",
+    **{name: name for name in ("sqrt", "sin", "cos", "tan", "exp", "log", "sinh", "cosh", "tanh", "sign")},
+    **{name: name for name in ("less", "less_equal", "equal")},
+}
+"""What NumPy calls operations on rows."""
+
+
+def column_source(program: Program) -> tuple[str, int]:
+    """Return `def name_columns(p)`, which returns a function of (t, y, out, b) that fills out (k, m), and its rows.
+
+    `t` has m times, `y` a row of m numbers for each input, and `b` as many rows to work with as are said. The function
+    returns False where a pivot cannot be trusted in some column, else True.
+    """
+    printer = _Rows(program)
+    return printer.text(), printer.most
+
+
+class _Rows(FloatPrinter):
+    """Prints operations on rows, each into one that is free; what needs parameters alone are floats."""
+
+    def __init__(self, program: Program) -> None:
+        super().__init__(program)
+        self.most = 0
+        self.free: list[int] = []
+        self.rows = {"t", *(f"y{i}" for i in range(program.states))}
+        """The names of rows; all others are of floats."""
+        self.slots: dict[int, list[str]] = {}
+        """The rows to work with that a result holds."""
+        self.last = _last_uses(program)
+        self.passed: dict[int, list[int]] = {}
+        """The results that are read for the last time by an instruction."""
+        for ref, at in enumerate(self.last):
+            self.passed.setdefault(at, []).append(ref)
+
+    def text(self) -> str:
+        program, name = self.program, f"{self.program.name}_columns"
+        self.constants()
+        self.names(self.places("parameter"), "p")
+        self.lines = [f"def {name}(p):"]
+        if program.parameters:
+            self.write(f"{listed('p', program.parameters)} = p")
+        self.run(range(program.hoisted))
+        head, self.lines, self.depth = self.lines, [], 2
+        self.names(self.places("state"), "y")
+        for i in self.places("time"):
+            self.texts[i] = ATOM, "t"
+        for i in range(program.hoisted, len(program.instructions)):
+            self.wide(i, program.instructions[i])
+            for ref in self.passed.get(i, ()):
+                self.release(self.slots.pop(ref, []))
+        for k, ref in enumerate(program.outputs):
+            self.write(f"out[{k}] = {self.text_of(ref)}")
+        self.write("return True")
+        body, self.lines, self.depth = self.lines, head, 1
+        self.write(f"def {name}(t, y, out, b):")
+        unpacked = [
+            f"{listed(letter, count)} = {letter}" for letter, count in (("y", program.states), ("b", self.most))
+        ]
+        self.lines += [f"        {line}" for line in unpacked if not line.startswith(" =")]
+        return "\n".join([*self.lines, *body, f"    return {name}", ""])
+
+    def row(self) -> str:
+        """Return a row to work with."""
+        if not self.free:
+            self.free.append(self.most)
+            self.rows.add(f"b{self.most}")
+            self.most += 1
+        return f"b{self.free.pop()}"
+
+    def release(self, rows: Iterable[str]) -> None:
+        self.free += [int(row[1:]) for row in rows]
+
+    def wide(self, i: int, one: Instruction) -> None:
+        if one.op in GIVEN:
+            return
+        if one.op == "factor":
+            self.factor_rows(i, one)
+        elif one.op == "solve":
+            self.solve_rows(i, one)
+        elif one.op == "component":
+            self.texts[i] = ATOM, self.vectors[one.args[0]][one.place]
+        elif one.op in TRUTHS:
+            self.texts[i] = ATOM, self.named(f"c{i}", f"np.{UFUNCS[one.op]}({self.operands(one)})")
+        else:
+            row = self.row()
+            self.elementwise(one, row)
+            self.slots[i], self.texts[i] = [row], (ATOM, row)
+
+    def operands(self, one: Instruction) -> str:
+        return ", ".join(self.text_of(arg) for arg in one.args)
+
+    def elementwise(self, one: Instruction, row: str) -> None:
+        if one.op == "select":
+            condition, a, b = (self.text_of(arg) for arg in one.args)
+            self.write(f"np.copyto({row}, {b})")
+            self.write(f"np.copyto({row}, {a}, where={condition})")
+        elif one.op == "fma":
+            a, b, c = (self.text_of(arg) for arg in one.args)
+            self.write(f"np.multiply({a}, {b}, {row})")
+            self.write(f"np.add({row}, {c}, {row})")
+        else:
+            self.write(f"np.{UFUNCS[one.op]}({self.operands(one)}, out={row})")
+
+    def less(self, start: str, products: list[tuple[str, str]]) -> str:
+        """Return start - the sum of products: `start` itself, or a row of its own."""
+        for a, b in products:
+            own, spare = self.row() if not start.startswith("b") or (a, b) == products[0] else start, self.row()
+            self.write(f"np.multiply({a}, {b}, {spare})")
+            self.write(f"np.subtract({start}, {spare}, {own})")
+            self.release([spare])
+            start = own
+        return start
+
+    def divided(self, pivot: str) -> str:
+        """Return one over a pivot."""
+        if pivot not in self.rows:
+            return f"(1.0 / {pivot})"
+        row = self.row()
+        self.write(f"np.divide(1.0, {pivot}, {row})")
+        return row
+
+    def factor_rows(self, place: int, one: Instruction) -> None:
+        """Write L D L^T as `factor` does."""
+        n, lower, scaled = one.order, Entries(), Entries()
+        own: list[str] = []
+        for j in range(n):
+            for i in range(j, n):
+                products, start = products_of(scaled, lower, i, j), self.entry(one, i, j)
+                if start is not None or products:
+                    scaled[i, j] = self.less("0.0" if start is None else self.text_of(start), products)
+                    own += [scaled[i, j]] if products else []
+            self.trust_rows(one, j, scaled, lower)
+            lower[j, j] = self.divided(scaled.get((j, j), "0.0"))
+            for i in range(j + 1, n):
+                if (i, j) in scaled:
+                    lower[i, j] = self.row()
+                    self.write(f"np.multiply({scaled[i, j]}, {lower[j, j]}, {lower[i, j]})")
+        self.release(own)
+        self.slots[place] = [row for row in lower.values() if row in self.rows]
+        self.vectors[place] = rows_of(lower, n)
+
+    def trust_rows(self, one: Instruction, j: int, scaled: Entries, lower: Entries) -> None:
+        """Leave where a pivot cannot be trusted; see `factor`."""
+        row, spare = self.row(), self.row()
+        pivot, size = scaled.get((j, j), "0.0"), self.entry(one, j, j)
+        if j < one.order - one.negative:
+            diagonal = "0.0" if size is None else self.text_of(size)
+            if pivot not in self.rows and diagonal not in self.rows:
+                self.write(f"if not {pivot} > {PIVOT!r} * abs({diagonal}):")
+                self.write("    return False")
+                self.release([row, spare])
+                return
+            self.write(f"np.absolute({diagonal}, {row})")
+        else:
+            self.write(f"{row}[:] = 0.0")
+            for a, b in products_of(scaled, lower, j, j):
+                self.write(f"np.multiply({a}, {b}, {spare})")
+                self.write(f"np.add({row}, np.absolute({spare}, {spare}), {row})")
+            pivot = f"np.negative({pivot}, {spare})"
+        self.write(f"np.multiply({row}, {PIVOT!r}, {row})")
+        self.write(f"if not ({pivot} > {row}).all():")
+        self.write("    return False")
+        self.release([row, spare])
+
+    def solve_rows(self, place: int, one: Instruction) -> None:
+        """Write the solution of a system with a factored matrix."""
+        n, rows, x = one.order, self.vectors[one.args[0]], [self.text_of(ref) for ref in one.args[1:]]
+        own: set[int] = set()
+        for i in range(n):
+            held = [(rows[i * (i + 1) // 2 + k], x[k]) for k in range(i) if rows[i * (i + 1) // 2 + k]]
+            x[i] = self.less(x[i], held)
+            own |= {i} if held else set()
+        for i in reversed(range(n)):
+            row = x[i] if i in own else self.row()
+            self.write(f"np.multiply({x[i]}, {rows[i * (i + 3) // 2]}, {row})")
+            held = [(rows[k * (k + 1) // 2 + i], x[k]) for k in range(i + 1, n) if rows[k * (k + 1) // 2 + i]]
+            x[i] = row
+            for a, b in held:
+                spare = self.row()
+                self.write(f"np.multiply({a}, {b}, {spare})")
+                self.write(f"np.subtract({row}, {spare}, {row})")
+                self.release([spare])
+        self.vectors[place] = x
+
+
+def _last_uses(program: Program) -> list[int]:
+    """Return the instruction that reads each result last, behind them all for an output."""
+    end = len(program.instructions)
+    found = list(range(end))
+    for i, one in enumerate(program.instructions):
+        for arg in one.args:
+            found[arg] = i
+    for ref in program.outputs:
+        found[ref] = end
+    for i, one in reversed(list(enumerate(program.instructions))):
+        if one.op == "component":
+            found[one.args[0]] = max(found[one.args[0]], found[i])
+    return found

@@ -1,0 +1,126 @@
+"""A program as Python that is printed for it: floats for one state, NumPy rows for blocks of many.
+
+Where Python raises, as it does for sqrt(-1.0) or 1/0.0, or where a pivot of the mass matrix cannot be trusted, the
+program is interpreted instead: that has the right infinities and NaNs, pivots, and names what is singular.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from lagrange.machine.backend import FloatArray, SingularMassMatrix
+from lagrange.machine.kernel.interpreted import InterpretedKernel
+from lagrange.machine.kernel.numpy_text import column_source
+from lagrange.machine.kernel.python_text import scalar_source
+from lagrange.machine.python_source import defined
+from lagrange.procedure.interpreter import OPERATIONS
+from lagrange.program.program import Program
+
+CACHED = 2**16
+"""So many doubles of a block of columns are worked with at once: they fit a second-level cache."""
+
+SHORTEST, WIDEST = 64, 4096
+"""The least and the largest number of columns of a block."""
+
+FUNCTIONS: dict[str, Any] = {
+    **{name: getattr(math, name) for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2")},
+    **{name: getattr(math, name) for name in ("exp", "log", "sinh", "cosh", "tanh")},
+    **{name: OPERATIONS[name] for name in ("min", "max", "sign")},
+    "power": math.pow,
+    "abs": abs,
+    "nan": math.nan,
+    "inf": math.inf,
+}
+"""What printed operations are. Those of `math` raise where there is no finite value."""
+
+NO_VALUE = (ZeroDivisionError, ValueError, OverflowError)
+
+
+class PythonKernel:
+    """A program as printed Python; see `Kernel`. Threads may share one."""
+
+    def __init__(self, program: Program) -> None:
+        self._program = program
+        self._known: tuple[bytes, Any, Any] | None = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return PythonKernel, (self._program,)
+
+    @property
+    def program(self) -> Program:
+        """What it computes."""
+        return self._program
+
+    @cached_property
+    def source(self) -> str:
+        """The Python source for one state."""
+        return scalar_source(self._program)
+
+    def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
+        """Evaluate the program; see `Kernel`."""
+        if y.ndim > 1:
+            return self.columns(t, [y], parameters)
+        try:
+            function = self._functions(parameters)[0]
+            found = None if function is None else function(float(t), y.tolist())
+        except NO_VALUE:
+            found = None
+        if found is None:
+            return self._interpreted(t, y, parameters)
+        out = np.array(found)
+        shape = self._program.shape
+        return out if out.shape == shape else out.reshape(shape)
+
+    def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
+        """Evaluate every column, by blocks; see `Kernel`."""
+        program, count = self._program, inputs[0].shape[1]
+        rows = [row for block in inputs for row in block]
+        out = np.empty((len(program.outputs), count))
+        _, buffers, _ = self._column_function
+        length = min(max(CACHED // (buffers + len(rows) + 1), SHORTEST), WIDEST, max(count, 1))
+        work, times = np.empty((buffers, length)), np.broadcast_to(np.asarray(t, dtype=float), (count,))
+        try:
+            run = self._functions(parameters)[1]
+        except NO_VALUE:
+            run = None
+        with np.errstate(all="ignore"):
+            for low in range(0, count, length):
+                part = slice(low, min(low + length, count))
+                block, here = [row[part] for row in rows], times[part]
+                if run is None or not run(here, block, out[:, part], work[:, : len(here)]):
+                    out[:, part] = self._by_interpreter(here, block, parameters, low)
+        return out.reshape(*program.shape, count)
+
+    def _by_interpreter(self, t: FloatArray, rows: Sequence[FloatArray], parameters: FloatArray, low: int) -> Any:
+        try:
+            found = self._interpreted.columns(t, [np.array(rows)], parameters)
+        except SingularMassMatrix as error:
+            raise SingularMassMatrix(None if error.column is None else low + error.column) from error
+        return found.reshape(len(self._program.outputs), len(t))
+
+    @cached_property
+    def _interpreted(self) -> InterpretedKernel:
+        return InterpretedKernel(self._program)
+
+    @cached_property
+    def _scalar_function(self) -> Callable[..., Any]:
+        return defined(self.source, self._program.name, FUNCTIONS)
+
+    @cached_property
+    def _column_function(self) -> tuple[Callable[..., Any], int, str]:
+        text, buffers = column_source(self._program)
+        return defined(text, f"{self._program.name}_columns", {**FUNCTIONS, "np": np}), buffers, text
+
+    def _functions(self, parameters: FloatArray) -> tuple[Any, Any]:
+        """Return the functions of one state and of blocks, with what depends on parameters alone computed."""
+        key, known = parameters.tobytes(), self._known
+        if known is None or known[0] != key:
+            given = parameters.tolist()
+            known = key, self._scalar_function(given), self._column_function[0](given)
+            self._known = known
+        return known[1], known[2]

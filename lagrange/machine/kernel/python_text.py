@@ -1,0 +1,226 @@
+"""Print a program as straight-line Python on floats.
+
+Names are made here and literals are exact, so nothing of a user's text is run. The source is for states at which all
+goes well: where Python would raise, or a pivot cannot be trusted, the caller evaluates the program in another way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from lagrange.procedure.linear.dense import PIVOT
+from lagrange.program.program import Instruction, Program
+
+WRITTEN_OUT = 12
+"""Largest matrix whose factors L D L^T are written out."""
+
+LONGEST = 60
+"""A value of so many characters gets a name."""
+
+ATOM, PREFIX, PRODUCT, SUM, COMPARISON, NEGATION, CONJUNCTION, DISJUNCTION, CHOICE = range(9, 0, -1)
+"""How tightly text binds, from what needs no parentheses on."""
+
+SPELLED: Mapping[str, tuple[int, str, tuple[int, ...]]] = {
+    "neg": (PREFIX, "-{}", (PREFIX,)),
+    "add": (SUM, "{} + {}", (SUM, PRODUCT)),
+    "sub": (SUM, "{} - {}", (SUM, PRODUCT)),
+    "mul": (PRODUCT, "{} * {}", (PRODUCT, PREFIX)),
+    "div": (PRODUCT, "{} / {}", (PRODUCT, PREFIX)),
+    "fma": (SUM, "{} * {} + {}", (PRODUCT, PREFIX, PRODUCT)),
+    "less": (COMPARISON, "{} < {}", (SUM, SUM)),
+    "less_equal": (COMPARISON, "{} <= {}", (SUM, SUM)),
+    "equal": (COMPARISON, "{} == {}", (SUM, SUM)),
+    "and": (CONJUNCTION, "{} and {}", (CONJUNCTION, NEGATION)),
+    "or": (DISJUNCTION, "{} or {}", (DISJUNCTION, CONJUNCTION)),
+    "not": (NEGATION, "not {}", (NEGATION,)),
+}
+"""Operations that Python spells: how tightly each binds, how it is written, and how tightly operands must bind."""
+
+TRUTHS = ("less", "less_equal", "equal", "and", "or", "not")
+GIVEN = ("time", "state", "parameter", "constant")
+
+
+def fits(program: Program) -> bool:
+    """Return whether every linear system of a program is small enough to be written out."""
+    return all(one.order <= WRITTEN_OUT for one in program.instructions if one.op in ("factor", "solve"))
+
+
+def scalar_source(program: Program) -> str:
+    """Return `def name(p)`, which computes what needs parameters alone and returns a function of (t, y).
+
+    That takes a number and the inputs, all in one sequence of floats, and returns a tuple of floats, or None where a
+    pivot of the mass matrix cannot be trusted.
+    """
+    return FloatPrinter(program).text()
+
+
+Entries = dict[tuple[int, int], str]
+"""The names of a lower triangle by (row, column); what is missing is zero."""
+
+UNTRUSTED = "return None"
+
+
+def products_of(scaled: Entries, lower: Entries, i: int, j: int) -> list[tuple[str, str]]:
+    """Return the factors of what is subtracted from entry (i, j)."""
+    return [(scaled[i, k], lower[j, k]) for k in range(j) if (i, k) in scaled and (j, k) in lower]
+
+
+def rows_of(lower: Entries, n: int) -> list[str]:
+    """Return L by rows with 1/d on its diagonal, empty for zero."""
+    return [lower.get((i, j), "") for i in range(n) for j in range(i + 1)]
+
+
+class FloatPrinter:
+    """Prints the instructions of a program one after the other; see `scalar_source`."""
+
+    def __init__(self, program: Program) -> None:
+        self.program = program
+        self.lines: list[str] = []
+        self.depth = 1
+        self.texts: dict[int, tuple[int, str]] = {}
+        self.vectors: dict[int, list[str]] = {}
+        self.uses = uses_of(program)
+
+    def write(self, line: str) -> None:
+        """Print a line."""
+        self.lines.append("    " * self.depth + line)
+
+    def text_of(self, ref: int, least: int = 0) -> str:
+        """Return a value as an operand, in parentheses where it binds less tightly than it must."""
+        level, found = self.texts[ref]
+        return found if level >= least else f"({found})"
+
+    def names(self, places: Iterable[int], letter: str) -> None:
+        """Bring in what instructions that read an input stand for."""
+        for i in places:
+            self.texts[i] = ATOM, f"{letter}{self.program.instructions[i].place}"
+
+    def places(self, op: str) -> list[int]:
+        """Return the instructions with an operation."""
+        return [i for i, one in enumerate(self.program.instructions) if one.op == op]
+
+    def constants(self) -> None:
+        """Bring in the constants."""
+        for i in self.places("constant"):
+            self.texts[i] = literal(self.program.instructions[i].value)
+
+    def entry(self, factor: Instruction, i: int, j: int) -> int | None:
+        """Return the value of an entry of a matrix, None where it is zero."""
+        ref = factor.args[max(i, j) * (max(i, j) + 1) // 2 + min(i, j)]
+        one = self.program.instructions[ref]
+        return None if one.op == "constant" and one.value == 0.0 else ref
+
+    def text(self) -> str:
+        """Return the source."""
+        program = self.program
+        self.constants()
+        self.names(self.places("parameter"), "p")
+        self.names(self.places("state"), "y")
+        for i in self.places("time"):
+            self.texts[i] = ATOM, "t"
+        self.lines = [f"def {program.name}(p):"]
+        if program.parameters:
+            self.write(f"{listed('p', program.parameters)} = p")
+        self.run(range(program.hoisted))
+        self.write(f"def {program.name}(t, y):")
+        self.depth = 2
+        if program.states:
+            self.write(f"{listed('y', program.states)} = y")
+        self.run(range(program.hoisted, len(program.instructions)))
+        self.write(f"return ({''.join(f'{self.text_of(ref)}, ' for ref in program.outputs).rstrip()})")
+        self.depth = 1
+        self.write(f"return {program.name}")
+        return "\n".join([*self.lines, ""])
+
+    def run(self, refs: Iterable[int]) -> None:
+        """Print some instructions, each after those that it reads."""
+        hoisted = self.program.hoisted
+        for i in refs:
+            one = self.program.instructions[i]
+            if one.op in GIVEN:
+                continue
+            if one.op == "factor":
+                self.factor(i, one)
+            elif one.op == "solve":
+                self.solve(i, one)
+            elif one.op == "component":
+                self.texts[i] = ATOM, self.vectors[one.args[0]][one.place]
+            else:
+                level, found = self.spelled(one)
+                keep = self.uses[i] != 1 or len(found) >= LONGEST or (i < hoisted)
+                self.texts[i] = (ATOM, self.named(f"x{i}", found)) if keep else (level, found)
+
+    def spelled(self, one: Instruction) -> tuple[int, str]:
+        """Return an operation as text, and how tightly it binds."""
+        if one.op == "select":
+            condition, a, b = (self.text_of(arg, DISJUNCTION) for arg in one.args)
+            return CHOICE, f"{a} if {condition} else {b}"
+        if one.op in SPELLED:
+            level, form, least = SPELLED[one.op]
+            return level, form.format(*(self.text_of(arg, need) for arg, need in zip(one.args, least, strict=True)))
+        return ATOM, f"{one.op}({', '.join(self.text_of(arg) for arg in one.args)})"
+
+    def named(self, name: str, text: str) -> str:
+        """Give a value a name, and return it."""
+        self.write(f"{name} = {text}")
+        return name
+
+    def factor(self, place: int, one: Instruction) -> None:
+        """Write L D L^T of a matrix: its entries below the diagonal, and 1/d, and leave where a pivot vanishes."""
+        n, lower, scaled = one.order, Entries(), Entries()
+        for j in range(n):
+            for i in range(j, n):
+                products = [f"{a} * {b}" for a, b in products_of(scaled, lower, i, j)]
+                start = self.entry(one, i, j)
+                if start is not None or products:
+                    first = "" if start is None else self.text_of(start, SUM)
+                    text = first + "".join(f" - {each}" for each in products)
+                    scaled[i, j] = self.named(f"m{place}_{i}_{j}", text.strip())
+            pivot = scaled.get((j, j), "0.0")
+            if j < n - one.negative:
+                size = self.entry(one, j, j)
+                least = f"abs({'0.0' if size is None else self.text_of(size)})"
+            else:
+                pivot, pairs = f"-{pivot}", products_of(scaled, lower, j, j)
+                least = f"({' + '.join(f'abs({a} * {b})' for a, b in pairs) or '0.0'})"
+            self.write(f"if not {pivot} > {PIVOT!r} * {least}:")
+            self.write(f"    {UNTRUSTED}")
+            lower[j, j] = self.named(f"d{place}_{j}", f"1.0 / {scaled.get((j, j), '0.0')}")
+            for i in range(j + 1, n):
+                if (i, j) in scaled:
+                    lower[i, j] = self.named(f"l{place}_{i}_{j}", f"{scaled[i, j]} * {lower[j, j]}")
+        self.vectors[place] = rows_of(lower, n)
+
+    def solve(self, place: int, one: Instruction) -> None:
+        """Write the solution of a system with a factored matrix."""
+        n, rows = one.order, self.vectors[one.args[0]]
+        x = [self.text_of(ref, SUM) for ref in one.args[1:]]
+        for i in range(n):
+            terms = [f"{rows[i * (i + 1) // 2 + k]} * {x[k]}" for k in range(i) if rows[i * (i + 1) // 2 + k]]
+            x[i] = self.named(f"b{place}_{i}", " - ".join([x[i], *terms]))
+        for i in reversed(range(n)):
+            held = [k for k in range(i + 1, n) if rows[k * (k + 1) // 2 + i]]
+            terms = [f"{rows[k * (k + 1) // 2 + i]} * {x[k]}" for k in held]
+            x[i] = self.named(f"s{place}_{i}", " - ".join([f"{x[i]} * {rows[i * (i + 3) // 2]}", *terms]))
+        self.vectors[place] = x
+
+
+def literal(value: float) -> tuple[int, str]:
+    """Return a constant and how tightly it binds."""
+    return (PREFIX if value < 0 else ATOM), repr(float(value))
+
+
+def listed(letter: str, count: int) -> str:
+    """Return the names of numbered values, to unpack them into."""
+    return "".join(f"{letter}{i}, " for i in range(count)).rstrip()
+
+
+def uses_of(program: Program) -> list[int]:
+    """Return how often each result stands in the text, at least."""
+    found = [0] * len(program.instructions)
+    for one in program.instructions:
+        for arg in one.args:
+            found[arg] += 1 if one.op not in ("factor", "solve", "select") else 2
+    for ref in program.outputs:
+        found[ref] += 1
+    return found
