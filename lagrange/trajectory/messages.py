@@ -165,7 +165,7 @@ def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tol
     short = sizes < tolerances.atol / (FAR * tolerances.rtol)
     if not short.any():
         return
-    kinds = np.repeat([half.max(initial=0.0) for half in np.split(sizes, 2)], len(sizes) // 2)
+    kinds = np.concatenate([np.full_like(part, part.max()) for part in problem.model.layout.split(sizes)])
     short &= sizes > ROUND_OFF * kinds
     if not short.any():
         return

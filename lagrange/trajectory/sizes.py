@@ -10,9 +10,11 @@ itself, and the period is where what a change of the state does to the velocitie
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
+from lagrange.equations.state_layout import StateLayout
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.model import Model
 from lagrange.machine.state import LEAST_FLOOR, DriverState
@@ -58,17 +60,20 @@ def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
     looks = [t + _within(part * (h or FLAT * left), left) for part in AHEAD]
     if not state.y.any():
         looks += [t + left * 2.0**-k for k in range(HALVINGS)]
-    sizes, owed, _ = entry_sizes(slopes_of(model, parameters), t, state.y, left, looks)
+    slopes, layout = slopes_of(model, parameters), model.layout
+    sizes, owed, _ = entry_sizes(slopes, layout, t, state.y, left, looks)
     share = reals[DriverState.SHARE]
     blank = state.floors <= np.maximum(LEAST_FLOOR, share * NOISE * owed)
     found = np.where(blank, share * sizes, 0.0)
     state.floors[:] = np.maximum(state.floors, np.maximum(found, NOISE * owed))
 
 
-def first_floors(slopes: Slopes, t: float, y: FloatArray, left: float, share: float) -> tuple[FloatArray, float]:
+def first_floors(
+    slopes: Slopes, layout: StateLayout, t: float, y: FloatArray, left: float, share: float
+) -> tuple[FloatArray, float]:
     """Return floors (2n,) for a solver that cannot ask for them, a share of the sizes at its start, and the period."""
     looks = [t + left * k / LOOKS for k in range(LOOKS + 1)]
-    sizes, owed, period = entry_sizes(slopes, t, y, left, looks)
+    sizes, owed, period = entry_sizes(slopes, layout, t, y, left, looks)
     return np.maximum(np.maximum(share * sizes, NOISE * owed), LEAST_FLOOR), period
 
 
@@ -91,7 +96,7 @@ def slopes_of(model: Model, parameters: FloatArray) -> Slopes:
 
 
 def entry_sizes(
-    slopes: Slopes, t: float, y: FloatArray, left: float, looks: Sequence[float]
+    slopes: Slopes, layout: StateLayout, t: float, y: FloatArray, left: float, looks: Sequence[float]
 ) -> tuple[FloatArray, FloatArray, float]:
     """Return the sizes (2n,) of entries, what they owe to one another over the natural period, and that period.
 
@@ -100,31 +105,32 @@ def entry_sizes(
     with np.errstate(all="ignore"):
         slope = slopes(t, y)
         answer = _Answer(lambda state: slopes(t, state), slope, y)
-        force = np.fmax.reduce([np.abs(slopes(when, y)[len(y) // 2 :]) for when in looks])
+        own = partial(_own, layout, y)
+        force = np.fmax.reduce([np.abs(slopes(when, y)[layout.v]) for when in looks])
         period = abs(left)
-        noise = NOISE * answer(_own(y, np.zeros_like(force), period))[len(force) :]
+        noise = NOISE * answer(own(np.zeros_like(force), period))[layout.v]
         force = np.where(np.isfinite(force) & (force > noise), force, 0.0)
-        rate = max(answer.rate(part * _own(y, force, period)) for part in ((1.0,) if y.any() else (1.0, NEAR_REST)))
+        rate = max(answer.rate(part * own(force, period)) for part in ((1.0,) if y.any() else (1.0, NEAR_REST)))
         period = min(period, 1 / rate) if rate > 0 else period
-        size, handed = _own(y, force, period), np.zeros(len(y), dtype=bool)
+        size, handed = own(force, period), np.zeros(len(y), dtype=bool)
         for _ in range(ROUNDS):
             owed = period * answer(size)
             fresh = (size <= NOISE * owed) & (owed > 0)
             change = float(np.max(owed[handed] / size[handed], initial=0.0))
             if change > SETTLED:
                 period = period / float(np.sqrt(change))
-                size, handed = _own(y, force, period), np.zeros(len(y), dtype=bool)
+                size, handed = own(force, period), np.zeros(len(y), dtype=bool)
             elif fresh.any():
                 size, handed = np.where(fresh, owed, size), handed | fresh
             else:
                 break
-    q, v = np.split(owed, 2)
+    q, v = layout.split(owed)
     return size, np.concatenate([np.maximum(q, period * v), v]), period
 
 
-def _own(y: FloatArray, force: FloatArray, period: float) -> FloatArray:
+def _own(layout: StateLayout, y: FloatArray, force: FloatArray, period: float) -> FloatArray:
     """Return the sizes (2n,) that entries have by themselves: what they are, and what they become in a period."""
-    q, v = np.split(np.abs(y), 2)
+    q, v = layout.split(np.abs(y))
     v = np.maximum(v, period * force)
     return np.concatenate([np.maximum(q, period * v), v])
 

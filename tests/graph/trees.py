@@ -181,7 +181,7 @@ def _compute(node: Node, args: list[Any], table: Mapping[Node, Any]) -> Any:
         return _guarded(lambda: FUNCTIONS[node.data](*args))
     if node.kind is Kind.COMPONENT:
         factor = node.args[0].args[0]
-        n, lower = factor.data, [table[arg] for arg in factor.args]
+        (n, *_), lower = factor.data, [table[arg] for arg in factor.args]
         matrix = mpmath.matrix(n, n)
         for i in range(n):
             for j in range(i + 1):

@@ -92,7 +92,8 @@ def test_a_push_on_what_is_at_rest_is_met(method: str) -> None:
 def sizes(system: lg.System, left: float) -> tuple[Any, Any, float]:
     model = system.compile()
     state = np.array(model.statement.initial, dtype=float)
-    return entry_sizes(slopes_of(model, model.parameter_array(None)), 0.0, state, left, [0.0])
+    slopes = slopes_of(model, model.parameter_array(None))
+    return entry_sizes(slopes, model.equations.layout, 0.0, state, left, [0.0])
 
 
 @pytest.mark.parametrize("left", [10.0, 1e5, -1e3])
