@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import zlib
+from collections import Counter
 from collections.abc import Hashable, Iterable, Sequence
 from typing import TypeVar
 
@@ -39,23 +40,27 @@ def covering(cases: Sequence[Case], start: int = 0) -> list[int]:
     leading = max(range(len(columns)), key=lambda k: len(columns[k]))
     order, start = columns[leading], start % len(columns[leading])
     taken: list[int] = []
-    seen: set[Hashable] = set()
+    used: Counter[Hashable] = Counter()
     for value in (*order[start:], *order[:start]):
-        taken.append(_best((k for k, case in enumerate(cases) if case[leading] == value), cases, seen))
-        seen.update(cases[taken[-1]], _pairs(cases[taken[-1]]))
+        taken.append(_best((k for k, case in enumerate(cases) if case[leading] == value), cases, used))
+        used.update((*cases[taken[-1]], *_pairs(cases[taken[-1]])))
     for k, case in enumerate(cases):
-        if not seen.issuperset(case):  # of a product with gaps
+        if not all(used[value] for value in case):  # of a product with gaps
             taken.append(k)
-            seen.update(case)
+            used.update(case)
     return sorted(taken)
 
 
-def _best(choices: Iterable[int], cases: Sequence[Case], seen: set[Hashable]) -> int:
-    """Return the case with the most values that are new, then not the slow machine, then with the most new pairs."""
+def _best(choices: Iterable[int], cases: Sequence[Case], used: Counter[Hashable]) -> int:
+    """Return the case with the most values that are new, then not the slow machine, then with the most new pairs.
 
-    def gain(k: int) -> tuple[int, bool, int]:
+    Of those that are left it is the one whose values were taken least often.
+    """
+
+    def gain(k: int) -> tuple[int, bool, int, int]:
         case = cases[k]
-        return sum(v not in seen for v in case), SELDOM not in case, sum(p not in seen for p in _pairs(case))
+        new, pairs = (sum(not used[what] for what in found) for found in (case, _pairs(case)))
+        return new, SELDOM not in case, pairs, -sum(used[value] for value in case)
 
     return max(choices, key=gain)
 

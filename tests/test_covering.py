@@ -31,6 +31,12 @@ def test_every_value_is_taken_in_as_many_cases_as_the_longest_parameter_has_valu
     assert {value for k in taken for value in cases[k]} == {value for case in cases for value in case}
 
 
+def test_every_value_is_taken_equally_often() -> None:
+    cases = product(method=20, system=5)
+    systems = [cases[k][1] for k in covering.covering(cases, 7)]
+    assert [systems.count(("system", n)) for n in range(5)] == [4] * 5
+
+
 def test_as_many_pairs_as_fit() -> None:
     cases = product(method=12, order=3, way=2)
     assert len({cases[k][1:] for k in covering.covering(cases)}) == 6
