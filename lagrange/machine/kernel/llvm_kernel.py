@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from itertools import accumulate, pairwise
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -38,7 +39,11 @@ class LlvmKernel(Shared):
         self._prepared: tuple[bytes, FloatArray] | None = None
         self._size = prepared_size(program) + 1
         ends = [0, *accumulate(block.size for block in program.inputs)]
-        self._rows = [slice(*pair) for pair in pairwise(ends)]
+        rows = [slice(*pair) for pair in pairwise(ends)]
+        self._split: Callable[[FloatArray], Sequence[FloatArray]] = (
+            itemgetter(*rows) if len(rows) > 1 else lambda y: (y,)
+        )
+        self._shape, self._count = program.shape, len(program.outputs)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return ArrivedKernel, (LlvmKernel, self._program)
@@ -83,7 +88,7 @@ class LlvmKernel(Shared):
     def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
         """Evaluate the program; see `Kernel`."""
         if y.ndim > 1:
-            return self.columns(t, list(map(y.__getitem__, self._rows)), parameters)
+            return self.columns(t, self._split(y), parameters)
         prepared = self.prepare(parameters)
         y = np.ascontiguousarray(y, dtype=float)
         out = np.empty(self._program.shape)
@@ -95,14 +100,13 @@ class LlvmKernel(Shared):
         """Evaluate every column; see `Kernel`. An incomplete last block is filled up with copies of the last column."""
         prepared = self.prepare(parameters)
         batch = inputs[0].shape[1]
-        shape = self._program.shape
         if batch == 0:
-            return np.empty((*shape, 0))
+            return np.empty((*self._shape, 0))
         width = self._lanes
         count = -(-batch // width) * width
         arrays = [_filled(array, count) for array in inputs]
         times = _filled(np.broadcast_to(t, (1, batch)), count) if self._reads_time else arrays[0]
-        out = np.empty((len(self._program.outputs), count))
+        out = np.empty((self._count, count))
         _module, run = self._column_kernel
         addresses = [address(array) for array in (times, *arrays, prepared, out)]
         first = run(count, *addresses)
@@ -111,7 +115,7 @@ class LlvmKernel(Shared):
             raise SingularMassMatrix(
                 self._singular_column(range(first, min(first + width, batch)), times, states, prepared)
             )
-        return out[:, :batch].reshape(*shape, batch)
+        return out[:, :batch].reshape(*self._shape, batch)
 
     def _singular_column(self, block: range, times: FloatArray, states: FloatArray, prepared: FloatArray) -> int:
         """Return which column of a block is singular, by evaluating each alone."""
