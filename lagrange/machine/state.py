@@ -10,29 +10,10 @@ from numpy.typing import NDArray
 
 from lagrange.procedure.outcome import Outcome
 
-__all__ = ["EARLIEST", "NEAR_END", "OUTCOMES", "SPACING", "DriverState", "Outcome"]
-
-NEAR_END = 1.01
-"""A step within one percent of the end goes to the end, so that no sliver is left over."""
-
-SPACING, EARLIEST = 16 * 2.0**-52, 1e-290
-"""A step shorter than the first part of the time is lost in the round-off of the time; a time nearer to zero counts as
-the second, for at zero nothing is lost."""
+__all__ = ["OUTCOMES", "WIDEST", "DriverState", "Outcome"]
 
 WIDEST = 8
 """The entries of the state that a machine handles at once, at most."""
-
-LEAST_FLOOR = 1e-307
-"""The floor of an entry that nothing is known of: it can have an error, and no state is as small."""
-
-STUCK = 3
-"""After so many rejected trials of a step in a row, or one that moved an entry that was zero and has no floor, a driver
-asks how large the entries are. A Taylor driver, whose steps are rejected seldom, asks at the second, fourth, eighth
-rejection of a run, and so on."""
-
-SURVEYS = 8
-"""A run asks so often at most: where it has to shrink its steps again and again it is the motion that wants it."""
-
 
 OUTCOMES = tuple(Outcome)
 """The outcomes by number."""

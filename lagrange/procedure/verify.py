@@ -69,6 +69,9 @@ class _Check:
         names = [parameter.name for parameter in self.procedure.parameters]
         if len(dict.fromkeys(names)) != len(names):
             raise self.error("two parameters have one name")
+        called = [callee.name for callee in self.procedure.callees]
+        if len(dict.fromkeys(called)) != len(called):
+            raise self.error(f"it calls different procedures of one name among {', '.join(called)}")
         for parameter in self.procedure.parameters:
             self.define(parameter.ref, parameter.type)
         if not self.block(self.procedure.body) and self.procedure.results:

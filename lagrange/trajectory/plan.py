@@ -12,7 +12,7 @@ import numpy as np
 from lagrange.machine.backend import Driver, SingularMassMatrix
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState
-from lagrange.machine.steps.control_constants import AFTER_BROKEN
+from lagrange.procedure.step.constants import AFTER_BROKEN
 from lagrange.program.actions import LAWS
 from lagrange.program.step import StepProgram
 from lagrange.trajectory.events.ending import Verdict

@@ -18,8 +18,8 @@ import numpy as np
 from lagrange.equations.state_layout import StateLayout
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.model import Model
-from lagrange.machine.state import LEAST_FLOOR, DriverState
-from lagrange.machine.steps.control_constants import FLAT, NOISE, tilts
+from lagrange.machine.state import DriverState
+from lagrange.procedure.step.constants import FLAT, LEAST_FLOOR, NOISE, tilts
 from lagrange.trajectory.trajectory import FloatArray
 
 DISPLACEMENT, WIDER = 2.0**-26, 2.0**8

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from lagrange.machine.state import LEAST_FLOOR, DriverState
+from lagrange.machine.state import DriverState
+from lagrange.procedure.step.constants import LEAST_FLOOR
 from lagrange.trajectory.trajectory import FloatArray
 
 

@@ -144,6 +144,11 @@ def too_few_arguments(p: Builder) -> None:
     p.call(gcd(), 3)
 
 
+def two_procedures_of_one_name(p: Builder) -> None:
+    p.call(gcd(), 3, 4)
+    p.call(gcd(), 5, 6)
+
+
 def late_parameter(p: Builder) -> None:
     p.given("x", REAL) + 1.0
     p.given("y", REAL)
@@ -186,6 +191,7 @@ def loop_without_end(p: Builder) -> None:
         (sum_outside, "outside of `each`"),
         (turn_in_a_turn, "an `each` stands in another"),
         (too_few_arguments, "gives 1 arguments for 2"),
+        (two_procedures_of_one_name, "calls different procedures of one name among gcd, gcd"),
         (late_parameter, "comes behind the first statement"),
         (two_of_one_name, "two parameters have one name"),
         (late_otherwise, "right behind the block of its condition"),

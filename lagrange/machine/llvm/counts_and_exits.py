@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from lagrange.machine.llvm.emitter import Emitter, literal
-from lagrange.machine.state import SURVEYS, DriverState, Outcome
+from lagrange.machine.state import DriverState, Outcome
+from lagrange.procedure.step.constants import SURVEYS
 
 
 def bump(e: Emitter, which: int, by: int | str) -> None:

@@ -33,7 +33,8 @@ from lagrange.machine.series.constants import (
 )
 from lagrange.machine.series.interpreted_jet import Jet
 from lagrange.machine.series.order import Cost, best_order
-from lagrange.machine.state import EARLIEST, LEAST_FLOOR, NEAR_END, SPACING, SURVEYS, DriverState, Outcome
+from lagrange.machine.state import DriverState, Outcome
+from lagrange.procedure.step.constants import EARLIEST, LEAST_FLOOR, NEAR_END, SPACING, SURVEYS
 from lagrange.program.series import SeriesProgram
 
 S = DriverState

@@ -25,7 +25,8 @@ from lagrange.machine.series.llvm_log2 import EXP2, logarithm, polynomial, power
 from lagrange.machine.series.llvm_proof import Proof
 from lagrange.machine.series.llvm_step_size import StepSize
 from lagrange.machine.series.llvm_sum import derivatives, increments, looped
-from lagrange.machine.state import EARLIEST, NEAR_END, SPACING, DriverState, Outcome
+from lagrange.machine.state import DriverState, Outcome
+from lagrange.procedure.step.constants import EARLIEST, NEAR_END, SPACING
 
 
 def drive_function(layout: TaylorLayout) -> str:

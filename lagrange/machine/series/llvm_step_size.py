@@ -7,7 +7,8 @@ from lagrange.machine.llvm.spelling import element, number
 from lagrange.machine.series.constants import APART, GUARD, REACH, ROWS_SEEN, START_ROWS, VANISHED
 from lagrange.machine.series.llvm_layout import TaylorLayout
 from lagrange.machine.series.llvm_log2 import logarithm
-from lagrange.machine.state import LEAST_FLOOR, DriverState
+from lagrange.machine.state import DriverState
+from lagrange.procedure.step.constants import LEAST_FLOOR
 
 
 class StepSize:

@@ -1,11 +1,10 @@
-"""Drivers in machine code: the step program unrolled around calls of the right-hand side, and the loop over steps.
+"""Drivers in machine code: the loop over steps of a step program, around calls of the right-hand side.
 
     i32 drive(ptr rhs, ptr parameters, ptr jacobian, ptr its parameters,
               ptr reals, ptr counts, ptr work, i64 budget, ptr times, ptr rows)
 
-`reals` and `counts` are those of `DriverState`; `work` holds the vectors of a step, each padded to whole blocks of
-four doubles: states, slopes and unknowns, new states, errors, then the buffers for a call, and what `Newton` keeps.
-The result is an `Outcome`.
+`reals` and `counts` are those of `DriverState`; `work` holds the vectors of a step and what its solves keep, see
+`Layout`. The result is an `Outcome`.
 """
 
 from __future__ import annotations
@@ -20,19 +19,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.machine.backend import FloatArray
+from lagrange.machine.kernel import llvm_calling
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
 from lagrange.machine.llvm.address import address, workspace
+from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.operations import declarations
 from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA, function
 from lagrange.machine.state import DriverState, Outcome
-from lagrange.machine.steps.llvm_error_norm import first_step_function, norm_function
-from lagrange.machine.steps.llvm_layout import laid_out
-from lagrange.machine.steps.llvm_loops import adaptive_loop, equal_loop
 from lagrange.procedure.form import Procedure, calls
-from lagrange.procedure.step.equal_steps import begin, equal_steps
+from lagrange.procedure.step.controlled_steps import steps_of
 from lagrange.procedure.step.memory import NEWTON, Kept, Layout, kept
-from lagrange.procedure.step.trial import accept_step, try_step
 from lagrange.program.step import StepProgram
 
 
@@ -76,6 +73,9 @@ def _kept(layout: Layout, work: FloatArray) -> tuple[Kept, ...]:
     return tuple(kept(layout, float(work[solve.flags + step]), solve, work) for solve in layout.solves)
 
 
+_LAWS = "ptr %rhs, ptr %p, ptr %jacobian, ptr %jp"
+"""The law that a step calls and its derivative, each with its prepared parameters."""
+
 _DRIVE = ctypes.CFUNCTYPE(ctypes.c_int32, *([ctypes.c_void_p] * 7), ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p)
 
 
@@ -104,19 +104,34 @@ def _compiled(step: StepProgram, dimension: int) -> _Code:
 def driver_ir(step: StepProgram, dimension: int) -> str:
     """Return the IR of the driver of a step for states of that dimension."""
     layout = laid_out(step, dimension)
-    parts = [declarations(), METADATA, ATTRIBUTES, *_procedures(layout)]
-    if step.control:
-        parts += [norm_function(step, layout), first_step_function(step, layout), adaptive_loop(step, layout)]
-    else:
-        parts.append(equal_loop(layout))
-    return "\n".join(parts)
+    loop = steps_of(layout)
+    return "\n".join([declarations(), METADATA, ATTRIBUTES, *_procedures(loop), _drive(layout, loop)])
 
 
-def _procedures(layout: Layout) -> list[str]:
-    """Return the procedures of a step, and all that they call; what is called once is merged into its caller."""
-    made = [begin(layout), try_step(layout), accept_step(layout)] if layout.step.control else [equal_steps(layout)]
-    wanted: dict[Procedure, None] = {}
-    for procedure in made:
-        wanted |= dict.fromkeys((*procedure.callees, procedure))
+def laid_out(step: StepProgram, dimension: int) -> Layout:
+    """Return where the vectors of a step stand, in blocks."""
+    return Layout(step, dimension, block=llvm_calling.BLOCK, in_registers=llvm_calling.fit(dimension))
+
+
+def _drive(layout: Layout, loop: Procedure) -> str:
+    """Emit drive, which calls the loop over steps."""
+    e = Emitter()
+    floors, effort = e.address("%reals", DriverState.FLOORS), e.address("%work", layout.effort)
+    solves = [solve.flags for solve in layout.solves]
+    if layout.step.starter is not None:
+        solves += [layout.end + solve.flags for solve in layout.starting.solves]
+    records = "".join(f"ptr {e.address('%work', place)}, " for place in solves)
+    given = f"{_LAWS}, ptr %reals, ptr %counts, ptr {floors}, ptr {effort}, {records}ptr %work"
+    outcome = e.value(f"call i64 @{loop.name}({given}, i64 %budget, ptr %times, ptr %rows)")
+    e.do(f"ret i32 {e.value(f'trunc i64 {outcome} to i32')}")
+    return e.function(
+        f"define i32 @drive({_LAWS}, ptr noalias %reals, ptr noalias %counts, ptr noalias %work, i64 %budget, "
+        "ptr noalias %times, ptr noalias %rows)"
+    )
+
+
+def _procedures(loop: Procedure) -> list[str]:
+    """Return the procedures of a run, and all that they call; what is called once is merged into its caller."""
+    wanted = (*loop.callees, loop)
     called = Counter(call.callee for procedure in wanted for call in calls(procedure.body))
     return [function(procedure, hidden=True, merged=called[procedure] < 2) for procedure in wanted]

@@ -5,13 +5,10 @@ from __future__ import annotations
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, WHOLE, Procedure
 from lagrange.procedure.outcome import Outcome
+from lagrange.procedure.step.constants import SLIVER
 from lagrange.procedure.step.memory import NEWTON, Layout
 from lagrange.procedure.step.trial import Running, accept_step, try_step
-from lagrange.procedure.values import Flag, Memory
-
-SLIVER = 1e-6
-"""A last one of equal steps that is shorter than this part of the step is round-off of the grid, and joins the step
-before it."""
+from lagrange.procedure.values import Flag, Memory, Real
 
 WRITTEN_OUT = 2
 """A state whose vectors have up to so many blocks is looked at block by block without a loop."""
@@ -42,15 +39,14 @@ def equal_steps(layout: Layout) -> Procedure:
         after = p.choose(beyond, end, grid)
         accepted = (run, counts, *given.newtons, given.work, *entries)
         p.call(accept_step(layout), *accepted, after, times, rows)
-    p.leave(p.choose(run.t.equals(end), p.whole(int(Outcome.DONE)), p.whole(int(Outcome.PAUSED))))
+    come_back(given, end)
     return p.finish(WHOLE)
 
 
-def begin(layout: Layout) -> Procedure:
-    """Return what a run of other steps begins with."""
-    p = Builder("begin", "Clear what is kept from steps if it belongs to another run.")
-    forget(Running(p, layout))
-    return p.finish()
+def come_back(given: Running, end: Real) -> None:
+    """End a loop over steps where its budget is used up."""
+    p = given.p
+    p.leave(p.choose(given.run.t.equals(end), p.whole(int(Outcome.DONE)), p.whole(int(Outcome.PAUSED))))
 
 
 def forget(given: Running) -> None:
@@ -82,11 +78,12 @@ def keep_entries(given: Running) -> list[Memory]:
     return [entries]
 
 
-def is_finite(given: Running) -> Flag:
-    """Whether all of the new state is finite: 0 * x is 0 for these numbers alone, and NaN for the others."""
+def is_finite(given: Running, *, errors: bool = False) -> Flag:
+    """Whether all of the new state is finite, and of the `errors` behind it: 0 * x is NaN for all other numbers."""
     p, layout = given.p, given.layout
     new, zero = given.work.at(layout.place(layout.new)), p.constant(0.0, REAL)
-    with p.each(layout.step.states * layout.width, unrolled=layout.width <= WRITTEN_OUT * layout.block) as i:
+    vectors = layout.step.states + (len(layout.step.errors) if errors else 0)
+    with p.each(vectors * layout.width, unrolled=layout.width <= WRITTEN_OUT * layout.block) as i:
         total = p.dot(new[i], zero)
     found: Flag = total.value.equals(0.0)
     return found

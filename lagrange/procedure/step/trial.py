@@ -100,7 +100,7 @@ class Running:
         self.p, self.layout, self.laws = p, layout, Laws(p, layout)
         self.run: Any = p.record("run", RUN)
         self.counts: Any = p.record("counts", COUNTS)
-        self.floors = floors_of(p, layout)
+        self.floors = floors_of(p, layout, read=False)
         self.effort: Any = p.record("effort", EFFORT)
         self.newtons = newton_records(p, layout)
         self.starters = newton_records(p, layout.starting, "starter_") if layout.step.starter is not None else []

@@ -34,9 +34,9 @@ def law_of(layout: Layout) -> Callee:
     return in_registers(layout) if layout.in_registers else BY_PLACE
 
 
-def floors_of(p: Builder, layout: Layout) -> Memory:
+def floors_of(p: Builder, layout: Layout, *, read: bool = True) -> Memory:
     """Return how wrong each entry of the state may be beside its share of the relative tolerance, as a parameter."""
-    return p.array("floors", size=layout.dimension, room=layout.block, read=True)
+    return p.array("floors", size=layout.dimension, room=layout.block, read=read)
 
 
 def newton_records(p: Builder, layout: Layout, prefix: str = "") -> list[Any]:

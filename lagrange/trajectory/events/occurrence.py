@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lagrange.machine.state import EARLIEST, DriverState
+from lagrange.machine.state import DriverState
+from lagrange.procedure.step.constants import EARLIEST
 from lagrange.trajectory.trajectory import FloatArray
 
 TOGETHER = 4 * 2.0**-52

@@ -14,8 +14,8 @@ import numpy as np
 
 from lagrange.errors import StatementError, shown
 from lagrange.machine.model import Model
-from lagrange.machine.state import LEAST_FLOOR, SURVEYS, DriverState, Outcome
-from lagrange.machine.steps.control_constants import FAR, FIRST_SHARE
+from lagrange.machine.state import DriverState, Outcome
+from lagrange.procedure.step.constants import FAR, FIRST_SHARE, LEAST_FLOOR, SURVEYS
 from lagrange.statement.number import real_number
 from lagrange.trajectory.driver import drive
 from lagrange.trajectory.events.step_watch import StepWatch

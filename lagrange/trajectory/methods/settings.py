@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import StatementError, shown
-from lagrange.machine.state import LEAST_FLOOR
+from lagrange.procedure.step.constants import LEAST_FLOOR
 from lagrange.statement.number import real_number
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.tolerances import Tolerances

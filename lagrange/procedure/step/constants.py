@@ -11,6 +11,28 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+NEAR_END = 1.01
+"""A step within one percent of the end goes to the end, so that no sliver is left over."""
+
+SPACING, EARLIEST = 16 * 2.0**-52, 1e-290
+"""A step shorter than the first part of the time is lost in the round-off of the time; a time nearer to zero counts as
+the second, for at zero nothing is lost."""
+
+LEAST_FLOOR = 1e-307
+"""The floor of an entry that nothing is known of: it can have an error, and no state is as small."""
+
+STUCK = 3
+"""After so many rejected trials of a step in a row, or one that moved an entry that was zero and has no floor, a driver
+asks how large the entries are. A Taylor driver, whose steps are rejected seldom, asks at the second, fourth, eighth
+rejection of a run, and so on."""
+
+SURVEYS = 8
+"""A run asks so often at most: where it has to shrink its steps again and again it is the motion that wants it."""
+
+SLIVER = 1e-6
+"""A last one of equal steps that is shorter than this part of the step is round-off of the grid, and joins the step
+before it."""
+
 FAR = 1e-6
 """Below this part of the time, rounding the time changes the length of a step by more than 1e-10 of it."""
 

@@ -1,0 +1,133 @@
+"""The loop over steps whose length follows the error.
+
+Source: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed., 1993, II.4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import WHOLE, Procedure
+from lagrange.procedure.outcome import Outcome
+from lagrange.procedure.step.constants import (
+    AFTER_BROKEN,
+    AFTER_DIVERGED,
+    EARLIEST,
+    FAR,
+    INTEGRAL,
+    LEAST_NORM,
+    LEAST_PREVIOUS,
+    NEAR_END,
+    SHRUNK,
+    SPACING,
+)
+from lagrange.procedure.step.equal_steps import come_back, equal_steps, forget, is_finite, keep_entries
+from lagrange.procedure.step.error_norm import error_norm, raise_floors, reject
+from lagrange.procedure.step.first_step import first_step
+from lagrange.procedure.step.memory import Layout
+from lagrange.procedure.step.trial import Running, accept_step, try_step
+from lagrange.procedure.values import Flag, Memory, Real
+from lagrange.program.step import Control
+
+
+def controlled_steps(layout: Layout, control: Control) -> Procedure:
+    """Return the loop; it comes back at the end, after so many trials as `budget` says, or where no step is left."""
+    return _Loop(layout, control).build()
+
+
+def steps_of(layout: Layout) -> Procedure:
+    """Return the loop over the steps of a step program."""
+    control = layout.step.control
+    return equal_steps(layout) if control is None else controlled_steps(layout, control)
+
+
+class _Loop:
+    """Builds the procedure."""
+
+    def __init__(self, layout: Layout, control: Control) -> None:
+        self.p = p = Builder("controlled_steps", "Take steps that follow the error, and return an outcome.")
+        self.layout, self.control = layout, control
+        self.rejection = reject(layout)
+        self.given = Running(p, layout)
+        self.run, self.counts = self.given.run, self.given.counts
+        self.budget = p.given("budget", WHOLE)
+        self.times, self.rows = p.array("times"), p.array("rows", room=layout.block)
+
+    def build(self) -> Procedure:
+        p, run = self.p, self.run
+        forget(self.given)
+        entries = keep_entries(self.given)
+        end = run.end
+        direction = self.begin(end)
+        with p.loop(0, self.budget):
+            t = run.t
+            h = direction * p.smaller(abs(run.h), run.longest)
+            with p.when(t.equals(end)):
+                p.leave(int(Outcome.DONE))
+            final = abs(h) * NEAR_END >= abs(end - t)
+            small = ~(abs(h) >= p.larger(abs(t), EARLIEST) * SPACING)
+            rejected = ~self.counts.after_reject.equals(0)
+            with p.when(small & (~final | rejected)):
+                p.leave(int(Outcome.STEP_TOO_SMALL))
+            after = p.choose(final, end, t + h)
+            p.note("Far from time zero a step is as long as times allow; elsewhere a matrix made for it serves again.")
+            length = p.choose(final | (abs(h) < abs(t) * FAR), after - t, h)
+            self.trial(t, length, after, rejected, entries)
+        come_back(self.given, end)
+        return p.finish(WHOLE)
+
+    def begin(self, end: Real) -> Real:
+        """Choose the length of the first step if none is given; return the direction of time."""
+        p, run = self.p, self.run
+        distance = end - run.t
+        direction = p.real(p.choose(distance < 0.0, -1.0, 1.0))
+        with p.when(run.h.equals(0.0)):
+            size = p.call(first_step(self.layout, self.control), *self.given.handed, abs(distance), direction)
+            self.counts.evaluations = self.counts.evaluations + 3
+            with p.when(size < 0.0):
+                p.leave(int(Outcome.UNSCALED))
+            run.h = size * direction
+        return direction
+
+    def trial(self, t: Real, length: Real, after: Real, rejected: Flag, entries: Sequence[Memory]) -> None:
+        """Take a trial step; reject it where it fails or something in it is not a number, else judge its error."""
+        p = self.p
+        outcome = p.call(try_step(self.layout), *self.given.handed, t, length, *entries)
+        done = outcome.equals(int(Outcome.DONE))
+        with p.when(is_finite(self.given, errors=True) & done) as ways:
+            self.judge(length, after, rejected, entries)
+        with ways.otherwise():
+            cause = p.choose(done, float(Outcome.NON_FINITE), p.real(outcome))
+            part = p.choose(outcome.equals(int(Outcome.DIVERGED)), AFTER_DIVERGED, AFTER_BROKEN)
+            self.reject(cause, length * part, moved=False)
+
+    def judge(self, length: Real, after: Real, rejected: Flag, entries: Sequence[Memory]) -> None:
+        """Accept or reject a finite trial step by its error norm, and set the next step."""
+        p, run, control, given = self.p, self.run, self.control, self.given
+        norm = p.call(error_norm(self.layout, control), run, given.floors, given.work).called("norm")
+        exponent = -(1 / control.exponent - INTEGRAL * control.memory)
+        factor: Any = p.larger(norm, LEAST_NORM) ** exponent * control.safety
+        with p.when(norm <= 1.0) as ways:
+            longer = factor * run.previous**control.memory if control.memory else factor
+            run.previous = p.larger(norm, LEAST_PREVIOUS)
+            longer = p.larger(p.smaller(longer, p.choose(rejected, 1.0, control.most)), control.least)
+            if control.hold > 1:
+                longer = p.choose((longer >= 1.0) & (longer < control.hold), 1.0, longer)
+            run.h = length * longer
+            self.counts.after_reject = 0
+            raise_floors(given)
+            accepted = (run, self.counts, *given.newtons, given.work, *entries)
+            p.call(accept_step(self.layout), *accepted, after, self.times, self.rows)
+        with ways.otherwise():
+            shorter = p.smaller(p.larger(factor, control.least), SHRUNK)
+            self.reject(float(Outcome.STEP_TOO_SMALL), length * shorter, moved=True)
+
+    def reject(self, cause: Any, h: Real, *, moved: bool) -> None:
+        """Try again with a step of h; come back where somebody is to look how large the entries are."""
+        p, given = self.p, self.given
+        flag = p.true if moved else p.false
+        asked = p.call(self.rejection, self.run, self.counts, given.floors, given.work, cause, h, flag)
+        with p.when(asked):
+            p.leave(int(Outcome.UNSCALED))

@@ -1,0 +1,77 @@
+"""What step control measures: the error of a step against its tolerances, and the floors of those."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import FLAG, REAL, Procedure
+from lagrange.procedure.step.constants import DAMPING, LEAST_FLOOR, STUCK, SURVEYS
+from lagrange.procedure.step.memory import Layout
+from lagrange.procedure.step.run import COUNTS, RUN
+from lagrange.procedure.step.trial import Running
+from lagrange.procedure.step.vectors import floors_of
+from lagrange.procedure.values import Real
+from lagrange.program.step import Control
+
+
+def error_norm(layout: Layout, control: Control) -> Procedure:
+    """Return the error of a step in units of its tolerance, with two error vectors as DOP853 takes them."""
+    p = Builder("error_norm", "Return the error of the trial step against its tolerances.")
+    run: Any = p.record("run", RUN)
+    floors = floors_of(p, layout)
+    work = p.array("work", size=layout.size, room=layout.block, read=True)
+    old, new = work.at(0), work.at(layout.place(layout.new))
+    errors = [work.at(layout.place(layout.errors + i)) for i in range(len(layout.step.errors))]
+    rtol = run.rtol
+    with p.each(layout.width) as i:
+        scale = p.fma(rtol, p.larger(abs(old[i]), abs(new[i])), floors[i])
+        ratios = [error[i] / scale for error in errors]
+        sums = [p.dot(ratio, ratio) for ratio in ratios]
+    first, n = sums[0].value, float(layout.dimension)
+    if control.damped:
+        mixed = p.fma(DAMPING, sums[1].value, first)
+        p.leave(first / p.sqrt(p.choose(mixed > 0.0, mixed * n, 1.0)))
+    else:
+        p.leave(p.sqrt(first / n))
+    return p.finish(REAL)
+
+
+def reject(layout: Layout) -> Procedure:
+    """Return what is done with a step that does not count; it says whether to ask how large the entries are.
+
+    That is where it is not the first try, or an entry has no size yet. Where the trial `moved` the state, an entry that
+    it left at zero does not count.
+    """
+    about = "Have a step tried again with another length, and say whether to ask how large the entries are."
+    p = Builder("reject", about, apart=True)
+    run: Any = p.record("run", RUN)
+    counts: Any = p.record("counts", COUNTS)
+    floors = floors_of(p, layout)
+    work = p.array("work", size=layout.size, room=layout.block, read=True)
+    cause, h, moved = p.given("cause", REAL), p.given("h", REAL), p.given("moved", FLAG)
+    run.cause = cause
+    run.h = h
+    counts.after_reject = counts.after_reject + 1
+    counts.rejected = counts.rejected + 1
+    new = work.at(layout.place(layout.new))
+    with p.each(layout.width) as i:
+        floor = floors[i]
+        size = abs(p.choose(moved, new[i], floor))
+        blank = p.largest(p.choose(floor <= LEAST_FLOOR, size, 0.0))
+    asked = counts.after_reject.equals(STUCK) | (blank.value > 0.0)
+    p.leave(asked & (run.share > 0.0) & (counts.surveyed < SURVEYS))
+    return p.finish(FLAG)
+
+
+def raise_floors(given: Running) -> None:
+    """Raise the floors to their share of the new state."""
+    p, layout = given.p, given.layout
+    share, new = given.run.share, given.work.at(layout.place(layout.new))
+    with p.each(layout.width, spill=True) as i:
+        given.floors[i] = higher(p, share * abs(new[i]), given.floors[i])
+
+
+def higher(p: Builder, value: Real, floor: Real) -> Any:
+    """Return a floor that is no lower than a value, if that is a number."""
+    return p.choose(value > floor, value, floor)

@@ -1,0 +1,174 @@
+"""The length of a first step, from how slopes change over a short one.
+
+The jerk over the velocity is the square of a rate, whatever the units of entries and of time are and wherever
+coordinates begin; without either, the acceleration over the coordinate is, or over the velocity. What is small against
+its tolerance counts as what its floor is the tolerance of. A floor that is to follow the scale begins, where an entry
+is zero, with what the step reaches. An acceleration that may be round-off of what cancels, as at an equilibrium, is
+none to go by: what it owes to the coordinate is.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import REAL, Procedure
+from lagrange.procedure.step.constants import (
+    ALONE,
+    CANCELLED,
+    FIRST_SHARE,
+    FIRST_TRIAL,
+    FLAT,
+    LEAST_FIRST,
+    NOISE,
+    RESOLVED,
+    SPACING,
+    TILT,
+    tilts,
+)
+from lagrange.procedure.step.error_norm import higher
+from lagrange.procedure.step.memory import Layout
+from lagrange.procedure.step.trial import Running
+from lagrange.procedure.values import Flag, Memory, Real, Whole
+from lagrange.program.step import Control
+
+ASK = -1.0
+"""The length of a first step where somebody is to look how large the entries are."""
+
+
+def first_step(layout: Layout, control: Control) -> Procedure:
+    """Return the choice of a first step within a span, by its size; negative where sizes of entries are asked for."""
+    return _FirstStep(layout, control).build()
+
+
+class _Size(NamedTuple):
+    """What counts as the size of an entry beside its floor, and whether it is not zero."""
+
+    whole: Real
+    some: Flag
+
+
+class _FirstStep:
+    """Builds the procedure. The second half of `owed` is what accelerations that may be round-off owe to the state."""
+
+    def __init__(self, layout: Layout, control: Control) -> None:
+        self.p = p = Builder("first_step", "Return the size of a first step from three slopes.", apart=True)
+        self.layout, self.control, self.half = layout, control, layout.dimension // 2
+        self.given = Running(p, layout)
+        self.run, self.work, self.floors = self.given.run, self.given.work, self.given.floors
+        self.span, self.direction = p.given("span", REAL), p.given("direction", REAL)
+
+    def build(self) -> Procedure:
+        p, run, layout, work = self.p, self.run, self.layout, self.work
+        self.y, self.argument, self.result = work.at(0), work.at(layout.argument), work.at(layout.result)
+        self.slope, self.later = work.at(layout.place(layout.vectors - 1)), work.at(layout.place(layout.errors))
+        self.owed = work.at(layout.place(layout.new))
+        self.t, self.follows = run.t, run.share > 0.0
+        self.singular = p.variable(p.false, "singular")
+        self.evaluate(self.t, self.y, self.slope)
+        rate = self.trial_rate()
+        trial = p.smaller(p.choose(rate > 0.0, FIRST_SHARE / rate, FIRST_TRIAL * self.span), self.span)
+        self.move(trial * self.direction)
+        squared = self.squares(trial)
+        with p.when(self.singular.value):
+            p.leave(FLAT * self.span)
+        change = p.sqrt(squared)
+        rate = p.choose((change > 0.0) & (change < math.inf), change, rate)
+        aim = (FIRST_SHARE * run.rtol) ** (1.0 / self.control.exponent)
+        some = rate > 0.0
+        least = abs(self.t) * (RESOLVED * SPACING)
+        h = p.smaller(p.larger(p.choose(some, aim / rate, FLAT * self.span), least), self.span).called("h")
+        with p.when(self.follows):
+            self.first_floors(h, h / trial)
+            self.noise_floors(p.choose(some, 1.0 / rate, 0.0))
+        p.leave(h)
+        return p.finish(REAL)
+
+    def evaluate(self, t: Real, y: Memory, out: Memory) -> None:
+        """Evaluate the right-hand side at a state, in whole blocks."""
+        p, laws, n = self.p, self.given.laws, self.layout.dimension
+        if self.layout.in_registers:
+            state = [y[i] for i in range(n)]
+            *found, failed = laws.law(t, *state, laws.parameters)
+            values = [*state[self.half :], *found, *[p.constant(0.0, REAL)] * (self.layout.width - n)]
+            for k, value in enumerate(values):
+                out[k] = value
+        else:
+            failed = laws.law(t, y, laws.parameters, self.result)
+            with p.each(self.layout.width, spill=True) as i:
+                out[i] = self.result[i]
+        self.singular.value = self.singular.value | failed
+
+    def size(self, i: Whole) -> _Size:
+        size = abs(self.y[i])
+        return _Size(size + self.floors[i] / self.run.rtol, size > 0.0)
+
+    def trial_rate(self) -> Real:
+        """Return the rate by which the trial length is found, from accelerations alone."""
+        p, rate = self.p, self.p.variable(0.0, "rate")
+        with p.loop(0, self.half) as i:
+            force, place, speed = abs(self.slope[i + self.half]), self.size(i), self.size(i + self.half)
+            other = p.choose(speed.some, force / speed.whole, 0.0)
+            rate.value = p.larger(rate.value, p.choose(place.some, p.sqrt(force / place.whole), other))
+        return p.real(rate.value)
+
+    def move(self, h: Real) -> None:
+        """Evaluate the right-hand side after an Euler step of h, and where each entry is tilted a little."""
+        p = self.p
+        with p.each(self.layout.width, spill=True) as i:
+            self.argument[i] = p.fma(h, self.slope[i], self.y[i])
+        self.evaluate(self.t + h, self.argument, self.later)
+        for k, tilt in enumerate(tilts(self.layout.dimension).tolist()):
+            self.argument[k] = self.y[k] * (1 + TILT * tilt)
+        self.evaluate(self.t, self.argument, self.result)
+
+    def squares(self, trial: Real) -> Real:
+        """Return the square of the rate that the first step follows; leave to ask for sizes where it says nothing."""
+        p, half = self.p, self.half
+        doubtful, others, moving, paired = (p.variable(0.0) for _ in range(4))
+        with p.loop(0, half) as i:
+            below = i + half
+            here = self.slope[below]
+            force, place, speed = abs(here), self.size(i), self.size(below)
+            owed = abs(self.result[below] - here) / TILT
+            doubt = force < CANCELLED * owed
+            jerk = p.choose(speed.some, abs(self.later[below] - here) / trial / speed.whole, 0.0)
+            part = force / speed.whole
+            other = p.smaller(
+                p.choose(place.some, force / place.whole, math.inf), p.choose(speed.some, part * part, math.inf)
+            )
+            square = p.choose(jerk > 0.0, jerk, p.choose(place.some | speed.some, other, 0.0))
+            largest: list[tuple[Any, Real]] = [
+                (doubtful, p.choose(doubt, square, 0.0)),
+                (others, p.choose(doubt, 0.0, square)),
+                (moving, p.larger(force, abs(self.slope[i]))),
+                (paired, p.choose(doubt & place.some, owed / place.whole, 0.0)),
+            ]
+            for variable, value in largest:
+                variable.value = p.larger(variable.value, value)
+            self.owed[below] = p.choose(doubt, owed, 0.0)
+        asked = (doubtful.value > ALONE * others.value) | moving.value.equals(0.0)
+        with p.when(self.follows & self.given.counts.surveyed.equals(0) & asked & ~self.singular.value):
+            p.leave(ASK)
+        return p.real(p.larger(p.larger(doubtful.value, others.value), paired.value))
+
+    def first_floors(self, h: Real, longer: Real) -> None:
+        """Let the floors of entries that are zero begin with what a step of h reaches by its slopes."""
+        p = self.p
+        factor = p.larger(self.run.share, LEAST_FIRST) * h
+        with p.each(self.layout.width, spill=True) as i:
+            here = self.slope[i]
+            ahead = abs(p.fma(self.later[i] - here, longer, here))
+            still = (ahead < math.inf) & abs(here).equals(0.0)
+            reach = factor * p.choose(still, ahead, abs(here))
+            self.floors[i] = higher(p, p.choose(self.y[i].equals(0.0), reach, 0.0), self.floors[i])
+
+    def noise_floors(self, period: Real) -> None:
+        """Let floors lie above round-off of accelerations that cancel, over a period."""
+        p, floors = self.p, self.floors
+        with p.loop(0, self.half) as i:
+            below = i + self.half
+            noise = period * NOISE * self.owed[below]
+            floors[i] = p.larger(floors[i], period * noise)
+            floors[below] = p.larger(floors[below], noise)
