@@ -36,7 +36,7 @@ MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
         *("trajectory records", "trajectory/paths"),
     ),
     "trajectory runs": (
-        *("machine records", "machine/steps", "machine entries"),
+        *("machine records", "machine entries"),
         *("trajectory records", "trajectory/paths", "trajectory/events"),
     ),
     "trajectory/methods": (
@@ -44,7 +44,7 @@ MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
         *("trajectory records", "trajectory/tableaux", "trajectory/paths", "trajectory/events", "trajectory runs"),
     ),
     "trajectory/foreign": (
-        *("machine records", "machine/steps", "machine entries"),
+        *("machine records", "machine entries"),
         *("trajectory records", "trajectory/paths", "trajectory/events", "trajectory runs", "trajectory/methods"),
     ),
     "trajectory entries": (

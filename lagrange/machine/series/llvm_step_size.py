@@ -139,7 +139,7 @@ class StepSize:
     def first_floors(self) -> str:
         """Give floors a start where entries are zero; return whether some series begin too late for that.
 
-        See the numpy driver.
+        See the interpreted driver.
         """
         e, kind, lanes = self.e, self.kind, self.layout.lanes
         share, least = e.splat(e.get("%reals", DriverState.SHARE), kind), number(LEAST_FLOOR, lanes)
