@@ -70,6 +70,7 @@ def euler_lagrange(statement: Statement) -> Equations:
     """Form the equations of motion of a statement."""
     graph = Graph()
     q, v, time, parameters = _symbols(graph, statement)
+    rate = v  # dq/dt
     leaves = dict(zip((*statement.coordinates, *statement.velocities), (*q, *v), strict=True))
     leaves |= {t: time, **dict(zip(statement.parameters, parameters, strict=True))}
     translate = Translator(graph, leaves)
@@ -82,7 +83,7 @@ def euler_lagrange(statement: Statement) -> Equations:
     forces = generalized_forces(lagrangian, q, extra)
     mass = mass_matrix(momenta, v)
     check_inertia(statement.names, mass)
-    bias = bias_forces(forces, momenta, q, v, time)
+    bias = bias_forces(forces, momenta, q, rate, time)
     plan = plan_of(mass)
     accelerations = solve_accelerations(plan, mass, bias)
     structure = find_structure(graph, statement.names, q, time, lagrangian, momenta, extra, plan, accelerations)
@@ -91,7 +92,7 @@ def euler_lagrange(statement: Statement) -> Equations:
         graph=graph,
         q=q,
         v=v,
-        rate=v,
+        rate=rate,
         time=time,
         parameters=parameters,
         leaves=leaves | known,

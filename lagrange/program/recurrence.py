@@ -25,7 +25,7 @@ LONGEST_SHARED = 12
 
 
 class Builder:
-    """Numbers values, each once; `nodes` says what each is at order 0, where a node says it.
+    """Numbers values, each once; `nodes` says what each is at order 0, where a node says it. `rate` is dq/dt, if not v.
 
     With `apart` the rate of a sum such as a - b is multiplied term by term: cos(a - b) a' may be there already.
     """
@@ -38,6 +38,7 @@ class Builder:
         time: Node,
         outputs: Sequence[Node],
         *,
+        rate: Sequence[Node] = (),
         apart: bool = False,
     ) -> None:
         self.graph = graph
@@ -51,7 +52,7 @@ class Builder:
         self.constants: dict[Node, int] = {}
         self.rates: dict[Node, Node | None] = {}
         self.starts: dict[Node, Node] = {}
-        self.speed = dict(zip(self.q, self.v, strict=True)) | {time: graph.one}
+        self.speed = dict(zip(self.q, rate or self.v, strict=True)) | {time: graph.one}
         for i, node in enumerate(self.q):
             self.values[node] = self.add(Rule("coordinate", (), (i,)), node)
         for i, node in enumerate(self.v):

@@ -41,10 +41,10 @@ def assemblies(
     if _constant(triangles):
         # Of p only M v is solved for: the rest of it, of a potential that depends on velocities, is a force, and no
         # form may count on p.
-        f, p = bias_forces(f, p, e.q, e.v, e.time), [e.graph.zero] * len(p)
+        f, p = bias_forces(f, p, e.q, e.rate, e.time), [e.graph.zero] * len(p)
     return [
         _Assembly(e, form, triangles, seen, switched, apart=apart)
-        for form in forms(p, f, e.q, e.v, e.time)
+        for form in forms(p, f, e.q, e.rate, e.time)
         for apart in (False, True)
     ]
 
@@ -68,7 +68,8 @@ class _Assembly:
         graph = equations.graph
         forces = [node for terms in form.forces for _, node in terms]
         inertia = form.nodes if self.plan.moving else forces
-        self.builder = Builder(graph, equations.q, equations.v, equations.time, [*inertia, *watched], apart=apart)
+        nodes = [*inertia, *watched]
+        self.builder = Builder(graph, equations.q, equations.v, equations.time, nodes, rate=equations.rate, apart=apart)
         self.builder.starts.update(switched.starts)
         self.parts = form.parts
         self.known: dict[Node, int | None] = {}

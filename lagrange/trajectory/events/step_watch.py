@@ -340,7 +340,7 @@ class StepWatch(Record):
 
 @lru_cache(maxsize=64)
 def _rates(equations: Equations, nodes: tuple[Node, ...]) -> tuple[Node, ...]:
-    ahead = dict(zip((*equations.q, *equations.v), (*equations.v, *equations.accelerations), strict=True))
+    ahead = dict(zip((*equations.q, *equations.v), (*equations.rate, *equations.accelerations), strict=True))
     along = tangents(nodes, {**ahead, equations.time: equations.graph.one})
     return tuple(along(node) for node in nodes)
 
