@@ -76,7 +76,8 @@ def state(**stated: Any) -> Statement:
 def equations_of(statement: Statement) -> Equations:
     """Return the equations of motion. Raises StatementError where no state gives every coordinate inertia."""
     equations = euler_lagrange(statement)
-    check_mass_matrix(equations, Stages(equations, machine("numpy")).kernel, statement)
+    # A mass matrix without coupled blocks is not evaluated, and numpy's machine is then not imported.
+    check_mass_matrix(equations, lambda name: Stages(equations, machine("numpy")).kernel(name), statement)
     return equations
 
 
