@@ -19,7 +19,7 @@ from lagrange.procedure.newton.prediction import predict
 from lagrange.procedure.outcome import Outcome
 from lagrange.procedure.step.memory import Layout, SolveLayout
 from lagrange.procedure.step.vectors import Given, Vectors
-from lagrange.procedure.values import Memory, Real, Whole
+from lagrange.procedure.values import Memory, Real, Variable, Whole
 
 UNROLLED_PRODUCT = 64
 """A product of matrix and vector is written out up to this many blocks, or columns where rows are taken one by one."""
@@ -161,8 +161,16 @@ def product(given: Given, solve: SolveLayout, matrix: Memory, vectors: int) -> I
             yield row, sums[0] + sums[1] if len(sums) > 1 else sums[0]
         return
     with p.each(width, spill=True) as row:
-        total = p.variable(0.0, "total")
-        with p.loop(0, vectors) as i, p.loop(0, length) as a:
+        first, second = p.variable(0.0, "first"), p.variable(0.0, "second")
+
+        def add(total: Variable, i: Whole, a: Whole) -> None:
             column = matrix.at((i * length + a) * width)
             total.value = p.fma(column[row], residual[i * solve.width + a], total.value)
-        yield row, total.value
+
+        with p.loop(0, vectors) as i:
+            with p.loop(0, length - 1, 2) as a:
+                add(first, i, a)
+                add(second, i, p.whole(a + 1))
+            if length % 2:
+                add(first, i, p.whole(length - 1))
+        yield row, first.value + second.value
