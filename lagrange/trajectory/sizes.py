@@ -14,12 +14,13 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lagrange.equations.state_layout import StateLayout
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState
-from lagrange.procedure.step.constants import FLAT, LEAST_FLOOR, NOISE, tilts
+from lagrange.procedure.step.constants import FLAT, LEAST_FLOOR, NOISE, SURVEYS, tilts
 from lagrange.trajectory.trajectory import FloatArray
 
 DISPLACEMENT, WIDER = 2.0**-26, 2.0**8
@@ -40,7 +41,13 @@ ROUNDS = 256
 """Most rounds in which sizes spread from one entry of a chain to the next, two rounds a link."""
 
 AHEAD = (0.0, 1.0, 4.0, 16.0, 64.0)
-"""Steps ahead at which forces are evaluated. Of a system at rest, a force that depends on time may be all there is."""
+"""Steps ahead at which forces are evaluated. Of a system at rest, a force that depends on time may be all there is.
+From one survey of a run to the next these times are as many times as far as the last number."""
+
+DRIFTS, FARTHER = (1.0, 4.0), 8.0
+"""Steps ahead at which forces are evaluated where the state comes to if nothing stops it. A step that was rejected,
+where it met what had not moved yet, was one to five times as long as the next. From one survey to the next these times
+are so many times as far."""
 
 HALVINGS = 52
 """At rest, forces are also evaluated at the time left, its half, its quarter and so on."""
@@ -53,25 +60,44 @@ Slopes = Callable[[float, FloatArray], FloatArray]
 
 def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
     """Raise the floors of a run that came back as UNSCALED; see `Outcome`."""
-    reals = state.reals
-    state.counts[DriverState.SURVEYED] += 1
-    t, left = state.t, float(reals[DriverState.END]) - state.t
-    h = float(reals[DriverState.H])
-    looks = [t + _within(part * (h or FLAT * left), left) for part in AHEAD]
+    reals, before = state.reals, state.count(DriverState.SURVEYED)
+    t, left, share = state.t, float(reals[DriverState.END]) - state.t, float(reals[DriverState.SHARE])
+    h = float(reals[DriverState.H]) or FLAT * left
+    reach, drift = h * AHEAD[-1] ** before, h * FARTHER**before
+    law, layout = slopes_of(model, parameters), model.layout
+    slope = law(t, state.y)
+    times = [t + _within(part * reach, left) for part in AHEAD]
     if not state.y.any():
-        looks += [t + left * 2.0**-k for k in range(HALVINGS)]
-    sizes, coupled, _ = entry_sizes(slopes_of(model, parameters), model.layout, t, state.y, left, looks)
-    share = reals[DriverState.SHARE]
-    unknown = state.floors <= np.maximum(LEAST_FLOOR, share * NOISE * coupled)
-    found = np.where(unknown, share * sizes, 0.0)
-    state.floors[:] = np.maximum(state.floors, np.maximum(found, NOISE * coupled))
+        times += [t + left * 2.0**-k for k in range(HALVINGS)]
+    looks = [(when, state.y) for when in times]
+    # What is at rest may be pushed by what comes to it in the step.
+    looks += [(t + part * drift, state.y + part * drift * slope) for part in DRIFTS]
+    sizes, coupled, _ = entry_sizes(law, layout, t, state.y, left, looks)
+    unknown = state.floors <= np.maximum(LEAST_FLOOR, share * NOISE * np.maximum(coupled, sizes))
+    found = np.maximum(np.where(unknown, share * sizes, 0.0), NOISE * coupled)
+    if before == SURVEYS - 1:
+        found = np.maximum(found, _as_others(layout, state.floors))
+    learnt = bool(((state.floors <= LEAST_FLOOR) & (found > LEAST_FLOOR)).any())
+    state.floors[:] = np.maximum(state.floors, found)
+    if not (learnt and before):
+        state.counts[DriverState.SURVEYED] += 1
+
+
+def _as_others(layout: StateLayout, floors: FloatArray) -> FloatArray:
+    """Return floors (2n,) for entries that are round-off of others of their kind, 0 for the rest.
+
+    It is the last answer to a run that gets nowhere, as where 1 + tanh(u) is rounded to zero and its slope is not: no
+    displacement of the state shows that what such a force brings about is below its noise.
+    """
+    kinds = np.concatenate([np.full(len(half), half.max(initial=0.0)) for half in layout.split(floors)])
+    return np.where(floors < NOISE * kinds, kinds, 0.0)
 
 
 def first_floors(
     slopes: Slopes, layout: StateLayout, t: float, y: FloatArray, left: float, share: float
 ) -> tuple[FloatArray, float]:
     """Return floors (2n,) for a solver that cannot ask for them, a share of the sizes at its start, and the period."""
-    looks = [t + left * k / LOOKS for k in range(LOOKS + 1)]
+    looks = [(t + left * k / LOOKS, y) for k in range(LOOKS + 1)]
     sizes, coupled, period = entry_sizes(slopes, layout, t, y, left, looks)
     return np.maximum(np.maximum(share * sizes, NOISE * coupled), LEAST_FLOOR), period
 
@@ -95,20 +121,21 @@ def slopes_of(model: Model, parameters: FloatArray) -> Slopes:
 
 
 def entry_sizes(
-    slopes: Slopes, layout: StateLayout, t: float, y: FloatArray, left: float, looks: Sequence[float]
+    slopes: Slopes, layout: StateLayout, t: float, y: FloatArray, left: float, looks: Sequence[tuple[float, FloatArray]]
 ) -> tuple[FloatArray, FloatArray, float]:
     """Return the sizes (2n,) of entries, what each gets from the others over the natural period, and that period.
 
-    `left` is the time that the run has to go, signed; `looks` are times at which forces may act.
+    `left` is the time that the run has to go, signed; `looks` are times and states (2n,) at which forces may act.
     """
     with np.errstate(all="ignore"):
         slope = slopes(t, y)
-        response = _Response(lambda state: slopes(t, state), slope, y)
+        response = _Response(lambda state: slopes(t, state), slope, y, layout)
         own = partial(_own_sizes, layout, y)
-        force = np.fmax.reduce([np.abs(slopes(when, y)[layout.v]) for when in looks])
+        forces = np.abs([slopes(*look)[layout.v] for look in looks])
+        force = np.max(forces, axis=0, initial=0.0, where=np.isfinite(forces))
         period = abs(left)
         noise = NOISE * response(own(np.zeros_like(force), period))[layout.v]
-        force = np.where(np.isfinite(force) & (force > noise), force, 0.0)
+        force = np.where(force > noise, force, 0.0)
         rate = max(response.rate(part * own(force, period)) for part in ((1.0,) if y.any() else (1.0, NEAR_REST)))
         period = min(period, 1 / rate) if rate > 0 else period
         size, spread = own(force, period), np.zeros(len(y), dtype=bool)
@@ -137,8 +164,10 @@ def _own_sizes(layout: StateLayout, y: FloatArray, force: FloatArray, period: fl
 class _Response:
     """The change of slopes where the state is displaced, as if they were linear in it."""
 
-    def __init__(self, slopes: Callable[[FloatArray], FloatArray], slope: FloatArray, y: FloatArray) -> None:
-        self._slopes, self._slope, self._y = slopes, slope, y
+    def __init__(
+        self, slopes: Callable[[FloatArray], FloatArray], slope: FloatArray, y: FloatArray, layout: StateLayout
+    ) -> None:
+        self._slopes, self._slope, self._y, self._layout = slopes, slope, y, layout
 
     def __call__(self, displacement: FloatArray) -> FloatArray:
         """Return the sizes of the changes (2n,) for a displacement (2n,), whatever its length."""
@@ -161,8 +190,22 @@ class _Response:
         """
         known, found = displacement > 0, np.inf
         for _ in range(TURNS):
-            then = self(self(displacement))
-            both = known & (displacement > 0) & np.isfinite(then)
-            found = min(found, float(np.max(then[both] / displacement[both], initial=0.0)))
-            displacement = then
+            # A response is a displacement per time: in slow units of time it would be lost in round-off.
+            first = self(displacement)
+            once = _ratio(first, displacement, known) or self._from_rest(first, displacement)
+            then = self(first / once if once > 0 else first)
+            twice = _ratio(then, displacement, known)
+            found, displacement = min(found, once * twice), then / twice if twice > 0 else then
         return float(np.sqrt(found))
+
+    def _from_rest(self, response: FloatArray, displacement: FloatArray) -> float:
+        """Return the rate by which accelerations respond to a displacement of coordinates alone."""
+        place, force = self._layout.split(displacement)[0], self._layout.split(response)[1]
+        both = (place > 0) & np.isfinite(force)
+        return float(np.sqrt(np.max(force[both] / place[both], initial=0.0)))
+
+
+def _ratio(response: FloatArray, displacement: FloatArray, known: NDArray[np.bool_]) -> float:
+    """Return how many times as long as a displacement the response is, at most, where the displacement is known."""
+    both = known & (displacement > 0) & np.isfinite(response)
+    return float(np.max(response[both] / displacement[both], initial=0.0))

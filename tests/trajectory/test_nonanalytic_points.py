@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
-from sympy import Abs, Rational, sign, sqrt
+from sympy import Abs, Piecewise, Rational, log, sign, sqrt
 
 import lagrange as lg
 from lagrange.machine.state import DriverState
@@ -19,7 +20,7 @@ G, C = 9.81, 0.1
 LIMIT = math.sqrt(G / C)
 """The speed at which drag and weight of a unit mass are equal."""
 
-x, y = lg.coordinates("x y")
+x, y, z = lg.coordinates("x y z")
 speed = sqrt(x.dot**2 + y.dot**2)
 
 
@@ -45,6 +46,29 @@ def test_drag_from_rest(target: str) -> None:
     # On the leap itself, 5e-6 s long, the path is a cubic with the right slopes.
     times = np.linspace(0.0, 5e-6, 11)
     assert found.at(times)[3] == pytest.approx(-G * times, rel=1e-9, abs=1e-15)
+
+
+def touching(*bodies: Any) -> Any:
+    """Return the potential of contacts in a row of equal balls, as Hertz has it."""
+    return sum(Piecewise(((p - q) ** Rational(5, 2), p > q), (0, True)) for p, q in pairwise(bodies))
+
+
+@pytest.mark.parametrize("start", [{x.dot: 1.0}, {x: -0.1, x.dot: 1.0}, {x: 0.2}, {x: -0.1, z: 0.1, x.dot: 1.0}])
+def test_what_is_at_rest_is_hit(start: Any) -> None:
+    """The force on it grows as a power of the time, and there is no velocity that it could be small against."""
+    balls = lg.System(kinetic=(x.dot**2 + y.dot**2 + z.dot**2) / 2, potential=touching(x, y, z), coordinates=[x, y, z])
+    found, right = balls.run(5.0, start), balls.run(5.0, start, method="dop853", rtol=1e-12, atol=1e-13)
+    assert found.status is right.status is lg.Status.SUCCESS, found.message
+    assert found.y[:, -1] == pytest.approx(right.y[:, -1], abs=1e-8)
+
+
+@pytest.mark.parametrize("force", [1 / sqrt(x - y), log(x - y)])
+def test_no_leap_into_a_force_that_is_infinite_where_it_begins(force: Any) -> None:
+    balls = lg.System(
+        kinetic=(x.dot**2 + y.dot**2) / 2, coordinates=[x, y], forces={y: Piecewise((force, x > y), (0, True))}
+    )
+    found = balls.run(5.0, {x: -0.1, x.dot: 1.0})
+    assert not found.status.complete and found.t[-1] == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize("events", [None, [y.dot], [lg.event(y.dot, direction=-1)]])

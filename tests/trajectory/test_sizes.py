@@ -89,11 +89,47 @@ def test_a_push_on_what_is_at_rest_is_met(method: str) -> None:
     assert found.status is lg.Status.SUCCESS and found[x][-1] == pytest.approx(1 - math.cos(15.0), abs=1e-4)
 
 
+def row(count: int) -> lg.System:
+    """Bodies at rest one tenth apart, each with a spring towards the next, and the first of them moves."""
+    q = lg.coordinates(" ".join(f"q{i}" for i in range(count)))
+    gaps = [p - r - sp.Rational(1, 10) for p, r in pairwise(q)]
+    potential = 2 * sum(sp.Piecewise((gap**2, gap > 0), (0, True)) for gap in gaps)
+    return lg.System(kinetic=plain(*q), potential=potential, coordinates=q, initial={q[0].dot: 1.0})
+
+
+@pytest.mark.parametrize("method", ADAPTIVE)
+@pytest.mark.parametrize("count", [2, 12])
+def test_what_is_hit_at_rest_is_met(method: str, count: int) -> None:
+    model = row(count).compile()
+    assert steps(model, 15.0, method) <= 1.5 * steps(model, 15.0, method, atol=1e-9) + 100
+
+
+PUSHES = {
+    "by a place": sp.Piecewise((1, y < 0), (0, True)),
+    "by a speed": sp.Piecewise((1, y.dot < -sp.Rational(1, 2)), (0, True)),
+    "by a place, smoothly": 1 + sp.tanh(-100 * (y + sp.Rational(1, 2))),
+    "in time, smoothly": 1 + sp.tanh(100 * (t - 5)),
+}
+
+
+@pytest.mark.parametrize("method", [*ADAPTIVE, "scipy-dop853", "scipy-lsoda"])
+@pytest.mark.parametrize("push", PUSHES.values(), ids=PUSHES)
+def test_a_push_that_something_else_sets_off_is_met(method: str, push: Any) -> None:
+    pair = lg.System(
+        kinetic=plain(x, y), potential=(x**2 + y**2) / 2, coordinates=[x, y], initial={y: 1.0}, forces={x: push}
+    )
+    model, span = pair.compile(), (0.0, 12.0)
+    found = lg.integrate(model, span, {}, method=method, rtol=1e-7, max_steps=50_000)
+    right = lg.integrate(model, span, {}, method=method, rtol=1e-9, atol=1e-11, max_steps=50_000)
+    assert found.status is lg.Status.SUCCESS, found.message
+    assert found.y[:, -1] == pytest.approx(right.y[:, -1], abs=1e-4)
+
+
 def sizes(system: lg.System, left: float) -> tuple[Any, Any, float]:
     model = system.compile()
     state = np.array(model.statement.initial, dtype=float)
     slopes = slopes_of(model, model.parameter_array(None))
-    return entry_sizes(slopes, model.equations.layout, 0.0, state, left, [0.0])
+    return entry_sizes(slopes, model.equations.layout, 0.0, state, left, [(0.0, state)])
 
 
 @pytest.mark.parametrize("left", [10.0, 1e5, -1e3])
@@ -103,6 +139,31 @@ def test_sizes_are_those_of_the_motion_whatever_the_span_is(left: float) -> None
     assert 0.1 < period < 1.0 and found == pytest.approx([period * 1e-5, 1e-5])
     handed, _, _ = sizes(chain(20), left)
     assert handed.min() > 1e-9 and handed.max() < 10
+
+
+ORBIT, WELL = lambda k: -k / sp.sqrt(x**2 + y**2), lambda k: k * ((1 - x**2) ** 2 + x**2 * y**2) / 4
+
+
+@pytest.mark.parametrize(("potential", "start"), [
+    (ORBIT, (0.1, 0.0, 0.0, 4.0)),
+    (WELL, (1.0, 0.0, 0.0, 0.0)),  # at rest in the well: no velocity has a size
+    (WELL, (1.0, 0.0, 0.0, 0.3)),
+])  # fmt: skip
+def test_sizes_are_the_same_in_slow_and_fast_units_of_time(potential: Any, start: tuple[float, ...]) -> None:
+    k = lg.parameters("k")
+    model = lg.System(kinetic=plain(x, y), potential=potential(k), coordinates=[x, y]).compile()
+
+    def in_units_of(second: float) -> Any:
+        one = np.array([1.0, 1.0, 1 / second, 1 / second])
+        law = slopes_of(model, model.parameter_array({k: second**-2}))
+        state = np.array(start) * one
+        found, owed, period = entry_sizes(law, model.layout, 0.0, state, 7 * second, [(0.0, state)])
+        return [*(found / one), *(owed / one), period / second]
+
+    plainly = in_units_of(1.0)
+    assert plainly[-1] < 1.0
+    for power in (-60, -20, 10, 20, 60):
+        assert in_units_of(2.0**power) == pytest.approx(plainly, rel=1e-6), power
 
 
 def test_what_cancels_owes_its_size_to_the_rest() -> None:

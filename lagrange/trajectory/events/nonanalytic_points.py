@@ -22,7 +22,13 @@ SHARE = 1e-6
 
 CHANGE = 0.01
 """No acceleration changes on a leap by more than this part of itself, or of what would change the
-velocity by itself along the run: a force that jumps, or is infinite, is not leapt over."""
+velocity by itself along the run: a force that jumps, or is infinite, is not leapt over. See `GROWTH` for bodies at
+rest."""
+
+EARLY, GROWTH = 1 / 16, 0.5
+"""What is at rest has no velocity to measure by: its acceleration is leapt over if by the first part of a leap it has
+changed by less than the second part of its change on all of it. It then grows as a power of the time, of 1/4 or more,
+as the force on a bead that another one touches; near a pole, or after log(t), it does not."""
 
 BEHIND = 2.0**-10
 """The part of a leap that lies behind the surface on which it begins."""
@@ -85,7 +91,9 @@ class Leaps:
         begun, start = state.t + BEHIND * (there - state.t), (state.t, state.y)
         if switched(abs(begun - state.t) / 2):
             start = begun, run.dense(np.array([begun]))[:, 0]
-        return y if self._steady(*start, there, y) else None
+        early = state.t + EARLY * (there - state.t)
+        between = early, run.dense(np.array([early]))[:, 0]
+        return y if self._steady(start, between, (there, y)) else None
 
     def land(self, state: DriverState, there: float, y: FloatArray, row: int) -> None:
         """Let the run go on from a state ahead; `row` is the row that the leap begins from."""
@@ -98,14 +106,19 @@ class Leaps:
         state.counts[[r.TRIES, r.FAILS]] = 0
         state.y[:] = y
 
-    def _steady(self, t: float, y: FloatArray, there: float, end: FloatArray) -> bool:
-        """Return whether the accelerations at two times on a leap are nearly the same."""
+    def _steady(self, *points: tuple[float, FloatArray]) -> bool:
+        """Return whether the accelerations at the ends of a leap are nearly the same, or grow from the first end.
+
+        `points` are times and states: of the first end, of a place early on the leap, and of the last end.
+        """
         model, parameters = self.problem.model, self.problem.parameter_array
         kernel, v = model.kernel("rhs"), model.layout.v
         try:
-            first, last = kernel(t, y, parameters)[v], kernel(there, end, parameters)[v]
+            first, early, last = (kernel(t, y, parameters)[v] for t, y in points)
         except SingularMassMatrix:
             return False
         own = np.maximum(np.abs(first), np.abs(last))
-        slow = np.maximum(np.abs(y[v]), np.abs(end[v])) / abs(self.problem.t1 - self.problem.t0)
-        return bool(np.isfinite(own).all() and (np.abs(last - first) <= CHANGE * np.maximum(own, slow)).all())
+        slow = np.maximum(np.abs(points[0][1][v]), np.abs(points[-1][1][v])) / abs(self.problem.t1 - self.problem.t0)
+        change = np.abs(last - first)
+        steady = (change <= CHANGE * np.maximum(own, slow)) | (np.abs(early - first) <= GROWTH * change)
+        return bool(np.isfinite(own).all() and steady.all())

@@ -151,6 +151,7 @@ class SolverDriver:
         self._solver: Stepper | None = None
         self._unmoved = 0
         self._begun = 0
+        self._asked: FloatArray = np.empty(0)
 
     def adopt(self, state: DriverState) -> None:
         """Leave the state where it is; see `Driver`."""
@@ -192,7 +193,8 @@ class SolverDriver:
         """Start a solver at the state, from which nothing leads back."""
         law, t, y, steps = self._law, state.t, state.y.copy(), state.count(S.STEPS)
         # Flights shorter than the first step of the solver's choice would all become as long as that.
-        first = abs(float(state.reals[S.H])) if steps == self._begun + 1 else np.inf
+        given = abs(float(state.reals[S.H]))
+        first = given if given and steps == self._begun + 1 else np.inf
         del self._plan.pieces[steps:]
         self._begun, self._unmoved = steps, 0
         law.forget()
@@ -203,11 +205,14 @@ class SolverDriver:
         return law.fault
 
     def _asks(self, state: DriverState, fault: Fault) -> bool:
-        """Whether steps vanish where an entry has no size yet: ask for one, and start the solver anew with it."""
+        """Whether steps vanish where an entry may have no size yet: ask for one, and start the solver anew with it.
+
+        What is round-off so far has none worth its name; where the last answer changed nothing, that is not the cause.
+        """
         vanished = fault.status is Status.STEP_TOO_SMALL and state.reals[S.SHARE] > 0
-        if not (vanished and (state.floors <= LEAST_FLOOR).any() and state.count(S.SURVEYED) < SURVEYS):
+        if not vanished or state.count(S.SURVEYED) >= SURVEYS or np.array_equal(state.floors, self._asked):
             return False
-        self._solver = None
+        self._solver, self._asked = None, state.floors.copy()
         return True
 
     def _scale(self, state: DriverState, t: float, y: FloatArray) -> float:
