@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,17 @@ class SingularMassMatrix(RunError):
         self.column = column
 
 
+class QuickCalls(NamedTuple):
+    """Functions of (t, y) and of (t, q, v) that return the result for one state, or None to ask for the other way.
+
+    They are quick because they leave the telling of what is wrong to `Kernel`. `t` must be a float, and arrays must be
+    plain NumPy arrays of doubles: the caller sees to that. A result is finite.
+    """
+
+    whole: Callable[..., FloatArray | None]
+    parts: Callable[..., FloatArray | None]
+
+
 class Kernel(Protocol):
     """A program ready to run."""
 
@@ -44,6 +55,9 @@ class Kernel(Protocol):
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
         """Return the result for columns of each of the program's inputs, (size, batch), without joining them."""
+
+    def quick(self, parameters: FloatArray) -> QuickCalls | None:
+        """Return quick calls for one state with some parameters, if there are any. Raises SingularMassMatrix."""
 
 
 class Driver(Protocol):

@@ -15,7 +15,7 @@ from lagrange.equations.euler_lagrange import Equations
 from lagrange.errors import RunError, StatementError, listing, shown
 from lagrange.graph.branches import either, read_when, where_read
 from lagrange.graph.node import Binding, Kind, Node, reachable
-from lagrange.machine.backend import FloatArray, Kernel, Machine, Made, Series, SingularMassMatrix
+from lagrange.machine.backend import FloatArray, Kernel, Machine, Made, QuickCalls, Series, SingularMassMatrix
 from lagrange.program.catalogue import QUANTITIES
 from lagrange.program.switching import Switched
 from lagrange.statement.choice import one_of, text
@@ -152,6 +152,9 @@ class Model:
         self, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Parameters = None
     ) -> FloatArray:
         """Return the generalized accelerations, (n,) or (n, batch)."""
+        found = self._of_parts("rhs", t, q, v, parameters)
+        if found is not None:
+            return found[self.layout.v]
         state = self._state(q, v)
         if state[0].ndim > 1:
             return self._run("accelerations", t, state, parameters)
@@ -159,10 +162,18 @@ class Model:
 
     def rhs(self, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
         """Return dy/dt = [v, a], (2n,) or (2n, batch); t is a number or (batch,)."""
+        if parameters is None and type(y) is np.ndarray and y.dtype is DOUBLE and type(t) is float:
+            found = self._quick["rhs"].whole(t, y)
+            if found is not None:
+                return found
         return self._run("rhs", t, self._checked_state(y), parameters)
 
     def jacobian(self, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
         """Return d rhs / d y, (2n, 2n), or (2n, 2n, batch)."""
+        if parameters is None and type(y) is np.ndarray and y.dtype is DOUBLE and type(t) is float:
+            found = self._quick["jacobian"].whole(t, y)
+            if found is not None:
+                return found
         return self._run("jacobian", t, self._checked_state(y), parameters)
 
     def mass_matrix(
@@ -189,13 +200,15 @@ class Model:
 
     def energy(self, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Parameters = None) -> Any:
         """Return the energy v.p - L, a float or (batch,)."""
-        return self._scalar(self._run("energy", t, self._state(q, v), parameters))
+        found = self._of_parts("energy", t, q, v, parameters)
+        return self._scalar(self._run("energy", t, self._state(q, v), parameters) if found is None else found)
 
     def momenta(
         self, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Parameters = None
     ) -> FloatArray:
         """Return the conjugate momenta p = dL/dv, (n,) or (n, batch)."""
-        return self._run("momenta", t, self._state(q, v), parameters)
+        found = self._of_parts("momenta", t, q, v, parameters)
+        return self._run("momenta", t, self._state(q, v), parameters) if found is None else found
 
     def evaluate(
         self,
@@ -264,6 +277,17 @@ class Model:
     def _default_parameters(self) -> FloatArray:
         values = self.parameter_values()
         return np.array([values[symbol] for symbol in self.statement.parameters], dtype=float)
+
+    def _of_parts(self, name: str, t: Any, q: Any, v: Any, parameters: Parameters) -> FloatArray | None:
+        """Return a quantity at one plain state with the parameters of the statement, or None to take the other way."""
+        plain = type(q) is np.ndarray and type(v) is np.ndarray and q.dtype is DOUBLE and v.dtype is DOUBLE
+        if parameters is None and plain and type(t) is float:
+            return self._quick[name].parts(t, q, v)
+        return None
+
+    @cached_property
+    def _quick(self) -> _Quick:
+        return _Quick(self)
 
     def _run(self, name: str, t: float | ArrayLike, state: State, parameters: Parameters) -> FloatArray:
         return self._call(self.kernel(name), t, state, parameters)
@@ -371,6 +395,26 @@ class Model:
     @staticmethod
     def _scalar(value: FloatArray) -> Any:
         return float(value) if value.ndim == 0 else value
+
+
+class _Quick(dict[str, QuickCalls]):
+    """The quick calls of a model by quantity, with the parameters of the statement; made when first asked for."""
+
+    def __init__(self, model: Model) -> None:
+        super().__init__()
+        self._kernel, self._parameters = model.kernel, model.parameter_array
+
+    def __missing__(self, name: str) -> QuickCalls:
+        try:
+            found = self._kernel(name).quick(self._parameters())
+        except SingularMassMatrix:
+            found = None
+        self[name] = QuickCalls(_nothing, _nothing) if found is None else found
+        return self[name]
+
+
+def _nothing(*_: Any) -> None:
+    """Return None: the caller takes the other way."""
 
 
 def _nodes(given: Iterable[Any]) -> tuple[Node, ...]:

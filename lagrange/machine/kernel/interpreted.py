@@ -25,6 +25,9 @@ class InterpretedKernel:
         """Evaluate the program; see `Kernel`."""
         return self._rows(t, y, y.shape[1:], parameters)
 
+    def quick(self, parameters: FloatArray) -> None:
+        """Return nothing: no call of it is quick; see `Kernel`."""
+
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
         """Evaluate every column; see `Kernel`."""
         return self._rows(t, [row for block in inputs for row in block], inputs[0].shape[1:], parameters)

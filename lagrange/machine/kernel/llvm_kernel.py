@@ -11,14 +11,18 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.machine.backend import FloatArray, SingularMassMatrix
+from lagrange.machine.backend import FloatArray, QuickCalls, SingularMassMatrix
 from lagrange.machine.copies import ArrivedKernel, Shared
 from lagrange.machine.kernel import llvm_calling
+from lagrange.machine.kernel.llvm_arrays import quick_calls
 from lagrange.machine.kernel.llvm_body import UNROLLED, prepared_size
 from lagrange.machine.kernel.llvm_text import column_module, scalar_module
 from lagrange.machine.llvm.address import address
 from lagrange.machine.llvm.engine import Module, lanes, linear_solver, vector_routines
 from lagrange.program.program import Program
+
+QUICK = 4096
+"""Instructions up to which a call of one state does not release the interpreter's lock: that takes as long."""
 
 _PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 _SCALAR = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
@@ -95,6 +99,12 @@ class LlvmKernel(Shared):
         if self._scalar(float(t), address(y), address(prepared), address(out)):
             raise SingularMassMatrix
         return out
+
+    def quick(self, parameters: FloatArray) -> QuickCalls | None:
+        """Return quick calls that hold the interpreter's lock, for a program that takes microseconds; see `Kernel`."""
+        if len(self._program.instructions) > QUICK:
+            return None
+        return quick_calls(self._address, self.prepare(parameters), self._program.states, self._program.shape)
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
         """Evaluate every column; see `Kernel`. An incomplete last block is filled up with copies of the last column."""

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.machine.backend import FloatArray, SingularMassMatrix
+from lagrange.machine.backend import FloatArray, QuickCalls, SingularMassMatrix
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.numpy_text import column_source
 from lagrange.machine.kernel.python_text import scalar_source
@@ -75,6 +75,36 @@ class PythonKernel:
         out = np.array(found)
         shape = self._program.shape
         return out if out.shape == shape else out.reshape(shape)
+
+    def quick(self, parameters: FloatArray) -> QuickCalls | None:
+        """Return quick calls for one state with some parameters; see `Kernel`."""
+        program = self._program
+        try:
+            function = self._scalar_function(parameters.tolist())
+        except NO_VALUE:
+            function = None
+        if function is None:
+            return None
+        size, shape = program.states, program.shape
+        flat, finite, array = len(shape) == 1, math.isfinite, np.array
+
+        def of(t: float, y: list[float]) -> FloatArray | None:
+            try:
+                found = function(t, y)
+            except NO_VALUE:
+                return None
+            if found is None or not finite(t + sum(found)):
+                return None
+            return array(found) if flat else array(found).reshape(shape)
+
+        def whole(t: float, y: FloatArray) -> FloatArray | None:
+            return of(t, y.tolist()) if y.shape == (size,) else None
+
+        def parts(t: float, q: FloatArray, v: FloatArray) -> FloatArray | None:
+            fits = q.ndim == v.ndim == 1 and 2 * len(q) == 2 * len(v) == size
+            return of(t, [*q.tolist(), *v.tolist()]) if fits else None
+
+        return QuickCalls(whole, parts)
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
         """Evaluate every column, by blocks; see `Kernel`."""

@@ -34,7 +34,10 @@ def _layout_is_as_documented() -> bool:
     return all(_by_layout(probe[..., :1]) == _by_attribute(probe[..., :1]) for probe in probes)
 
 
-address = _by_layout if _layout_is_as_documented() else _by_attribute
+by_layout = _layout_is_as_documented()
+"""Whether arrays are laid out as NumPy's C interface says, behind an object's address."""
+
+address = _by_layout if by_layout else _by_attribute
 """Return the address of an array's first number; the array must stay referenced while it is used."""
 
 

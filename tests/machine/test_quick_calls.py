@@ -1,0 +1,111 @@
+"""Calls with plain arrays are quick, and whatever else is given takes the way that checks and tells."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lagrange as lg
+from lagrange.errors import RunError, StatementError
+from lagrange.machine.model import Model
+
+x, y = lg.coordinates("x y")
+
+TARGETS = ("llvm", "numpy")
+
+
+def elastic(target: str) -> Model:
+    swinging = lg.scene("elastic-pendulum").compile(target=target)
+    assert isinstance(swinging, Model)
+    return swinging
+
+
+@pytest.fixture(params=TARGETS)
+def model(request: pytest.FixtureRequest) -> Model:
+    return elastic(request.param)
+
+
+STATE = np.array([1.1, 0.4, -0.3, 0.7])
+
+
+def slow(model: Model, name: str, state: Any = STATE, t: float = 0.0) -> Any:
+    return model.kernel(name)(t, np.array(state), model.parameter_array())
+
+
+def test_what_is_computed_is_the_same(model: Model) -> None:
+    q, v = STATE[:2].copy(), STATE[2:].copy()
+    assert model._quick["rhs"].whole(0.0, STATE) is not None and model._quick["energy"].parts(0.0, q, v) is not None
+    assert np.array_equal(model.rhs(0.0, STATE), slow(model, "rhs"))
+    assert np.array_equal(model.jacobian(0.0, STATE), slow(model, "jacobian"))
+    assert np.array_equal(model.accelerations(q, v), slow(model, "rhs")[2:])
+    assert np.array_equal(model.momenta(q, v), slow(model, "momenta"))
+    assert model.energy(q, v) == float(slow(model, "energy")) and type(model.energy(q, v)) is float
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        STATE[::-1][::-1],
+        np.repeat(STATE, 2)[::2],
+        np.array([*STATE, 9.0])[:4],
+        np.column_stack([STATE, STATE])[:, 0],
+        np.frombuffer(b"." + STATE.tobytes(), offset=1),
+        STATE.astype(">f8"),
+        STATE.view(np.matrix).A1,
+        STATE.tolist(),
+        np.asfortranarray(STATE),
+    ],
+    ids=["twice reversed", "strided", "a part", "a column", "odd address", "other bytes", "matrix", "list", "fortran"],
+)
+def test_arrays_of_every_kind(model: Model, given: Any) -> None:
+    assert np.array_equal(model.rhs(0.0, given), slow(model, "rhs"))
+
+
+def test_what_is_given_is_not_changed_and_results_are_new(model: Model) -> None:
+    given = STATE.copy()
+    given.flags.writeable = False
+    first, second = model.rhs(0.0, given), model.rhs(0.0, given)
+    assert first is not second and np.array_equal(given, STATE) and first.flags.owndata
+
+
+def test_batches_and_times_are_as_before(model: Model) -> None:
+    many = np.column_stack([STATE, STATE + 0.1])
+    assert model.rhs(0.0, many)[:, 0] == pytest.approx(slow(model, "rhs"), rel=1e-14)
+    assert np.array_equal(model.rhs(0, STATE), model.rhs(np.float64(0.0), STATE))
+
+
+@pytest.mark.parametrize("wrong", [np.zeros(3), np.zeros(5), np.zeros(0), np.zeros(()), np.zeros((1, 4))])
+def test_wrong_shapes_are_told(model: Model, wrong: Any) -> None:
+    with pytest.raises(StatementError, match="y has shape"):
+        model.rhs(0.0, wrong)
+    with pytest.raises(StatementError, match="q has shape"):
+        model.energy(wrong, wrong)
+
+
+@pytest.mark.parametrize("t", [float("nan"), float("inf")])
+def test_a_time_that_is_no_number_is_told(model: Model, t: float) -> None:
+    with pytest.raises(StatementError, match="time t"):
+        model.rhs(t, STATE)
+
+
+def test_results_without_a_value_come_as_they_are(model: Model) -> None:
+    state = np.array([np.nan, 0.4, -0.3, 0.7])
+    assert np.isnan(model.rhs(0.0, state)[2:]).any()
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_singular_mass_matrix_is_named(target: str) -> None:
+    polar = lg.System(
+        kinetic=(x.dot**2 + x**2 * y.dot**2) / 2, coordinates=[x, y], initial={x: 1.0}, potential=x
+    ).compile(target=target)
+    assert np.isfinite(polar.rhs(0.0, np.array([1.0, 0.0, 0.0, 1.0]))).all()
+    with pytest.raises(RunError, match="the mass matrix is singular at t = 0, x = 0, y = 0"):
+        polar.rhs(0.0, np.zeros(4))
+
+
+def test_other_parameters_do_not_disturb(model: Model) -> None:
+    expected = model.rhs(0.0, STATE)
+    other = model.rhs(0.0, STATE, {"k": 99.0})
+    assert not np.array_equal(other, expected) and np.array_equal(model.rhs(0.0, STATE), expected)
