@@ -15,7 +15,8 @@ from lagrange.equations.euler_lagrange import Equations
 from lagrange.errors import RunError, StatementError, listing, shown
 from lagrange.graph.branches import either, read_when, where_read
 from lagrange.graph.node import Binding, Kind, Node, reachable
-from lagrange.machine.backend import FloatArray, Kernel, Machine, Made, QuickCalls, Series, SingularMassMatrix
+from lagrange.machine.backend import FloatArray, Kernel, Machine, Made, Series, SingularMassMatrix
+from lagrange.machine.calls import Quick, scalar, surely_finite
 from lagrange.program.catalogue import QUANTITIES
 from lagrange.program.switching import Switched
 from lagrange.statement.choice import one_of, text
@@ -152,29 +153,17 @@ class Model:
         self, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Parameters = None
     ) -> FloatArray:
         """Return the generalized accelerations, (n,) or (n, batch)."""
-        found = self._of_parts("rhs", t, q, v, parameters)
-        if found is not None:
-            return found[self.layout.v]
-        state = self._state(q, v)
-        if state[0].ndim > 1:
-            return self._run("accelerations", t, state, parameters)
-        return self._run("rhs", t, state, parameters)[self.layout.v]
+        if (q if isinstance(q, np.ndarray) else self._vector(q, "q")).ndim > 1:
+            return self._run("accelerations", t, self._state(q, v), parameters)
+        return self._of_parts("rhs", t, q, v, parameters)[self.layout.v]
 
     def rhs(self, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
         """Return dy/dt = [v, a], (2n,) or (2n, batch); t is a number or (batch,)."""
-        if parameters is None and type(y) is np.ndarray and y.dtype is DOUBLE and type(t) is float:
-            found = self._quick["rhs"].whole(t, y)
-            if found is not None:
-                return found
-        return self._run("rhs", t, self._checked_state(y), parameters)
+        return self._of_whole("rhs", t, y, parameters)
 
     def jacobian(self, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
         """Return d rhs / d y, (2n, 2n), or (2n, 2n, batch)."""
-        if parameters is None and type(y) is np.ndarray and y.dtype is DOUBLE and type(t) is float:
-            found = self._quick["jacobian"].whole(t, y)
-            if found is not None:
-                return found
-        return self._run("jacobian", t, self._checked_state(y), parameters)
+        return self._of_whole("jacobian", t, y, parameters)
 
     def mass_matrix(
         self,
@@ -200,15 +189,13 @@ class Model:
 
     def energy(self, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Parameters = None) -> Any:
         """Return the energy v.p - L, a float or (batch,)."""
-        found = self._of_parts("energy", t, q, v, parameters)
-        return self._scalar(self._run("energy", t, self._state(q, v), parameters) if found is None else found)
+        return scalar(self._of_parts("energy", t, q, v, parameters))
 
     def momenta(
         self, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Parameters = None
     ) -> FloatArray:
         """Return the conjugate momenta p = dL/dv, (n,) or (n, batch)."""
-        found = self._of_parts("momenta", t, q, v, parameters)
-        return self._run("momenta", t, self._state(q, v), parameters) if found is None else found
+        return self._of_parts("momenta", t, q, v, parameters)
 
     def evaluate(
         self,
@@ -219,7 +206,7 @@ class Model:
         parameters: Parameters = None,
     ) -> Any:
         """Return any quantity that `kernel` knows, in its shape, with the batch as the last axis."""
-        return self._scalar(self._run(name, t, self._state(q, v), parameters))
+        return scalar(self._of_parts(name, t, q, v, parameters))
 
     def evaluate_expression(
         self, expression: Any, t: ArrayLike, y: ArrayLike, parameters: Parameters = None
@@ -278,16 +265,26 @@ class Model:
         values = self.parameter_values()
         return np.array([values[symbol] for symbol in self.statement.parameters], dtype=float)
 
-    def _of_parts(self, name: str, t: Any, q: Any, v: Any, parameters: Parameters) -> FloatArray | None:
-        """Return a quantity at one plain state with the parameters of the statement, or None to take the other way."""
+    def _of_whole(self, name: str, t: Any, y: Any, parameters: Parameters) -> FloatArray:
+        """Return a quantity, quickly at one plain state with the parameters of the statement."""
+        if parameters is None and type(y) is np.ndarray and y.dtype is DOUBLE and type(t) is float:
+            found = self._quick[name].whole(t, y)
+            if found is not None:
+                return found
+        return self._run(name, t, self._checked_state(y), parameters)
+
+    def _of_parts(self, name: str, t: Any, q: Any, v: Any, parameters: Parameters) -> FloatArray:
+        """Return a quantity, quickly at one plain state with the parameters of the statement."""
         plain = type(q) is np.ndarray and type(v) is np.ndarray and q.dtype is DOUBLE and v.dtype is DOUBLE
         if parameters is None and plain and type(t) is float:
-            return self._quick[name].parts(t, q, v)
-        return None
+            found = self._quick[name].parts(t, q, v)
+            if found is not None:
+                return found
+        return self._run(name, t, self._state(q, v), parameters)
 
     @cached_property
-    def _quick(self) -> _Quick:
-        return _Quick(self)
+    def _quick(self) -> Quick:
+        return Quick(self.kernel, self.parameter_array)
 
     def _run(self, name: str, t: float | ArrayLike, state: State, parameters: Parameters) -> FloatArray:
         return self._call(self.kernel(name), t, state, parameters)
@@ -300,7 +297,7 @@ class Model:
             result = kernel.columns(time, state, values) if q.ndim > 1 else kernel(time, np.concatenate(state), values)
         except SingularMassMatrix as error:
             raise RunError(self.singular_message(time, q, error.column)) from error
-        if self._alone and kernel.program.solved and not _surely_finite(result):
+        if self._alone and kernel.program.solved and not surely_finite(result):
             column = self.column_without_inertia(time, q, v, values)
             if column is not None:
                 raise RunError(self.singular_message(time, q, column))
@@ -392,30 +389,6 @@ class Model:
             raise StatementError(f"y has shape {array.shape}: give [q, v] of shape ({n},), or ({n}, batch).")
         return self.layout.split(array)
 
-    @staticmethod
-    def _scalar(value: FloatArray) -> Any:
-        return float(value) if value.ndim == 0 else value
-
-
-class _Quick(dict[str, QuickCalls]):
-    """The quick calls of a model by quantity, with the parameters of the statement; made when first asked for."""
-
-    def __init__(self, model: Model) -> None:
-        super().__init__()
-        self._kernel, self._parameters = model.kernel, model.parameter_array
-
-    def __missing__(self, name: str) -> QuickCalls:
-        try:
-            found = self._kernel(name).quick(self._parameters())
-        except SingularMassMatrix:
-            found = None
-        self[name] = QuickCalls(_nothing, _nothing) if found is None else found
-        return self[name]
-
-
-def _nothing(*_: Any) -> None:
-    """Return None: the caller takes the other way."""
-
 
 def _nodes(given: Iterable[Any]) -> tuple[Node, ...]:
     """Return nodes of a graph. Raises StatementError for anything else."""
@@ -423,17 +396,3 @@ def _nodes(given: Iterable[Any]) -> tuple[Node, ...]:
     if nodes is None or not all(isinstance(node, Node) for node in nodes):
         raise StatementError(f"{shown(given)} is no tuple of nodes: give those of the model's equations.")
     return nodes
-
-
-FEW = 64
-"""Up to so many entries Python adds them in less time than NumPy takes for two calls, 1 us."""
-
-
-def _surely_finite(array: FloatArray) -> bool:
-    """Return whether every entry is finite; False too where a sum of them overflows.
-
-    NumPy is not asked for a sum: it warns of one that overflows, and what is public passes no warning on.
-    """
-    if array.size <= FEW:
-        return math.isfinite(sum(array.ravel().tolist()))
-    return bool(np.isfinite(array).all())
