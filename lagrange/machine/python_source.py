@@ -18,6 +18,7 @@ from lagrange.procedure.form import (
     CONSTANT,
     PARTIAL,
     REAL,
+    SUMS,
     Array,
     Block,
     Call,
@@ -312,7 +313,7 @@ class _Printer:
 
     def each(self, each: Each) -> None:
         for fold in each.folds:
-            start = f"[0.0] * {PARTIAL}" if fold.op in ("add", "dot") else "-inf"
+            start = {"add": f"[0.0] * {PARTIAL}", "dot": f"[0.0] * {PARTIAL}", "magnitude": "0.0"}.get(fold.op, "-inf")
             self.write(f"{self.name(fold.ref)} = {start}")
         self.turns(each.place, self.text(each.turns), each.body)
         self.depth += 1
@@ -321,13 +322,13 @@ class _Printer:
         self.depth -= 1
         for fold in each.folds:
             name = self.text(fold.ref)
-            if fold.op in ("add", "dot"):
+            if fold.op in SUMS:
                 self.write(f"{name} = ({name}[0] + {name}[1]) + ({name}[2] + {name}[3])")
 
     def folded(self, fold: Fold, index: str) -> str:
         name = self.text(fold.ref)
-        if fold.op == "max":
-            return f"{name} = _max({name}, {self.text(fold.value)})"
+        if fold.op in ("max", "magnitude"):
+            return f"{name} = _{fold.op}({name}, {self.text(fold.value)})"
         if fold.op == "most":
             value = self.text(fold.value)
             return f"{name} = {value} if {value} > {name} else {name}"

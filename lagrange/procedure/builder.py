@@ -212,6 +212,10 @@ class Builder:
         """Return the smaller of two, NaN if either is."""
         return self.operation("min", a, b)
 
+    def magnitude(self, a: Any, b: Any) -> Any:
+        """Return the larger of |a| and |b|, NaN if either is."""
+        return self.operation("magnitude", a, b)
+
     def choose(self, condition: Flag, a: Any, b: Any) -> Any:
         """Return one value or the other; both are computed."""
         return self.operation("select", condition, a, b)
@@ -301,6 +305,10 @@ class Builder:
     def largest(self, value: Real, *, numbers: bool = False) -> Folded:
         """Return the largest value over the turns of the `each` around it; of the `numbers` alone, or NaN if any is."""
         return self._fold("most" if numbers else "max", value)
+
+    def largest_magnitude(self, value: Real) -> Folded:
+        """Return the largest |value| over the turns of the `each` around it, NaN if any is, and 0 without turns."""
+        return self._fold("magnitude", value)
 
     def _fold(self, op: str, value: Real, factor: int | None = None) -> Folded:
         if self._folds is None:

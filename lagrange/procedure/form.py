@@ -43,7 +43,7 @@ _COMPARED: tuple[Signature, Signature] = ((REAL, REAL), FLAG), ((WHOLE, WHOLE), 
 
 OPERATIONS: dict[str, tuple[Signature, ...]] = {
     **_functions("add sub mul min max", _BINARY, _WHOLES),
-    **_functions("div power atan2 copysign", _BINARY),
+    **_functions("div power atan2 copysign magnitude", _BINARY),
     **_functions("neg", _UNARY, ((WHOLE,), WHOLE)),
     **_functions("quotient", _WHOLES),
     **_functions("abs sqrt sign sin cos tan asin acos atan exp log sinh cosh tanh round", _UNARY),
@@ -60,9 +60,11 @@ OPERATIONS: dict[str, tuple[Signature, ...]] = {
 }
 """Every operation with the kinds that it takes and gives.
 
-Comparisons are false where an operand is NaN; `min` and `max` are NaN there. `fma` is a*b + c rounded once. `round`
-goes to the nearest whole number, ties to even. `quotient` rounds towards zero, and so does `whole` of a real within the
-range of wholes. A normal |x| is mantissa * 2**exponent with 1 <= mantissa < 2, and `two_to` k is 2**k, a normal.
+Comparisons are false where an operand is NaN; `min` and `max` are NaN there, and so is `magnitude`, the larger of |a|
+and |b|, which costs processors less than `max`. `fma` is a*b + c rounded once. `round` goes to the nearest whole
+number, ties to even. `quotient` rounds towards zero, and so does `whole` of a real within the range of wholes. A normal
+|x| is mantissa * 2**exponent with 1 <= mantissa < 2; the exponent of infinity and NaN is 1024, that of zero and what is
+below the normals -1023. `two_to` k is 2**k, a normal.
 """
 
 CONSTANT = "constant"
@@ -254,11 +256,18 @@ class Repeat(NamedTuple):
 PARTIAL = 4
 """How many partial sums a `Fold` has."""
 
+SUMS = ("add", "dot")
+"""The folds that add up; the others take the largest of all, in any order."""
+
+WIDTHS = (1, 2, 4, 8)
+"""How many turns of an `Each` may be taken at once."""
+
 
 class Fold(NamedTuple):
-    """One number of the values that the turns of an `Each` give, by `add`, `dot`, `max` or `most`.
+    """One number of the values that the turns of an `Each` give, by `add`, `dot`, `max`, `most` or `magnitude`.
 
-    The largest is NaN if any value is, but with `most`, which leaves out what is NaN. Without turns it is -infinity.
+    The largest is NaN if any value is, but with `most`, which leaves out what is NaN. Without turns it is -infinity,
+    and the largest `magnitude`, |value|, is 0.
 
     A sum adds value i to partial sum i mod 4, and in the end partial sums 0 and 1, 2 and 3, and both: so it is the same
     with blocks of four and without. `dot` adds the product of two values in the same way, each rounded once.
@@ -276,7 +285,8 @@ class Each(NamedTuple):
 
     Arrays are read and written at the place itself, or read at a place that no turn writes. Turns have variables
     of their own and loops with as many turns for each; nothing is called or decided inside. A printer may take up to
-    `width` turns at a time, four where something is added up. What an array has beyond `turns` is left as it is, but
+    `width` turns at a time, one of `WIDTHS`, and four where something is added up. What an array has beyond `turns` is
+    left as it is, but
     with `spill`, or beyond its size. With `unrolled` all turns are written out, which pays where there are few.
     """
 

@@ -8,6 +8,7 @@ procedure is given is called with `Span`s for arrays; it returns nothing, a valu
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -17,6 +18,7 @@ from lagrange.procedure.form import (
     CONSTANT,
     PARTIAL,
     REAL,
+    SUMS,
     Array,
     Block,
     Call,
@@ -158,10 +160,10 @@ def _each(each: Each, known: Environment) -> None:
 
 
 def _folded(fold: Fold, values: Sequence[tuple[float, ...]]) -> float:
-    if fold.op in ("max", "most"):
-        largest = -math.inf
+    if fold.op not in SUMS:
+        largest = 0.0 if fold.op == "magnitude" else -math.inf
         for (value,) in values:
-            largest = _max(largest, value) if fold.op == "max" else value if value > largest else largest
+            largest = LARGER[fold.op](largest, value)
         return largest
     sums = [0.0] * PARTIAL
     for i, given in enumerate(values):
@@ -222,6 +224,18 @@ def _max(a: Any, b: Any) -> Any:
     return a if a != a or a > b else b
 
 
+def _magnitude(a: float, b: float) -> float:
+    return float(_max(abs(a), abs(b)))
+
+
+LARGER: Mapping[str, Callable[[float, float], float]] = {
+    "max": _max,
+    "most": lambda a, b: b if b > a else a,
+    "magnitude": _magnitude,
+}
+"""How the larger of two is taken by each fold that does."""
+
+
 def _min(a: Any, b: Any) -> Any:
     if a == b:
         return a if math.copysign(1.0, a) < 0 else b
@@ -273,6 +287,18 @@ def _round(x: float) -> float:
     return math.copysign(float(round(x)), x) if math.isfinite(x) else x
 
 
+def _bits(x: float) -> int:
+    return int(struct.unpack("<Q", struct.pack("<d", x))[0])
+
+
+def _exponent(x: float) -> int:
+    return (_bits(x) >> 52 & 2047) - 1023
+
+
+def _mantissa(x: float) -> float:
+    return float(struct.unpack("<d", struct.pack("<Q", _bits(x) & 2**52 - 1 | 1023 << 52))[0])
+
+
 def _quotient(a: int, b: int) -> int:
     return abs(a) // abs(b) * (1 if (a < 0) == (b < 0) else -1)
 
@@ -284,6 +310,7 @@ OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "div": _divide,
     "min": _min,
     "max": _max,
+    "magnitude": _magnitude,
     "neg": lambda a: -a,
     "quotient": _quotient,
     "abs": abs,
@@ -315,7 +342,7 @@ OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "real": float,
     "whole": int,
     "two_to": lambda k: math.ldexp(1.0, k),
-    "exponent": lambda x: math.frexp(x)[1] - 1,
-    "mantissa": lambda x: 2.0 * abs(math.frexp(x)[0]),
+    "exponent": _exponent,
+    "mantissa": _mantissa,
 }
 """Every operation of the form on Python's numbers."""

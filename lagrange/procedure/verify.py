@@ -11,7 +11,9 @@ from lagrange.procedure.form import (
     FLAG,
     PARTIAL,
     REAL,
+    SUMS,
     WHOLE,
+    WIDTHS,
     Array,
     Block,
     Call,
@@ -256,8 +258,10 @@ class _Check:
                         raise self.error("the test of a loop ends the procedure")
                     self.kind(condition, FLAG)
                 self.block(body)
-            case Each(place=index, turns=count, body=body, folds=folds):
+            case Each(place=index, turns=count, body=body, folds=folds, width=width):
                 self.kind(count, WHOLE)
+                if width not in WIDTHS:
+                    raise self.error(f"an `each` of {width} turns at once, which are one of {WIDTHS}")
                 self.define(index, WHOLE)
                 self.each = index
                 with self.scope():
@@ -273,7 +277,8 @@ class _Check:
         return False
 
     def fold(self, fold: Fold) -> None:
-        if (fold.op == "dot") != (fold.factor is not None) or fold.op not in ("add", "dot", "max", "most"):
+        known = fold.op in SUMS or fold.op in ("max", "most", "magnitude")
+        if (fold.op == "dot") != (fold.factor is not None) or not known:
             raise self.error(f"%{fold.ref} = {fold.op} is no way to make one number of many")
         for value in (fold.value, fold.factor):
             if value is not None:

@@ -2,10 +2,15 @@
 
 The states agree as well where a decision is taken wrongly: a shorter step only costs. So every entry of `DriverState`
 is compared, for series that terminate, fail, overflow, meet a wall, or have gaps, in any units, forwards and backwards.
+
+With the same series machine code does what the interpreter of procedures does, to the last bit. Between machines the
+series differ by rounding.
 """
 
 from __future__ import annotations
 
+import ctypes
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -18,10 +23,15 @@ from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.machine.series.llvm_driver import CompiledJet, LlvmTaylorDriver
 from lagrange.machine.series.packing import pack
 from lagrange.machine.state import DriverState, Outcome
+from lagrange.procedure.interpreter import Span, run
+from lagrange.procedure.step.run import COUNTS, RUN
+from lagrange.procedure.taylor.constants import PROBES
+from lagrange.procedure.taylor.loop import taylor_steps
+from lagrange.procedure.taylor.memory import HELD
 from lagrange.program.taylor import series_program
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
-from tests.models import SYSTEMS, c, k, m, omega, stated, x, y
+from tests.models import SYSTEMS, c, k, m, omega, stated, x, y, z
 
 S = DriverState
 ORDERS = (5, 8, 14)
@@ -58,6 +68,13 @@ def tiny() -> Statement:
     )
 
 
+def three() -> Statement:
+    """Six entries: a block of eight that is not full."""
+    return stated(
+        kinetic=m * (x.dot**2 + y.dot**2 + z.dot**2) / 2, potential=sp.exp(x * y) + z**4 / (1 + x**2), initial={z: 1.0}
+    )
+
+
 def slow() -> Statement:
     return stated(kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2, parameters={k: 1e-40}, initial={x: 1e25})
 
@@ -80,6 +97,7 @@ def pole() -> Statement:
 SPECIAL = {made.__name__: made for made in (wall, gaps, late, thrown, tiny, slow, driven, pole)}
 STATED = {
     "bump": bump,
+    "three": three,
     **SPECIAL,
     **{name: SYSTEMS[name] for name in ("double pendulum", "Kepler orbit", "blocks", "charge")},
 }
@@ -118,9 +136,8 @@ def assert_lockstep(name: str, order: int, direction: int, tolerances: tuple[flo
                 assert times[0] == state.t and (rows[0] == state.y).all()
         outcome = outcomes[0]
         assert outcomes == [outcome] * len(machines)
-        for state in states[2:]:
+        for state in (states[0], *states[2:]):
             assert_same(state, states[1])
-        assert_alike(states[1], states[0], 0.2 if name == "wall" else 0.1)
         if outcome is not Outcome.PAUSED:
             break
     assert name != "bump" or states[0].count(S.REJECTED) > 0
@@ -128,21 +145,12 @@ def assert_lockstep(name: str, order: int, direction: int, tolerances: tuple[flo
 
 
 def assert_same(state: DriverState, first: DriverState) -> None:
-    """Compiled forms differ by rounding, which is magnified where rows cancel."""
+    """Series of several forms differ by rounding, which is magnified where rows cancel."""
     assert (state.counts == first.counts).all()
     assert abs(state.reals[S.LOW] - first.reals[S.LOW]) <= 1e-15 * abs(first.t)
     others = [i for i in range(len(first.reals)) if i != S.LOW]
     assert state.reals[others] == pytest.approx(first.reals[others], rel=1e-8)
     assert (abs(state.y - first.y) <= 1e-7 * np.maximum(abs(first.y), abs(first.y).max() * 1e-6)).all()
-
-
-def assert_alike(state: DriverState, first: DriverState, most: float) -> None:
-    """Compiled code takes logarithms to 0.007, so steps differ by some hundredths, and more where a wall comes near."""
-    same = [S.STEPS, S.REJECTED, S.FAILS, S.LOOK, S.ROWS]
-    assert (state.counts[same] == first.counts[same]).all()
-    assert abs(state.reals[S.LOW]) <= 1e-15 * abs(state.t) and abs(first.reals[S.LOW]) <= 1e-15 * abs(first.t)
-    alike = [S.T, S.ONCE, S.LIMIT] if state.t == state.reals[S.END] else [S.T, S.H, S.ONCE, S.LIMIT]
-    assert state.reals[alike] == pytest.approx(first.reals[alike], rel=most)
 
 
 @pytest.mark.parametrize("direction", [1, -1])
@@ -169,3 +177,88 @@ def test_all_machines_keep_to_the_same_tolerances(name: str, tolerances: tuple[f
 @pytest.mark.parametrize("order", [8, 14])
 def test_all_machines_take_back_what_fails(order: int) -> None:
     assert_lockstep("bump", order, 1, (1e-8, 1e-10))
+
+
+def place(span: Span) -> int:
+    """Return the address of an array that the interpreter hands on."""
+    return int(span.memory.ctypes.data) + 8 * span.start
+
+
+def interpreted(
+    compiled: CompiledJet, order: int, given: Any, state: DriverState
+) -> Callable[[int, Any, Any], Outcome]:
+    """Return the loop over steps, interpreted, with a compiled series."""
+    layout, numbers = compiled.layout, compiled.numbers(given)
+    procedure = taylor_steps(layout)
+    work, held = np.zeros(layout.size(order)), HELD.structure()
+    work[: layout.dimension] = state.y
+    records = RUN.structure.from_buffer(state.floats), COUNTS.structure.from_buffer(state.integers)
+    series = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_double, *[ctypes.c_void_p] * 4, ctypes.c_int64)(
+        compiled.address
+    )
+
+    def jet(t: float, scale: float, y: Span, prepared: Span, constants: Span, rows: Span, order: int) -> bool:
+        return bool(series(t, scale, place(y), place(prepared), place(constants), place(rows), order))
+
+    def advance(budget: int, times: Any, rows: Any) -> Outcome:
+        floors = state.reals[S.FLOORS :]
+        known = () if layout.order else (order,)
+        (found,) = run(procedure, jet, *numbers, *records, floors, held, times, rows.ravel(), budget, work, *known)
+        state.y[:] = work[: layout.dimension]
+        return Outcome(found)
+
+    return advance
+
+
+@pytest.mark.parametrize(("order", "known"), [(7, True), (7, False)])
+@pytest.mark.parametrize("name", ["late", "bump", "thrown", "driven", "pole", "blocks", "wall", "three"])
+def test_machine_code_takes_the_steps_of_the_interpreter(name: str, order: int, known: bool) -> None:
+    """States of two entries, of four and of more, with an order that is known to the code and for any."""
+    statement = STATED[name]()
+    program = series_program(euler_lagrange(statement))[0]
+    given = np.array([*(statement.defaults[p] for p in statement.parameters), *[1.0] * program.sides])
+    compiled = CompiledJet(pack(program, 4), order if known else 0)
+    # Without a start of its own an entry that is zero gets a floor from its series.
+    ours, theirs = (S(0.0, TIMES.get(name, 6.0), np.array(statement.initial), 1e-6, 1e-9, 0.0, 1e-3) for _ in range(2))
+    driver, beside = LlvmTaylorDriver(compiled, order, given), interpreted(compiled, order, given, theirs)
+    for budget in (1, 1, 3, 3, 3, 3):
+        times, rows = np.zeros((2, 3)), np.zeros((2, 5, len(ours.y)))
+        outcome = driver.advance(ours, budget, times[0], rows[0])
+        assert beside(budget, times[1], rows[1]) is outcome
+        assert (ours.reals == theirs.reals).all()
+        assert (ours.counts == theirs.counts).all()
+        assert (ours.y == theirs.y).all()
+        count = ours.count(S.ROWS)
+        assert (times[0] == times[1]).all()
+        assert (rows[0, :count] == rows[1, :count]).all()
+        if outcome is not Outcome.PAUSED:
+            break
+    assert name != "bump" or ours.count(S.REJECTED) > 0
+
+
+def test_what_is_probed_does_not_depend_on_how_a_run_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first step of a call was probed at 31 places, for the step before it was forgotten between calls."""
+    statement = thrown()
+    program = series_program(euler_lagrange(statement))[0]
+    looks: list[float] = []
+    real = NumpySeries.rows
+
+    def counted(self: NumpySeries, order: int, t: float, *given: Any) -> Any:
+        looks.append(t)
+        return real(self, order, t, *given)
+
+    monkeypatch.setattr(NumpySeries, "rows", counted)
+    counts = []
+    for budget in (1, 30):
+        looks.clear()
+        values = np.array([statement.defaults[p] for p in statement.parameters])
+        driver, state = (
+            NumpySeries(program).driver(6, values),
+            S(0.0, 2.0, np.array(statement.initial), 1e-8, 1e-8, 0.0),
+        )
+        state.reals[S.LONGEST] = 0.1
+        while driver.advance(state, budget, np.zeros(budget), np.zeros((budget + 4, 4))) is Outcome.PAUSED:
+            pass
+        counts.append(len(looks) - state.count(S.EVALUATIONS))
+        assert state.count(S.STEPS) == 20
+    assert counts == [PROBES - 1] * 2

@@ -84,7 +84,7 @@ def exchange(*, apart: bool) -> Procedure:
 
 # Sine and the like are left out: their last digit is the C library's own.
 REAL_UNARY = ("neg", "abs", "sqrt", "sign", "round")
-REAL_BINARY = ("add", "sub", "mul", "div", "min", "max", "copysign")
+REAL_BINARY = ("add", "sub", "mul", "div", "min", "max", "copysign", "magnitude")
 WHOLE_BINARY = ("add", "sub", "min", "max")
 COMPARED = ("less", "less_equal", "equal")
 
@@ -138,7 +138,7 @@ class RandomProcedure:
         self.values[value.kind].append(value)
 
     def compute(self, depth: int) -> None:
-        p, way = self.p, self.random.randrange(8)
+        p, way = self.p, self.random.randrange(9)
         if way < 3:
             self.keep(p.operation(self.random.choice(REAL_BINARY), self.pick(REAL), self.pick(REAL)))
         elif way == 3:
@@ -151,9 +151,19 @@ class RandomProcedure:
         elif way == 6:
             kind = self.random.choice((REAL, WHOLE))
             self.keep(p.operation(self.random.choice(COMPARED), self.pick(kind), self.pick(kind)))
+        elif way == 7:
+            self.bits()
         else:
             kind = self.random.choice((REAL, WHOLE, FLAG))
             self.keep(p.choose(self.pick(FLAG), self.pick(kind), self.pick(kind)))
+
+    def bits(self) -> None:
+        """Take a number apart; the mantissa of NaN has no digits of its own."""
+        p, x = self.p, self.pick(REAL)
+        exponent = p.operation("exponent", x)
+        self.keep(exponent)
+        self.keep(p.operation("mantissa", p.choose(x.equals(x), x, 1.0)))
+        self.keep(p.operation("two_to", p.smaller(p.larger(exponent, -1022), 1023)))
 
     def memory(self, depth: int) -> None:
         way = self.random.randrange(4)
@@ -206,7 +216,7 @@ class RandomProcedure:
     def each(self, depth: int) -> None:
         p, outside = self.p, self.pick(REAL)
         count = self.random.choice((1, 4, 7, SIZE, self.place()))
-        with p.each(count, width=self.random.choice((4, 8))) as i:
+        with p.each(count, width=self.random.choice((1, 2, 4, 8))) as i:
             value = p.operation(self.random.choice(REAL_BINARY), self.data[i], outside)
             inside = p.variable(value)
             with p.loop(0, self.random.randint(0, 3)) as j:
@@ -214,7 +224,9 @@ class RandomProcedure:
             self.data[i] = p.choose(value < outside, inside.value, -value)
             # A product with -1 is exact, so that it does not matter whether it is rounded before it is added.
             factor = inside.value if self.fused else p.constant(-1.0, REAL)
-            folded = [p.sum(value), p.dot(value, factor), p.largest(abs(value)), p.largest(value, numbers=True)]
+            sums = [p.sum(value), p.dot(value, factor)] if self.random.random() < 0.5 else []
+            largest = [p.largest(abs(value)), p.largest(value, numbers=True), p.largest_magnitude(value)]
+            folded = [*sums, *largest]
         for one in folded:
             self.keep(one.value)
 

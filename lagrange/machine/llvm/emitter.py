@@ -73,7 +73,7 @@ class Emitter:
     def reserve(self, kind: str, count: int = 1) -> str:
         """Return a pointer to stack memory reserved once, at the function's entry."""
         name = "%" + self.fresh("m")
-        self.entry.append(f"  {name} = alloca {kind}, i64 {count}, align 64")
+        self.entry.append(f"  {name} = alloca {kind if count == 1 else f'[{count} x {kind}]'}, align 64")
         return name
 
     def label(self, name: str) -> None:

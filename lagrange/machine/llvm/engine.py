@@ -34,13 +34,18 @@ def dense_solver() -> tuple[Procedure, ...]:
 class Module(Shared):
     """Machine code with the functions of one IR text; it owns the memory that its addresses point to."""
 
-    def __init__(self, text: str, *, optimize: bool = False, hurry: bool = False) -> None:
-        """Compile a text: with LLVM's passes over loops to `optimize`, or in a `hurry`, for code that runs rarely."""
+    def __init__(self, text: str, *, optimize: bool = False, merge: bool = False, hurry: bool = False) -> None:
+        """Compile a text: with LLVM's passes over loops to `optimize`, or in a `hurry`, for code that runs rarely.
+
+        To `merge` is to put procedures that say so into their callers and their own arrays into registers, no more.
+        """
         parsed = llvm.parse_assembly(text)
         parsed.verify()
         machine = _target_machine(0 if hurry or len(text) > HUGE else 2)
         if optimize:
             _optimize(parsed, machine)
+        elif merge:
+            _merge(parsed, machine)
         self.ir = text
         self._engine = llvm.create_mcjit_compiler(parsed, machine)
         self._engine.finalize_object()
@@ -60,6 +65,14 @@ def _optimize(module: Any, machine: Any) -> None:
     options.loop_vectorization = options.loop_interleaving = False
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
+
+
+def _merge(module: Any, machine: Any) -> None:
+    """Run LLVM's passes that merge procedures into their callers and put arrays into registers."""
+    passes = llvm.create_new_module_pass_manager()
+    passes.add_always_inliner_pass()
+    passes.add_sroa_pass()
+    passes.run(module, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=2)))
 
 
 def assembly(text: str, *, optimize: bool = False) -> str:

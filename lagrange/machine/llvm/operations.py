@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from lagrange.machine.llvm.emitter import Emitter, literal, suffix
-from lagrange.procedure.form import FLAG, REAL, WHOLE, Kind, Let
+from lagrange.procedure.form import FLAG, REAL, WHOLE, WIDTHS, Kind, Let
 
 KINDS = {REAL: "double", WHOLE: "i64", FLAG: "i1"}
 """LLVM's type of each kind."""
-
-WIDTHS = (1, 4, 8)
-"""How many turns of an `each` may be taken at once."""
 
 _REALS = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 _INTRINSICS = {
@@ -54,7 +51,11 @@ def declarations() -> str:
         for op, name in _INTRINSICS.items():
             operands = ", ".join([kind] * {"fma": 3, "min": 2, "max": 2, "copysign": 2}.get(op, 1))
             lines.append(f"declare {kind} @llvm.{name}.{suffix(kind)}({operands})")
-    lines += [f"declare i64 @llvm.{name}.i64(i64, i64)" for name in _WHOLE_INTRINSICS.values()]
+    lines += [f"declare i64 @llvm.{name}.i64(i64, i64)" for name in (*_WHOLE_INTRINSICS.values(), "umax")]
+    for lanes in WIDTHS[1:]:
+        vector = type_of(WHOLE, lanes)
+        lines.append(f"declare {vector} @llvm.umax.v{lanes}i64({vector}, {vector})")
+        lines.append(f"declare i64 @llvm.vector.reduce.umax.v{lanes}i64({vector})")
     for op, name in _LIBRARY.items():
         lines.append(f"declare double @{name}({', '.join(['double'] * (2 if op in ('power', 'atan2') else 1))})")
     return "\n".join(lines)
@@ -99,6 +100,8 @@ def spell(e: Emitter, op: str, kinds: Sequence[Kind], args: Sequence[str], lanes
         return e.value(f"{_REALS[op]} {kind} {args[0]}, {args[1]}")
     if real and op in _INTRINSICS:
         return e.value(f"call {kind} @llvm.{_INTRINSICS[op]}.{suffix(kind)}({typed})")
+    if op == "magnitude":
+        return _magnitude(e, args, lanes)
     if op in _WHOLES:
         return e.value(f"{_WHOLES[op]} {kind} {args[0]}, {args[1]}")
     if op in _WHOLE_INTRINSICS:
@@ -115,6 +118,25 @@ def _single(e: Emitter, op: str, kinds: Sequence[Kind], args: Sequence[str], lan
     if op in _LIBRARY:
         return e.value(f"call double @{_LIBRARY[op]}({', '.join(f'double {arg}' for arg in args)})")
     return _BITS[op](e, args[0])
+
+
+def _magnitude(e: Emitter, args: Sequence[str], lanes: int) -> str:
+    """Compare sizes as whole numbers: the bits of doubles that are not negative are in their order, NaN beyond all.
+
+    Whole numbers compare faster than doubles that may be NaN.
+    """
+    kind, bits = type_of(REAL, lanes), type_of(WHOLE, lanes)
+    one, other = (e.value(f"bitcast {kind} {e.fabs(arg, kind)} to {bits}") for arg in args)
+    suffix_of = "i64" if lanes == 1 else f"v{lanes}i64"
+    larger = e.value(f"call {bits} @llvm.umax.{suffix_of}({bits} {one}, {bits} {other})")
+    return e.value(f"bitcast {bits} {larger} to {kind}")
+
+
+def largest_magnitude(e: Emitter, vector: str, lanes: int) -> str:
+    """Return the largest entry of a vector of magnitudes."""
+    bits = e.value(f"bitcast {type_of(REAL, lanes)} {vector} to {type_of(WHOLE, lanes)}")
+    largest = e.value(f"call i64 @llvm.vector.reduce.umax.v{lanes}i64({type_of(WHOLE, lanes)} {bits})")
+    return e.value(f"bitcast i64 {largest} to double")
 
 
 def _sign(e: Emitter, x: str) -> str:

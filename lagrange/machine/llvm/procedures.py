@@ -18,6 +18,7 @@ from lagrange.procedure.form import (
     FLAG,
     PARTIAL,
     REAL,
+    SUMS,
     WHOLE,
     Array,
     Block,
@@ -80,7 +81,7 @@ def hidden_by(elsewhere: Sequence[Procedure]) -> dict[Procedure, None]:
 
 def declaration(procedure: Procedure) -> str:
     """Return the IR that announces a procedure of another module."""
-    kinds = ", ".join(_argument(parameter.type) for parameter in procedure.parameters)
+    kinds = ", ".join(argument_type(parameter.type) for parameter in procedure.parameters)
     return f"declare {result_type(procedure.results)} @{procedure.name}({kinds})"
 
 
@@ -99,7 +100,8 @@ def _together(types: Sequence[str]) -> str:
     return types[0] if len(types) == 1 else "{" + ", ".join(types) + "}" if types else "void"
 
 
-def _argument(kind: Type) -> str:
+def argument_type(kind: Type) -> str:
+    """Return LLVM's type of an argument."""
     return KINDS[kind] if isinstance(kind, Kind) else "ptr"
 
 
@@ -129,9 +131,9 @@ class Printer:
         for parameter in self.procedure.parameters:
             kind = parameter.type
             self.define(parameter.ref, f"%{parameter.name}", kind)
-            attributes = " noalias" if isinstance(kind, (Array, Record)) else ""
+            attributes = " noalias" if isinstance(kind, (Array, Record)) and not merging else ""
             attributes += " readonly" if isinstance(kind, Array) and kind.read else ""
-            given.append(f"{_argument(kind)}{attributes} %{parameter.name}")
+            given.append(f"{argument_type(kind)}{attributes} %{parameter.name}")
         self.block(self.procedure.body)
         if self.open:
             self.e.do("ret void")
@@ -261,7 +263,7 @@ class Printer:
         """Print a call and name its results."""
         if isinstance(call.callee, Procedure):
             types = tuple(parameter.type for parameter in call.callee.parameters)
-            given = [f"{_argument(kind)} {self.values[arg]}" for kind, arg in zip(types, call.args, strict=True)]
+            given = [f"{argument_type(kind)} {self.values[arg]}" for kind, arg in zip(types, call.args, strict=True)]
             self.called(call, f"@{call.callee.name}({', '.join(given)})", call.callee.results)
             return
         held = self.types[call.callee]
@@ -273,7 +275,7 @@ class Printer:
         """Return an argument of a function that the procedure was given."""
         if kind is FLAG:
             return f"i32 {self.e.value(f'zext i1 {self.values[arg]} to i32')}"
-        return f"{_argument(kind)} {self.values[arg]}"
+        return f"{argument_type(kind)} {self.values[arg]}"
 
     def called(self, call: Call, what: str, results: tuple[Kind, ...], *, foreign: bool = False) -> None:
         """Print a call and name its results; flags of a `foreign` function are C's ints."""
@@ -388,7 +390,7 @@ class Printer:
 
     def each(self, each: Each) -> None:
         """Print an `each` in vectors where every array that it goes through has room for them."""
-        width = PARTIAL if each.folds else each.width
+        width = PARTIAL if any(fold.op in SUMS for fold in each.folds) else each.width
         whole = roots(each.body)
         through = [
             self.array(whole.get(one.array, one.array)) for one in accesses(each.body) if one.place == each.place

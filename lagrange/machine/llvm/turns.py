@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from lagrange.machine.llvm.emitter import Emitter, literal
-from lagrange.machine.llvm.operations import spell, splat, type_of
+from lagrange.machine.llvm.operations import largest_magnitude, spell, splat, type_of
 from lagrange.procedure.form import (
     FLAG,
     PARTIAL,
     REAL,
+    SUMS,
     WHOLE,
     Block,
     Declare,
@@ -49,7 +50,7 @@ class Lanes:
 
     def __init__(self, printer: Printer, each: Each, lanes: int) -> None:
         self.printer, self.e, self.each, self.lanes = printer, printer.e, each, lanes
-        self.stride = max(lanes, PARTIAL) if each.folds else lanes
+        self.stride = max(lanes, PARTIAL) if any(fold.op in SUMS for fold in each.folds) else lanes
         """So many turns are one of the machine's loop: all partial sums have a part in it."""
 
     def run(self) -> None:
@@ -153,17 +154,20 @@ class Lanes:
     def total(self, fold: Fold, found: list[str]) -> str:
         """Return the number of all partial sums, in a fixed order."""
         e = self.e
+        if fold.op == "magnitude" and self.lanes > 1:
+            return largest_magnitude(e, found[0], self.lanes)
         if self.lanes > 1:
             kind = type_of(REAL, self.lanes)
             found = [e.value(f"extractelement {kind} {found[0]}, i64 {k}") for k in range(self.lanes)]
         op = "add" if fold.op == "dot" else fold.op
-        left, right = (joined(e, op, found[k], found[k + 1]) for k in (0, 2))
-        return joined(e, op, left, right)
+        while len(found) > 1:
+            found = [joined(e, op, *pair) for pair in zip(found[::2], found[1::2], strict=True)]
+        return found[0]
 
 
 def neutral(fold: Fold) -> float:
     """Return what a fold begins with."""
-    return 0.0 if fold.op in ("add", "dot") else float("-inf")
+    return 0.0 if fold.op in (*SUMS, "magnitude") else float("-inf")
 
 
 def joined(e: Emitter, op: str, total: str, value: str, lanes: int = 1) -> str:

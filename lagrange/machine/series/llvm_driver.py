@@ -1,4 +1,4 @@
-"""Series programs in machine code: the jet, the loop over steps, and the numbers that both read.
+"""Series programs in machine code: the jet, the numbers that it reads, and the driver that takes steps with it.
 
 `c` is the inverse of a constant mass matrix by columns, or the diagonal of a diagonal one, then the constants as
 vectors, each where the code reads it.
@@ -7,6 +7,8 @@ vectors, each where the code reads it.
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -22,18 +24,17 @@ from lagrange.machine.llvm.sine_cosine import angle_function
 from lagrange.machine.llvm.spelling import intrinsics, library_functions
 from lagrange.machine.series.constants import constants
 from lagrange.machine.series.cost import cheapest_order, is_large
-from lagrange.machine.series.llvm_call import RUN, run_function
 from lagrange.machine.series.llvm_jet import WIDEST, Table, shares_wide_angles
-from lagrange.machine.series.llvm_layout import Slots, TaylorLayout, looped_layout, unrolled_layout
-from lagrange.machine.series.llvm_loop import drive_function
+from lagrange.machine.series.llvm_layout import Slots, looped_layout, unrolled_layout
 from lagrange.machine.series.llvm_looped import LoopedJet
+from lagrange.machine.series.llvm_steps import compiled_steps
 from lagrange.machine.series.llvm_unrolled import UnrolledJet
 from lagrange.machine.series.packing import Packing, pack
 from lagrange.machine.state import OUTCOMES, DriverState, Outcome
+from lagrange.procedure.taylor.memory import HELD
 from lagrange.program.series import SeriesProgram
 
 _PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
-_RUN = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 _SERIES = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_double, *([ctypes.c_void_p] * 4), ctypes.c_int64)
 
 
@@ -63,19 +64,28 @@ class LlvmSeries(Shared):
         """Return the machine code for an order."""
         key = 0 if is_large(self._packing, order) else order
         if key not in self._compiled:
-            try:
+            with refused():
                 self._compiled[key] = CompiledJet(self._packing, key)
-            except RuntimeError as error:
-                raise RunError(f"LLVM could not compile the series: {error}. Use target='numpy'.") from error
         return self._compiled[key]
 
     def driver(self, order: int, parameters: FloatArray) -> LlvmTaylorDriver:
         """Return a driver; see `Series`."""
-        return LlvmTaylorDriver(self.compiled(order), order, parameters)
+        compiled = self.compiled(order)
+        with refused():
+            return LlvmTaylorDriver(compiled, order, parameters)
 
     def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
         """Return the series at a state; see `Series`."""
         return self.compiled(order).rows(order, t, y, scale, parameters)
+
+
+@contextmanager
+def refused() -> Iterator[None]:
+    """Say it in our words where LLVM refuses."""
+    try:
+        yield
+    except RuntimeError as error:
+        raise RunError(f"LLVM could not compile the series: {error}. Use target='numpy'.") from error
 
 
 class CompiledJet:
@@ -93,10 +103,10 @@ class CompiledJet:
             self.layout = looped_layout(self.program, slots.size)
             jet = LoopedJet(packing, self._table, self.layout, slots).function()
             inversion()
-        self._module = Module(series_ir(self.program, self.layout, jet))
+        self._module = Module(series_ir(self.program, jet))
         self._prepare = _PREPARE(self._module.address(f"{self.program.start.name}_prepare"))
-        self.run = _RUN(self._module.address("run"))
-        self._series = _SERIES(self._module.address("series"))
+        self.address = self._module.address("jet")
+        self._series = _SERIES(self.address)
         self._prepared: tuple[bytes, tuple[FloatArray, FloatArray]] | None = None
 
     @property
@@ -137,29 +147,17 @@ def inverse_size(program: SeriesProgram) -> int:
     return sum(plan.size if plan.diagonal else plan.size**2 for plan in plans)
 
 
-def series_ir(program: SeriesProgram, layout: TaylorLayout, jet: str) -> str:
+def series_ir(program: SeriesProgram, jet: str) -> str:
     """Return the IR of a whole module around a jet."""
     functions = [angle_function(1)] if shares_angle_function(program.start) else []
     functions += [angle_function(WIDEST)] if shares_wide_angles(program.start) else []
-    functions += [prepare_function(program.start), jet, SERIES, drive_function(layout), run_function()]
-    return "\n".join([declarations(layout.lanes), *functions, METADATA, ATTRIBUTES, QUICKLY, ""])
+    functions += [prepare_function(program.start), jet]
+    return "\n".join([declarations(), *functions, METADATA, ATTRIBUTES, QUICKLY, ""])
 
 
-SERIES = """define i32 @series(double %t, double %scale, ptr %y, ptr %p, ptr %c, ptr %rows, i64 %order) #0 {
-  %status = call i32 @jet(double %t, double %scale, ptr %y, ptr %p, ptr %c, ptr %rows, i64 %order)
-  ret i32 %status
-}
-"""
-
-
-def declarations(lanes: int) -> str:
+def declarations() -> str:
     """Return what a module of a series declares."""
-    integers = f"<{lanes} x i64>"
     lines = [line for width in (1, 2, 4, 8) for line in intrinsics(width)]
-    lines += [f"declare i64 @llvm.{name}.i64(i64, i64)" for name in ("umax", "smax")]
-    lines.append(f"declare {integers} @llvm.umax.v{lanes}i64({integers}, {integers})")
-    lines.append(f"declare i64 @llvm.vector.reduce.umax.v{lanes}i64({integers})")
-    lines.append("declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)")
     lines.append("declare i1 @invert_dense(i64, ptr, ptr, ptr)")
     lines.append("declare i1 @invert(i64, i64, ptr, ptr, ptr)")
     lines += library_functions()
@@ -167,31 +165,37 @@ def declarations(lanes: int) -> str:
 
 
 class LlvmTaylorDriver:
-    """A compiled Taylor driver with its numbers and its memory.
-
-    The arguments of the loop stand in memory, for a call through ctypes takes 0.1 us for each.
-    """
+    """A compiled Taylor driver with its numbers and its memory."""
 
     def __init__(self, compiled: CompiledJet, order: int, parameters: FloatArray) -> None:
-        self._compiled, self._order = compiled, order
+        self._compiled, self._steps = compiled, compiled_steps(compiled.layout)
         self._work = workspace(compiled.layout.size(order))
         self._y = self._work[: compiled.layout.dimension]
-        self._arguments = np.zeros(RUN.COUNT, dtype=np.int64)
+        self._held = HELD.structure()
+        self._arguments = np.zeros(len(self._steps.places), dtype=np.int64)
         self._entries: Any = self._arguments.data
-        self._entries[RUN.WORK], self._entries[RUN.ORDER] = address(self._work), order
-        self._place = address(self._arguments)
+        self._give(jet=compiled.address, work=address(self._work), held=ctypes.addressof(self._held))
+        if not compiled.layout.order:
+            self._give(order=order)
+        self._place, self._budget = address(self._arguments), self._steps.places["budget"]
         self._state: DriverState | None = None
         self.use(parameters)
+
+    def _give(self, **arguments: int) -> None:
+        """Put arguments of the loop into their places."""
+        for name, value in arguments.items():
+            self._entries[self._steps.places[name]] = value
 
     def use(self, parameters: FloatArray) -> None:
         """Go on with other numbers; see `TaylorDriver`."""
         self._numbers = self._compiled.numbers(parameters)
-        self._entries[RUN.PREPARED], self._entries[RUN.CONSTANTS] = map(address, self._numbers)
+        prepared, constants = self._numbers
+        self._give(prepared=address(prepared), constants=address(constants))
 
     def restart(self, state: DriverState) -> None:
         """Forget what rounding lost; see `TaylorDriver`."""
-        padded = self._compiled.layout.padded
-        self._work[padded : 2 * padded] = 0.0
+        layout = self._compiled.layout
+        self._work[layout.lost : layout.lost + layout.padded] = 0.0
         state.reals[DriverState.LOW] = 0.0
 
     def adopt(self, state: DriverState) -> None:
@@ -202,14 +206,15 @@ class LlvmTaylorDriver:
         """Advance a run; see `Driver`."""
         if state is not self._state:
             self._state = state
-            self._entries[RUN.REALS], self._entries[RUN.COUNTS] = state.addresses
+            reals, counts = state.addresses
+            self._give(run=reals, counts=counts, floors=reals + 8 * DriverState.FLOORS)
         foreign = state.y is not self._y
         if foreign:
             self._y[:] = state.y
-        self._entries[RUN.BUDGET] = budget
+        self._entries[self._budget] = budget
         if state.integers[DriverState.RECORD]:
-            self._entries[RUN.TIMES], self._entries[RUN.STATES] = address(times), address(rows)
-        outcome: Outcome = OUTCOMES[self._compiled.run(self._place)]
+            self._give(times=address(times), rows=address(rows))
+        outcome: Outcome = OUTCOMES[self._steps.run(self._place)]
         if foreign:
             state.y[:] = self._y
         return outcome

@@ -14,7 +14,7 @@ from lagrange.machine.series.packing import NOTHING, Chunk, Operand, PackedStage
 from lagrange.program.program import Instruction, Program
 
 SIGNATURE = (
-    "define internal i32 @jet(double %t, double %scale, ptr noalias readonly %y, ptr noalias readonly %p, "
+    "define i32 @jet(double %t, double %scale, ptr noalias readonly %y, ptr noalias readonly %p, "
     "ptr noalias readonly %c, ptr noalias %rows, i64 %order) #0"
 )
 

@@ -1,61 +1,12 @@
-"""Where the state and the coefficients of a Taylor step stand in memory."""
+"""Where the state and the coefficients of a Taylor step stand in memory, for series in machine code."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-import numpy as np
-
-from lagrange.machine.backend import FloatArray
 from lagrange.machine.series.packing import Operand, Packing
 from lagrange.procedure.linear.inverse import padded, work_size
+from lagrange.procedure.step.memory import whole_blocks
+from lagrange.procedure.taylor.memory import TaylorLayout
 from lagrange.program.series import SeriesProgram
-
-
-@dataclass(frozen=True)
-class TaylorLayout:
-    """Where things stand in the work memory: the state, what its rounding lost, what is held, and the rows.
-
-    `dimension` is 2n. `width` doubles lie between two rows; a row begins with q and v, and its coefficients of what
-    is watched begin at `watched_at`. With an order of 0 the code serves every order. `scratch` doubles follow the rows.
-    """
-
-    dimension: int
-    order: int
-    width: int
-    watched: int
-    watched_at: int
-    scratch: int = 0
-
-    @property
-    def lanes(self) -> int:
-        """How many entries of the state are handled at once."""
-        return 2 if self.dimension <= 2 else 4 if self.dimension <= 4 else 8
-
-    @property
-    def padded(self) -> int:
-        """The length of the state in whole vectors."""
-        return -(-self.dimension // self.lanes) * self.lanes
-
-    @property
-    def rows(self) -> int:
-        """Where the rows begin."""
-        return 5 * self.padded
-
-    @property
-    def held(self) -> int:
-        """Where what is held of a step begins: the state before it, what rounding lost of that, and a derivative."""
-        return 2 * self.padded
-
-    def coefficients(self, work: FloatArray, order: int) -> FloatArray:
-        """Return the rows that begin at the start of an array, (order + 1, 2n + watched)."""
-        rows = work[: (order + 1) * self.width].reshape(order + 1, self.width)
-        watched = slice(self.watched_at, self.watched_at + self.watched)
-        return np.concatenate([rows[:, : self.dimension], rows[:, watched]], axis=1)
-
-    def size(self, order: int) -> int:
-        """Return the length of the work memory: a state and its rows twice, for a look ahead overwrites them."""
-        return 2 * (self.rows + (order + 1) * self.width + self.scratch) + 8
 
 
 class Slots:
@@ -81,13 +32,16 @@ def scratch_size(program: SeriesProgram) -> int:
 
 def unrolled_layout(program: SeriesProgram, order: int) -> TaylorLayout:
     """Return where things stand for a jet that is written out."""
-    dimension, watched = 2 * program.dimension, len(program.watched)
-    padded = TaylorLayout(dimension, order, 0, watched, 0).padded
-    return TaylorLayout(dimension, order, padded + watched, watched, padded)
+    return _layout(program, order, 0, 0)
 
 
 def looped_layout(program: SeriesProgram, width: int) -> TaylorLayout:
     """Return where things stand for a jet in loops, with rows of that width or of q, v and what is watched."""
+    return _layout(program, 0, width, scratch_size(program))
+
+
+def _layout(program: SeriesProgram, order: int, width: int, scratch: int) -> TaylorLayout:
     dimension, watched = 2 * program.dimension, len(program.watched)
-    padded = TaylorLayout(dimension, 0, 0, watched, 0).padded
-    return TaylorLayout(dimension, 0, width or padded + watched, watched, padded, scratch_size(program))
+    block = 2 if dimension <= 2 else 4 if dimension <= 4 else 8
+    end = whole_blocks(dimension, block)
+    return TaylorLayout(dimension, order, width or end + watched, watched, end, block, scratch)

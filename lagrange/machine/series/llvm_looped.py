@@ -26,10 +26,11 @@ from lagrange.machine.series.llvm_jet import (
     right_sides,
     store_exactly,
 )
-from lagrange.machine.series.llvm_layout import Slots, TaylorLayout
+from lagrange.machine.series.llvm_layout import Slots
 from lagrange.machine.series.llvm_rules import Arithmetic, Vector, coefficient, divided
 from lagrange.machine.series.packing import NOTHING, Chunk, Operand, PackedStage, Packing
 from lagrange.procedure.linear.inverse import padded, work_size
+from lagrange.procedure.taylor.memory import TaylorLayout
 
 TILE = 16
 """How many sums run in one loop: their totals stay in registers."""

@@ -27,10 +27,10 @@ from lagrange.machine.series.llvm_jet import (
     right_sides,
     store_exactly,
 )
-from lagrange.machine.series.llvm_layout import TaylorLayout
 from lagrange.machine.series.llvm_rules import Arithmetic, Vector, coefficient, divided, reciprocal
 from lagrange.machine.series.packing import NOTHING, Chunk, Operand, PackedStage, Packing
 from lagrange.procedure.linear.dense import factor_size
+from lagrange.procedure.taylor.memory import TaylorLayout
 
 EXACT = 10
 """Up to this order a division by the order is rounded once; what a later coefficient adds to a step is so much less

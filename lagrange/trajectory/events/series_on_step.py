@@ -10,8 +10,8 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from lagrange.machine.backend import Series, SingularMassMatrix
-from lagrange.machine.series.constants import REACH, shown_radius
 from lagrange.machine.state import DriverState
+from lagrange.procedure.taylor.constants import APART, REACH
 from lagrange.program.recurrence import LARGEST_POWER
 from lagrange.program.series import SeriesProgram
 from lagrange.trajectory.events.roots import Side
@@ -219,3 +219,17 @@ def state_at(y: FloatArray, rows: FloatArray, s: float) -> FloatArray:
     for row in rows[:0:-1, : len(y)]:
         total = (total + row) * s
     return y + total
+
+
+def shown_radius(sizes: FloatArray) -> FloatArray:
+    """Return the binary logarithm of the radius of convergence that the last rows show, infinity if they are zero.
+
+    `sizes` are the binary logarithms of the coefficients, rows first, minus infinity for zero.
+    """
+    last = len(sizes) - 1
+    found = []
+    for late in (last - 1, last):
+        early = max(late - APART, 1)
+        fall = sizes[early] - sizes[late]
+        found.append(np.where(np.isfinite(fall), fall / (late - early), math.inf))
+    return np.asarray(np.maximum(*found))

@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
-from lagrange.machine.series.constants import FAILURES
 from lagrange.machine.state import DriverState
+from lagrange.procedure.taylor.constants import FAILURES
 from lagrange.trajectory.events.actions import Impact
 from lagrange.trajectory.events.crossing import Meeting, PlannedStep
 from lagrange.trajectory.events.ending import (

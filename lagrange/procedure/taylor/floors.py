@@ -1,0 +1,53 @@
+"""The floors of entries, where they follow the scale: what may be wrong of an entry beside its own size."""
+
+from __future__ import annotations
+
+import math
+from functools import cache, reduce
+from typing import Any
+
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import FLAG, REAL, Procedure
+from lagrange.procedure.step.constants import LEAST_FLOOR
+from lagrange.procedure.taylor.constants import START_ROWS
+from lagrange.procedure.taylor.memory import Run, TaylorLayout, entries, floors_array, work_array
+
+
+@cache
+def raise_floors(layout: TaylorLayout) -> Procedure:
+    """Return what raises the floors to their share of the state."""
+    p = Builder("raise_floors", "Raise the floor of each entry to a share of its size.")
+    share, floors, work = p.given("share", REAL), floors_array(p, layout, read=False), work_array(p, layout)
+    with entries(p, layout) as i:
+        size, floor = share * abs(work[i]), floors[i]
+        floors[i] = p.choose(size > floor, size, floor)
+    return p.finish()
+
+
+@cache
+def first_floors(layout: TaylorLayout) -> Procedure:
+    """Return what gives floors a start where entries are zero: what the series reach in the scale of time.
+
+    It says whether there are entries of which the series begin so late that they say no more than that.
+    """
+    p = Builder("first_floors", "Begin floors of entries that are zero; return if some begin too late.", apart=True)
+    share, floors = p.given("share", REAL), floors_array(p, layout, read=False)
+    run = Run(p, layout, work_array(p, layout))
+    rows = [run.row(k) for k in range(1, START_ROWS + 1)]
+    late = [run.row(run.less(less)) for less in (1, 0)]
+
+    def largest(values: list[Any]) -> Any:
+        return reduce(p.magnitude, values)
+
+    with entries(p, layout) as i:
+        before, zero = floors[i], run.work[i].equals(0.0)
+        reach = share * largest([row[i] for row in rows])
+        reach = p.choose(reach > 0.0, reach, before)
+        reach = p.choose(reach < math.inf, reach, before)
+        reach = p.choose(reach < LEAST_FLOOR, LEAST_FLOOR, reach)
+        floor = p.choose(zero, reach, before)
+        floors[i] = floor
+        last = p.choose(floor <= LEAST_FLOOR, largest([row[i] for row in late]), 0.0)
+        blind = p.largest_magnitude(p.choose(zero, last, 0.0))
+    p.leave(~blind.value.equals(0.0))
+    return p.finish(FLAG)

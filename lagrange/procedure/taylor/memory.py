@@ -1,0 +1,154 @@
+"""Where the state and the series of a Taylor step stand in memory, and what procedures of such a step are made with.
+
+A machine that computes on blocks of numbers pads each vector to whole ones; others have blocks of one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Callee, Record
+from lagrange.procedure.step.memory import whole_blocks
+from lagrange.procedure.values import Memory, Real, Whole
+
+READ = Array(read=True)
+
+JET = Callee((REAL, REAL, READ, READ, READ, Array(), WHOLE), (FLAG,))
+"""What computes a series: of a time, its scale, the state with what rounding lost of it behind, two arrays of numbers
+that the machine has prepared, the rows and the order; it says whether a matrix is singular."""
+
+HELD = Record.of("Held", waits=WHOLE, t=REAL, low=REAL, scale=REAL, h=REAL)
+"""Where the last step began: time, what rounding lost of it, scale, and the length of the step; `waits` is 1 until it
+is proven. The state there is held in the work array."""
+
+
+@dataclass(frozen=True)
+class TaylorLayout:
+    """Where things stand in the work memory: the state, what its rounding lost, what is held, and the rows.
+
+    `dimension` is 2n. `width` doubles lie between two rows; a row begins with q and v, and its coefficients of what
+    is watched begin at `watched_at`. With an order of 0 the code serves every order. Vectors are computed on `block`
+    entries at once. `scratch` doubles follow the rows.
+    """
+
+    dimension: int
+    order: int
+    width: int
+    watched: int
+    watched_at: int
+    block: int
+    scratch: int = 0
+
+    @property
+    def padded(self) -> int:
+        """The length of the state in whole blocks."""
+        return whole_blocks(self.dimension, self.block)
+
+    @property
+    def lost(self) -> int:
+        """Where what rounding lost of the state begins."""
+        return self.padded
+
+    @property
+    def held(self) -> int:
+        """Where what is held of a step begins: the state before it, what rounding lost of that, and a derivative."""
+        return 2 * self.padded
+
+    @property
+    def slope(self) -> int:
+        """Where the derivative begins that a series has at the end of its step."""
+        return 4 * self.padded
+
+    @property
+    def rows(self) -> int:
+        """Where the rows begin."""
+        return 5 * self.padded
+
+    @property
+    def moving(self) -> int:
+        """The first entry of the first block in which there are velocities."""
+        return self.dimension // 2 // self.block * self.block
+
+    def coefficients(self, work: NDArray[np.float64], order: int) -> NDArray[np.float64]:
+        """Return the rows that begin at the start of an array, (order + 1, 2n + watched)."""
+        rows = work[: (order + 1) * self.width].reshape(order + 1, self.width)
+        watched = slice(self.watched_at, self.watched_at + self.watched)
+        return np.concatenate([rows[:, : self.dimension], rows[:, watched]], axis=1)
+
+    def ahead(self, order: Any) -> Any:
+        """Return where a state and its rows begin that a look ahead uses."""
+        return (order + 1) * self.width + (self.rows + self.scratch)
+
+    def size(self, order: int) -> int:
+        """Return the length of the work memory: a state and its rows twice."""
+        return 2 * int(self.ahead(order)) + 8
+
+
+class Run:
+    """The work array of a procedure, with the order of the series in it: a number of Python, or the last argument."""
+
+    def __init__(self, p: Builder, layout: TaylorLayout, work: Memory) -> None:
+        self.p, self.layout, self.work = p, layout, work
+        self.order: Any = layout.order or p.given("order", WHOLE)
+
+    @property
+    def handed(self) -> tuple[Any, ...]:
+        """The last arguments for another procedure: the work array, and the order if it is one."""
+        return (self.work,) if self.layout.order else (self.work, self.order)
+
+    def less(self, count: int) -> Any:
+        """Return the order less some, at least 1."""
+        if self.layout.order:
+            return max(self.order - count, 1)
+        k: Whole = self.order - count
+        return self.p.larger(k, 1) if count > 1 else k
+
+    def minus_one_over(self, k: Any) -> Any:
+        """Return -1 over an order."""
+        return -1.0 / k if isinstance(k, int) else -1.0 / self.p.real(k)
+
+    def row(self, k: Any) -> Memory:
+        """Return the coefficients of an order."""
+        return self.work.at(k * self.layout.width + self.layout.rows)
+
+    @contextmanager
+    def entries(self, start: int = 0) -> Iterator[Whole]:
+        """Go through the entries of vectors behind a place in all of them, in blocks."""
+        with entries(self.p, self.layout, start) as i:
+            yield i
+
+    def ratio(self, k: Any, weights: Memory) -> Real:
+        """Return the largest coefficient of a row over its tolerance, NaN if one is not a number."""
+        row = self.row(k)
+        with self.entries() as i:
+            largest = self.p.largest_magnitude(row[i] * weights[i])
+        return largest.value
+
+
+@contextmanager
+def entries(p: Builder, layout: TaylorLayout, start: int = 0) -> Iterator[Whole]:
+    """Go through the entries of vectors behind a place in all of them, in blocks: written out where the order is."""
+    with p.each(layout.padded - start, width=layout.block, spill=True, unrolled=bool(layout.order)) as i:
+        yield i
+
+
+def work_array(p: Builder, layout: TaylorLayout) -> Memory:
+    """Return the work array, as a parameter."""
+    return p.array("work", room=layout.block)
+
+
+def weights_array(p: Builder, layout: TaylorLayout, *, read: bool = True) -> Memory:
+    """Return one over the tolerance of each entry of the state, as a parameter."""
+    return p.array("weights", size=layout.padded, room=layout.block, read=read)
+
+
+def floors_array(p: Builder, layout: TaylorLayout, *, read: bool = True) -> Memory:
+    """Return how wrong each entry of the state may be beside its share of the relative tolerance, as a parameter."""
+    return p.array("floors", size=layout.dimension, room=layout.block, read=read)

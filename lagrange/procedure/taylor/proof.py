@@ -1,0 +1,137 @@
+"""What a Taylor step is held to: at its end the equations must say what its series says.
+
+A step is recorded when the series of the next one has proven it. Otherwise the run goes back to where it began, and
+tries a shorter one.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import Any
+
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
+from lagrange.procedure.step.run import COUNTS, RUN
+from lagrange.procedure.taylor.constants import DEFECT, FAILURES, NOISE, PROBES, RETREAT
+from lagrange.procedure.taylor.memory import (
+    HELD,
+    JET,
+    Run,
+    TaylorLayout,
+    entries,
+    floors_array,
+    weights_array,
+    work_array,
+)
+from lagrange.procedure.taylor.step_size import weigh
+from lagrange.procedure.taylor.sums import horner
+from lagrange.procedure.values import Flag, Real
+
+
+@cache
+def agrees(layout: TaylorLayout) -> Procedure:
+    """Return what compares the derivative that is held with the first coefficients of some rows.
+
+    `length` is that of the step in units of the scale.
+    """
+    p = Builder("agrees", "Whether the derivative that is held is what the equations say.")
+    length, order, first = p.given("length", REAL), p.given("order", WHOLE), p.given("first", WHOLE)
+    weights, work = weights_array(p, layout), work_array(p, layout)
+    rows, slopes, own = (memory.at(layout.moving) for memory in (work.at(first), work.at(layout.slope), weights))
+    with entries(p, layout, layout.moving) as i:
+        weight, there = own[i], rows[i]
+        off = p.largest_magnitude((there - slopes[i]) * weight)
+        most = p.largest_magnitude(there * weight)
+    allowed = DEFECT * p.real(order) / length
+    p.leave(off.value <= p.fma(NOISE, most.value, allowed))
+    return p.finish(FLAG)
+
+
+def hopeless(counts: Any) -> Flag:
+    """Whether so many steps have failed that a shorter one is lost in round-off."""
+    found: Flag = counts.fails >= FAILURES
+    return found
+
+
+@cache
+def fail() -> Procedure:
+    """Return what has a shorter step tried, and who watches look again."""
+    p = Builder("fail", "Try again with a shorter step.", apart=True)
+    run: Any = p.record("run", RUN)
+    counts: Any = p.record("counts", COUNTS)
+    h: Real = p.given("h", REAL)
+    run.limit = RETREAT * abs(h)
+    run.once = math.inf
+    counts.fails = counts.fails + 1
+    counts.rejected = counts.rejected + 1
+    counts.look, counts.tries = 1, 0
+    return p.finish()
+
+
+@cache
+def take_back(layout: TaylorLayout) -> Procedure:
+    """Return what goes back to where the step began that is not proven."""
+    p = Builder("take_back", "Go back to where the last step began.", apart=True)
+    run: Any = p.record("run", RUN)
+    counts: Any = p.record("counts", COUNTS)
+    held: Any = p.record("held", HELD)
+    work = work_array(p, layout)
+    state, before = work, work.at(layout.held)
+    with p.each(2 * layout.padded, width=layout.block, spill=True) as i:
+        state[i] = before[i]
+    run.t, run.low, run.scale = held.t, held.low, held.scale
+    held.waits = 0
+    p.call(fail(), run, counts, held.h)
+    return p.finish()
+
+
+@cache
+def record(layout: TaylorLayout) -> Procedure:
+    """Return what counts the step that is proven and records it; one behind failures may be twice as long as that."""
+    p = Builder("record", "Count the step that is proven, and record it.")
+    run: Any = p.record("run", RUN)
+    counts: Any = p.record("counts", COUNTS)
+    held: Any = p.record("held", HELD)
+    work, times, rows = work_array(p, layout), p.array("times"), p.array("rows", room=layout.block)
+    failed = (counts.fails > 0) & ~hopeless(counts)
+    limit = p.choose(failed, abs(held.h), run.limit)
+    run.limit = limit + limit
+    counts.fails = 0
+    held.waits = 0
+    counts.steps = counts.steps + 1
+    with p.when(~counts.record.equals(0)):
+        row = counts.rows
+        times[row] = run.t
+        target = rows.at(row * layout.dimension)
+        with p.each(layout.dimension, width=layout.block, unrolled=bool(layout.order)) as i:
+            target[i] = work[i]
+        counts.rows = row + 1
+    return p.finish()
+
+
+@cache
+def probe(layout: TaylorLayout) -> Procedure:
+    """Return what compares a series with the equations all along a step of length s in units of the scale."""
+    p = Builder("probe", "Whether the equations say what a series says, all along a step.", apart=True)
+    jet, prepared, constants = p.function("jet", JET), p.array("prepared", read=True), p.array("constants", read=True)
+    rtol, floors = p.given("rtol", REAL), floors_array(p, layout)
+    t, scale, s = (p.given(name, REAL) for name in ("t", "scale", "s"))
+    run = Run(p, layout, work_array(p, layout))
+    weights = p.reserve(layout.padded, room=layout.block)
+    p.call(weigh(layout), rtol, floors, weights, run.work)
+    begin = p.whole(layout.ahead(run.order))
+    there, slopes = run.work.at(begin), run.work.at(layout.slope)
+    rows = there.at(layout.rows)
+    with p.loop(1, PROBES) as j:
+        part: Real = s * (p.real(j) * (1.0 / PROBES))
+        with run.entries() as i:
+            total, slope = horner(run, part, i)
+            there[i] = run.work[i] + total
+            slopes[i] = slope
+        singular = jet(p.fma(part, scale, t), scale, there, prepared, constants, rows, run.order)
+        first = begin + (layout.rows + layout.width)
+        with p.when(singular | ~p.call(agrees(layout), s, run.order, first, weights, run.work)):
+            p.leave(p.false)
+    p.leave(p.true)
+    return p.finish(FLAG)

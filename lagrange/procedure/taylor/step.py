@@ -1,0 +1,173 @@
+"""One Taylor step from a series: how long it is, whether its scale of time fits, and where it leads."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import Any
+
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
+from lagrange.procedure.outcome import Outcome
+from lagrange.procedure.step.constants import EARLIEST, NEAR_END, SPACING
+from lagrange.procedure.step.run import COUNTS, RUN
+from lagrange.procedure.taylor.constants import (
+    FARTHEST,
+    GROWN,
+    LONGER,
+    NEAREST,
+    OVERFLOWED,
+    SHORTER,
+    SHORTEST,
+    TRIES,
+)
+from lagrange.procedure.taylor.floors import raise_floors
+from lagrange.procedure.taylor.memory import HELD, JET, Run, TaylorLayout, floors_array, work_array
+from lagrange.procedure.taylor.powers import logarithm, power
+from lagrange.procedure.taylor.proof import fail, hopeless, probe
+from lagrange.procedure.taylor.step_size import ends
+from lagrange.procedure.taylor.sums import advance
+from lagrange.procedure.values import Flag, Real
+
+
+@cache
+def take_step(layout: TaylorLayout) -> Procedure:
+    """Return what takes a step, or tries another scale of time, or a shorter step; it pauses where the run goes on."""
+    return _Step(layout).build()
+
+
+class _Step:
+    """Builds the procedure; `exponent` is the binary logarithm of the step that the series allows, in its scale."""
+
+    def __init__(self, layout: TaylorLayout) -> None:
+        self.p = p = Builder("take_step", "Take a step, or prepare another try, and return an outcome.")
+        self.layout = layout
+        self.jet = p.function("jet", JET)
+        self.prepared, self.constants = p.array("prepared", read=True), p.array("constants", read=True)
+        self.run: Any = p.record("run", RUN)
+        self.counts: Any = p.record("counts", COUNTS)
+        self.floors = floors_array(p, layout, read=False)
+        self.held: Any = p.record("held", HELD)
+        self.exponent: Real = p.given("exponent", REAL)
+        self.series = Run(p, layout, work_array(p, layout))
+        self.t, self.low, self.scale = self.run.t, self.run.low, self.run.scale
+        self.left = (self.run.end - self.t) - self.low
+        self.ends = ends(self.series, self.exponent)
+
+    def build(self) -> Procedure:
+        p = self.p
+        longest = p.smaller(abs(self.left), self.run.longest)
+        reach = p.call(logarithm(), longest / abs(self.scale))
+        with p.when(~self.fits(reach), likely=False):
+            given = self.run, self.counts, self.exponent, reach, self.ends
+            p.leave(p.call(rescale(), *given))
+        s, whole, final = self.length()
+        h = p.choose(final, self.left, s * self.scale)
+        self.run.h = h
+        self.probe(s, h)
+        if self.layout.watched:
+            self.watch(s)
+        p.call(raise_floors(self.layout), self.run.share, self.floors, self.series.work)
+        # A series that terminates says nothing about the next one.
+        whole = p.choose(whole > FARTHEST, 0.0, whole)
+        longer = p.operation("two_to", p.whole(whole))
+        with p.when(~p.call(advance(self.layout), s, longer, *self.series.handed), likely=False):
+            p.leave(int(Outcome.NON_FINITE))
+        self.move_on(h, final)
+        self.run.scale = self.scale * longer
+        p.leave(int(Outcome.PAUSED))
+        return p.finish(WHOLE)
+
+    def fits(self, reach: Real) -> Flag:
+        """Whether the step is near the scale of time, so that no coefficient has left the range of doubles.
+
+        A series without last coefficients fits when the scale is as long as any step may be; after some tries the
+        scale is as good as it gets.
+        """
+        p, counts, exponent = self.p, self.counts, self.exponent
+        tries = counts.tries
+        first = (counts.steps + tries).equals(0)
+        near = abs(exponent) < p.choose(first, NEAREST, FARTHEST)
+        whole = self.ends & (reach < 1.0)
+        found: Flag = near | whole | ((tries >= TRIES) & exponent.equals(exponent))
+        return found
+
+    def length(self) -> tuple[Real, Real, Flag]:
+        """Return the step in units of the scale, the whole number next to its natural exponent, and if it is the last.
+
+        What does not depend on the coefficients comes first: processors have it done when the last coefficient
+        arrives.
+        """
+        p, run = self.p, self.run
+        inverse = 1.0 / abs(self.scale)
+        whole_way = abs(self.left) * inverse
+        own = p.smaller(run.longest, run.limit)
+        bound = p.smaller(p.smaller(own, run.once) * inverse, whole_way)
+        spacing = p.larger(abs(self.t), EARLIEST) * SPACING
+        natural, whole = p.call(power(), self.exponent)
+        bounded = natural * NEAR_END >= bound
+        s = p.choose(bounded, bound, natural)
+        final = bounded & bound.equals(whole_way)
+        wanted = p.smaller(natural, own * inverse)
+        with p.when((wanted < spacing * inverse) & ~final, likely=False):
+            p.leave(int(Outcome.STEP_TOO_SMALL))
+        return s, whole, final
+
+    def probe(self, s: Real, h: Real) -> None:
+        """Try a shorter step where a series that terminates is not what the equations say all along a longer one."""
+        p, run, series = self.p, self.run, self.series
+        with p.when(self.ends & (abs(h) > GROWN * abs(self.held.h)) & ~hopeless(self.counts), likely=False):
+            jet = self.jet, self.prepared, self.constants
+            given = run.rtol, self.floors, self.t, self.scale, s
+            with p.when(~p.call(probe(self.layout), *jet, *given, *series.handed)):
+                p.call(fail(), run, self.counts, h)
+                p.leave(int(Outcome.PAUSED))
+
+    def watch(self, s: Real) -> None:
+        """Come back before a step on which something that is watched may vanish, unless told to take it once."""
+        p, series, work = self.p, self.series, self.series.work
+        near = p.variable(~self.counts.look.equals(0), "near")
+        for i in range(self.layout.watched):
+            first = self.layout.rows + self.layout.watched_at + i
+            total = p.variable(0.0)
+            with p.loop(0, series.order) as j:
+                total.value = (total.value + abs(work[(series.order - j) * self.layout.width + first])) * s
+            near.value = near.value | ~(abs(work[first]) > total.value)
+        with p.when(near.value & self.run.once.equals(math.inf)):
+            p.leave(int(Outcome.WATCHED))
+
+    def move_on(self, h: Real, final: Flag) -> None:
+        """Move on in time, compensated, and hold where the step began."""
+        p, run, held = self.p, self.run, self.held
+        held.t, held.low, held.scale, held.h = self.t, self.low, self.scale, h
+        held.waits = 1
+        added = h + self.low
+        total = self.t + added
+        back = total - self.t
+        lost = (self.t - (total - back)) + (added - back)
+        run.t = p.choose(final, run.end, total)
+        run.low = p.choose(final, 0.0, lost)
+        run.once = math.inf
+        self.counts.tries = 0
+
+
+@cache
+def rescale() -> Procedure:
+    """Return what has the series tried again with another scale of time: the step's own.
+
+    It is a shorter one if a coefficient overflowed, and a longer one, as far as a step may reach, if the last
+    coefficients are zero.
+    """
+    p = Builder("rescale", "Choose another scale of time, and return an outcome.", apart=True)
+    run: Any = p.record("run", RUN)
+    counts: Any = p.record("counts", COUNTS)
+    exponent, reach, terminates = p.given("exponent", REAL), p.given("reach", REAL), p.given("terminates", FLAG)
+    tries, scale = counts.tries, run.scale
+    with p.when((tries >= TRIES) | (abs(scale) < SHORTEST)):
+        p.leave(int(Outcome.NON_FINITE))
+    counts.tries = tries + 1
+    longer = p.choose(terminates, p.smaller(reach, LONGER), exponent)
+    change = p.choose(exponent >= OVERFLOWED, longer, SHORTER)
+    run.scale = scale * p.operation("two_to", p.whole(p.operation("round", change)))
+    p.leave(int(Outcome.PAUSED))
+    return p.finish(WHOLE)

@@ -1,0 +1,114 @@
+"""The size of a Taylor step from its last rows.
+
+The truncation error of a series of order p in units of its tolerance is near the size of its last rows: both stay below
+one, and the growth of the rows shows the radius of convergence.
+Source: A. Jorba, M. Zou, A software package for the numerical integration of ODEs by means of high-order Taylor
+methods, Experimental Mathematics 14 (2005), 99-117.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache, reduce
+from typing import Any
+
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import REAL, Procedure
+from lagrange.procedure.taylor.constants import APART, GUARD, REACH, ROWS_SEEN, VANISHED
+from lagrange.procedure.taylor.memory import Run, TaylorLayout, entries, floors_array, weights_array, work_array
+from lagrange.procedure.taylor.powers import logarithm
+from lagrange.procedure.values import Flag, Real
+
+
+@cache
+def weigh(layout: TaylorLayout) -> Procedure:
+    """Return what writes one over the tolerance of each entry of the state."""
+    p = Builder("weigh", "Write one over the tolerance of each entry: of its size in the step, and its floor.")
+    rtol, floors = p.given("rtol", REAL), floors_array(p, layout, read=True)
+    weights, work = weights_array(p, layout, read=False), work_array(p, layout)
+    first = work.at(layout.rows + layout.width)
+    with entries(p, layout) as i:
+        weights[i] = 1.0 / p.fma(rtol, p.magnitude(work[i], first[i]), floors[i])
+    return p.finish()
+
+
+def ends(run: Run, exponent: Real) -> Flag:
+    """Whether a series has no last coefficients: it terminates, or they are too small for doubles."""
+    found: Flag = exponent > VANISHED * run.minus_one_over(run.order)
+    return found
+
+
+@cache
+def choose_exponent(layout: TaylorLayout) -> Procedure:
+    """Return what finds the binary logarithm of the step in units of the scale: both last rows stay in bounds."""
+    return _Exponent(layout).build()
+
+
+class _Exponent:
+    """Builds the procedure; `sizes` are the binary logarithms of the last rows, by how far they are from the last."""
+
+    def __init__(self, layout: TaylorLayout) -> None:
+        self.p = p = Builder("choose_exponent", "Return the binary logarithm of the step in units of the scale.")
+        self.layout = layout
+        self.rtol, self.digits = p.given("rtol", REAL), p.given("digits", REAL)
+        self.floors = floors_array(p, layout)
+        self.weights = weights_array(p, layout)
+        self.run = Run(p, layout, work_array(p, layout))
+        self.sizes: dict[int, Real] = {}
+
+    def build(self) -> Procedure:
+        p, run = self.p, self.run
+        # The earlier rows come first: they are known long before the last.
+        for less in range(APART + 1, -1, -1):
+            self.sizes[less] = p.call(logarithm(), run.ratio(run.less(less), self.weights))
+        least = reduce(self.lesser, [self.guarded(less) for less in range(2, ROWS_SEEN)])
+        one, other = (self.radius(less) for less in (1, 0))
+        least = self.lesser(least, p.choose(one > other, one, other) + REACH)
+        bound = p.smaller(*(self.sizes[less] * run.minus_one_over(run.less(less)) for less in (1, 0)))
+        found = p.variable(self.lesser(bound, least), "found")
+        with p.when(ends(run, found.value), likely=False):
+            given = self.rtol, self.floors, found.value
+            found.value = p.call(look_back(self.layout), *given, *run.handed)
+        p.leave(found.value)
+        return p.finish(REAL)
+
+    def lesser(self, a: Real, b: Real) -> Any:
+        """Return the lesser of two, the first where the second is NaN."""
+        return self.p.choose(b < a, b, a)
+
+    def guarded(self, less: int) -> Real:
+        """Return what an earlier row says of the step: the radius that it shows, at the last order; see `GUARD`."""
+        run, p = self.run, self.p
+        share = run.minus_one_over(run.less(less))
+        apart = run.minus_one_over(run.order) - share
+        found: Real = p.fma(self.digits, apart, self.sizes[less] * share) + GUARD
+        return found
+
+    def radius(self, less: int) -> Real:
+        """Return the binary logarithm of the radius of convergence that two rows show; infinity if one is zero."""
+        p, run = self.p, self.run
+        early, late = self.sizes[less + APART], self.sizes[less]
+        span = run.less(less) - run.less(less + APART)
+        share = 1.0 / max(span, 1) if isinstance(span, int) else 1.0 / p.real(span)
+        none = p.choose(early < late, early, late) < VANISHED
+        found: Real = p.choose(none, math.inf, (early - late) * share)
+        return found
+
+
+@cache
+def look_back(layout: TaylorLayout) -> Procedure:
+    """Return what lets the upper half of the other rows keep in bounds as well where both last ones are zero.
+
+    They are zero too if the series terminates; a series in the fourth power of time has gaps of that size.
+    """
+    p = Builder("look_back", "Return the step that the upper half of all rows but the last allow.", apart=True)
+    rtol, floors, before = p.given("rtol", REAL), floors_array(p, layout), p.given("before", REAL)
+    run = Run(p, layout, work_array(p, layout))
+    weights = p.reserve(layout.padded, room=layout.block)
+    p.call(weigh(layout), rtol, floors, weights, run.work)
+    found = p.variable(before, "found")
+    with p.loop(run.order // 2 + 1, run.order - 1) as k:
+        bound = p.call(logarithm(), run.ratio(k, weights)) * run.minus_one_over(k)
+        found.value = p.smaller(found.value, bound)
+    p.leave(found.value)
+    return p.finish(REAL)
