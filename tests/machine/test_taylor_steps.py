@@ -252,10 +252,8 @@ def test_what_is_probed_does_not_depend_on_how_a_run_is_cut(monkeypatch: pytest.
     for budget in (1, 30):
         looks.clear()
         values = np.array([statement.defaults[p] for p in statement.parameters])
-        driver, state = (
-            NumpySeries(program).driver(6, values),
-            S(0.0, 2.0, np.array(statement.initial), 1e-8, 1e-8, 0.0),
-        )
+        driver = NumpySeries(program).driver(14, values)
+        state = S(0.0, 2.0, np.array(statement.initial), 1e-8, 1e-8, 0.0)
         state.reals[S.LONGEST] = 0.1
         while driver.advance(state, budget, np.zeros(budget), np.zeros((budget + 4, 4))) is Outcome.PAUSED:
             pass
