@@ -32,7 +32,7 @@ MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
     "trajectory/tableaux": (),
     "trajectory/paths": ("machine records", "trajectory records", "trajectory/tableaux"),
     "trajectory/events": (
-        *("machine records", "machine/kernel", "machine/series", "machine entries"),
+        *("machine records", "machine/kernel", "machine entries"),
         *("trajectory records", "trajectory/paths"),
     ),
     "trajectory runs": (

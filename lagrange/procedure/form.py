@@ -256,11 +256,8 @@ class Repeat(NamedTuple):
 PARTIAL = 4
 """How many partial sums a `Fold` has."""
 
-SUMS = ("add", "dot")
-"""The folds that add up; the others take the largest of all, in any order."""
-
-WIDTHS = (1, 2, 4, 8)
-"""How many turns of an `Each` may be taken at once."""
+SUMS, WIDTHS = ("add", "dot"), (1, 2, 4, 8)
+"""The folds that add up, while others take the largest; and how many turns of an `Each` may be taken at once."""
 
 
 class Fold(NamedTuple):
@@ -286,8 +283,7 @@ class Each(NamedTuple):
     Arrays are read and written at the place itself, or read at a place that no turn writes. Turns have variables
     of their own and loops with as many turns for each; nothing is called or decided inside. A printer may take up to
     `width` turns at a time, one of `WIDTHS`, and four where something is added up. What an array has beyond `turns` is
-    left as it is, but
-    with `spill`, or beyond its size. With `unrolled` all turns are written out, which pays where there are few.
+    left as it is, but with `spill`, or beyond its size. With `unrolled` all turns are written out.
     """
 
     place: int

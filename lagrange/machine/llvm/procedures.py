@@ -131,6 +131,7 @@ class Printer:
         for parameter in self.procedure.parameters:
             kind = parameter.type
             self.define(parameter.ref, f"%{parameter.name}", kind)
+            # In merged code LLVM would note at each access what it does not touch: half of the time of merging.
             attributes = " noalias" if isinstance(kind, (Array, Record)) and not merging else ""
             attributes += " readonly" if isinstance(kind, Array) and kind.read else ""
             given.append(f"{argument_type(kind)}{attributes} %{parameter.name}")
