@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.procedure.outcome import Outcome
+from lagrange.procedure.taylor.memory import TAYLOR
 
 __all__ = ["OUTCOMES", "WIDEST", "DriverState", "Outcome"]
 
@@ -23,11 +24,9 @@ class DriverState:
     """Where a run stands. Arrays are shared with machine code, entries in the order of the constants below.
 
     `reals`: T is the time, END where the run goes, START and STEP the grid of equal steps; H is the next step,
-    signed, 0 if it is to be chosen, LONGEST the bound of all steps and ONCE of the next alone, sizes; PREVIOUS is
-    the error norm of the step before, and CAUSE the `Outcome` for which the last trial was rejected. RESIDUAL is
-    the size of the last correction of an implicit step against that of its unknowns. Of a series, LOW is what
-    rounding took from the time, SCALE the unit of time, signed, and LIMIT the longest step after FAILS steps in a
-    row that were not what the equations say at their end.
+    signed, 0 if it is to be chosen, and LONGEST the bound of all steps, a size; PREVIOUS is the error norm of the step
+    before, and CAUSE the `Outcome` for which the last trial was rejected. RESIDUAL is the size of the last correction
+    of an implicit step against that of its unknowns.
 
     An entry of the state may be wrong by RTOL times its size in a step and its floor. The floors (2n,), padded to
     whole vectors of a machine, are the last `reals`. An accepted step raises a floor to SHARE times the size of its
@@ -36,19 +35,18 @@ class DriverState:
 
     `counts`: STEPS accepted, REJECTED trials, EVALUATIONS of the law, and ROWS written, none unless RECORD is 1.
     AFTER_REJECT counts the rejected trials in a row behind which the run stands; SLOPE_KNOWN is 1 where the first slope
-    of the next step is there already, LOOK where the next step is to be looked at whatever it shows; TRIES is how often
-    the series of a step was computed anew in another unit of time. KEPT is 0 where nothing that a driver has kept from
-    former steps, such as a matrix or unknowns to extrapolate, belongs to this run. SURVEYED is how often the run came
-    back as UNSCALED.
+    of the next step is there already. KEPT is 0 where nothing that a driver has kept from former steps, such as a
+    matrix or unknowns to extrapolate, belongs to this run. SURVEYED is how often the run came back as UNSCALED.
+
+    `taylor` is what a run by Taylor series knows; see `TAYLOR`.
 
     `floats` and `integers` are the same entries, to be set one by one: that takes a fifth of the time. `fault` is
     what a driver that is no machine code has to say of its failed step, and `kept` how many bytes it keeps of the run.
     """
 
-    T, END, H, RTOL, SHARE, PREVIOUS, START, STEP, CAUSE, LONGEST, LOW, SCALE, ONCE, RESIDUAL, LIMIT = range(15)
-    FLOORS = 15
-    STEPS, REJECTED, EVALUATIONS, SLOPE_KNOWN, ROWS, RECORD, AFTER_REJECT, TRIES, LOOK, KEPT, FAILS = range(11)
-    SURVEYED = 11
+    T, END, H, RTOL, SHARE, PREVIOUS, START, STEP, CAUSE, LONGEST, RESIDUAL = range(11)
+    FLOORS = 11
+    STEPS, REJECTED, EVALUATIONS, SLOPE_KNOWN, ROWS, RECORD, AFTER_REJECT, KEPT, SURVEYED = range(9)
 
     def __init__(
         self,
@@ -78,10 +76,11 @@ class DriverState:
         floats[self.H] = floats[self.STEP] = step
         floats[self.RTOL] = rtol
         floats[self.SHARE] = share
-        floats[self.PREVIOUS] = floats[self.SCALE] = 1.0
+        floats[self.PREVIOUS] = 1.0
         floats[self.CAUSE] = Outcome.STEP_TOO_SMALL
-        floats[self.LONGEST] = floats[self.ONCE] = floats[self.LIMIT] = math.inf
+        floats[self.LONGEST] = math.inf
         integers[self.RECORD] = 1
+        self.taylor: Any = TAYLOR.structure(scale=1.0, once=math.inf, limit=math.inf)
         self.fault: Any = None
         self.kept = 0
         self.addresses = (self.reals.ctypes.data, self.counts.ctypes.data)

@@ -82,7 +82,7 @@ class NumpyTaylorDriver:
     def restart(self, state: DriverState) -> None:
         """Forget what rounding lost; see `TaylorDriver`."""
         self._work[self._layout.lost : self._layout.held] = 0.0
-        state.reals[DriverState.LOW] = 0.0
+        state.taylor.low = 0.0
 
     def adopt(self, state: DriverState) -> None:
         """Leave the state where it is; see `Driver`."""
@@ -93,7 +93,7 @@ class NumpyTaylorDriver:
         y[:] = state.y
         records = RUN.structure.from_buffer(state.floats), COUNTS.structure.from_buffer(state.integers)
         recorded = (times.data, rows.reshape(-1).data) if state.count(DriverState.RECORD) else (_NOTHING, _NOTHING)
-        given = *records, state.floors.data, self._held, *recorded, budget, self._work.data, self._order
+        given = *records, state.taylor, state.floors.data, self._held, *recorded, budget, self._work.data, self._order
         try:
             with np.errstate(all="ignore"):
                 return Outcome(_steps(self._layout)(self._jet, _NOTHING, _NOTHING, *given))

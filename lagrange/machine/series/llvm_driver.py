@@ -196,7 +196,7 @@ class LlvmTaylorDriver:
         """Forget what rounding lost; see `TaylorDriver`."""
         layout = self._compiled.layout
         self._work[layout.lost : layout.lost + layout.padded] = 0.0
-        state.reals[DriverState.LOW] = 0.0
+        state.taylor.low = 0.0
 
     def adopt(self, state: DriverState) -> None:
         """Let the state live in the driver's memory; see `Driver`."""
@@ -208,6 +208,7 @@ class LlvmTaylorDriver:
             self._state = state
             reals, counts = state.addresses
             self._give(run=reals, counts=counts, floors=reals + 8 * DriverState.FLOORS)
+            self._give(taylor=ctypes.addressof(state.taylor))
         foreign = state.y is not self._y
         if foreign:
             self._y[:] = state.y

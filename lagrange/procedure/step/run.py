@@ -8,10 +8,7 @@ RUN = Record(
     "Run",
     tuple(
         (name, REAL)
-        for name in (
-            *("t", "end", "h", "rtol", "share", "previous", "start", "step", "cause", "longest"),
-            *("low", "scale", "once", "residual", "limit"),
-        )
+        for name in ("t", "end", "h", "rtol", "share", "previous", "start", "step", "cause", "longest", "residual")
     ),
 )
 """The real numbers of a run."""
@@ -22,7 +19,7 @@ COUNTS = Record(
         (name, WHOLE)
         for name in (
             *("steps", "rejected", "evaluations", "slope_known", "rows", "record", "after_reject"),
-            *("tries", "look", "kept", "fails", "surveyed"),
+            *("kept", "surveyed"),
         )
     ),
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from typing import Any
 
@@ -11,7 +12,7 @@ from lagrange.procedure.outcome import Outcome
 from lagrange.procedure.step.constants import SURVEYS
 from lagrange.procedure.step.run import COUNTS, RUN
 from lagrange.procedure.taylor.floors import first_floors
-from lagrange.procedure.taylor.memory import HELD, JET, Run, TaylorLayout, floors_array, work_array
+from lagrange.procedure.taylor.memory import HELD, JET, TAYLOR, Run, TaylorLayout, floors_array, work_array
 from lagrange.procedure.taylor.powers import logarithm
 from lagrange.procedure.taylor.proof import agrees, hopeless, record, take_back
 from lagrange.procedure.taylor.step import take_step
@@ -28,6 +29,7 @@ class _Given:
         self.prepared, self.constants = p.array("prepared", read=True), p.array("constants", read=True)
         self.run: Any = p.record("run", RUN)
         self.counts: Any = p.record("counts", COUNTS)
+        self.taylor: Any = p.record("taylor", TAYLOR)
         self.floors = floors_array(p, layout, read=False)
         self.held: Any = p.record("held", HELD)
         self.times, self.rows = p.array("times"), p.array("rows", room=layout.block)
@@ -36,7 +38,7 @@ class _Given:
 
     def handed(self, *own: Any) -> tuple[Any, ...]:
         """Return the arguments for another procedure, with those of its own."""
-        records = self.run, self.counts, self.floors, self.held, self.times, self.rows
+        records = self.run, self.counts, self.taylor, self.floors, self.held, self.times, self.rows
         return (self.jet, self.prepared, self.constants, *records, *own, *self.series.handed)
 
     def leave_if(self, condition: Flag, outcome: Outcome) -> None:
@@ -60,7 +62,7 @@ def taylor_steps(layout: TaylorLayout) -> Procedure:
     run, counts, budget = given.run, given.counts, given.own[0]
     counts.rows = 0
     given.held.waits = 0
-    with p.when(counts.steps.equals(0)):
+    with p.when(counts.kept.equals(0)):
         _begin(given)
     p.note("Minus the binary logarithm of the relative tolerance.")
     digits = -p.call(logarithm(), run.rtol)
@@ -74,14 +76,19 @@ def taylor_steps(layout: TaylorLayout) -> Procedure:
 
 
 def _begin(given: _Given) -> None:
-    """Nothing is lost yet, no step was taken, and the scale of time has the sign of the run's direction."""
-    p, run, layout = given.p, given.run, given.layout
+    """Nothing is lost yet, no step was taken, and the scale of time has the sign of the run's direction.
+
+    Who watches may have asked for a look at the first step.
+    """
+    p, run, taylor, layout = given.p, given.run, given.taylor, given.layout
+    given.counts.kept = 1
     low = given.series.work.at(layout.lost)
     with given.series.entries() as i:
         low[i] = 0.0
-    run.low, given.held.h = 0.0, 0.0
-    size = abs(run.scale)
-    run.scale = p.choose(run.end < run.t, -size, size)
+    taylor.low, given.held.h = 0.0, 0.0
+    taylor.scale = p.choose(run.end < run.t, -1.0, p.real(1.0))
+    taylor.once = taylor.limit = math.inf
+    taylor.tries = taylor.fails = 0
 
 
 @cache
@@ -95,7 +102,7 @@ def turn(layout: TaylorLayout) -> Procedure:
     given.leave_if(idle & there, Outcome.DONE)
     given.leave_if(idle & last, Outcome.PAUSED)
     rows, numbers = series.work.at(layout.rows), (given.prepared, given.constants)
-    singular = given.jet(run.t, run.scale, series.work, *numbers, rows, series.order)
+    singular = given.jet(run.t, given.taylor.scale, series.work, *numbers, rows, series.order)
     counts.evaluations = counts.evaluations + 1
     weights = p.reserve(layout.padded, room=layout.block)
     p.call(weigh(layout), run.rtol, given.floors, weights, series.work)
@@ -106,7 +113,7 @@ def turn(layout: TaylorLayout) -> Procedure:
     given.leave_if(singular, Outcome.SINGULAR)
     _begin_floors(given, weights)
     exponent: Real = p.call(choose_exponent(layout), run.rtol, digits, given.floors, weights, *series.handed)
-    records = run, counts, given.floors, held
+    records = run, counts, given.taylor, given.floors, held
     p.leave(p.call(take_step(layout), given.jet, *numbers, *records, exponent, *series.handed))
     return p.finish(WHOLE)
 
@@ -114,22 +121,22 @@ def turn(layout: TaylorLayout) -> Procedure:
 def _prove(given: _Given, weights: Memory, singular: Flag) -> None:
     """Record the step that led here, or take it back; where steps fail again and again, ask how large entries are."""
     p, layout, counts, held, series = given.p, given.layout, given.counts, given.held, given.series
-    length = abs(held.h) / abs(given.run.scale)
+    length = abs(held.h) / abs(given.taylor.scale)
     first = layout.rows + layout.width
     good = p.call(agrees(layout), length, series.order, first, weights, series.work)
-    with p.when(~((good & ~singular) | hopeless(counts)), likely=False):
-        p.call(take_back(layout), given.run, counts, held, series.work)
+    with p.when(~((good & ~singular) | hopeless(given.taylor)), likely=False):
+        p.call(take_back(layout), given.run, counts, given.taylor, held, series.work)
         failed = p.real(counts.rejected)
         power_of_two = p.operation("mantissa", failed).equals(1.0)
         given.leave_unscaled((failed > 1.0) & power_of_two)
         p.leave(int(Outcome.PAUSED))
-    p.call(record(layout), given.run, counts, held, series.work, given.times, given.rows)
+    p.call(record(layout), given.run, counts, given.taylor, held, series.work, given.times, given.rows)
 
 
 def _begin_floors(given: _Given, weights: Memory) -> None:
     """Begin floors that follow the scale where a run begins, or tries a scale of time, until it is surveyed."""
-    p, layout, run, counts = given.p, given.layout, given.run, given.counts
-    begins = (counts.steps.equals(0) | ~counts.tries.equals(0)) & counts.surveyed.equals(0)
+    p, layout, run, counts, taylor = given.p, given.layout, given.run, given.counts, given.taylor
+    begins = (counts.steps.equals(0) | ~taylor.tries.equals(0)) & counts.surveyed.equals(0)
     with p.when(begins & (run.share > 0.0), likely=False):
         given.leave_unscaled(p.call(first_floors(layout), run.share, given.floors, *given.series.handed))
         p.call(weigh(layout), run.rtol, given.floors, weights, given.series.work)

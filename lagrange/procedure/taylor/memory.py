@@ -24,6 +24,18 @@ JET = Callee((REAL, REAL, READ, READ, READ, Array(), WHOLE), (FLAG,))
 """What computes a series: of a time, its scale, the state with what rounding lost of it behind, two arrays of numbers
 that the machine has prepared, the rows and the order; it says whether a matrix is singular."""
 
+TAYLOR = Record.of("Taylor", low=REAL, scale=REAL, once=REAL, limit=REAL, tries=WHOLE, fails=WHOLE, look=WHOLE)
+"""What a run by Taylor series knows beside where it stands.
+
+    low      what rounding took from the time
+    scale    the unit of time of the series, signed
+    once     the bound of the next step alone
+    limit    the bound of steps behind those that were rejected
+    tries    how often the series of this step was computed anew in another unit of time
+    fails    steps in a row that the equations did not prove
+    look     1 where the next step is to be looked at whatever it shows
+"""
+
 HELD = Record.of("Held", waits=WHOLE, t=REAL, low=REAL, scale=REAL, h=REAL)
 """Where the last step began: time, what rounding lost of it, scale, and the length of the step; `waits` is 1 until it
 is proven. The state there is held in the work array."""

@@ -17,6 +17,7 @@ from lagrange.procedure.taylor.constants import DEFECT, FAILURES, NOISE, PROBES,
 from lagrange.procedure.taylor.memory import (
     HELD,
     JET,
+    TAYLOR,
     Run,
     TaylorLayout,
     entries,
@@ -48,9 +49,9 @@ def agrees(layout: TaylorLayout) -> Procedure:
     return p.finish(FLAG)
 
 
-def hopeless(counts: Any) -> Flag:
+def hopeless(taylor: Any) -> Flag:
     """Whether so many steps have failed that a shorter one is lost in round-off."""
-    found: Flag = counts.fails >= FAILURES
+    found: Flag = taylor.fails >= FAILURES
     return found
 
 
@@ -58,14 +59,14 @@ def hopeless(counts: Any) -> Flag:
 def fail() -> Procedure:
     """Return what has a shorter step tried, and who watches look again."""
     p = Builder("fail", "Try again with a shorter step.", apart=True)
-    run: Any = p.record("run", RUN)
     counts: Any = p.record("counts", COUNTS)
+    taylor: Any = p.record("taylor", TAYLOR)
     h: Real = p.given("h", REAL)
-    run.limit = RETREAT * abs(h)
-    run.once = math.inf
-    counts.fails = counts.fails + 1
+    taylor.limit = RETREAT * abs(h)
+    taylor.once = math.inf
+    taylor.fails = taylor.fails + 1
     counts.rejected = counts.rejected + 1
-    counts.look, counts.tries = 1, 0
+    taylor.look, taylor.tries = 1, 0
     return p.finish()
 
 
@@ -75,14 +76,15 @@ def take_back(layout: TaylorLayout) -> Procedure:
     p = Builder("take_back", "Go back to where the last step began.", apart=True)
     run: Any = p.record("run", RUN)
     counts: Any = p.record("counts", COUNTS)
+    taylor: Any = p.record("taylor", TAYLOR)
     held: Any = p.record("held", HELD)
     work = work_array(p, layout)
     state, before = work, work.at(layout.held)
     with p.each(2 * layout.padded, width=layout.block, spill=True) as i:
         state[i] = before[i]
-    run.t, run.low, run.scale = held.t, held.low, held.scale
+    run.t, taylor.low, taylor.scale = held.t, held.low, held.scale
     held.waits = 0
-    p.call(fail(), run, counts, held.h)
+    p.call(fail(), counts, taylor, held.h)
     return p.finish()
 
 
@@ -92,12 +94,13 @@ def record(layout: TaylorLayout) -> Procedure:
     p = Builder("record", "Count the step that is proven, and record it.")
     run: Any = p.record("run", RUN)
     counts: Any = p.record("counts", COUNTS)
+    taylor: Any = p.record("taylor", TAYLOR)
     held: Any = p.record("held", HELD)
     work, times, rows = work_array(p, layout), p.array("times"), p.array("rows", room=layout.block)
-    failed = (counts.fails > 0) & ~hopeless(counts)
-    limit = p.choose(failed, abs(held.h), run.limit)
-    run.limit = limit + limit
-    counts.fails = 0
+    failed = (taylor.fails > 0) & ~hopeless(taylor)
+    limit = p.choose(failed, abs(held.h), taylor.limit)
+    taylor.limit = limit + limit
+    taylor.fails = 0
     held.waits = 0
     counts.steps = counts.steps + 1
     with p.when(~counts.record.equals(0)):

@@ -22,7 +22,7 @@ from lagrange.procedure.taylor.constants import (
     TRIES,
 )
 from lagrange.procedure.taylor.floors import raise_floors
-from lagrange.procedure.taylor.memory import HELD, JET, Run, TaylorLayout, floors_array, work_array
+from lagrange.procedure.taylor.memory import HELD, JET, TAYLOR, Run, TaylorLayout, floors_array, work_array
 from lagrange.procedure.taylor.powers import logarithm, power
 from lagrange.procedure.taylor.proof import fail, hopeless, probe
 from lagrange.procedure.taylor.step_size import ends
@@ -46,11 +46,12 @@ class _Step:
         self.prepared, self.constants = p.array("prepared", read=True), p.array("constants", read=True)
         self.run: Any = p.record("run", RUN)
         self.counts: Any = p.record("counts", COUNTS)
+        self.taylor: Any = p.record("taylor", TAYLOR)
         self.floors = floors_array(p, layout, read=False)
         self.held: Any = p.record("held", HELD)
         self.exponent: Real = p.given("exponent", REAL)
         self.series = Run(p, layout, work_array(p, layout))
-        self.t, self.low, self.scale = self.run.t, self.run.low, self.run.scale
+        self.t, self.low, self.scale = self.run.t, self.taylor.low, self.taylor.scale
         self.left = (self.run.end - self.t) - self.low
         self.ends = ends(self.series, self.exponent)
 
@@ -59,8 +60,7 @@ class _Step:
         longest = p.smaller(abs(self.left), self.run.longest)
         reach = p.call(logarithm(), longest / abs(self.scale))
         with p.when(~self.fits(reach), likely=False):
-            given = self.run, self.counts, self.exponent, reach, self.ends
-            p.leave(p.call(rescale(), *given))
+            p.leave(p.call(rescale(), self.taylor, self.exponent, reach, self.ends))
         s, whole, final = self.length()
         h = p.choose(final, self.left, s * self.scale)
         self.run.h = h
@@ -74,7 +74,7 @@ class _Step:
         with p.when(~p.call(advance(self.layout), s, longer, *self.series.handed), likely=False):
             p.leave(int(Outcome.NON_FINITE))
         self.move_on(h, final)
-        self.run.scale = self.scale * longer
+        self.taylor.scale = self.scale * longer
         p.leave(int(Outcome.PAUSED))
         return p.finish(WHOLE)
 
@@ -84,9 +84,8 @@ class _Step:
         A series without last coefficients fits when the scale is as long as any step may be; after some tries the
         scale is as good as it gets.
         """
-        p, counts, exponent = self.p, self.counts, self.exponent
-        tries = counts.tries
-        first = (counts.steps + tries).equals(0)
+        p, exponent, tries = self.p, self.exponent, self.taylor.tries
+        first = (self.counts.steps + tries).equals(0)
         near = abs(exponent) < p.choose(first, NEAREST, FARTHEST)
         whole = self.ends & (reach < 1.0)
         found: Flag = near | whole | ((tries >= TRIES) & exponent.equals(exponent))
@@ -98,11 +97,11 @@ class _Step:
         What does not depend on the coefficients comes first: processors have it done when the last coefficient
         arrives.
         """
-        p, run = self.p, self.run
+        p, run, taylor = self.p, self.run, self.taylor
         inverse = 1.0 / abs(self.scale)
         whole_way = abs(self.left) * inverse
-        own = p.smaller(run.longest, run.limit)
-        bound = p.smaller(p.smaller(own, run.once) * inverse, whole_way)
+        own = p.smaller(run.longest, taylor.limit)
+        bound = p.smaller(p.smaller(own, taylor.once) * inverse, whole_way)
         spacing = p.larger(abs(self.t), EARLIEST) * SPACING
         natural, whole = p.call(power(), self.exponent)
         bounded = natural * NEAR_END >= bound
@@ -116,29 +115,29 @@ class _Step:
     def probe(self, s: Real, h: Real) -> None:
         """Try a shorter step where a series that terminates is not what the equations say all along a longer one."""
         p, run, series = self.p, self.run, self.series
-        with p.when(self.ends & (abs(h) > GROWN * abs(self.held.h)) & ~hopeless(self.counts), likely=False):
+        with p.when(self.ends & (abs(h) > GROWN * abs(self.held.h)) & ~hopeless(self.taylor), likely=False):
             jet = self.jet, self.prepared, self.constants
             given = run.rtol, self.floors, self.t, self.scale, s
             with p.when(~p.call(probe(self.layout), *jet, *given, *series.handed)):
-                p.call(fail(), run, self.counts, h)
+                p.call(fail(), self.counts, self.taylor, h)
                 p.leave(int(Outcome.PAUSED))
 
     def watch(self, s: Real) -> None:
         """Come back before a step on which something that is watched may vanish, unless told to take it once."""
         p, series, work = self.p, self.series, self.series.work
-        near = p.variable(~self.counts.look.equals(0), "near")
+        near = p.variable(~self.taylor.look.equals(0), "near")
         for i in range(self.layout.watched):
             first = self.layout.rows + self.layout.watched_at + i
             total = p.variable(0.0)
             with p.loop(0, series.order) as j:
                 total.value = (total.value + abs(work[(series.order - j) * self.layout.width + first])) * s
             near.value = near.value | ~(abs(work[first]) > total.value)
-        with p.when(near.value & self.run.once.equals(math.inf)):
+        with p.when(near.value & self.taylor.once.equals(math.inf)):
             p.leave(int(Outcome.WATCHED))
 
     def move_on(self, h: Real, final: Flag) -> None:
         """Move on in time, compensated, and hold where the step began."""
-        p, run, held = self.p, self.run, self.held
+        p, run, taylor, held = self.p, self.run, self.taylor, self.held
         held.t, held.low, held.scale, held.h = self.t, self.low, self.scale, h
         held.waits = 1
         added = h + self.low
@@ -146,9 +145,9 @@ class _Step:
         back = total - self.t
         lost = (self.t - (total - back)) + (added - back)
         run.t = p.choose(final, run.end, total)
-        run.low = p.choose(final, 0.0, lost)
-        run.once = math.inf
-        self.counts.tries = 0
+        taylor.low = p.choose(final, 0.0, lost)
+        taylor.once = math.inf
+        taylor.tries = 0
 
 
 @cache
@@ -159,15 +158,14 @@ def rescale() -> Procedure:
     coefficients are zero.
     """
     p = Builder("rescale", "Choose another scale of time, and return an outcome.", apart=True)
-    run: Any = p.record("run", RUN)
-    counts: Any = p.record("counts", COUNTS)
+    taylor: Any = p.record("taylor", TAYLOR)
     exponent, reach, terminates = p.given("exponent", REAL), p.given("reach", REAL), p.given("terminates", FLAG)
-    tries, scale = counts.tries, run.scale
+    tries, scale = taylor.tries, taylor.scale
     with p.when((tries >= TRIES) | (abs(scale) < SHORTEST)):
         p.leave(int(Outcome.NON_FINITE))
-    counts.tries = tries + 1
+    taylor.tries = tries + 1
     longer = p.choose(terminates, p.smaller(reach, LONGER), exponent)
     change = p.choose(exponent >= OVERFLOWED, longer, SHORTER)
-    run.scale = scale * p.operation("two_to", p.whole(p.operation("round", change)))
+    taylor.scale = scale * p.operation("two_to", p.whole(p.operation("round", change)))
     p.leave(int(Outcome.PAUSED))
     return p.finish(WHOLE)

@@ -97,13 +97,14 @@ class Leaps:
 
     def land(self, state: DriverState, there: float, y: FloatArray, row: int) -> None:
         """Let the run go on from a state ahead; `row` is the row that the leap begins from."""
-        r = DriverState
+        taylor = state.taylor
         self.rows.append(row)
         self.crowd = self.crowd + 1 if state.t == self.landed else 1
         self.landed, length = there, there - state.t
-        state.reals[[r.T, r.LOW]] = there, 0.0
-        state.reals[[r.SCALE, r.ONCE, r.LIMIT]] = length, math.inf, math.inf
-        state.counts[[r.TRIES, r.FAILS]] = 0
+        state.reals[DriverState.T] = there
+        taylor.low, taylor.scale = 0.0, length
+        taylor.once = taylor.limit = math.inf
+        taylor.tries = taylor.fails = 0
         state.y[:] = y
 
     def _steady(self, *points: tuple[float, FloatArray]) -> bool:

@@ -210,7 +210,8 @@ def _ranks(order: int) -> FloatArray:
 def signed_scale(state: DriverState) -> float:
     """Return the scale of time with the sign of the run's direction."""
     left = state.reals[DriverState.END] - state.t
-    return math.copysign(float(state.reals[DriverState.SCALE]), left or float(state.reals[DriverState.SCALE]))
+    scale = float(state.taylor.scale)
+    return math.copysign(scale, left or scale)
 
 
 def state_at(y: FloatArray, rows: FloatArray, s: float) -> FloatArray:

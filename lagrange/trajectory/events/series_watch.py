@@ -89,7 +89,7 @@ class Watch(Record):
             verdict = undefined(self.names(), look.watched)
             # On a surface rounding may leave the state where a branch that begins there has no value.
             return replace(verdict, smooth=verdict.smooth or self._switches(look, 0.0))
-        h, left = float(state.reals[S.H]), float(state.reals[S.END] - state.t - state.reals[S.LOW])
+        h, left = float(state.reals[S.H]), float(state.reals[S.END] - state.t - state.taylor.low)
         s, limiting = look.trusted(h / look.scale, wary=self.hidden)
         if self.steep:
             s, limiting = look.verified(s, limiting, self.series, state.t, state.y, self.values)
@@ -107,8 +107,8 @@ class Watch(Record):
         self._remember(state)
         self._record(found, look, state)
         self.relay, self.starting = after, frozenset()
-        state.reals[S.ONCE] = abs(h if whole else s * look.scale)
-        state.counts[S.LOOK] = int(self.steep or self.hidden or look.ends or not all(side.settled for side in after))
+        state.taylor.once = abs(h if whole else s * look.scale)
+        state.taylor.look = int(self.steep or self.hidden or look.ends or not all(side.settled for side in after))
         return Verdict()
 
     def end(self, state: DriverState) -> Verdict:
@@ -204,7 +204,7 @@ class Watch(Record):
         if not self.epochs or self.epochs[-1][1].tobytes() != values.tobytes():
             self.driver.use(values)
             self.epochs.append((state.count(S.STEPS) + self.jumps, values))
-        state.counts[S.LOOK] = 1
+        state.taylor.look = 1
 
     def _impacts_at_once(self, state: DriverState) -> list[Meeting]:
         """Return the events that happen at the very start: those that would turn the motion back where it starts.
@@ -279,11 +279,11 @@ class Watch(Record):
         self.pending = pending + [m for m in late if m.which not in waiting]
         if any(self._is_root(m.which) for m in self.pending):
             # Forces may have a kink there, and its other side be what the state, rounded, is on: no step proves itself.
-            state.counts[S.FAILS] = FAILURES
+            state.taylor.fails = FAILURES
         self._record([m for m in found if m.root.time < s - close], look, state)
         self.relay, self.starting = after, frozenset()
-        state.reals[S.ONCE] = s * abs(look.scale)
-        state.counts[S.LOOK] = 1
+        state.taylor.once = s * abs(look.scale)
+        state.taylor.look = 1
         return Verdict()
 
     def _remember(self, state: DriverState) -> None:
@@ -303,7 +303,7 @@ class Watch(Record):
         for meeting in found:
             place = meeting.which - self.surfaces
             if place >= 0 and self.impacts[place].counts(meeting.root.rising):
-                t = float(state.t + state.reals[S.LOW] + meeting.root.time * look.scale)
+                t = float(state.t + state.taylor.low + meeting.root.time * look.scale)
                 y = state_at(state.y, look.rows, meeting.root.time)
                 self.occurrences[place].append(Occurrence(t, y, state.count(S.STEPS) + 1))
 

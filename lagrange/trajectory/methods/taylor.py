@@ -136,7 +136,7 @@ class TaylorPlan:
         sides = stated_sides(self.series.program, state.t, state.y, parameters)
         values = np.concatenate([parameters, sides])
         try:
-            rows = self.series.rows(self.order, state.t, state.y, state.reals[DriverState.SCALE], values)
+            rows = self.series.rows(self.order, state.t, state.y, state.taylor.scale, values)
         except SingularMassMatrix:
             return state.y
         rows = rows[:, : len(state.y)]
