@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import numbers
-from collections.abc import Sized
+from array import array
+from collections.abc import Mapping, Set, Sized
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -25,6 +27,9 @@ _FLOATS, _PLAIN = frozenset((float,)), frozenset((float, int))
 
 _NO_NUMBERS = (bool, np.bool_, np.ma.MaskedArray)
 """What NumPy takes for numbers inside a list of others."""
+
+_ENDED = (list, tuple, range, np.ndarray, array, memoryview, bytearray, bytes, str, Mapping, Set)
+"""What NumPy reads as long as it says, or not as a sequence."""
 
 TOO_LARGE = "too large for a floating-point number: give one below 1.8e308"
 
@@ -63,11 +68,11 @@ def real_array(value: ArrayLike, what: str, *, width: int = 1) -> FloatArray:
         return value
     if isinstance(value, list) and _FLOATS.issuperset(map(type, value)) and len(value) * width <= MOST_NUMBERS:
         return np.array(value, dtype=float)
-    array = _array(value, what, width, "fiu")
-    if array.dtype is DOUBLE:
-        return array
+    found = _array(value, what, width, "fiu")
+    if found.dtype is DOUBLE:
+        return found
     with np.errstate(over="ignore"):  # an entry beyond all doubles is infinite
-        return array.astype(float)
+        return found.astype(float)
 
 
 def complex_array(value: ArrayLike, what: str) -> NDArray[np.complex128]:
@@ -87,14 +92,25 @@ def _array(value: ArrayLike, what: str, width: int, kinds: str) -> NDArray[Any]:
             f"fewer at once, so that {MOST_NUMBERS / 2**27:g} GiB are enough."
         )
     try:
-        array = np.asarray(value)
+        found = np.asarray(_ended(value, entries, what))
     except (ValueError, TypeError, OverflowError) as error:
         raise StatementError(f"{what} is no array: {error}. Give rows of one length.") from error
-    if array.dtype.kind not in kinds:
+    if found.dtype.kind not in kinds:
         raise StatementError(
-            f"{what} has entries of type {array.dtype}: give {'' if 'c' in kinds else 'real '}numbers."
+            f"{what} has entries of type {found.dtype}: give {'' if 'c' in kinds else 'real '}numbers."
         )
-    return array
+    return found
+
+
+def _ended(value: Any, entries: int, what: str) -> Any:
+    """Return a sequence of a user's own class as a list: NumPy reads one to its end, whatever its length says."""
+    if isinstance(value, _ENDED) or not isinstance(value, Sized) or getattr(type(value), "__array__", None) is not None:
+        return value
+    sequence: Any = value
+    read = list(islice(iter(sequence), entries + 1))
+    if len(read) > entries:
+        raise StatementError(f"{what} has more entries than the {entries} of its length: give a list of numbers.")
+    return read
 
 
 def _count(value: Any, what: str, above: tuple[int, ...] = ()) -> int:

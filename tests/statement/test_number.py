@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from array import array
+from collections import deque
 from decimal import Decimal
 from fractions import Fraction
 from typing import Any
@@ -68,6 +70,35 @@ def test_a_list_that_contains_itself_is_refused() -> None:
     value.append(value)
     with pytest.raises(StatementError, match="q contains itself: give a list of numbers"):
         real_array(value, "q")
+
+
+class Endless:
+    """A sequence of an old kind that says that it ends."""
+
+    def __init__(self, end: int) -> None:
+        self.end = end
+
+    def __len__(self) -> int:
+        return 2
+
+    def __getitem__(self, place: int) -> float:
+        if place >= self.end:
+            raise IndexError
+        return place + 1.0
+
+
+def test_a_sequence_is_not_read_beyond_its_length() -> None:
+    endless: Any = Endless(10**6)
+    with pytest.raises(StatementError, match="q has more entries than the 2 of its length: give a list of numbers"):
+        real_array(endless, "q")
+
+
+@pytest.mark.parametrize(
+    "value",
+    [Endless(2), deque([1, 2]), array("d", [1, 2]), memoryview(array("d", [1, 2]))],
+)
+def test_sequences_of_other_kinds(value: Any) -> None:
+    assert real_array(value, "q").tolist() == [1.0, 2.0]
 
 
 @pytest.mark.parametrize(
