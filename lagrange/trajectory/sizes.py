@@ -77,10 +77,8 @@ def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
     found = np.maximum(np.where(unknown, share * sizes, 0.0), NOISE * coupled)
     if before == SURVEYS - 1:
         found = np.maximum(found, _as_others(layout, state.floors))
-    learnt = bool(((state.floors <= LEAST_FLOOR) & (found > LEAST_FLOOR)).any())
     state.floors[:] = np.maximum(state.floors, found)
-    if not (learnt and before):
-        state.counts[DriverState.SURVEYED] += 1
+    state.counts[DriverState.SURVEYED] += 1
 
 
 def _as_others(layout: StateLayout, floors: FloatArray) -> FloatArray:
