@@ -130,7 +130,9 @@ def entry_sizes(
         response = _Response(lambda state: slopes(t, state), slope, y, layout)
         own = partial(_own_sizes, layout, y)
         forces = np.abs([slopes(*look)[layout.v] for look in looks])
-        force = np.max(forces, axis=0, initial=0.0, where=np.isfinite(forces))
+        ahead = np.max(forces, axis=0, initial=0.0, where=np.isfinite(forces))
+        # What moves has its size from where it is: a force ahead may be that of a pole.
+        force = np.where(layout.split(y)[1] == 0, ahead, np.nan_to_num(np.abs(slope[layout.v]), posinf=0.0))
         period = abs(left)
         noise = NOISE * response(own(np.zeros_like(force), period))[layout.v]
         force = np.where(force > noise, force, 0.0)

@@ -152,6 +152,8 @@ class SolverDriver:
         self._unmoved = 0
         self._begun = 0
         self._asked: FloatArray = np.empty(0)
+        self._vanished: Fault | None = None
+        """Why the solver gave up where it asked for sizes; they may not change it."""
 
     def adopt(self, state: DriverState) -> None:
         """Leave the state where it is; see `Driver`."""
@@ -177,6 +179,8 @@ class SolverDriver:
     def _advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Fault | None:
         if state.t == state.reals[S.END]:
             return None
+        if self._vanished is not None and (fault := self._unanswered(state)):
+            return fault
         if self._solver is None or not state.count(S.KEPT):
             state.counts[S.KEPT] = 1
             if fault := self._begin(state):
@@ -212,8 +216,13 @@ class SolverDriver:
         vanished = fault.status is Status.STEP_TOO_SMALL and state.reals[S.SHARE] > 0
         if not vanished or state.count(S.SURVEYED) >= SURVEYS or np.array_equal(state.floors, self._asked):
             return False
-        self._solver, self._asked = None, state.floors.copy()
+        self._solver, self._asked, self._vanished = None, state.floors.copy(), fault
         return True
+
+    def _unanswered(self, state: DriverState) -> Fault | None:
+        """Return why the solver gave up where it asked for sizes, if the answer changed nothing."""
+        fault, self._vanished = self._vanished, None
+        return fault if np.array_equal(state.floors, self._asked) else None
 
     def _scale(self, state: DriverState, t: float, y: FloatArray) -> float:
         """Give floors that follow the scale a start where the run begins; return the first step by their period.
