@@ -231,10 +231,12 @@ class Builder:
             self.names[ref] = name
         return Variable(self, ref, kind)
 
-    def reserve(self, size: int, kind: Kind = REAL, *, room: int = 1) -> Memory:
+    def reserve(self, size: int, kind: Kind = REAL, *, room: int = 1, name: str = "") -> Memory:
         """Return an array of the procedure's own, with undefined values."""
         array, ref = Array(kind, size, room=room), self._fresh()
         self.add(Reserve(ref, array))
+        if name:
+            self.names[ref] = name
         return Memory(self, ref, array)
 
     def part(self, memory: Memory, start: Any) -> Memory:

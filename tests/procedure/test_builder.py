@@ -167,6 +167,11 @@ def late_otherwise(p: Builder) -> None:
         p.note("above")
 
 
+def three_at_once(p: Builder) -> None:
+    with p.each(6, width=3):
+        p.note("again")
+
+
 def loop_without_end(p: Builder) -> None:
     with p.loop(0, 3, 0):
         p.note("again")
@@ -196,6 +201,7 @@ def loop_without_end(p: Builder) -> None:
         (two_of_one_name, "two parameters have one name"),
         (late_otherwise, "right behind the block of its condition"),
         (loop_without_end, "a step that is not above zero"),
+        (three_at_once, "an `each` of 3 turns at once, which are one of (1, 2, 4, 8)"),
     ],
 )
 def test_what_is_malformed_is_refused(build: Callable[[Builder], Any], said: str) -> None:
@@ -241,6 +247,19 @@ def test_the_check_does_not_trust_the_builder() -> None:
     for body in ((foreign, *good.body), (Store(0, 1, 1), *good.body), (*good.body, good.body[-1])):
         with pytest.raises(LagrangeError):
             verify(Procedure(good.name, good.about, good.parameters, good.results, body, {}))
+
+
+def test_the_largest_magnitude_is_that_of_all_numbers_or_nan() -> None:
+    p = Builder("size", "The largest |x|.")
+    n, x = p.given("n", WHOLE), p.array("x", read=True)
+    with p.each(n) as i:
+        size = p.largest_magnitude(x[i])
+    p.leave(size.value, p.magnitude(x[0], x[1]))
+    made = p.finish(REAL, REAL)
+    for call in (lambda *given: run(made, *given), loaded(made)):
+        assert call(3, [2.0, -3.0, 1.0]) == (3.0, 3.0)
+        assert call(0, [-0.0, -0.0]) == (0.0, 0.0)
+        assert all(math.isnan(value) for value in call(3, [math.inf, math.nan, -2.0]))
 
 
 def test_a_record_is_memory_that_python_and_machine_code_share() -> None:

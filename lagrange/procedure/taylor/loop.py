@@ -65,7 +65,7 @@ def taylor_steps(layout: TaylorLayout) -> Procedure:
     with p.when(counts.kept.equals(0)):
         _begin(given)
     p.note("Minus the binary logarithm of the relative tolerance.")
-    digits = -p.call(logarithm(), run.rtol)
+    digits = (-p.call(logarithm(), run.rtol)).called("digits")
     p.note("The last turn does no more than prove the last step.")
     with p.loop(0, budget + 1) as i:
         outcome = p.call(turn(layout), *given.handed(i.equals(budget), digits))
@@ -98,13 +98,14 @@ def turn(layout: TaylorLayout) -> Procedure:
     given = _Given(p, layout, "last", "digits")
     run, counts, held, series = given.run, given.counts, given.held, given.series
     last, digits = given.own
-    there, idle = run.t.equals(run.end), held.waits.equals(0)
+    there: Flag = run.t.equals(run.end).called("there")
+    idle: Flag = held.waits.equals(0).called("idle")
     given.leave_if(idle & there, Outcome.DONE)
     given.leave_if(idle & last, Outcome.PAUSED)
     rows, numbers = series.work.at(layout.rows), (given.prepared, given.constants)
-    singular = given.jet(run.t, given.taylor.scale, series.work, *numbers, rows, series.order)
+    singular: Flag = given.jet(run.t, given.taylor.scale, series.work, *numbers, rows, series.order).called("singular")
     counts.evaluations = counts.evaluations + 1
-    weights = p.reserve(layout.padded, room=layout.block)
+    weights = p.reserve(layout.padded, room=layout.block, name="weights")
     p.call(weigh(layout), run.rtol, given.floors, weights, series.work)
     with p.when(~idle, likely=True):
         _prove(given, weights, singular)
@@ -112,7 +113,8 @@ def turn(layout: TaylorLayout) -> Procedure:
         given.leave_if(last, Outcome.PAUSED)
     given.leave_if(singular, Outcome.SINGULAR)
     _begin_floors(given, weights)
-    exponent: Real = p.call(choose_exponent(layout), run.rtol, digits, given.floors, weights, *series.handed)
+    sizes = run.rtol, digits, given.floors, weights
+    exponent: Real = p.call(choose_exponent(layout), *sizes, *series.handed).called("exponent")
     records = run, counts, given.taylor, given.floors, held
     p.leave(p.call(take_step(layout), given.jet, *numbers, *records, exponent, *series.handed))
     return p.finish(WHOLE)
@@ -123,7 +125,7 @@ def _prove(given: _Given, weights: Memory, singular: Flag) -> None:
     p, layout, counts, held, series = given.p, given.layout, given.counts, given.held, given.series
     length = abs(held.h) / abs(given.taylor.scale)
     first = layout.rows + layout.width
-    good = p.call(agrees(layout), length, series.order, first, weights, series.work)
+    good = p.call(agrees(layout), length, series.order, first, weights, series.work).called("good")
     with p.when(~((good & ~singular) | hopeless(given.taylor)), likely=False):
         p.call(take_back(layout), given.run, counts, given.taylor, held, series.work)
         failed = p.real(counts.rejected)

@@ -121,7 +121,7 @@ def probe(layout: TaylorLayout) -> Procedure:
     rtol, floors = p.given("rtol", REAL), floors_array(p, layout)
     t, scale, s = (p.given(name, REAL) for name in ("t", "scale", "s"))
     run = Run(p, layout, work_array(p, layout))
-    weights = p.reserve(layout.padded, room=layout.block)
+    weights = p.reserve(layout.padded, room=layout.block, name="weights")
     p.call(weigh(layout), rtol, floors, weights, run.work)
     begin = p.whole(layout.ahead(run.order))
     there, slopes = run.work.at(begin), run.work.at(layout.slope)

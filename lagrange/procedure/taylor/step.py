@@ -51,18 +51,20 @@ class _Step:
         self.held: Any = p.record("held", HELD)
         self.exponent: Real = p.given("exponent", REAL)
         self.series = Run(p, layout, work_array(p, layout))
-        self.t, self.low, self.scale = self.run.t, self.taylor.low, self.taylor.scale
-        self.left = (self.run.end - self.t) - self.low
-        self.ends = ends(self.series, self.exponent)
+        self.t: Real = self.run.t.called("t")
+        self.low: Real = self.taylor.low.called("low")
+        self.scale: Real = self.taylor.scale.called("scale")
+        self.left = ((self.run.end - self.t) - self.low).called("left")
+        self.ends = ends(self.series, self.exponent).called("ends")
 
     def build(self) -> Procedure:
         p = self.p
         longest = p.smaller(abs(self.left), self.run.longest)
-        reach = p.call(logarithm(), longest / abs(self.scale))
+        reach = p.call(logarithm(), longest / abs(self.scale)).called("reach")
         with p.when(~self.fits(reach), likely=False):
             p.leave(p.call(rescale(), self.taylor, self.exponent, reach, self.ends))
         s, whole, final = self.length()
-        h = p.choose(final, self.left, s * self.scale)
+        h = p.choose(final, self.left, s * self.scale).called("h")
         self.run.h = h
         self.probe(s, h)
         if self.layout.watched:
@@ -70,7 +72,7 @@ class _Step:
         p.call(raise_floors(self.layout), self.run.share, self.floors, self.series.work)
         # A series that terminates says nothing about the next one.
         whole = p.choose(whole > FARTHEST, 0.0, whole)
-        longer = p.operation("two_to", p.whole(whole))
+        longer = p.operation("two_to", p.whole(whole)).called("longer")
         with p.when(~p.call(advance(self.layout), s, longer, *self.series.handed), likely=False):
             p.leave(int(Outcome.NON_FINITE))
         self.move_on(h, final)
@@ -98,15 +100,16 @@ class _Step:
         arrives.
         """
         p, run, taylor = self.p, self.run, self.taylor
-        inverse = 1.0 / abs(self.scale)
-        whole_way = abs(self.left) * inverse
-        own = p.smaller(run.longest, taylor.limit)
-        bound = p.smaller(p.smaller(own, taylor.once) * inverse, whole_way)
+        inverse = (1.0 / abs(self.scale)).called("inverse")
+        whole_way = (abs(self.left) * inverse).called("whole_way")
+        own = p.smaller(run.longest, taylor.limit).called("own")
+        bound = p.smaller(p.smaller(own, taylor.once) * inverse, whole_way).called("bound")
         spacing = p.larger(abs(self.t), EARLIEST) * SPACING
         natural, whole = p.call(power(), self.exponent)
+        natural.called("natural"), whole.called("whole")
         bounded = natural * NEAR_END >= bound
-        s = p.choose(bounded, bound, natural)
-        final = bounded & bound.equals(whole_way)
+        s = p.choose(bounded, bound, natural).called("s")
+        final: Flag = (bounded & bound.equals(whole_way)).called("final")
         wanted = p.smaller(natural, own * inverse)
         with p.when((wanted < spacing * inverse) & ~final, likely=False):
             p.leave(int(Outcome.STEP_TOO_SMALL))

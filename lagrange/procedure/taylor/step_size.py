@@ -60,7 +60,8 @@ class _Exponent:
         p, run = self.p, self.run
         # The earlier rows come first: they are known long before the last.
         for less in range(APART + 1, -1, -1):
-            self.sizes[less] = p.call(logarithm(), run.ratio(run.less(less), self.weights))
+            size = p.call(logarithm(), run.ratio(run.less(less), self.weights))
+            self.sizes[less] = size.called(f"size_{less}")
         least = reduce(self.lesser, [self.guarded(less) for less in range(2, ROWS_SEEN)])
         one, other = (self.radius(less) for less in (1, 0))
         least = self.lesser(least, p.choose(one > other, one, other) + REACH)
@@ -104,7 +105,7 @@ def look_back(layout: TaylorLayout) -> Procedure:
     p = Builder("look_back", "Return the step that the upper half of all rows but the last allow.", apart=True)
     rtol, floors, before = p.given("rtol", REAL), floors_array(p, layout), p.given("before", REAL)
     run = Run(p, layout, work_array(p, layout))
-    weights = p.reserve(layout.padded, room=layout.block)
+    weights = p.reserve(layout.padded, room=layout.block, name="weights")
     p.call(weigh(layout), rtol, floors, weights, run.work)
     found = p.variable(before, "found")
     with p.loop(run.order // 2 + 1, run.order - 1) as k:

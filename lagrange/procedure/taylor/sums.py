@@ -21,7 +21,7 @@ def advance(layout: TaylorLayout) -> Procedure:
     p = Builder("advance", "Add the series to the state, and return whether it stays finite.")
     s, longer = p.given("s", REAL), p.given("longer", REAL)
     run = Run(p, layout, work_array(p, layout))
-    new, lost = (p.reserve(layout.padded, room=layout.block) for _ in range(2))
+    new, lost = (p.reserve(layout.padded, room=layout.block, name=name) for name in ("new", "lost"))
     state, low, slopes = (run.work.at(place) for place in (0, layout.lost, layout.slope))
     chains = _Chains(run, s) if layout.order else None
     if chains is not None:
@@ -39,7 +39,7 @@ def advance(layout: TaylorLayout) -> Procedure:
         new[i] = total
         lost[i] = (y - (total - back)) + (added - back)
         largest = p.largest_magnitude(total)
-    good = largest.value < math.inf
+    good = (largest.value < math.inf).called("good")
     with p.when(good, likely=True):
         before, lost_before = (run.work.at(layout.held + place) for place in (0, layout.padded))
         with run.entries() as i:
