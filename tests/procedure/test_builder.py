@@ -251,7 +251,7 @@ def test_the_check_does_not_trust_the_builder() -> None:
 
 def test_the_largest_magnitude_is_that_of_all_numbers_or_nan() -> None:
     p = Builder("size", "The largest |x|.")
-    n, x = p.given("n", WHOLE), p.array("x", read=True)
+    n, x = p.given("n", WHOLE), p.array("x", room=4, read=True)
     with p.each(n) as i:
         size = p.largest_magnitude(x[i])
     p.leave(size.value, p.magnitude(x[0], x[1]))
