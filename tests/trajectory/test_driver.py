@@ -184,11 +184,11 @@ def test_a_driver_starts_from_the_state_and_nothing_else(name: str, system: str)
     def go(budget: int, poison: bool) -> tuple[Any, DriverState]:
         driver: Any = plan.driver(compiled, compiled.parameter_array())
         state = DriverState(0.0, 0.3, unit.y0, tolerances.rtol, tolerances.atol, tolerances.step)
-        seen = []
+        seen: list[Any] = []
         outcome = Outcome.PAUSED
         while outcome is Outcome.PAUSED:
             times, rows = np.full(budget, np.nan), np.full((budget + 4, len(unit.y0)), np.nan)
-            if poison and not state.count(DriverState.STEPS):
+            if poison and not seen:
                 dirty(driver, len(unit.y0), series=name == "taylor")
             state.counts[DriverState.ROWS] = 0
             outcome = driver.advance(state, budget, times, rows)
