@@ -66,7 +66,7 @@ SPELLED: Mapping[str, tuple[int, str]] = {
 }
 """Operations that Python spells: how tightly each binds, and how it is written. The others are functions."""
 
-_OPERANDS: Mapping[str, tuple[int, ...]] = {
+OPERANDS: Mapping[str, tuple[int, ...]] = {
     "select": (2, 2, 1),
     "or": (2, 3),
     "and": (3, 4),
@@ -237,10 +237,10 @@ class _Printer:
     def let(self, let: Let) -> None:
         if let.op == CONSTANT:
             self.constants[let.ref] = None
-            self.texts[let.ref] = _literal(let.kind, let.data)
+            self.texts[let.ref] = literal(let.kind, let.data)
             return
         level, spelled = SPELLED.get(let.op, (9, f"_{let.op}({', '.join(f'{{{i}}}' for i in range(len(let.args)))})"))
-        least = _OPERANDS.get(let.op, (0,) * len(let.args))
+        least = OPERANDS.get(let.op, (0,) * len(let.args))
         args = [self.text(arg, one) for arg, one in zip(let.args, least, strict=True)]
         if let.op in TURNED and let.args[0] in self.constants:
             spelled = f"{{1}} {TURNED[let.op]} {{0}}"
@@ -338,7 +338,7 @@ class _Printer:
         return f"{name}[{index} % {PARTIAL}] += {' * '.join(factors)}"
 
 
-def _literal(kind: Kind, data: Any) -> tuple[int, str]:
+def literal(kind: Kind, data: Any) -> tuple[int, str]:
     """Return a constant and how tightly it binds."""
     if kind is not REAL or math.isfinite(data):
         return (8 if not isinstance(data, bool) and data < 0 else ATOM), repr(data)

@@ -5,32 +5,17 @@ Each operation writes into a row that is free, so a block of columns stays in th
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
-from lagrange.machine.kernel.python_text import ATOM, GIVEN, TRUTHS, Entries, FloatPrinter, listed, products_of, rows_of
+import numpy as np
+
+from lagrange.machine.kernel.arithmetic import OPERATIONS
+from lagrange.machine.kernel.python_text import GIVEN, TRUTHS, Entries, FloatPrinter, listed, products_of, rows_of
+from lagrange.machine.python_source import ATOM
 from lagrange.procedure.linear.dense import PIVOT
 from lagrange.program.program import Instruction, Program
 
-UFUNCS: Mapping[str, str] = {
-    "neg": "negative",
-    "add": "add",
-    "sub": "subtract",
-    "mul": "multiply",
-    "div": "divide",
-    "power": "power",
-    "abs": "absolute",
-    "min": "minimum",
-    "max": "maximum",
-    "asin": "arcsin",
-    "acos": "arccos",
-    "atan": "arctan",
-    "atan2": "arctan2",
-    "and": "logical_and",
-    "or": "logical_or",
-    "not": "logical_not",
-    **{name: name for name in ("sqrt", "sin", "cos", "tan", "exp", "log", "sinh", "cosh", "tanh", "sign")},
-    **{name: name for name in ("less", "less_equal", "equal")},
-}
+UFUNCS = {op: function.__name__ for op, function in OPERATIONS.items() if isinstance(function, np.ufunc)}
 """What NumPy calls operations on rows."""
 
 
@@ -132,13 +117,15 @@ class _Rows(FloatPrinter):
 
     def less(self, start: str, products: list[tuple[str, str]]) -> str:
         """Return start - the sum of products: `start` itself, or a row of its own."""
+        if not products:
+            return start
+        row, spare = self.row(), self.row()
         for a, b in products:
-            own, spare = self.row() if not start.startswith("b") or (a, b) == products[0] else start, self.row()
             self.write(f"np.multiply({a}, {b}, {spare})")
-            self.write(f"np.subtract({start}, {spare}, {own})")
-            self.release([spare])
-            start = own
-        return start
+            self.write(f"np.subtract({start}, {spare}, {row})")
+            start = row
+        self.release([spare])
+        return row
 
     def divided(self, pivot: str) -> str:
         """Return one over a pivot."""

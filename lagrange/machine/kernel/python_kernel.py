@@ -41,12 +41,32 @@ FUNCTIONS: dict[str, Any] = {
 NO_VALUE = (ZeroDivisionError, ValueError, OverflowError)
 
 
+class _Prepared:
+    """A printed function of parameters, which computes what they alone need, with what it gave for the last ones.
+
+    That is a function in its turn, or None where the parameters do not let it be computed so.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._function = function
+        self._known: tuple[bytes, Callable[..., Any] | None] | None = None
+
+    def __call__(self, parameters: FloatArray) -> Callable[..., Any] | None:
+        key, known = parameters.tobytes(), self._known
+        if known is None or known[0] != key:
+            try:
+                made = self._function(parameters.tolist())
+            except NO_VALUE:
+                made = None
+            known = self._known = key, made
+        return known[1]
+
+
 class PythonKernel:
     """A program as printed Python; see `Kernel`. Threads may share one."""
 
     def __init__(self, program: Program) -> None:
         self._program = program
-        self._known: tuple[bytes, Any, Any] | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
         return PythonKernel, (self._program,)
@@ -56,17 +76,12 @@ class PythonKernel:
         """What it computes."""
         return self._program
 
-    @cached_property
-    def source(self) -> str:
-        """The Python source for one state."""
-        return scalar_source(self._program)
-
     def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
         """Evaluate the program; see `Kernel`."""
         if y.ndim > 1:
             return self.columns(t, [y], parameters)
+        function = self._one_state(parameters)
         try:
-            function = self._functions(parameters)[0]
             found = None if function is None else function(float(t), y.tolist())
         except NO_VALUE:
             found = None
@@ -78,14 +93,10 @@ class PythonKernel:
 
     def quick(self, parameters: FloatArray) -> QuickCalls | None:
         """Return quick calls for one state with some parameters; see `Kernel`."""
-        program = self._program
-        try:
-            function = self._scalar_function(parameters.tolist())
-        except NO_VALUE:
-            function = None
+        function = self._one_state(parameters)
         if function is None:
             return None
-        size, shape = program.states, program.shape
+        size, shape = self._program.states, self._program.shape
         flat, finite, array = len(shape) == 1, math.isfinite, np.array
 
         def of(t: float, y: list[float]) -> FloatArray | None:
@@ -111,13 +122,10 @@ class PythonKernel:
         program, count = self._program, inputs[0].shape[1]
         rows = [row for block in inputs for row in block]
         out = np.empty((len(program.outputs), count))
-        _, buffers, _ = self._column_function
+        prepared, buffers = self._blocks
+        run = prepared(parameters)
         length = min(max(CACHED // (buffers + len(rows) + 1), SHORTEST), WIDEST, max(count, 1))
         work, times = np.empty((buffers, length)), np.broadcast_to(np.asarray(t, dtype=float), (count,))
-        try:
-            run = self._functions(parameters)[1]
-        except NO_VALUE:
-            run = None
         with np.errstate(all="ignore"):
             for low in range(0, count, length):
                 part = slice(low, min(low + length, count))
@@ -138,19 +146,11 @@ class PythonKernel:
         return InterpretedKernel(self._program)
 
     @cached_property
-    def _scalar_function(self) -> Callable[..., Any]:
-        return defined(self.source, self._program.name, FUNCTIONS)
+    def _one_state(self) -> _Prepared:
+        return _Prepared(defined(scalar_source(self._program), self._program.name, FUNCTIONS))
 
     @cached_property
-    def _column_function(self) -> tuple[Callable[..., Any], int, str]:
+    def _blocks(self) -> tuple[_Prepared, int]:
+        """The function of blocks of columns, and how many rows it works with."""
         text, buffers = column_source(self._program)
-        return defined(text, f"{self._program.name}_columns", {**FUNCTIONS, "np": np}), buffers, text
-
-    def _functions(self, parameters: FloatArray) -> tuple[Any, Any]:
-        """Return the functions of one state and of blocks, with what depends on parameters alone computed."""
-        key, known = parameters.tobytes(), self._known
-        if known is None or known[0] != key:
-            given = parameters.tolist()
-            known = key, self._scalar_function(given), self._column_function[0](given)
-            self._known = known
-        return known[1], known[2]
+        return _Prepared(defined(text, f"{self._program.name}_columns", {**FUNCTIONS, "np": np})), buffers

@@ -8,33 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+from lagrange.machine.python_source import ATOM, LONGEST, OPERANDS, SPELLED, literal
+from lagrange.procedure.form import REAL
 from lagrange.procedure.linear.dense import PIVOT
 from lagrange.program.program import Instruction, Program
 
 WRITTEN_OUT = 12
 """Largest matrix whose factors L D L^T are written out."""
 
-LONGEST = 60
-"""A value of so many characters gets a name."""
+SPELLINGS: Mapping[str, tuple[int, str]] = {**SPELLED, "div": (SPELLED["mul"][0], "{0} / {1}")}
+"""Operations that Python spells, a division among them, which may raise here. The others are functions."""
 
-ATOM, PREFIX, PRODUCT, SUM, COMPARISON, NEGATION, CONJUNCTION, DISJUNCTION, CHOICE = range(9, 0, -1)
-"""How tightly text binds, from what needs no parentheses on."""
+NEEDED: Mapping[str, tuple[int, ...]] = {**OPERANDS, "div": OPERANDS["mul"]}
+"""How tightly each operand must bind to stand without parentheses."""
 
-SPELLED: Mapping[str, tuple[int, str, tuple[int, ...]]] = {
-    "neg": (PREFIX, "-{}", (PREFIX,)),
-    "add": (SUM, "{} + {}", (SUM, PRODUCT)),
-    "sub": (SUM, "{} - {}", (SUM, PRODUCT)),
-    "mul": (PRODUCT, "{} * {}", (PRODUCT, PREFIX)),
-    "div": (PRODUCT, "{} / {}", (PRODUCT, PREFIX)),
-    "fma": (SUM, "{} * {} + {}", (PRODUCT, PREFIX, PRODUCT)),
-    "less": (COMPARISON, "{} < {}", (SUM, SUM)),
-    "less_equal": (COMPARISON, "{} <= {}", (SUM, SUM)),
-    "equal": (COMPARISON, "{} == {}", (SUM, SUM)),
-    "and": (CONJUNCTION, "{} and {}", (CONJUNCTION, NEGATION)),
-    "or": (DISJUNCTION, "{} or {}", (DISJUNCTION, CONJUNCTION)),
-    "not": (NEGATION, "not {}", (NEGATION,)),
-}
-"""Operations that Python spells: how tightly each binds, how it is written, and how tightly operands must bind."""
+SUM = SPELLED["add"][0]
 
 TRUTHS = ("less", "less_equal", "equal", "and", "or", "not")
 GIVEN = ("time", "state", "parameter", "constant")
@@ -56,8 +44,6 @@ def scalar_source(program: Program) -> str:
 
 Entries = dict[tuple[int, int], str]
 """The names of a lower triangle by (row, column); what is missing is zero."""
-
-UNTRUSTED = "return None"
 
 
 def products_of(scaled: Entries, lower: Entries, i: int, j: int) -> list[tuple[str, str]]:
@@ -102,7 +88,7 @@ class FloatPrinter:
     def constants(self) -> None:
         """Bring in the constants."""
         for i in self.places("constant"):
-            self.texts[i] = literal(self.program.instructions[i].value)
+            self.texts[i] = literal(REAL, self.program.instructions[i].value)
 
     def entry(self, factor: Instruction, i: int, j: int) -> int | None:
         """Return the value of an entry of a matrix, None where it is zero."""
@@ -152,13 +138,10 @@ class FloatPrinter:
 
     def spelled(self, one: Instruction) -> tuple[int, str]:
         """Return an operation as text, and how tightly it binds."""
-        if one.op == "select":
-            condition, a, b = (self.text_of(arg, DISJUNCTION) for arg in one.args)
-            return CHOICE, f"{a} if {condition} else {b}"
-        if one.op in SPELLED:
-            level, form, least = SPELLED[one.op]
-            return level, form.format(*(self.text_of(arg, need) for arg, need in zip(one.args, least, strict=True)))
-        return ATOM, f"{one.op}({', '.join(self.text_of(arg) for arg in one.args)})"
+        places = ", ".join(f"{{{place}}}" for place in range(len(one.args)))
+        level, form = SPELLINGS.get(one.op, (ATOM, f"{one.op}({places})"))
+        least = NEEDED.get(one.op, (0,) * len(one.args))
+        return level, form.format(*(self.text_of(arg, need) for arg, need in zip(one.args, least, strict=True)))
 
     def named(self, name: str, text: str) -> str:
         """Give a value a name, and return it."""
@@ -184,7 +167,7 @@ class FloatPrinter:
                 pivot, pairs = f"-{pivot}", products_of(scaled, lower, j, j)
                 least = f"({' + '.join(f'abs({a} * {b})' for a, b in pairs) or '0.0'})"
             self.write(f"if not {pivot} > {PIVOT!r} * {least}:")
-            self.write(f"    {UNTRUSTED}")
+            self.write("    return None")
             lower[j, j] = self.named(f"d{place}_{j}", f"1.0 / {scaled.get((j, j), '0.0')}")
             for i in range(j + 1, n):
                 if (i, j) in scaled:
@@ -203,11 +186,6 @@ class FloatPrinter:
             terms = [f"{rows[k * (k + 1) // 2 + i]} * {x[k]}" for k in held]
             x[i] = self.named(f"s{place}_{i}", " - ".join([f"{x[i]} * {rows[i * (i + 3) // 2]}", *terms]))
         self.vectors[place] = x
-
-
-def literal(value: float) -> tuple[int, str]:
-    """Return a constant and how tightly it binds."""
-    return (PREFIX if value < 0 else ATOM), repr(float(value))
 
 
 def listed(letter: str, count: int) -> str:
