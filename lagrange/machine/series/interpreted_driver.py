@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
@@ -10,16 +9,14 @@ from typing import Any
 import numpy as np
 
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
+from lagrange.machine.printed_run import NOTHING, Recorded, Records, advance
 from lagrange.machine.python_source import loaded
 from lagrange.machine.series.interpreted_jet import Jet
 from lagrange.machine.series.order import Cost, best_order
 from lagrange.machine.state import DriverState, Outcome
-from lagrange.procedure.step.run import COUNTS, RUN
 from lagrange.procedure.taylor.loop import taylor_steps
 from lagrange.procedure.taylor.memory import HELD, TaylorLayout
 from lagrange.program.series import SeriesProgram
-
-_NOTHING = memoryview(array("d"))
 
 
 @lru_cache(maxsize=64)
@@ -89,16 +86,12 @@ class NumpyTaylorDriver:
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Advance a run; see `Driver`."""
-        y = self._work[: self._layout.dimension]
-        y[:] = state.y
-        records = RUN.structure.from_buffer(state.floats), COUNTS.structure.from_buffer(state.integers)
-        recorded = (times.data, rows.reshape(-1).data) if state.count(DriverState.RECORD) else (_NOTHING, _NOTHING)
-        given = *records, state.taylor, state.floors.data, self._held, *recorded, budget, self._work.data, self._order
-        try:
-            with np.errstate(all="ignore"):
-                return Outcome(_steps(self._layout)(self._jet, _NOTHING, _NOTHING, *given))
-        finally:
-            state.y[:] = y
+        series, kept = (self._jet, NOTHING, NOTHING), (state.taylor, state.floors.data, self._held)
+
+        def steps(records: Records, recorded: Recorded) -> int:
+            return _steps(self._layout)(*series, *records, *kept, *recorded, budget, self._work.data, self._order)
+
+        return advance(state, self._work, times, rows, steps)
 
     def _jet(self, t: float, scale: float, y: Any, prepared: Any, constants: Any, rows: memoryview, order: int) -> bool:
         """Write the series at a state, with what rounding lost of it behind it; return whether a matrix is singular."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
@@ -10,15 +9,12 @@ from typing import Any
 import numpy as np
 
 from lagrange.machine.backend import FloatArray, Kernel, SingularMassMatrix
+from lagrange.machine.printed_run import NOTHING, Recorded, Records, advance
 from lagrange.machine.python_source import loaded
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.procedure.step.controlled_steps import steps_of
 from lagrange.procedure.step.memory import EFFORT, NEWTON, Kept, Layout, kept
-from lagrange.procedure.step.run import COUNTS, RUN
 from lagrange.program.step import StepProgram
-
-NOTHING = memoryview(array("d"))
-"""The place of an array that is not used."""
 
 
 @lru_cache(maxsize=64)
@@ -49,16 +45,11 @@ class NumpyDriver:
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Advance a run; see `Driver`."""
-        y = self._work[: self._layout.dimension]
-        y[:] = state.y
-        records = RUN.structure.from_buffer(state.floats), COUNTS.structure.from_buffer(state.integers)
-        recorded = (times.data, rows.reshape(-1).data) if state.count(state.RECORD) else (NOTHING, NOTHING)
-        try:
-            with np.errstate(all="ignore"):
-                outcome = self._run(*self._laws, *records, state.floors.data, *self._kept, budget, *recorded)
-        finally:
-            state.y[:] = y
-        return Outcome(outcome)
+
+        def steps(records: Records, recorded: Recorded) -> int:
+            return self._run(*self._laws, *records, state.floors.data, *self._kept, budget, *recorded)
+
+        return advance(state, self._work, times, rows, steps)
 
     def kept(self) -> tuple[Kept, ...]:
         """Return what each solve of the steps keeps, and behind them each of the starter."""
