@@ -14,6 +14,7 @@ from lagrange.errors import StatementError, shown
 from lagrange.machine.model import Model
 from lagrange.statement.event import Event
 from lagrange.statement.number import flag, real_array, whole_number
+from lagrange.trajectory.options import MAX_STEPS
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 
@@ -64,7 +65,7 @@ class Problem:
     rtol: float | None = None
     atol: float | None = None
     step: float | None = None
-    max_steps: int = 10_000_000
+    max_steps: int = MAX_STEPS
     max_wall: float | None = None
     max_memory: float | None = None
     events: tuple[Event, ...] = ()

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
+from lagrange.machine.copies import Shared
 from lagrange.machine.printed_run import NOTHING, Recorded, Records, advance
 from lagrange.machine.python_source import loaded
 from lagrange.machine.series.interpreted_jet import Jet
@@ -25,11 +26,15 @@ def _steps(layout: TaylorLayout) -> Callable[..., int]:
     return loaded(taylor_steps(layout))
 
 
-class NumpySeries:
+class NumpySeries(Shared):
     """A series program that is interpreted."""
 
     def __init__(self, program: SeriesProgram) -> None:
         self.program = program
+        self._prepared: tuple[bytes, Jet] | None = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return NumpySeries, (self.program,)
 
     def form(self, order: int) -> str:
         """Return how the series is computed."""
@@ -54,12 +59,19 @@ class NumpySeries:
     ) -> FloatArray:
         """Return the series at a state, of which rounding lost `low`; see `Series`."""
         with np.errstate(all="ignore"):
-            found = Jet(self.program, parameters).coefficients(t, y, order, scale, low)
+            found = self._jet(parameters).coefficients(t, y, order, scale, low)
             n = self.program.dimension
             zero = np.zeros(order + 1)
             watched = [zero if i is None else found[:, i] for i in self.program.watched]
             rows: FloatArray = np.column_stack([found[:, : 2 * n], *watched])
             return rows
+
+    def _jet(self, parameters: FloatArray) -> Jet:
+        """Return the series with its parameters, and with all that depends on them alone."""
+        key, known = parameters.tobytes(), self._prepared
+        if known is None or known[0] != key:
+            known = self._prepared = key, Jet(self.program, parameters.copy())
+        return known[1]
 
 
 class NumpyTaylorDriver:

@@ -58,9 +58,13 @@ FIRST_SHARE = 0.01
 """For a first step: an Euler step of the trial length changes the state by this part at most, and the first step aims
 at this part of the tolerance."""
 
-CANCELLED, TILT = 2.0**-12, 2.0**-26
-"""An acceleration that is less than the first part of what it owes to the entries of the state may be round-off of what
-cancels. What it owes shows where each entry is moved by about the second part of itself."""
+CANCELLED = 2.0**-12
+"""An acceleration that is less than this part of what it owes to the entries of the state may be round-off of what
+cancels."""
+
+TILT = 2.0**-26
+"""What an expression owes to the entries of the state shows where each is moved by about this part of itself: half of
+the digits."""
 
 NOISE = 2.0**-44
 """Slopes are rounded to a few units of round-off of what they are made of, 2**-52: this part of it, over the natural

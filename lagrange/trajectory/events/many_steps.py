@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.machine.backend import Kernel
-from lagrange.trajectory.events.series_on_step import NOISE, TILT
+from lagrange.procedure.step.constants import TILT, tilts
+from lagrange.trajectory.events.series_on_step import NOISE
 from lagrange.trajectory.paths.chebyshev import DEGREE, ROUND_OFF, certain, evaluate, nodes, to_chebyshev
 from lagrange.trajectory.paths.step_paths import Places
 from lagrange.trajectory.trajectory import FloatArray
@@ -86,8 +87,7 @@ class Burst:
         """Look along a path."""
         times, states = path.times, path.states.T
         ends = kernel(times, states, parameters)
-        # The tilts differ, else the difference of two equal entries would seem to owe nothing to either.
-        tilt = 1 + np.arange(len(states) + 1) * 0.6180339887498949 % 1
+        tilt = tilts(len(states) + 1)
         with np.errstate(all="ignore"):
             moved = kernel(times * (1 + TILT * tilt[-1]), states * (1 + TILT * tilt[:-1, None]), parameters)
             edge = np.abs(moved - ends) * (NOISE / TILT)

@@ -11,14 +11,12 @@ import numpy as np
 
 from lagrange.machine.backend import Series, SingularMassMatrix
 from lagrange.machine.state import DriverState
+from lagrange.procedure.step.constants import TILT, tilts
 from lagrange.procedure.taylor.constants import APART, REACH
 from lagrange.program.recurrence import LARGEST_POWER
 from lagrange.program.series import SeriesProgram
 from lagrange.trajectory.events.roots import Side
 from lagrange.trajectory.trajectory import FloatArray
-
-TILT = 2.0**-26
-"""The part by which the state is moved to see how much an expression owes to it: half of the digits."""
 
 NOISE = 4 * 2.0**-52
 """Rounding of the state, here and where the step before ended, times what an expression owes to it."""
@@ -56,8 +54,7 @@ class Look:
         size = len(y)
         rows = series.rows(order, t, y, scale, values)
         watched = rows[:, size:]
-        # The tilts differ, else the difference of two equal entries would seem to owe nothing to either.
-        tilt = _tilt(size + 1)
+        tilt = 1 + TILT * tilts(size + 1)
         try:
             moved = series.rows(order, t * tilt[size], y * tilt[:size], scale, values)[0, size:]
         except SingularMassMatrix:
@@ -193,12 +190,6 @@ def unit(t: float, scale: float) -> float:
     cannot be told apart anyway, and the doubt of `leaving` is to stay below that.
     """
     return max(min(1.0, abs(t / scale) / 64), 2.0**-40) if t else 1.0
-
-
-@lru_cache(maxsize=64)
-def _tilt(size: int) -> FloatArray:
-    """Return the factors by which time and state are moved, all different, close to one."""
-    return np.asarray(1 + TILT * (1 + np.arange(size) * 0.6180339887498949 % 1))
 
 
 @lru_cache(maxsize=64)
