@@ -105,16 +105,17 @@ class Builder:
 
     # --- parameters
 
-    def given(self, name: str, kind: Kind) -> Any:
-        """Return a number that the caller gives."""
-        return VALUES[kind](self, self._parameter(name, kind))
+    def given(self, name: str, kind: Kind | Array) -> Any:
+        """Return a number, or an array, that the caller gives."""
+        ref = self._parameter(name, kind)
+        return Memory(self, ref, kind) if isinstance(kind, Array) else VALUES[kind](self, ref)
 
     def array(
         self, name: str, kind: Kind = REAL, *, size: int | None = None, read: bool = False, room: int = 1
     ) -> Memory:
         """Return an array that the caller gives; see `Array`."""
-        array = Array(kind, size, read, room)
-        return Memory(self, self._parameter(name, array), array)
+        found: Memory = self.given(name, Array(kind, size, read, room))
+        return found
 
     def record(self, name: str, record: Record) -> Any:
         """Return a record that the caller gives."""
@@ -149,7 +150,7 @@ class Builder:
         """Return a number of Python as a value."""
         if isinstance(value, bool) != (kind is FLAG) or (kind is WHOLE and not isinstance(value, int)):
             raise LagrangeError(f"procedure {self.name}: {value!r} is no {kind}.")
-        data: float | int | bool = float(value) if kind is REAL else value
+        data: float | int | bool = float(value) if kind is REAL else value if kind is FLAG else int(value)
         key = kind, repr(data)
         for known in self._constants:
             if key in known:
@@ -244,6 +245,20 @@ class Builder:
         place, ref = self.operand(start, WHOLE), self._fresh()
         self.add(Part(ref, memory.ref, place))
         return Memory(self, ref, Array(memory.array.kind, None, memory.array.read, memory.array.room))
+
+    def copy(
+        self,
+        source: Memory,
+        target: Memory,
+        count: Any,
+        *,
+        width: int = PARTIAL,
+        spill: bool = True,
+        unrolled: bool = False,
+    ) -> None:
+        """Copy numbers between arrays, whole blocks of them where it may `spill`; see `Each`."""
+        with self.each(count, width=width, spill=spill, unrolled=unrolled) as i:
+            target[i] = source[i]
 
     # --- control
 
@@ -341,6 +356,11 @@ class Builder:
     def leave(self, *values: Any) -> None:
         """End the procedure with its results. Numbers of Python are wholes where they are integers."""
         self.add(Leave(tuple(self.operand(value, _kind_of(value)) for value in values)))
+
+    def leave_if(self, condition: Flag, *values: Any, likely: bool | None = None) -> None:
+        """End the procedure with its results where a condition holds."""
+        with self.when(condition, likely=likely):
+            self.leave(*values)
 
     def note(self, text: str) -> None:
         """Add a comment that printers keep."""

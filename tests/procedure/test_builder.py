@@ -11,8 +11,22 @@ import pytest
 from lagrange.errors import LagrangeError
 from lagrange.machine.python_source import loaded, source
 from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import REAL, WHOLE, Each, Fold, Leave, Let, Parameter, Procedure, Record, Store
+from lagrange.procedure.form import (
+    CONSTANT,
+    REAL,
+    WHOLE,
+    Array,
+    Each,
+    Fold,
+    Leave,
+    Let,
+    Parameter,
+    Procedure,
+    Record,
+    Store,
+)
 from lagrange.procedure.interpreter import fused, run
+from lagrange.procedure.outcome import Outcome
 from lagrange.procedure.verify import verify
 
 CLOCK = Record.of("Clock", t=REAL, steps=WHOLE)
@@ -285,3 +299,19 @@ def test_a_fused_product_is_rounded_once(a: float, b: float, c: float, expected:
     found = fused(a, b, c)
     assert found == expected
     assert math.copysign(1.0, found) == math.copysign(1.0, expected)
+
+
+def test_an_outcome_is_a_whole_like_any_other() -> None:
+    p = Builder("told", "Copy numbers unless there are too few, and return an outcome.")
+    source_, target, count = p.array("source", read=True), p.given("target", Array()), p.given("count", WHOLE)
+    p.leave_if(count < int(Outcome.PAUSED), Outcome.PAUSED)
+    p.copy(source_, target, count)
+    p.leave(Outcome.DONE)
+    procedure = p.finish(WHOLE)
+    data = [one.data for one in procedure.body if isinstance(one, Let) and one.op == CONSTANT]
+    assert [(type(one), one) for one in data] == [(int, 1), (int, 0)]
+    there = [0.0, 0.0]
+    assert run(procedure, [1.0, 2.0], there, 0) == (1,)
+    assert there == [0.0, 0.0]
+    assert run(procedure, [1.0, 2.0], there, 2) == (0,)
+    assert there == [1.0, 2.0]

@@ -125,8 +125,7 @@ def factor_dense() -> Procedure:
     a, factors = p.array("a", read=True), p.array("factors")
     trusted = p.call(factor_symmetric(), n, a, factors)
     factors[0] = 0.0
-    with p.when(trusted):
-        p.leave(p.false)
+    p.leave_if(trusted, p.false)
     factors[0] = 1.0
     p.leave(p.call(factor_pivoted(), n, a, factors))
     return p.finish(FLAG)

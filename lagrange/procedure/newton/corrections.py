@@ -37,7 +37,7 @@ def solve_unknowns(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure
     fresh = p.variable(newton.known.equals(0), "fresh")
     with p.when(~fresh.value):
         predict(given, solve)
-        fresh.value = ~p.call(again, *given.handed()).equals(int(Outcome.DONE))
+        fresh.value = ~p.call(again, *given.handed()).equals(Outcome.DONE)
     with p.when(fresh.value):
         newton.differentiated = 0
         newton.matrix_step = 0.0
@@ -46,7 +46,7 @@ def solve_unknowns(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure
         given.leave_unless_done(p.call(begin, *given.handed()))
         given.leave_unless_done(p.call(again, *given.handed()))
     newton.solved = 1
-    p.leave(int(Outcome.DONE))
+    p.leave(Outcome.DONE)
     return p.finish(WHOLE)
 
 
@@ -63,8 +63,8 @@ def _start(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure:
         given.effort.evaluations = given.effort.evaluations + len(stated.preparation)
     for i, guess in enumerate(stated.guesses):
         vectors.combine(guess, vectors.at(stated.first + i))
-    given.leave_if(singular.value, Outcome.SINGULAR)
-    p.leave(int(Outcome.DONE))
+    p.leave_if(singular.value, Outcome.SINGULAR)
+    p.leave(Outcome.DONE)
     return p.finish(WHOLE)
 
 
@@ -105,7 +105,7 @@ def _iterate(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure:
         for call in stated.calls:
             vectors.evaluate(call, singular)
         effort.evaluations = effort.evaluations + len(stated.calls)
-        given.leave_if(singular.value, Outcome.SINGULAR)
+        p.leave_if(singular.value, Outcome.SINGULAR)
         for i, residual in enumerate(stated.residuals):
             vectors.combine(residual, given.work.at(solve.residual + i * solve.width))
         with p.when(~newton.matrix_step.equals(given.h)):
@@ -115,17 +115,16 @@ def _iterate(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure:
         effort.residual = norm * unit
         with p.when(~(norm < LARGEST)):
             p.note("The law is no number there, unless a large correction before has gone astray.")
-            given.leave_if(previous.value * unit < ASTRAY, Outcome.NON_FINITE)
-            p.leave(int(Outcome.DIVERGED))
+            p.leave_if(previous.value * unit < ASTRAY, Outcome.NON_FINITE)
+            p.leave(Outcome.DIVERGED)
         if not solve.adaptive:
             moved.value = p.fma(norm, unit, moved.value)
-            given.leave_if(moved.value > FARTHEST, Outcome.DIVERGED)
+            p.leave_if(moved.value > FARTHEST, Outcome.DIVERGED)
         verdict = p.call(judge(adaptive=solve.adaptive), newton, turn, norm, previous.value, since.value)
-        with p.when(~verdict.equals(int(Outcome.PAUSED))):
-            p.leave(verdict)
+        p.leave_if(~verdict.equals(Outcome.PAUSED), verdict)
         previous.value = norm
         since.value = since.value + 1
-    p.leave(int(Outcome.DIVERGED))
+    p.leave(Outcome.DIVERGED)
     return p.finish(WHOLE)
 
 

@@ -64,14 +64,13 @@ class _Judge:
             aged = p.smaller(newton.rate * AGING, OLDEST_RATE)
             newton.rate = p.choose(first, aged, p.larger(measured, LEAST_RATE))
             self.plan_matrix(measured)
-            p.leave(int(Outcome.DONE))
+            p.leave(Outcome.DONE)
         with p.when(~first & ~(rate <= SLOW)):
             if self.adaptive:
-                with p.when(~(rate <= HOPELESS)):
-                    p.leave(int(Outcome.DIVERGED))
+                p.leave_if(~(rate <= HOPELESS), Outcome.DIVERGED)
             else:
                 self.stall(rate)
-        p.leave(int(Outcome.PAUSED))
+        p.leave(Outcome.PAUSED)
         return p.finish(WHOLE)
 
     def enough(self, first: Flag, rate: Real) -> Flag:
@@ -105,9 +104,8 @@ class _Judge:
         fresh = (self.since >= 1) & ~old
         with p.when(fresh & (rate >= STALLED_RATE) & (norm < STALLED)):
             self.newton.noise = 2.0 * norm
-            p.leave(int(Outcome.DONE))
-        with p.when(fresh & (rate >= GROWTH) & (norm >= STALLED)):
-            p.leave(int(Outcome.DIVERGED))
+            p.leave(Outcome.DONE)
+        p.leave_if(fresh & (rate >= GROWTH) & (norm >= STALLED), Outcome.DIVERGED)
         with p.when(old):
             self.renew()
 

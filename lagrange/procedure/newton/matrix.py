@@ -99,7 +99,7 @@ class _Renewal:
             newton.noise = 1.0
             newton.age = 0
         newton.matrix_step = given.h
-        p.leave(int(Outcome.DONE))
+        p.leave(Outcome.DONE)
         return p.finish(WHOLE)
 
     def table(self, values: Sequence[Node], *, size: bool = False) -> Memory:
@@ -116,11 +116,11 @@ class _Renewal:
         if self.point is None:
             time, where = given.t, given.work.at(layout.argument)
             for i in range(layout.step.states):
-                self.vectors.copy(self.vectors.at(i), where.at(i * layout.length), layout.width)
+                self.p.copy(self.vectors.at(i), where.at(i * layout.length), layout.width)
         else:
             time, where = self.vectors.numbers[self.point.time], self.vectors.arguments(self.point)
         failed = given.laws.jacobian(time, where, given.laws.constants, self.matrix)
-        given.leave_if(failed, Outcome.SINGULAR)
+        self.p.leave_if(failed, Outcome.SINGULAR)
         with self.p.loop(0, n) as a, self.p.loop(0, n) as b:
             self.derivative[b * n + a] = self.matrix[a * n + b]
         given.newton.differentiated = 1
@@ -172,7 +172,7 @@ class _Renewal:
         length, n = self.solve.length, self.layout.dimension
         with self.p.loop(0, length) as a, self.p.loop(0, length) as b:
             self.matrix[a * row_stride(length) + b] = self.derivative[(b + length) * n + a]
-        self.given.leave_if(self.invert(length), Outcome.SINGULAR)
+        self.p.leave_if(self.invert(length), Outcome.SINGULAR)
 
     def damper(self, factor: Real, target: Memory) -> None:
         """Write (I - factor J)^-1 by columns."""

@@ -25,12 +25,12 @@ def predict(given: Given, solve: SolveLayout) -> None:
         _extrapolate(given, solve, unknowns)
         return
     vectors = Vectors(given, solve.solve.predicted, ratio=given.h / given.newton.old_step)
-    vectors.copy(work.at(solve.history), unknowns, solve.all)
+    p.copy(work.at(solve.history), unknowns, solve.all)
     if solve.solve.predicted:
         residual = work.at(solve.residual)
         for i, combination in enumerate(solve.solve.predicted):
             vectors.combine(combination, residual.at(i * solve.width))
-        vectors.copy(residual, unknowns, solve.all)
+        p.copy(residual, unknowns, solve.all)
     p.note("The unknowns of the step before stood where those of this one are put.")
 
 
@@ -53,8 +53,7 @@ def keep(layout: Layout, solve: SolveLayout) -> Procedure:
         newton.solved = 0
         if solve.adaptive:
             unknowns, history = work.at(solve.first), work.at(solve.history)
-            with p.each(solve.all, spill=True) as i:
-                history[i] = unknowns[i]
+            p.copy(unknowns, history, solve.all)
             newton.known = 1
         else:
             _choose_order(p, newton, _difference(p, solve, work))

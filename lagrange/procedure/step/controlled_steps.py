@@ -64,13 +64,11 @@ class _Loop:
         with p.loop(0, self.budget):
             t = run.t
             h = direction * p.smaller(abs(run.h), run.longest)
-            with p.when(t.equals(end)):
-                p.leave(int(Outcome.DONE))
+            p.leave_if(t.equals(end), Outcome.DONE)
             final = abs(h) * NEAR_END >= abs(end - t)
             small = ~(abs(h) >= p.larger(abs(t), EARLIEST) * SPACING)
             rejected = ~self.counts.after_reject.equals(0)
-            with p.when(small & (~final | rejected)):
-                p.leave(int(Outcome.STEP_TOO_SMALL))
+            p.leave_if(small & (~final | rejected), Outcome.STEP_TOO_SMALL)
             after = p.choose(final, end, t + h)
             p.note("Far from time zero a step is as long as times allow; elsewhere a matrix made for it serves again.")
             length = p.choose(final | (abs(h) < abs(t) * FAR), after - t, h)
@@ -86,8 +84,7 @@ class _Loop:
         with p.when(run.h.equals(0.0)):
             size = p.call(first_step(self.layout, self.control), *self.given.handed, abs(distance), direction)
             self.counts.evaluations = self.counts.evaluations + 3
-            with p.when(size < 0.0):
-                p.leave(int(Outcome.UNSCALED))
+            p.leave_if(size < 0.0, Outcome.UNSCALED)
             run.h = size * direction
         return direction
 
@@ -95,12 +92,12 @@ class _Loop:
         """Take a trial step; reject it where it fails or something in it is not a number, else judge its error."""
         p = self.p
         outcome = p.call(try_step(self.layout), *self.given.handed, t, length, *entries)
-        done = outcome.equals(int(Outcome.DONE))
+        done = outcome.equals(Outcome.DONE)
         with p.when(is_finite(self.given, errors=True) & done) as ways:
             self.judge(length, after, rejected, entries)
         with ways.otherwise():
             cause = p.choose(done, float(Outcome.NON_FINITE), p.real(outcome))
-            part = p.choose(outcome.equals(int(Outcome.DIVERGED)), AFTER_DIVERGED, AFTER_BROKEN)
+            part = p.choose(outcome.equals(Outcome.DIVERGED), AFTER_DIVERGED, AFTER_BROKEN)
             self.reject(cause, length * part, moved=False)
 
     def judge(self, length: Real, after: Real, rejected: Flag, entries: Sequence[Memory]) -> None:
@@ -129,5 +126,4 @@ class _Loop:
         p, given = self.p, self.given
         flag = p.true if moved else p.false
         asked = p.call(self.rejection, self.run, self.counts, given.floors, given.work, cause, h, flag)
-        with p.when(asked):
-            p.leave(int(Outcome.UNSCALED))
+        p.leave_if(asked, Outcome.UNSCALED)

@@ -25,17 +25,14 @@ def equal_steps(layout: Layout) -> Procedure:
     start, end, h = run.start, run.end, run.step
     with p.loop(0, budget):
         t = run.t
-        with p.when(t.equals(end)):
-            p.leave(int(Outcome.DONE))
+        p.leave_if(t.equals(end), Outcome.DONE)
         grid = p.fma(p.real(counts.steps + 1), h, start)
         left = end - p.fma(SLIVER, h, grid)
         beyond = p.choose(h < 0.0, -left, left) <= 0.0
         length = p.choose(beyond, end - t, h)
         outcome = p.call(try_step(layout), *given.handed, t, length, *entries)
-        with p.when(~outcome.equals(int(Outcome.DONE))):
-            p.leave(outcome)
-        with p.when(~is_finite(given)):
-            p.leave(int(Outcome.NON_FINITE))
+        p.leave_if(~outcome.equals(Outcome.DONE), outcome)
+        p.leave_if(~is_finite(given), Outcome.NON_FINITE)
         after = p.choose(beyond, end, grid)
         accepted = (run, counts, *given.newtons, given.work, *entries)
         p.call(accept_step(layout), *accepted, after, times, rows)
@@ -46,13 +43,13 @@ def equal_steps(layout: Layout) -> Procedure:
 def come_back(given: Running, end: Real) -> None:
     """End a loop over steps where its budget is used up."""
     p = given.p
-    p.leave(p.choose(given.run.t.equals(end), p.whole(int(Outcome.DONE)), p.whole(int(Outcome.PAUSED))))
+    p.leave(p.choose(given.run.t.equals(end), p.whole(Outcome.DONE), p.whole(Outcome.PAUSED)))
 
 
 def forget(given: Running) -> None:
     """Clear what is kept from steps if it belongs to another run; a starter makes all anew at each step."""
     p, layout, work = given.p, given.layout, given.work
-    if not (layout.solves or layout.step.starter is not None):
+    if not layout.keeps_history:
         return
     with p.when(given.counts.kept.equals(0)):
         given.counts.kept = 1

@@ -96,8 +96,7 @@ class _FirstStep:
                 out[k] = value
         else:
             failed = laws.law(t, y, laws.parameters, self.result)
-            with p.each(self.layout.width, spill=True) as i:
-                out[i] = self.result[i]
+            p.copy(self.result, out, self.layout.width)
         self.singular.value = self.singular.value | failed
 
     def size(self, i: Whole) -> _Size:
@@ -149,8 +148,7 @@ class _FirstStep:
                 variable.value = p.larger(variable.value, value)
             self.owed[below] = p.choose(doubt, owed, 0.0)
         asked = (doubtful.value > ALONE * others.value) | moving.value.equals(0.0)
-        with p.when(self.follows & self.given.counts.surveyed.equals(0) & asked & ~self.singular.value):
-            p.leave(ASK)
+        p.leave_if(self.follows & self.given.counts.surveyed.equals(0) & asked & ~self.singular.value, ASK)
         return p.real(p.larger(p.larger(doubtful.value, others.value), paired.value))
 
     def first_floors(self, h: Real, longer: Real) -> None:

@@ -62,9 +62,9 @@ class Layout:
         self.step, self.dimension, self.block, self.in_registers = step, dimension, block, in_registers
         self.length = dimension // 2 if step.partitioned else dimension
         self.width = whole_blocks(self.length, block)
-        self.by_procedures = bool(step.solves) or step.starter is not None
-        """Whether the step is taken by the procedures of `implicit`."""
-        self.keeps_entries = in_registers and alone and not self.by_procedures
+        self.keeps_history = bool(step.solves) or step.starter is not None
+        """Whether steps go on from those before: from what a solve keeps, or from the state one step back."""
+        self.keeps_entries = in_registers and alone and not self.keeps_history
         """Whether the state stands in memory of single numbers as well, which LLVM makes registers of."""
         self.vectors = step.vectors
         self.new = self.vectors

@@ -44,8 +44,8 @@ def take_step(layout: Layout, prefix: str = "") -> Procedure:
         _keep_result(vectors, i, entries)
     for i, error in enumerate(step.errors):
         vectors.combine(error, vectors.at(layout.errors + i))
-    given.leave_if(singular.value, Outcome.SINGULAR)
-    p.leave(int(Outcome.DONE))
+    p.leave_if(singular.value, Outcome.SINGULAR)
+    p.leave(Outcome.DONE)
     return p.finish(WHOLE)
 
 
@@ -131,17 +131,15 @@ class Running:
         p, layout, starting = self.p, self.layout, self.layout.starting
         memory = self.work.at(layout.end)
 
-        def copy(source: Memory, target: Memory) -> None:
-            with p.each(layout.width, spill=True) as i:
-                target[i] = source[i]
-
         for i in range(layout.step.states):
-            copy(self.work.at(layout.place(i)), memory.at(starting.place(i)))
+            p.copy(self.work.at(layout.place(i)), memory.at(starting.place(i)), layout.width)
         numbers = t, h, self.run.rtol, self.floors
         given = (*self.laws.handed, *numbers, self.effort, *self.starters, memory)
         outcome = p.call(take_step(starting, "starter_"), *given, p.false)
         for i in range(layout.step.states):
-            copy(memory.at(starting.place(starting.new + i)), self.work.at(layout.place(layout.new + i)))
+            p.copy(
+                memory.at(starting.place(starting.new + i)), self.work.at(layout.place(layout.new + i)), layout.width
+            )
         return p.whole(outcome)
 
 
@@ -153,7 +151,7 @@ def try_step(layout: Layout) -> Procedure:
     t, h = p.given("t", REAL), p.given("h", REAL)
     entries = entries_of(p, layout)
     counts = given.counts
-    effort = given.effort if step.solves or step.starter is not None else None
+    effort = given.effort if layout.keeps_history else None
     if effort is not None:
         effort.evaluations = 0
     if step.starter is None:
@@ -177,7 +175,7 @@ def _try_either(given: Running, t: Real, h: Real) -> Whole:
     p, layout, counts = given.p, given.layout, given.counts
     equal = h.equals(given.run.step)
     given.work[layout.flags + 1] = p.real(equal)
-    outcome = p.variable(int(Outcome.DONE), "outcome")
+    outcome = p.variable(Outcome.DONE, "outcome")
     with p.when(equal & given.work[layout.flags].equals(1.0)) as ways:
         counts.evaluations = counts.evaluations + len(layout.step.calls)
         outcome.value = given.take(t, h, p.false, [])
@@ -198,27 +196,23 @@ def accept_step(layout: Layout) -> Procedure:
     entries = entries_of(p, layout)
     t, times, rows = p.given("t", REAL), p.array("times"), p.array("rows", room=layout.block)
 
-    def copy(source: Memory, target: Memory) -> None:
-        with p.each(layout.width, spill=True) as i:
-            target[i] = source[i]
-
     run.t = t
     if step.starter is not None:
         work[layout.flags] = work[layout.flags + 1]
     for i in range(step.states):
         state, new = work.at(layout.place(i)), work.at(layout.place(layout.new + i))
         if step.starter is not None:
-            copy(state, work.at(layout.place(step.states + i)))
-        copy(new, state)
+            p.copy(state, work.at(layout.place(step.states + i)), layout.width)
+        p.copy(new, state, layout.width)
         if step.compensated(i):
             lost = layout.lost + i * layout.width
-            copy(work.at(lost + step.states * layout.width), work.at(lost))
+            p.copy(work.at(lost + step.states * layout.width), work.at(lost), layout.width)
     if entries is not None:
         for k in range(layout.dimension):
             entries[k] = entries[layout.dimension + k]
     if step.ends_with_slope:
         first, last = (work.at(layout.place(step.calls[k].first)) for k in (0, -1))
-        copy(last, first)
+        p.copy(last, first, layout.width)
     counts.slope_known = int(step.ends_with_slope)
     for solve, newton in zip(layout.solves, newtons, strict=True):
         p.call(keep(layout, solve), newton, work)
@@ -227,6 +221,6 @@ def accept_step(layout: Layout) -> Procedure:
         row = counts.rows
         times[row] = t
         for i in range(step.states):
-            copy(work.at(layout.place(i)), rows.at(row * layout.dimension + i * layout.length))
+            p.copy(work.at(layout.place(i)), rows.at(row * layout.dimension + i * layout.length), layout.width)
         counts.rows = row + 1
     return p.finish()

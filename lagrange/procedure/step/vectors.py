@@ -87,13 +87,7 @@ class Given:
 
     def leave_unless_done(self, outcome: Whole) -> None:
         """End the procedure with an outcome of another unless that is done."""
-        with self.p.when(~outcome.equals(int(Outcome.DONE))):
-            self.p.leave(outcome)
-
-    def leave_if(self, condition: Flag, outcome: Outcome) -> None:
-        """End the procedure with an outcome where a condition holds."""
-        with self.p.when(condition):
-            self.p.leave(int(outcome))
+        self.p.leave_if(~outcome.equals(Outcome.DONE), outcome)
 
 
 class Vectors:
@@ -180,12 +174,7 @@ class Vectors:
         block = self.p.reserve(self.layout.width, room=self.layout.block)
         for i in range(self.layout.width):
             block[i] = values[i] if i < len(values) else 0.0
-        self.copy(block, target, self.layout.width)
-
-    def copy(self, source: Memory, target: Memory, count: int) -> None:
-        """Copy numbers, whole blocks of them."""
-        with self.p.each(count, spill=True) as i:
-            target[i] = source[i]
+        self.p.copy(block, target, self.layout.width)
 
     def evaluate(self, call: Call, singular: Variable, *, always: bool = False) -> None:
         """Evaluate the law and keep its results as vectors; note whether a matrix is singular.
@@ -207,7 +196,7 @@ class Vectors:
         failed = given.laws.law(self.numbers[call.time], where, given.laws.parameters, out)
         first = layout.result + (layout.length if step.law == "accelerations" else 0)
         for i in range(LAWS[step.law].results):
-            self.copy(self.work.at(first + i * layout.length), self.at(call.first + i), layout.width)
+            self.p.copy(self.work.at(first + i * layout.length), self.at(call.first + i), layout.width)
         return Flag.of(failed)
 
     def _by_number(self, call: Call, *, always: bool) -> Flag:

@@ -9,6 +9,7 @@ from typing import Any
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, Procedure
 from lagrange.procedure.step.constants import LEAST_FLOOR
+from lagrange.procedure.step.error_norm import higher
 from lagrange.procedure.taylor.constants import START_ROWS
 from lagrange.procedure.taylor.memory import Run, TaylorLayout, entries, floors_array, work_array
 
@@ -19,8 +20,7 @@ def raise_floors(layout: TaylorLayout) -> Procedure:
     p = Builder("raise_floors", "Raise the floor of each entry to a share of its size.")
     share, floors, work = p.given("share", REAL), floors_array(p, layout, read=False), work_array(p, layout)
     with entries(p, layout) as i:
-        size, floor = share * abs(work[i]), floors[i]
-        floors[i] = p.choose(size > floor, size, floor)
+        floors[i] = higher(p, share * abs(work[i]), floors[i])
     return p.finish()
 
 

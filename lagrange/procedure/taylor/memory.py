@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Callee, Record
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Callee, Kind, Record
 from lagrange.procedure.step.memory import whole_blocks
+from lagrange.procedure.step.run import COUNTS, RUN
 from lagrange.procedure.values import Memory, Real, Whole
 
 READ = Array(read=True)
@@ -142,6 +143,27 @@ class Run:
         with self.entries() as i:
             largest = self.p.largest_magnitude(row[i] * weights[i])
         return largest.value
+
+
+class Arguments:
+    """The arguments of the loop, of each of its turns and of a step: what all take, and what is a procedure's `own`."""
+
+    def __init__(self, p: Builder, layout: TaylorLayout, **own: Kind | Array) -> None:
+        self.p, self.layout = p, layout
+        self.jet = p.function("jet", JET)
+        self.prepared, self.constants = p.array("prepared", read=True), p.array("constants", read=True)
+        self.run: Any = p.record("run", RUN)
+        self.counts: Any = p.record("counts", COUNTS)
+        self.taylor: Any = p.record("taylor", TAYLOR)
+        self.floors = floors_array(p, layout, read=False)
+        self.held: Any = p.record("held", HELD)
+        self.own = [p.given(name, kind) for name, kind in own.items()]
+        self.series = Run(p, layout, work_array(p, layout))
+
+    def handed(self, *own: Any) -> tuple[Any, ...]:
+        """Return the arguments for another procedure, with those of its own."""
+        records = self.run, self.counts, self.taylor, self.floors, self.held
+        return (self.jet, self.prepared, self.constants, *records, *own, *self.series.handed)
 
 
 @contextmanager

@@ -79,9 +79,7 @@ def take_back(layout: TaylorLayout) -> Procedure:
     taylor: Any = p.record("taylor", TAYLOR)
     held: Any = p.record("held", HELD)
     work = work_array(p, layout)
-    state, before = work, work.at(layout.held)
-    with p.each(2 * layout.padded, width=layout.block, spill=True) as i:
-        state[i] = before[i]
+    p.copy(work.at(layout.held), work, 2 * layout.padded, width=layout.block)
     run.t, taylor.low, taylor.scale = held.t, held.low, held.scale
     held.waits = 0
     p.call(fail(), counts, taylor, held.h)
@@ -106,9 +104,8 @@ def record(layout: TaylorLayout) -> Procedure:
     with p.when(~counts.record.equals(0)):
         row = counts.rows
         times[row] = run.t
-        target = rows.at(row * layout.dimension)
-        with p.each(layout.dimension, width=layout.block, unrolled=bool(layout.order)) as i:
-            target[i] = work[i]
+        target, whole = rows.at(row * layout.dimension), bool(layout.order)
+        p.copy(work, target, layout.dimension, width=layout.block, spill=False, unrolled=whole)
         counts.rows = row + 1
     return p.finish()
 
@@ -134,7 +131,6 @@ def probe(layout: TaylorLayout) -> Procedure:
             slopes[i] = slope
         singular = jet(p.fma(part, scale, t), scale, there, prepared, constants, rows, run.order)
         first = begin + (layout.rows + layout.width)
-        with p.when(singular | ~p.call(agrees(layout), s, run.order, first, weights, run.work)):
-            p.leave(p.false)
+        p.leave_if(singular | ~p.call(agrees(layout), s, run.order, first, weights, run.work), p.false)
     p.leave(p.true)
     return p.finish(FLAG)

@@ -10,7 +10,6 @@ from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
 from lagrange.procedure.outcome import Outcome
 from lagrange.procedure.step.constants import EARLIEST, NEAR_END, SPACING
-from lagrange.procedure.step.run import COUNTS, RUN
 from lagrange.procedure.taylor.constants import (
     FARTHEST,
     GROWN,
@@ -22,7 +21,7 @@ from lagrange.procedure.taylor.constants import (
     TRIES,
 )
 from lagrange.procedure.taylor.floors import raise_floors
-from lagrange.procedure.taylor.memory import HELD, JET, TAYLOR, Run, TaylorLayout, floors_array, work_array
+from lagrange.procedure.taylor.memory import TAYLOR, Arguments, TaylorLayout
 from lagrange.procedure.taylor.powers import logarithm, power
 from lagrange.procedure.taylor.proof import fail, hopeless, probe
 from lagrange.procedure.taylor.step_size import ends
@@ -41,16 +40,10 @@ class _Step:
 
     def __init__(self, layout: TaylorLayout) -> None:
         self.p = p = Builder("take_step", "Take a step, or prepare another try, and return an outcome.")
-        self.layout = layout
-        self.jet = p.function("jet", JET)
-        self.prepared, self.constants = p.array("prepared", read=True), p.array("constants", read=True)
-        self.run: Any = p.record("run", RUN)
-        self.counts: Any = p.record("counts", COUNTS)
-        self.taylor: Any = p.record("taylor", TAYLOR)
-        self.floors = floors_array(p, layout, read=False)
-        self.held: Any = p.record("held", HELD)
-        self.exponent: Real = p.given("exponent", REAL)
-        self.series = Run(p, layout, work_array(p, layout))
+        self.given = given = Arguments(p, layout, exponent=REAL)
+        self.layout, self.series = layout, given.series
+        self.run, self.counts, self.taylor, self.held = given.run, given.counts, given.taylor, given.held
+        self.exponent: Real = given.own[0]
         self.t: Real = self.run.t.called("t")
         self.low: Real = self.taylor.low.called("low")
         self.scale: Real = self.taylor.scale.called("scale")
@@ -69,15 +62,14 @@ class _Step:
         self.probe(s, h)
         if self.layout.watched:
             self.watch(s)
-        p.call(raise_floors(self.layout), self.run.share, self.floors, self.series.work)
+        p.call(raise_floors(self.layout), self.run.share, self.given.floors, self.series.work)
         # A series that terminates says nothing about the next one.
         whole = p.choose(whole > FARTHEST, 0.0, whole)
         longer = p.operation("two_to", p.whole(whole)).called("longer")
-        with p.when(~p.call(advance(self.layout), s, longer, *self.series.handed), likely=False):
-            p.leave(int(Outcome.NON_FINITE))
+        p.leave_if(~p.call(advance(self.layout), s, longer, *self.series.handed), Outcome.NON_FINITE, likely=False)
         self.move_on(h, final)
         self.taylor.scale = self.scale * longer
-        p.leave(int(Outcome.PAUSED))
+        p.leave(Outcome.PAUSED)
         return p.finish(WHOLE)
 
     def fits(self, reach: Real) -> Flag:
@@ -111,19 +103,18 @@ class _Step:
         s = p.choose(bounded, bound, natural).called("s")
         final: Flag = (bounded & bound.equals(whole_way)).called("final")
         wanted = p.smaller(natural, own * inverse)
-        with p.when((wanted < spacing * inverse) & ~final, likely=False):
-            p.leave(int(Outcome.STEP_TOO_SMALL))
+        p.leave_if((wanted < spacing * inverse) & ~final, Outcome.STEP_TOO_SMALL, likely=False)
         return s, whole, final
 
     def probe(self, s: Real, h: Real) -> None:
         """Try a shorter step where a series that terminates is not what the equations say all along a longer one."""
         p, run, series = self.p, self.run, self.series
         with p.when(self.ends & (abs(h) > GROWN * abs(self.held.h)) & ~hopeless(self.taylor), likely=False):
-            jet = self.jet, self.prepared, self.constants
-            given = run.rtol, self.floors, self.t, self.scale, s
-            with p.when(~p.call(probe(self.layout), *jet, *given, *series.handed)):
+            jet = self.given.jet, self.given.prepared, self.given.constants
+            numbers = run.rtol, self.given.floors, self.t, self.scale, s
+            with p.when(~p.call(probe(self.layout), *jet, *numbers, *series.handed)):
                 p.call(fail(), self.counts, self.taylor, h)
-                p.leave(int(Outcome.PAUSED))
+                p.leave(Outcome.PAUSED)
 
     def watch(self, s: Real) -> None:
         """Come back before a step on which something that is watched may vanish, unless told to take it once."""
@@ -135,8 +126,7 @@ class _Step:
             with p.loop(0, series.order) as j:
                 total.value = (total.value + abs(work[(series.order - j) * self.layout.width + first])) * s
             near.value = near.value | ~(abs(work[first]) > total.value)
-        with p.when(near.value & self.taylor.once.equals(math.inf)):
-            p.leave(int(Outcome.WATCHED))
+        p.leave_if(near.value & self.taylor.once.equals(math.inf), Outcome.WATCHED)
 
     def move_on(self, h: Real, final: Flag) -> None:
         """Move on in time, compensated, and hold where the step began."""
@@ -164,11 +154,10 @@ def rescale() -> Procedure:
     taylor: Any = p.record("taylor", TAYLOR)
     exponent, reach, terminates = p.given("exponent", REAL), p.given("reach", REAL), p.given("terminates", FLAG)
     tries, scale = taylor.tries, taylor.scale
-    with p.when((tries >= TRIES) | (abs(scale) < SHORTEST)):
-        p.leave(int(Outcome.NON_FINITE))
+    p.leave_if((tries >= TRIES) | (abs(scale) < SHORTEST), Outcome.NON_FINITE)
     taylor.tries = tries + 1
     longer = p.choose(terminates, p.smaller(reach, LONGER), exponent)
     change = p.choose(exponent >= OVERFLOWED, longer, SHORTER)
     taylor.scale = scale * p.operation("two_to", p.whole(p.operation("round", change)))
-    p.leave(int(Outcome.PAUSED))
+    p.leave(Outcome.PAUSED)
     return p.finish(WHOLE)
