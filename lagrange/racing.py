@@ -52,7 +52,7 @@ def race(
         raise StatementError(f"{shown(system)} is no system: give an lg.System, such as lg.scene('kepler').")
     end = real_number(system.statement.run.t_end if t_end is None else t_end, "t_end")
     span = (0.0, end)
-    terms = work_precision.terms(
+    settings = work_precision.race_settings(
         span,
         tolerances=tolerances,
         steps=steps,
@@ -62,5 +62,5 @@ def race(
         relative=relative,
     )
     model = system if isinstance(system, Model) else system.compile()
-    result = work_precision.race(model, span, initial, parameters, methods, terms, reference, digits)
+    result = work_precision.race(model, span, initial, parameters, methods, settings, reference, digits)
     return Race(result, model.statement.name, span, relative=relative)

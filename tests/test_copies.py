@@ -166,8 +166,8 @@ def test_a_kernel_that_arrives_compiles_when_it_is_called() -> None:
 
 def test_digits_of_a_reference_survive() -> None:
     """Numbers of many digits come from a context of their own, whose classes do not pickle."""
-    states = a_race().result.truth.states
-    assert pickle.loads(pickle.dumps(a_race())).result.truth.states == states
+    states = a_race().result.reference.states
+    assert pickle.loads(pickle.dumps(a_race())).result.reference.states == states
     assert states[0][0]._mpf_[3] > 60  # bits: a double has 53
 
 

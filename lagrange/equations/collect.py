@@ -7,7 +7,7 @@ from typing import Any
 import sympy
 from sympy import Add, Mul, S
 
-from lagrange.equations.monomials import ONE, Monomial, Terms, common_factor
+from lagrange.equations.monomials import ONE, Monomial, MonomialSum, common_factor
 from lagrange.equations.terms import Algebra
 
 FACTORED_TERMS = 16
@@ -23,7 +23,7 @@ _BESIDE = sympy.Dummy("motion")
 
 
 class Collector:
-    """Writes `Terms` of one algebra.
+    """Writes `MonomialSum` of one algebra.
 
     `moving` are the symbols that vary: the positions, velocities, accelerations and time.
     """
@@ -34,16 +34,16 @@ class Collector:
         self.moving = moving
         self._factored: dict[Any, Any] = {}
 
-    def write(self, terms: Terms) -> Any:
+    def write(self, terms: MonomialSum) -> Any:
         """Return the sum, grouped by velocities, accelerations and functions, in each group by coordinates."""
         self.algebra.spend(sum(WRITING + self.algebra.size(monomial) for monomial in terms))
-        groups: dict[Monomial, dict[Monomial, Terms]] = {}
+        groups: dict[Monomial, dict[Monomial, MonomialSum]] = {}
         for monomial, number in terms.items():
             outer, place, constant = self._split(monomial)
             groups.setdefault(outer, {}).setdefault(place, {})[constant] = number
         return Add(*(self._group(inner, outer) for outer, inner in groups.items()))
 
-    def quotient(self, above: Terms, below: Terms) -> Any:
+    def quotient(self, above: MonomialSum, below: MonomialSum) -> Any:
         """Return above / below, the factors that all terms share cancelled: a sum or one fraction, the shorter."""
         outside, rest = self._factors(below)
         above = self.algebra.divide(above, outside)
@@ -59,7 +59,7 @@ class Collector:
         one_term = rest == {ONE: S.One}
         return divided if one_term and divided.count_ops() <= LONGER_SUM * fraction.count_ops() else fraction
 
-    def _factors(self, terms: Terms) -> tuple[Terms, Terms]:
+    def _factors(self, terms: MonomialSum) -> tuple[MonomialSum, MonomialSum]:
         """Return the one-term common factor and the rest, in which sums that are now whole powers are expanded."""
         number, monomial, rest = common_factor(terms)
         unfolded = self.algebra.merge_angles(self.algebra.unfold(rest))
@@ -77,7 +77,7 @@ class Collector:
                 outer.append((k, e))
         return tuple(outer), tuple(place), tuple(constant)
 
-    def _group(self, inner: dict[Monomial, Terms], outer: Monomial) -> Any:
+    def _group(self, inner: dict[Monomial, MonomialSum], outer: Monomial) -> Any:
         motion = self.algebra.power(outer)
         expanded = Add(*(Mul(*self._coefficient(part), self.algebra.power(place)) for place, part in inner.items()))
         if len(inner) == 1:
@@ -95,7 +95,7 @@ class Collector:
             return Mul(*coefficient, motion)
         return Mul(expanded, motion)
 
-    def _coefficient(self, terms: Terms) -> tuple[Any, Any, Any]:
+    def _coefficient(self, terms: MonomialSum) -> tuple[Any, Any, Any]:
         """Return number, monomial and rest, to be multiplied at once: SymPy distributes a number over a lone sum."""
         number, monomial, rest = common_factor(terms)
         written = self._factor(rest)
@@ -103,7 +103,7 @@ class Collector:
             number, written = -number, -written
         return number, self.algebra.power(monomial), written
 
-    def _factor(self, rest: Terms) -> Any:
+    def _factor(self, rest: MonomialSum) -> Any:
         expression = self.algebra.write(rest)
         if not 2 < len(rest) <= FACTORED_TERMS or max(sum(abs(e) for _, e in monomial) for monomial in rest) < 2:
             return expression

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from sympy import Dummy, Eq, Float, ImmutableDenseMatrix, Rational, S
 
 from lagrange.equations.collect import Collector
-from lagrange.equations.monomials import Terms
+from lagrange.equations.monomials import MonomialSum
 from lagrange.equations.solve import NestedCofactors, coupled_blocks, expanded_cofactors, vanishes
 from lagrange.equations.terms import Algebra, TooLargeError, differentiable, printable
 from lagrange.errors import StatementError, listing
@@ -108,7 +108,7 @@ class Derivation:
 
 
 class _Page:
-    """The derivation in `Terms`, each part computed once; coordinates and velocities are plain real symbols here.
+    """The derivation in `MonomialSum`, each part computed once; coordinates and velocities are plain real symbols here.
 
     The symbols are dummies, so that a parameter or coordinate named like a velocity cannot be taken for it.
     """
@@ -130,15 +130,15 @@ class _Page:
         self.collector = Collector(self.algebra, frozenset(self.q), frozenset((*self.q, *self.v, *self.a, self.time)))
 
     @cached_property
-    def lagrangian(self) -> Terms:
+    def lagrangian(self) -> MonomialSum:
         return self.algebra.merge_angles(self.read(self.statement.lagrangian))
 
     @cached_property
-    def momenta(self) -> list[Terms]:
+    def momenta(self) -> list[MonomialSum]:
         return [self.algebra.differentiate(self.lagrangian, v) for v in self.v]
 
     @cached_property
-    def mass(self) -> list[list[Terms]]:
+    def mass(self) -> list[list[MonomialSum]]:
         """M = dp/dv, merged."""
         upper = {
             (i, j): self.algebra.merge_angles(self.algebra.differentiate(p, self.v[j]))
@@ -148,7 +148,7 @@ class _Page:
         return [[upper[min(i, j), max(i, j)] for j in range(len(self.v))] for i in range(len(self.v))]
 
     @cached_property
-    def remainders(self) -> list[Terms]:
+    def remainders(self) -> list[MonomialSum]:
         """What stands beside M a on the left: (dp/dq) v + dp/dt - dL/dq + dD/dv, for each coordinate."""
         algebra = self.algebra
         dissipation = self.read(self.statement.dissipation)
@@ -166,7 +166,7 @@ class _Page:
         return remainders
 
     @cached_property
-    def left_sides(self) -> list[Terms]:
+    def left_sides(self) -> list[MonomialSum]:
         """M a + remainder."""
         return [
             self.algebra.add(
@@ -176,7 +176,7 @@ class _Page:
         ]
 
     @cached_property
-    def energy(self) -> Terms:
+    def energy(self) -> MonomialSum:
         work = (self.algebra.multiply(p, self.symbol(v)) for p, v in zip(self.momenta, self.v, strict=True))
         return self.algebra.merge_angles(self.algebra.add(self.algebra.scale(self.lagrangian, S.NegativeOne), *work))
 
@@ -194,7 +194,7 @@ class _Page:
             solved.update(zip(block, self.solve(block, matrix, [bias[i] for i in block]), strict=True))
         return [solved[i] for i in range(len(solved))]
 
-    def solve(self, block: list[int], matrix: list[list[Terms]], bias: list[Terms]) -> list[Any]:
+    def solve(self, block: list[int], matrix: list[list[MonomialSum]], bias: list[MonomialSum]) -> list[Any]:
         if len(block) <= EXPANDED_BLOCK:
             try:
                 with self.algebra.at_most(EXPANDED_TERMS):
@@ -203,13 +203,13 @@ class _Page:
                 return self.solve_nested(block, matrix, bias)
         return self.solve_nested(block, matrix, bias)
 
-    def solve_expanded(self, block: list[int], matrix: list[list[Terms]], bias: list[Terms]) -> list[Any]:
+    def solve_expanded(self, block: list[int], matrix: list[list[MonomialSum]], bias: list[MonomialSum]) -> list[Any]:
         above, determinant = expanded_cofactors(self.algebra, matrix, bias)
         if not determinant:
             raise self.singular(block)
         return [self.finish(self.collector.quotient(terms, determinant)) for terms in above]
 
-    def solve_nested(self, block: list[int], matrix: list[list[Terms]], bias: list[Terms]) -> list[Any]:
+    def solve_nested(self, block: list[int], matrix: list[list[MonomialSum]], bias: list[MonomialSum]) -> list[Any]:
         entries = [[self.collector.write(entry) for entry in row] for row in matrix]
         right = [self.collector.write(entry) for entry in bias]
         if vanishes(entries):
@@ -223,7 +223,7 @@ class _Page:
             "give each coordinate inertia of its own in the kinetic energy, or state fewer coordinates."
         )
 
-    def read(self, expression: Any) -> Terms:
+    def read(self, expression: Any) -> MonomialSum:
         """Return a stated expression as terms, its decimals exact: 0.1 is one tenth."""
         plain = expression.xreplace(self.plain)
         decimals = sorted(plain.atoms(Float), key=str)
@@ -232,10 +232,10 @@ class _Page:
             plain = plain.xreplace({number: Rational(repr(float(number))) for number in decimals})
         return self.algebra.read(differentiable(plain))
 
-    def symbol(self, symbol: Any) -> Terms:
+    def symbol(self, symbol: Any) -> MonomialSum:
         return self.algebra.read(symbol)
 
-    def show(self, terms: Terms) -> Any:
+    def show(self, terms: MonomialSum) -> Any:
         return self.finish(self.collector.write(terms))
 
     def finish(self, expression: Any) -> Any:

@@ -10,7 +10,7 @@ from sympy import Rational, S
 Monomial = tuple[tuple[int, Any], ...]
 """Factor numbers with their exponents (int or Rational), sorted by number."""
 
-Terms = dict[Monomial, Any]
+MonomialSum = dict[Monomial, Any]
 """A sum: its monomials, each with a SymPy number."""
 
 ONE: Monomial = ()
@@ -25,7 +25,7 @@ def raise_power(powers: dict[int, Any], factor: int, by: Any) -> None:
         powers[factor] = int(total) if total == int(total) else total
 
 
-def accumulate(terms: Terms, monomial: Monomial, number: Any) -> None:
+def accumulate(terms: MonomialSum, monomial: Monomial, number: Any) -> None:
     """Add number * monomial, in place; a sum has no zeros."""
     total = terms.get(monomial, S.Zero) + number
     if total == 0:
@@ -34,7 +34,7 @@ def accumulate(terms: Terms, monomial: Monomial, number: Any) -> None:
         terms[monomial] = total
 
 
-def common_factor(terms: Terms) -> tuple[Any, Monomial, Terms]:
+def common_factor(terms: MonomialSum) -> tuple[Any, Monomial, MonomialSum]:
     """Return (number, monomial, rest) with terms = number * monomial * rest, the rest in smallest integers."""
     if not terms:
         return S.One, ONE, terms
@@ -49,7 +49,7 @@ def common_factor(terms: Terms) -> tuple[Any, Monomial, Terms]:
         powers = dict(monomial)
         lowest = {k: min(lowest.get(k, 0), powers.get(k, 0)) for k in {**lowest, **powers}}
     shared = tuple(sorted((k, e) for k, e in lowest.items() if e != 0))
-    rest: Terms = {}
+    rest: MonomialSum = {}
     for monomial, value in terms.items():
         powers = dict(monomial)
         for k, e in shared:

@@ -13,7 +13,7 @@ import mpmath
 import sympy
 from sympy import Add, Integer, Mul, Rational, S
 
-from lagrange.equations.monomials import ONE, Terms
+from lagrange.equations.monomials import ONE, MonomialSum
 from lagrange.equations.terms import Algebra, TooLargeError, printable
 
 
@@ -36,8 +36,8 @@ def coupled_blocks(nonzero: Sequence[Sequence[bool]]) -> list[list[int]]:
 
 
 def expanded_cofactors(
-    algebra: Algebra, matrix: Sequence[Sequence[Terms]], bias: Sequence[Terms]
-) -> tuple[list[Terms], Terms]:
+    algebra: Algebra, matrix: Sequence[Sequence[MonomialSum]], bias: Sequence[MonomialSum]
+) -> tuple[list[MonomialSum], MonomialSum]:
     """Return the numerators of M^-1 h and the determinant, multiplied out and merged."""
     n = len(matrix)
     cofactors = [
@@ -53,11 +53,15 @@ def _without(n: int, left_out: int) -> tuple[int, ...]:
 
 
 def _minor(
-    algebra: Algebra, matrix: Sequence[Sequence[Terms]], rows: tuple[int, ...], columns: tuple[int, ...], sign: int
-) -> Terms:
+    algebra: Algebra,
+    matrix: Sequence[Sequence[MonomialSum]],
+    rows: tuple[int, ...],
+    columns: tuple[int, ...],
+    sign: int,
+) -> MonomialSum:
     if not rows:
         return {ONE: Integer(sign)}
-    total: Terms = {}
+    total: MonomialSum = {}
     for place, column in enumerate(columns):
         entry = matrix[rows[0]][column]
         if entry:

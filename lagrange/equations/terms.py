@@ -16,7 +16,7 @@ from typing import Any
 import sympy
 from sympy import Add, Expr, Function, Mul, Pow, S
 
-from lagrange.equations.monomials import ONE, Monomial, Terms, accumulate, common_factor, raise_power
+from lagrange.equations.monomials import ONE, Monomial, MonomialSum, accumulate, common_factor, raise_power
 
 WIDEST_PRODUCT = 2000
 """Sums whose product has more terms than this stay factors; a 30-link chain needs 900."""
@@ -81,7 +81,7 @@ def _minimum(first: Any, *rest: Any) -> Any:
 
 
 class Algebra:
-    """Arithmetic on `Terms` over one growing table of factors. `budget` bounds the monomials ever made.
+    """Arithmetic on `MonomialSum` over one growing table of factors. `budget` bounds the monomials ever made.
 
     Every operation raises TooLargeError when the budget is spent.
     """
@@ -96,17 +96,17 @@ class Algebra:
         self._directions: dict[int, tuple[int, int]] = {}
         self._sizes: list[int] = []
         self._free: list[frozenset[Any]] = []
-        self._read: dict[Any, Terms] = {}
-        self._slopes: dict[tuple[int, Any], Terms] = {}
+        self._read: dict[Any, MonomialSum] = {}
+        self._slopes: dict[tuple[int, Any], MonomialSum] = {}
 
-    def read(self, expression: Any) -> Terms:
+    def read(self, expression: Any) -> MonomialSum:
         """Return the expression as a sum of monomials, expanded as far as that stays small."""
         known = self._read.get(expression)
         if known is None:
             known = self._read[expression] = self._read_new(expression)
         return known
 
-    def write(self, terms: Terms) -> Any:
+    def write(self, terms: MonomialSum) -> Any:
         """Return the plain, ungrouped SymPy sum."""
         return Add(*(Mul(number, self.power(monomial)) for monomial, number in terms.items()))
 
@@ -122,7 +122,7 @@ class Algebra:
         """Return the symbols that a factor contains."""
         return self._free[number]
 
-    def add(self, *sums: Terms) -> Terms:
+    def add(self, *sums: MonomialSum) -> MonomialSum:
         """Return the sum."""
         total = dict(sums[0])
         for terms in sums[1:]:
@@ -130,23 +130,23 @@ class Algebra:
                 accumulate(total, monomial, number)
         return total
 
-    def scale(self, terms: Terms, number: Any) -> Terms:
+    def scale(self, terms: MonomialSum, number: Any) -> MonomialSum:
         """Return the sum times a SymPy number other than zero."""
         return {monomial: number * value for monomial, value in terms.items()}
 
-    def multiply(self, a: Terms, b: Terms) -> Terms:
+    def multiply(self, a: MonomialSum, b: MonomialSum) -> MonomialSum:
         """Return the expanded product."""
         self.spend(len(a) * len(b))
-        product: Terms = {}
+        product: MonomialSum = {}
         for left, x in a.items():
             for right, y in b.items():
                 monomial, number = self._join(left, right)
                 accumulate(product, monomial, x * y * number)
         return product
 
-    def differentiate(self, terms: Terms, symbol: Any) -> Terms:
+    def differentiate(self, terms: MonomialSum, symbol: Any) -> MonomialSum:
         """Return the partial derivative with respect to a symbol."""
-        result: Terms = {}
+        result: MonomialSum = {}
         for monomial, number in terms.items():
             for k, e in monomial:
                 if symbol in self._free[k]:
@@ -157,7 +157,7 @@ class Algebra:
                         accumulate(result, joined, number * e * slope * scale)
         return result
 
-    def divide(self, terms: Terms, divisor: Terms) -> Terms:
+    def divide(self, terms: MonomialSum, divisor: MonomialSum) -> MonomialSum:
         """Return the sum divided by a sum of one term."""
         ((monomial, number),) = divisor.items()
         return self.multiply(terms, {tuple((k, -e) for k, e in monomial): 1 / number})
@@ -178,22 +178,22 @@ class Algebra:
         finally:
             self.budget = max(self.budget, 0) + reserve
 
-    def unfold(self, terms: Terms) -> Terms:
+    def unfold(self, terms: MonomialSum) -> MonomialSum:
         """Expand sums that have become whole positive powers, such as the square of a root, where they are short."""
-        result: Terms = {}
+        result: MonomialSum = {}
         for monomial, number in terms.items():
             sums = [(k, e) for k, e in monomial if isinstance(e, int) and e > 0 and self.factors[k].is_Add]
             width = prod(len(self.factors[k].args) ** e for k, e in sums)
             if width > SHORT_PRODUCT:
                 sums = []
-            product: Terms = {tuple(factor for factor in monomial if factor not in sums): number}
+            product: MonomialSum = {tuple(factor for factor in monomial if factor not in sums): number}
             for k, e in sums:
                 for _ in range(e):
                     product = self.multiply(product, self.read(self.factors[k]))
             result = self.add(result, product)
         return result
 
-    def merge_angles(self, terms: Terms) -> Terms:
+    def merge_angles(self, terms: MonomialSum) -> MonomialSum:
         """Use sin^2 + cos^2 = 1 and the addition theorems wherever they make the sum shorter or lower its degree.
 
         It ends: every replacement lowers the number of terms, or keeps it and lowers the degree.
@@ -207,7 +207,7 @@ class Algebra:
                     changed |= self._merge(terms, monomial)
         return terms
 
-    def _merge(self, terms: Terms, monomial: Monomial) -> bool:
+    def _merge(self, terms: MonomialSum, monomial: Monomial) -> bool:
         number = terms[monomial]
         for partner, sign, (rest, merged), exact in self._identities(monomial):
             other = terms.get(partner)
@@ -269,14 +269,14 @@ class Algebra:
                 raise_power(powers, plain, -1)
                 raise_power(powers, magnitude, 1)
 
-    def _slope(self, number: int, symbol: Any) -> Terms:
+    def _slope(self, number: int, symbol: Any) -> MonomialSum:
         key = (number, symbol)
         if key not in self._slopes:
             factor = self.factors[number]
             self._slopes[key] = {ONE: S.One} if factor == symbol else self.read(factor.diff(symbol))
         return self._slopes[key]
 
-    def _factor(self, base: Any, exponent: Any = 1) -> Terms:
+    def _factor(self, base: Any, exponent: Any = 1) -> MonomialSum:
         return {((self._number(base), exponent),): S.One}
 
     def _number(self, base: Any) -> int:
@@ -297,7 +297,7 @@ class Algebra:
                 self._directions[number] = (self._number(base.args[0]), self._number(Magnitude(base.args[0])))
         return number
 
-    def _read_new(self, node: Any) -> Terms:
+    def _read_new(self, node: Any) -> MonomialSum:
         if node.is_Number:
             return {ONE: node} if node != 0 else {}
         if node.is_Add:
@@ -318,7 +318,7 @@ class Algebra:
             )
         return self._factor(node)
 
-    def _read_product(self, node: Any) -> Terms:
+    def _read_product(self, node: Any) -> MonomialSum:
         parts = [self.read(part) for part in node.args]
         width = prod(max(len(terms), 1) for terms in parts)
         if width > WIDEST_PRODUCT:
@@ -326,12 +326,12 @@ class Algebra:
                 terms if len(terms) < 2 else self._factor(self._tidy(part))
                 for terms, part in zip(parts, node.args, strict=True)
             ]
-        product: Terms = {ONE: S.One}
+        product: MonomialSum = {ONE: S.One}
         for terms in parts:
             product = self.multiply(product, terms)
         return product
 
-    def _read_power(self, node: Any) -> Terms:
+    def _read_power(self, node: Any) -> MonomialSum:
         base, exponent = node.as_base_exp()
         if not exponent.is_Rational:
             return self._factor(Pow(self._tidy(base), exponent))
@@ -351,12 +351,12 @@ class Algebra:
             return self.read(tidy)
         return self._factor(tidy.base, tidy.exp) if tidy.is_Pow else self._factor(node)
 
-    def _whole_power(self, term: Terms, exponent: int) -> Terms:
+    def _whole_power(self, term: MonomialSum, exponent: int) -> MonomialSum:
         ((monomial, number),) = term.items()
         joined, scale = self._join((), tuple((k, e * exponent) for k, e in monomial))
         return {joined: scale * number**exponent}
 
-    def _primitive(self, terms: Terms, stated: Any) -> tuple[Terms, Any]:
+    def _primitive(self, terms: MonomialSum, stated: Any) -> tuple[MonomialSum, Any]:
         """Return a sum as (common factor, rest), so that 1/(2 x - 2 y) and 1/(y - x) have one factor."""
         number, monomial, rest = common_factor(self.merge_angles(terms))
         inside = self.write(rest)

@@ -15,7 +15,7 @@ from lagrange.evidence.precise import Precise
 from lagrange.evidence.quick import quick_check
 from lagrange.evidence.reference import DIGITS, Entries, Reference
 from lagrange.evidence.report import Report
-from lagrange.evidence.sample import KINDS, PATIENCE, Point, Sampler
+from lagrange.evidence.sample import DRAWS_PER_KIND, KINDS, Point, Sampler
 from lagrange.evidence.switches import all_ways, describe_way
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import acceleration_of
@@ -96,11 +96,11 @@ class _Session:
 
     def take(self, k: int) -> None:
         """Use one more point, going on until one lies inside the domain or patience ends."""
-        for attempt in range(PATIENCE * len(KINDS)):
+        for attempt in range(DRAWS_PER_KIND * len(KINDS)):
             if self.costly > COSTLY_REFUSALS:
                 return
-            kind = KINDS[(k + attempt // PATIENCE) % len(KINDS)]
-            if self._use(self.sampler.point(kind, attempt % PATIENCE)):
+            kind = KINDS[(k + attempt // DRAWS_PER_KIND) % len(KINDS)]
+            if self._use(self.sampler.point(kind, attempt % DRAWS_PER_KIND)):
                 return
 
     def cover_branches(self) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from lagrange.errors import RunError
 from lagrange.evidence.reference import Entries
-from lagrange.evidence.report import Row
+from lagrange.evidence.report import ReportRow
 from lagrange.evidence.sample import Point
 from lagrange.machine.model import Model
 
@@ -76,10 +76,10 @@ class Comparison:
         """Note a failure at the present point."""
         self.unexplained.append(f"{sentence}, at {self._place}")
 
-    def rows(self) -> tuple[Row, ...]:
+    def rows(self) -> tuple[ReportRow, ...]:
         """Return the table."""
         return tuple(
-            Row(
+            ReportRow(
                 quantity=row,
                 error=tally.error,
                 entry=tally.entry,

@@ -26,16 +26,16 @@ def exactly(_name: str, _index: int) -> int:
 
 
 @dataclass(frozen=True)
-class Steps:
+class DifferenceSteps:
     """Steps of the differences: one per coordinate and velocity, and one along the motion."""
 
     q: Numbers
     v: Numbers
     motion: Any
 
-    def times(self, scale: Any) -> Steps:
+    def times(self, scale: Any) -> DifferenceSteps:
         """Return all steps multiplied by `scale`, so that differences of differences extrapolate together."""
-        return Steps([scale * h for h in self.q], [scale * h for h in self.v], scale * self.motion)
+        return DifferenceSteps([scale * h for h in self.q], [scale * h for h in self.v], scale * self.motion)
 
 
 @dataclass(frozen=True)
@@ -64,12 +64,12 @@ class Singular(OutsideDomain):
     """The mass matrix has no inverse at the point asked for."""
 
 
-def momenta(source: Sources, q: Numbers, v: Numbers, t: Any, steps: Steps) -> Numbers:
+def momenta(source: Sources, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps) -> Numbers:
     """Return p = dL/dv, n numbers."""
     return _gradient(lambda x: source.for_momenta(q, x, t), v, steps.v)
 
 
-def forces(source: Sources, q: Numbers, v: Numbers, t: Any, steps: Steps) -> Numbers:
+def forces(source: Sources, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps) -> Numbers:
     """Return f = dL/dq + Q - dD/dv, n numbers."""
     total = _gradient(lambda x: source.for_forces(x, v, t), q, steps.q)
     total = [a + b for a, b in zip(total, source.forces(q, v, t), strict=True)]
@@ -79,7 +79,7 @@ def forces(source: Sources, q: Numbers, v: Numbers, t: Any, steps: Steps) -> Num
     return [a - b for a, b in zip(total, _gradient(lambda x: dissipation(q, x, t), v, steps.v), strict=True)]
 
 
-def mass_matrix(source: Sources, q: Numbers, v: Numbers, t: Any, steps: Steps) -> list[Numbers]:
+def mass_matrix(source: Sources, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps) -> list[Numbers]:
     """Return M = d2L/dv2, n rows of n numbers."""
     n = len(q)
     rows: list[Numbers] = [[0] * n for _ in range(n)]
@@ -93,7 +93,7 @@ def mass_matrix(source: Sources, q: Numbers, v: Numbers, t: Any, steps: Steps) -
     return rows
 
 
-def momentum_rate(source: Sources, q: Numbers, v: Numbers, a: Numbers, t: Any, steps: Steps) -> Numbers:
+def momentum_rate(source: Sources, q: Numbers, v: Numbers, a: Numbers, t: Any, steps: DifferenceSteps) -> Numbers:
     """Return dp/dt along the motion with velocities v and accelerations a, n numbers."""
     v_along = [x * source.nudge("velocity", i) for i, x in enumerate(v)]
     a_along = [x * source.nudge("acceleration", i) for i, x in enumerate(a)]
@@ -105,7 +105,7 @@ def momentum_rate(source: Sources, q: Numbers, v: Numbers, a: Numbers, t: Any, s
     return central(momenta_at, steps.motion)
 
 
-def residual(source: Sources, q: Numbers, v: Numbers, a: Numbers, t: Any, steps: Steps) -> Numbers:
+def residual(source: Sources, q: Numbers, v: Numbers, a: Numbers, t: Any, steps: DifferenceSteps) -> Numbers:
     """Return dp/dt - f, which vanishes when a is the acceleration."""
     rate = momentum_rate(source, q, v, a, t, steps)
     return [b - f for b, f in zip(rate, forces(source, q, v, t, steps), strict=True)]
@@ -117,7 +117,7 @@ def energy(source: Sources, v: Numbers, p: Numbers, lagrangian: Any) -> Any:
 
 
 def residual_slopes(
-    source: Sources, q: Numbers, v: Numbers, a: Numbers, t: Any, steps: Steps, columns: Sequence[int]
+    source: Sources, q: Numbers, v: Numbers, a: Numbers, t: Any, steps: DifferenceSteps, columns: Sequence[int]
 ) -> list[Numbers]:
     """Return d(dp/dt - f)/dy_j at fixed accelerations for each j in `columns`, y = (q, v).
 

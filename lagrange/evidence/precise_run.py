@@ -27,7 +27,7 @@ from sympy import Symbol
 from lagrange.errors import RunError
 from lagrange.evidence import laws
 from lagrange.evidence.differences import Numbers
-from lagrange.evidence.laws import Sources, Steps
+from lagrange.evidence.laws import DifferenceSteps, Sources
 from lagrange.evidence.operations import OutsideDomain
 from lagrange.evidence.precise import Precise
 from lagrange.machine.backend import FloatArray
@@ -81,7 +81,7 @@ def precise_run(
     Ten seconds of a double pendulum take two. Raises RunError where the run cannot go on, at a jump of the forces for
     one, and when it takes longer than `max_wall` seconds.
     """
-    run = _Run(model, parameters, digits, None if max_wall is None else time.perf_counter() + max_wall)
+    run = _PreciseRun(model, parameters, digits, None if max_wall is None else time.perf_counter() + max_wall)
     number = run.laws.number
     state = [number(x) for x in y0]
     now, found = number(t0), []
@@ -137,14 +137,14 @@ class _Laws:
             nudge=laws.exactly,
         )
 
-    def steps(self, q: FloatArray, v: FloatArray, length: float) -> Steps:
+    def steps(self, q: FloatArray, v: FloatArray, length: float) -> DifferenceSteps:
         """Return the steps of the differences over an interval, from the sizes of its states, (s, n) each."""
         unit = self.number(10) ** -self.exponent
         sizes = [np.abs(x).max(axis=0) for x in (q, v)]
         by_q, by_v = ([unit * (float(x) or 1.0) for x in size] for size in sizes)
-        return Steps(by_q, by_v, unit * abs(length))
+        return DifferenceSteps(by_q, by_v, unit * abs(length))
 
-    def residual(self, q: Numbers, v: Numbers, a: Numbers, t: Any, steps: Steps) -> Numbers:
+    def residual(self, q: Numbers, v: Numbers, a: Numbers, t: Any, steps: DifferenceSteps) -> Numbers:
         """Return dp/dt - f, n numbers, zero when a is the acceleration."""
         return laws.residual(self.source, q, v, a, t, steps)
 
@@ -174,7 +174,7 @@ class _TooLong(Exception):
     """The interval is too long for the rule."""
 
 
-class _Run:
+class _PreciseRun:
     """One run under way."""
 
     def __init__(self, model: Model, parameters: Mapping[Any, float], digits: int, deadline: float | None) -> None:

@@ -30,12 +30,12 @@ from lagrange.machine.model import Model
 from lagrange.statement.statement import Statement
 
 DIGITS = 50
-STEP = "1e-12"
+DIFFERENCE_STEP = "1e-12"
 PERTURBATION = 1e-15
 SUSPICIOUS = 1e-12
 """Residual, relative to its size, from which the accelerations are looked at one by one."""
 
-ATTEMPTS = 24
+MOST_POINTS = 24
 """Random points to try before the initial state itself, which comes last: at rest and upright, terms vanish."""
 
 CONFIRMATIONS = 3
@@ -51,8 +51,8 @@ def quick_check(model: Model) -> None:
     probe = _Probe(model.statement)
     sampler = Sampler(model.statement, seed=0)
     confirmations = 0
-    for attempt in range(ATTEMPTS + 1):
-        point = sampler.initial() if attempt == ATTEMPTS else sampler.point(KINDS[(attempt + 1) % 4], attempt)
+    for attempt in range(MOST_POINTS + 1):
+        point = sampler.initial() if attempt == MOST_POINTS else sampler.point(KINDS[(attempt + 1) % 4], attempt)
         a = _accelerations(model, point)
         if all(map(math.isfinite, a)) and not probe.suspects(point, a):
             return
@@ -132,7 +132,7 @@ class _Probe:
     def _residual(self, for_rate: Precise, for_force: Precise, point: Point, q: Any, v: Any, a: Any) -> tuple[Any, Any]:
         """Return the left-hand side and its largest term."""
         parameters = {p: self.number(x) for p, x in point.parameters.items()}
-        t, step, w = self.number(point.t), self.number(STEP), self.direction
+        t, step, w = self.number(point.t), self.number(DIFFERENCE_STEP), self.direction
 
         def slope(tape: Precise, at_q: Any, at_v: Any, at_t: Any, dq: Any, dv: Any) -> Any:
             ahead = tape(along(at_q, dq, step), along(at_v, dv, step), at_t, parameters)[0]

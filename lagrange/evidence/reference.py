@@ -17,7 +17,7 @@ from typing import Any
 
 from lagrange.evidence import laws
 from lagrange.evidence.differences import Numbers, extrapolate
-from lagrange.evidence.laws import Sources, Steps
+from lagrange.evidence.laws import DifferenceSteps, Sources
 from lagrange.evidence.operations import BeyondDoubles, OutsideDomain
 from lagrange.evidence.precise import Precise
 from lagrange.evidence.sample import Point
@@ -26,13 +26,13 @@ from lagrange.statement.statement import Statement
 DIGITS = 90
 """Digits of the evaluations: third differences with steps of 1e-18 leave 36 of them."""
 
-STEP = "1e-18"
+DIFFERENCE_STEP = "1e-18"
 """Step of the differences, relative to the argument: their error is about 1e-36 before extrapolation."""
 
 PERTURBATION = 1e-20
 """Relative perturbation of every intermediate number: far above the errors, far below anything non-linear."""
 
-NOISE = "1e-89"
+VALUE_NOISE = "1e-89"
 """Random part added to each evaluation of a perturbed L, relative to the size of L: ten roundings."""
 
 SAMPLES = 2
@@ -168,7 +168,7 @@ class Reference:
             outcomes += found.outcomes
         return outcomes
 
-    def _perturbed(self, k: int, point: Point, steps: Steps, columns: Sequence[int]) -> Numbers:
+    def _perturbed(self, k: int, point: Point, steps: DifferenceSteps, columns: Sequence[int]) -> Numbers:
         """Return the quantities with every number a little off."""
         draw = random.Random(k)
         factors: dict[tuple[str, int], Any] = {}
@@ -183,7 +183,7 @@ class Reference:
             # What differencing makes of the rounding of L itself must not pass for an entry: where an entry is zero
             # by structure it is all there is. Noise ten times as large lifts the size above it, and never by nothing.
             exact, off = (f(point.q, point.v, point.t, parameters)[-1] for f in (plain, tape))
-            amplitude = self.number(NOISE) * max(abs(exact), abs(off - exact) / self.number(PERTURBATION))
+            amplitude = self.number(VALUE_NOISE) * max(abs(exact), abs(off - exact) / self.number(PERTURBATION))
             return lambda q, v, t: tape(q, v, t, parameters)[-1] + amplitude * draw.uniform(-1.0, 1.0)
 
         *energies, loads = self._samples[k]
@@ -221,8 +221,8 @@ class Reference:
     def _parameters(self, point: Point) -> dict[Any, Any]:
         return {p: self.number(x) for p, x in point.parameters.items()}
 
-    def _steps(self, point: Point) -> Steps:
-        step = self.number(STEP)
+    def _steps(self, point: Point) -> DifferenceSteps:
+        step = self.number(DIFFERENCE_STEP)
         sizes_q = [abs(self.number(x)) or self.number(1) for x in point.q]
         sizes_v = [abs(self.number(x)) or self.number(1) for x in point.v]
         # Along the motion a step must change no argument by more than its own step: in SI units a second is nothing
@@ -230,9 +230,11 @@ class Reference:
         times = [size / abs(x) for size, x in zip(sizes_q, point.v, strict=True) if x]
         if self.lagrangian.uses_time or not times:
             times.append(abs(self.number(point.t)) or self.number(1))
-        return Steps([step * x for x in sizes_q], [step * x for x in sizes_v], step * min(times))
+        return DifferenceSteps([step * x for x in sizes_q], [step * x for x in sizes_v], step * min(times))
 
-    def _laws(self, source: Sources, point: Point, steps: Steps, columns: Sequence[int]) -> dict[str, Numbers]:
+    def _laws(
+        self, source: Sources, point: Point, steps: DifferenceSteps, columns: Sequence[int]
+    ) -> dict[str, Numbers]:
         q, v = [list(map(self.number, x)) for x in (point.q, point.v)]
         t, n, zero = self.number(point.t), len(point.q), self.number(0)
         lagrangian = source.for_forces(q, v, t)

@@ -35,7 +35,7 @@ TIGHTEST = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
-class Truth:
+class ReferenceSolution:
     """The right states at each of the `times`, 2n numbers each, and a bound on their errors.
 
     `uncertainty` is in the norm that errors are measured in; `about` says in a sentence where the states come from.
@@ -53,9 +53,9 @@ class Truth:
         return max(_distance(column, state, unit) for column, state in zip(y.T.tolist(), self.states, strict=True))
 
 
-def truth(
+def reference_solution(
     problem: Problem, times: Sequence[float], given: Any, digits: int | None, unit: FloatArray, growth: float
-) -> Truth:
+) -> ReferenceSolution:
     """Return what is right at `times`.
 
     `given` is None for an independent run in multiple precision, an array (2n,) or (2n, K), or a method as name or
@@ -74,12 +74,12 @@ def truth(
             f"the {len(times)} times of the race, one column each, all of them finite; or a method."
         )
     bound = float((np.abs(np.spacing(states)) / 2 / unit[:, None]).max())
-    return Truth(tuple(times), tuple(map(tuple, states.T.tolist())), bound, "the states given as reference")
+    return ReferenceSolution(tuple(times), tuple(map(tuple, states.T.tolist())), bound, "the states given as reference")
 
 
 def _independent(
     problem: Problem, times: Sequence[float], digits: int | None, unit: FloatArray, growth: float
-) -> Truth:
+) -> ReferenceSolution:
     chosen = DIGITS if digits is None else _digits(digits)
     if not growth < 10.0 ** (chosen - APART):
         raise RunError(
@@ -99,10 +99,10 @@ def _independent(
         raise RunError(f"{error} Give the race another reference=, such as a method.") from error
     bound = max(_distance(a, b, unit) for a, b in zip(rough, states, strict=True))
     about = f"an independent run of {chosen} digits, from differences of the stated energies"
-    return Truth(tuple(times), states, bound, about)
+    return ReferenceSolution(tuple(times), states, bound, about)
 
 
-def _by_method(problem: Problem, times: Sequence[float], given: Any, unit: FloatArray) -> Truth:
+def _by_method(problem: Problem, times: Sequence[float], given: Any, unit: FloatArray) -> ReferenceSolution:
     """Return what a method gives; it is known as far as another one, at its tightest, agrees."""
     method = find(given)
     own = isinstance(given, str) and method.claims.adaptive
@@ -110,7 +110,9 @@ def _by_method(problem: Problem, times: Sequence[float], given: Any, unit: Float
     first = _states(problem, times, given, TIGHTEST if own else None)
     second = _states(problem, times, other, TIGHTEST)
     bound = max(_distance(a, b, unit) for a, b in zip(first, second, strict=True))
-    return Truth(tuple(times), first, bound, f"a run of {method.name}, held against {other} at its tightest")
+    return ReferenceSolution(
+        tuple(times), first, bound, f"a run of {method.name}, held against {other} at its tightest"
+    )
 
 
 def _states(problem: Problem, times: Sequence[float], method: Any, tolerance: float | None) -> tuple[Any, ...]:

@@ -9,7 +9,7 @@ from typing import Any
 
 
 @dataclass(frozen=True)
-class Row:
+class ReportRow:
     """One compiled quantity against its reference.
 
     `error` is the worst error found, relative to the size of the terms that the entry is made of, infinite where a
@@ -48,7 +48,7 @@ class Report:
 
     system: str
     target: str
-    rows: tuple[Row, ...]
+    rows: tuple[ReportRow, ...]
     points: tuple[str, ...]
     outside: Mapping[str, int]
     unexplained: tuple[str, ...]

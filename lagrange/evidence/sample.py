@@ -48,7 +48,7 @@ KINDS = (
 hides behind another 20 orders of magnitude larger, as one body's does behind the sun's in real units; parameters off
 their defaults tell m1 from m2 where both are 1, and c from nothing where it is 0."""
 
-PATIENCE = 40
+DRAWS_PER_KIND = 40
 """Points of one kind to try before going on to the next kind."""
 
 

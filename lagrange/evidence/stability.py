@@ -24,13 +24,13 @@ from lagrange.trajectory.plan import Stepped
 
 FloatArray = NDArray[np.float64]
 
-ROUND_OFF = 1e-9
+GROWTH_TOLERANCE = 1e-9
 """A growth by less than this is none, per step: eigenvalues of matrices that are not normal lose some digits."""
 
 SEEN = 1e-13
 """Growth of a step that is more than the rounding of its matrix and of its eigenvalues."""
 
-FARTHEST, HALVINGS = 1e4, 60
+LARGEST_EXTENT, BISECTIONS = 1e4, 60
 """How far out a limit is looked for, in units of one over the step, and how often the place is halved."""
 
 
@@ -157,15 +157,15 @@ def stability(method: Any) -> Stability:
 
 def _extent(step: StepProgram, direction: complex) -> float:
     """Return the first place along a direction behind which a step amplifies."""
-    grid = np.concatenate([np.linspace(0.01, 20.0, 2000), np.geomspace(20.0, FARTHEST, 400)])
-    unstable = growth(step, direction * grid) > 1.0 + ROUND_OFF * np.maximum(1.0, grid)
+    grid = np.concatenate([np.linspace(0.01, 20.0, 2000), np.geomspace(20.0, LARGEST_EXTENT, 400)])
+    unstable = growth(step, direction * grid) > 1.0 + GROWTH_TOLERANCE * np.maximum(1.0, grid)
     if not unstable.any():
         return np.inf
     first = int(np.argmax(unstable))
     low, high = (grid[first - 1] if first else 0.0), grid[first]
-    for _ in range(HALVINGS):
+    for _ in range(BISECTIONS):
         middle = (low + high) / 2
-        bad = growth(step, [direction * middle])[0] > 1.0 + ROUND_OFF * max(1.0, middle)
+        bad = growth(step, [direction * middle])[0] > 1.0 + GROWTH_TOLERANCE * max(1.0, middle)
         low, high = (low, middle) if bad else (middle, high)
     # Where a step amplifies all the way from zero, by little at first, it is stable nowhere.
     before = growth(step, direction * low * np.array([0.5, 0.7, 0.9]))

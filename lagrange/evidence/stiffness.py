@@ -18,10 +18,10 @@ from lagrange.trajectory.paths.step_paths import RungeKuttaPath
 from lagrange.trajectory.tableaux.butcher import ButcherTableau
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
-LOOKS = 20
+SAMPLED_STEPS = 20
 """So many of the accepted steps are looked at, evenly spread; a run of fewer than three times as many is not."""
 
-GROWTH = 1e-5
+MODE_GROWTH = 1e-5
 """By what part a step may enlarge a mode where its limit of stability is set. In the some 1e5 steps of a stiff run
 that is a factor e. On the imaginary axis it matters how little it is: |R| of dopri5 exceeds 1 from 1.0 on and 1.01 from
 1.7 on, of tsit5 from 0.48 on and by 1e-5 from 0.75 on, and their steps settle at 0.9 to 1.0 and at 0.64 to 0.85."""
@@ -30,7 +30,7 @@ NEAR = 0.6
 """A step longer than this part of the limit is at the limit: of the library's scenes only those run at rtol = 1e-3 come
 so far, up to 0.7, and stiff runs swing about 0.7 to 1."""
 
-BEYOND = 1.5
+MOST_OVERSHOOT = 1.5
 """Step control does not let a step grow so many times beyond the limit; equal steps may be there, and the run fails."""
 
 SLOWER = 30.0
@@ -78,7 +78,7 @@ class Stiffness:
 
     def sentence(self) -> str:
         """Return the finding and the remedy in words."""
-        where = "near" if self.product < BEYOND * self.limit else "beyond"
+        where = "near" if self.product < MOST_OVERSHOOT * self.limit else "beyond"
         return (
             f"stiff: at {self.share:.0%} of the steps looked at, h * {self.rate:.2g} = {self.product:.2g} is {where} "
             f"the stability limit {self.limit:.2g} of {self.method}, while the solution changes {self.slower:.2g} "
@@ -93,9 +93,9 @@ def stiffness(model: Model, trajectory: Trajectory, parameters: Mapping[Any, Any
     steps, and only if the solution moves little over most of them.
     """
     path = trajectory.dense
-    if not isinstance(path, (RungeKuttaPath, SeriesPath)) or len(path.times) <= 3 * LOOKS:
+    if not isinstance(path, (RungeKuttaPath, SeriesPath)) or len(path.times) <= 3 * SAMPLED_STEPS:
         return None
-    steps = np.linspace(0, len(path.times) - 2, LOOKS + 2).astype(int)[1:-1]
+    steps = np.linspace(0, len(path.times) - 2, SAMPLED_STEPS + 2).astype(int)[1:-1]
     polynomial = taylor_polynomial(path.order) if isinstance(path, SeriesPath) else stability_polynomial(path.tableau)
     values = model.parameter_array(dict(parameters))
     h = path.times[steps + 1] - path.times[steps]
@@ -198,7 +198,7 @@ def taylor_polynomial(order: int) -> Polynomial:
 @lru_cache(maxsize=4096)
 def _limit(polynomial: Polynomial, angle: float) -> float:
     def grows(r: FloatArray) -> FloatArray:
-        return np.asarray(np.abs(np.polyval(polynomial[::-1], r * np.exp(1j * angle))) > 1 + GROWTH)
+        return np.asarray(np.abs(np.polyval(polynomial[::-1], r * np.exp(1j * angle))) > 1 + MODE_GROWTH)
 
     # |R| > 1 for certain beyond twice the degree, where the last term is larger than all others together.
     r = np.linspace(0, 4.0 * len(polynomial), 4001)

@@ -25,7 +25,7 @@ SAFETY = 10.0
 the largest true error until a horizon was a ninth of what was claimed, and a twentieth of it where rounding decides
 (docs/benchmarks/hard-cases.md)."""
 
-TWINS: tuple[tuple[str, float, float], ...] = (
+COMPARISON_METHODS: tuple[tuple[str, float, float], ...] = (
     ("taylor", 1.2e-16, 0.0),
     ("dop853", 2.3e-14, 0.0),
     ("taylor", 1e-15, 4.0),
@@ -35,10 +35,10 @@ TWINS: tuple[tuple[str, float, float], ...] = (
 WITNESSES = 2
 """So many twins must have come as far as the horizon."""
 
-LOOKS, MOST_LOOKS = 4, 4000
+TIMES_PER_STEP, MOST_TIMES = 4, 4000
 """Looks into every step of the run, its end included, and about how many there are at most."""
 
-ROUNDING = 2.0**-52
+START_PERTURBATION = 2.0**-52
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,12 +92,12 @@ def trust_horizon(
     if allowed <= 0:
         raise StatementError(f"error = {allowed:g}: give a positive one, such as 1e-3.")
     found, values = integrate(model, span, initial, RunOptions(method, rtol, atol, step, parameters=parameters))
-    times = _looks(found.t)
+    times = _comparison_times(found.t)
     states = found.dense(times)
     size = np.abs(states).max(axis=1)
     unit = np.where(size > 0, size, 1.0) if relative else np.ones(len(size))
     ends, differences, witnesses = [], [], []
-    for name, twin in _twins(model, found, values, np.abs(states[:, : len(times) // 10 + 2]).max(axis=1)):
+    for name, twin in _comparison_runs(model, found, values, np.abs(states[:, : len(times) // 10 + 2]).max(axis=1)):
         reached = (times - twin.span[1]) * np.sign(times[-1] - times[0]) <= 0
         apart = np.zeros(len(times))
         apart[reached] = (np.abs(twin.dense(times[reached]) - states[:, reached]) / unit[:, None]).max(axis=0)
@@ -106,7 +106,7 @@ def trust_horizon(
         witnesses.append(name)
     if len(ends) < WITNESSES:
         raise RunError(f"no two other methods run {model.statement.name} from there: nothing to hold the run against.")
-    rounded = ROUNDING * (np.abs(states) / unit[:, None]).max(axis=0)
+    rounded = START_PERTURBATION * (np.abs(states) / unit[:, None]).max(axis=0)
     bounds = SAFETY * np.maximum.accumulate(np.max([*differences, rounded], axis=0))
     last = min(sorted(ends)[-WITNESSES], int(np.searchsorted(bounds, allowed, side="right"))) - 1
     whole = last == len(times) - 1 and found.status.at_end
@@ -131,16 +131,16 @@ def _compiled(system: Any) -> Model:
     return model
 
 
-def _looks(marks: FloatArray) -> FloatArray:
+def _comparison_times(marks: FloatArray) -> FloatArray:
     """Return times (K,) that divide each of the steps, or fewer of them, the first and the last among them."""
-    parts = np.arange(1, LOOKS + 1) / LOOKS
+    parts = np.arange(1, TIMES_PER_STEP + 1) / TIMES_PER_STEP
     inner = marks[:-1, None] + np.diff(marks)[:, None] * parts
     inner[:, -1] = marks[1:]
-    every = -(-inner.size // MOST_LOOKS)
+    every = -(-inner.size // MOST_TIMES)
     return np.concatenate([marks[:1], inner.ravel()[::-1][::every][::-1]])
 
 
-def _twins(
+def _comparison_runs(
     model: Model, found: Trajectory, values: Mapping[Any, float], size: FloatArray
 ) -> Iterator[tuple[str, Trajectory]]:
     """Yield the twins that run at all, each with a name; `size` (2n,) is that of the states soon after the start."""
@@ -148,8 +148,8 @@ def _twins(
     start = found.dense(found.t[:1])[:, 0]
     moving = np.where(start == 0, size, np.abs(start))
     signs = np.where(np.arange(len(start)) % 2, -1.0, 1.0)
-    for method, tolerance, off in TWINS:
-        moved = start + off * ROUNDING * signs * moving
+    for method, tolerance, off in COMPARISON_METHODS:
+        moved = start + off * START_PERTURBATION * signs * moving
         try:
             twin, _ = integrate(
                 model,

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import LagrangeError, RunError, StatementError, listing, shown
-from lagrange.evidence.reference_solution import Truth, truth
+from lagrange.evidence.reference_solution import ReferenceSolution, reference_solution
 from lagrange.evidence.sensitivity import Sensitivity, sensitivity
 from lagrange.machine.model import Model
 from lagrange.statement.expression import entries
@@ -25,16 +25,16 @@ from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 14))
 
-RUNGS = 9
+STEP_SIZES = 9
 """Steps of the ladder that is used where no steps are given, each half of the one before."""
 
-SCOUT = "dop853"
+PRELIMINARY_METHOD = "dop853"
 """The method of the runs before the race: a Taylor step may span half an oscillation, and its ends hide the sizes."""
 
-PER_STEP = 4
-"""The longest of them: a step of the scout at `ROUGH`, divided by this, which is where RK4 begins to see the motion."""
+STEPS_PER_PRELIMINARY = 4
+"""The longest step is that of dop853 at `COARSE_RTOL` divided by this: there RK4 begins to resolve the motion."""
 
-ROUGH, FINE = 1e-6, 1e-11
+COARSE_RTOL, FINE_RTOL = 1e-6, 1e-11
 """Tolerances of the scout's runs from which the ladder comes, and from which sizes and growth of errors come."""
 
 RACED = (
@@ -54,19 +54,19 @@ RACED = (
 """Raced by default, one or two of a kind: the series, explicit with and without step control, symplectic, implicit, and
 SciPy's best. All that are here would take minutes, and lie close to one of these."""
 
-FEWEST = 16
+FEWEST_STEPS = 16
 """Steps of the longest ones at least."""
 
-NOTABLE = 1e4
+NOTABLE_GROWTH = 1e4
 """Growth of errors that is worth a sentence."""
 
-MINUTE = 60.0
+FINE_RUN_SECONDS = 60.0
 """Seconds that the fine run is given in any case."""
 
-MEASURABLE = 1e-3
+SHORTEST_TIMING = 1e-3
 """Seconds that a timing takes at least; a shorter run is repeated within it."""
 
-HOPELESS = 1e-3
+LARGEST_UNCERTAINTY = 1e-3
 """Part of the size of the states from which rounding alone, or a doubt in the reference, decides the race."""
 
 REFUSED, SKIPPED = "refused", "skipped"
@@ -109,7 +109,7 @@ class Result:
     """
 
     entries: tuple[Entry, ...]
-    truth: Truth
+    reference: ReferenceSolution
     sensitivity: Sensitivity
     size: tuple[float, ...]
     unit: tuple[float, ...]
@@ -117,7 +117,7 @@ class Result:
 
 
 @dataclass(frozen=True)
-class Terms:
+class RaceSettings:
     """What is raced for, and how it is timed; `times` are those at which errors are looked at."""
 
     times: tuple[float, ...]
@@ -134,46 +134,46 @@ def race(
     initial: Mapping[Any, Any] | None,
     parameters: Mapping[Any, Any] | None,
     methods: Iterable[Any] | None,
-    chosen: Terms,
+    chosen: RaceSettings,
     reference: Any = None,
     digits: int | None = None,
 ) -> Result:
     """Measure every method at every setting. Raises StatementError, or RunError where nothing can be measured."""
-    contestants = _contestants(methods)
-    run, values = _fine_run(model, span, initial, parameters, max(chosen.max_wall, MINUTE))
+    labelled = _labelled_methods(methods)
+    run, values = _fine_run(model, span, initial, parameters, max(chosen.max_wall, FINE_RUN_SECONDS))
     t0, t1 = map(float, span)
     problem = Problem(model, values, t0, t1, run.y[:, 0].copy(), max_wall=chosen.max_wall)
     size = np.abs(run.y).max(axis=1)
     size = np.where(size > 0, size, 1.0)
     unit = size if chosen.relative else np.ones_like(size)
     growth = sensitivity(model, run, problem.parameters, size, unit)
-    right = truth(problem, chosen.times, reference, digits, unit, growth.growth)
-    if not right.uncertainty < HOPELESS * float((size / unit).max()):
+    right = reference_solution(problem, chosen.times, reference, digits, unit, growth.growth)
+    if not right.uncertainty < LARGEST_UNCERTAINTY * float((size / unit).max()):
         raise RunError(
             f"the reference is known to {right.uncertainty:.1e} only, so there is nothing to measure errors against: a "
             f"relative error grows by {growth.growth:.0e} on the way. End the race earlier, or give another reference."
         )
-    heat = _Heat(problem, chosen, right, unit)
+    measured = _Measurements(problem, chosen, right, unit)
     entries: list[Entry] = []
     refused: dict[str, list[str]] = {}
-    for label, method in contestants:
-        settings = chosen.tolerances if method.claims.adaptive else chosen.steps or _ladder(problem)
-        found = list(heat.run(label, method, settings))
+    for label, method in labelled:
+        settings = chosen.tolerances if method.claims.adaptive else chosen.steps or _step_sizes(problem)
+        found = list(measured.run(label, method, settings))
         if methods is None and all(entry.status == REFUSED for entry in found):
             refused.setdefault(found[0].message.removeprefix(label), []).append(label)
         else:
             entries += found
     absent = (f"Left out: {listing(labels)}. {labels[0]}{why}" for why, labels in refused.items())
-    notes = (*_omens(growth, size, unit), *absent)
+    notes = (*_growth_notes(growth, size, unit), *absent)
     return Result(tuple(entries), right, growth, tuple(size.tolist()), tuple(unit.tolist()), notes)
 
 
-class _Heat:
+class _Measurements:
     """Everything that the runs of a race have in common."""
 
-    def __init__(self, problem: Problem, terms: Terms, right: Truth, unit: FloatArray) -> None:
-        self.problem, self.terms, self.truth, self.unit = problem, terms, right, unit
-        self.outputs = np.array(terms.times) if len(terms.times) > 1 else None
+    def __init__(self, problem: Problem, settings: RaceSettings, right: ReferenceSolution, unit: FloatArray) -> None:
+        self.problem, self.settings, self.reference, self.unit = problem, settings, right, unit
+        self.outputs = np.array(settings.times) if len(settings.times) > 1 else None
 
     def run(self, label: str, method: Integrator, settings: Sequence[float]) -> Iterator[Entry]:
         """Yield the entries of a method, from the coarsest setting to the finest."""
@@ -187,7 +187,7 @@ class _Heat:
         adaptive = method.claims.adaptive
         blank = Entry(label, adaptive, setting)
         if late is not None:
-            message = f"not run: at {late:.3g} it took longer than {self.terms.max_wall:g} s."
+            message = f"not run: at {late:.3g} it took longer than {self.settings.max_wall:g} s."
             return replace(blank, status=SKIPPED, message=message)
         chosen: dict[str, Any] = {"rtol": setting} if adaptive else {"step": setting}
         problem = replace(self.problem, t_eval=self.outputs, **chosen)
@@ -202,16 +202,16 @@ class _Heat:
             seconds, timed = self._timed(run, found.wall)
         except LagrangeError as refusal:
             return replace(blank, message=str(refusal))
-        error = self.truth.error(y, self.unit)
-        bound = self.truth.uncertainty
+        error = self.reference.error(y, self.unit)
+        bound = self.reference.uncertainty
         return replace(blank, error=max(error, bound), resolved=error > bound, time=seconds, timed=timed)
 
     def _timed(self, run: Callable[[], FloatArray], single: float) -> tuple[float, int]:
         """Return the least seconds of a run that takes about `single`, and how often it was timed."""
         least, timed = math.inf, 0
-        count = max(1, math.ceil(MEASURABLE / max(single, 1e-9)))
+        count = max(1, math.ceil(SHORTEST_TIMING / max(single, 1e-9)))
         began = time.perf_counter()
-        while timed < self.terms.repeats and (not timed or time.perf_counter() - began < self.terms.max_wall):
+        while timed < self.settings.repeats and (not timed or time.perf_counter() - began < self.settings.max_wall):
             start = time.perf_counter()
             for _ in range(count):
                 run()
@@ -229,7 +229,7 @@ class _Heat:
         return lambda: flow(problem.y0, problem.t0, problem.t1, problem.parameters)[:, None]
 
 
-def terms(
+def race_settings(
     span: Sequence[float],
     *,
     tolerances: Any = TOLERANCES,
@@ -238,7 +238,7 @@ def terms(
     max_wall: Any = 10.0,
     outputs: Any = None,
     relative: bool = False,
-) -> Terms:
+) -> RaceSettings:
     """Return what is raced for, checked. Raises StatementError for what cannot be meant.
 
     `outputs` is the number of equally spaced times at which errors are looked at, None for the end alone.
@@ -251,7 +251,7 @@ def terms(
         raise StatementError(f"max_wall = {shown(max_wall)}: give a positive number of seconds.")
     count = 1 if outputs is None else _whole("outputs", outputs)
     times = [t0 + (t1 - t0) * k / count for k in range(1, count)]
-    return Terms(
+    return RaceSettings(
         times=(*times, t1),
         tolerances=_sizes("tolerances", tolerances),
         steps=None if steps is None else _sizes("steps", steps),
@@ -279,7 +279,7 @@ def _sizes(what: str, given: Any) -> tuple[float, ...]:
     return tuple(dict.fromkeys(numbers))
 
 
-def _contestants(methods: Any) -> list[tuple[str, Integrator]]:
+def _labelled_methods(methods: Any) -> list[tuple[str, Integrator]]:
     """Return the methods with the names that tell them apart."""
     if methods is None:
         chosen: list[Any] = list(RACED)
@@ -306,7 +306,9 @@ def _fine_run(
     max_wall: float,
 ) -> tuple[Trajectory, dict[Any, float]]:
     """Return the run from which the sizes of the states and the growth of errors come, and the parameters' values."""
-    run, values = integrate(model, span, initial, RunOptions(SCOUT, FINE, max_wall=max_wall, parameters=parameters))
+    run, values = integrate(
+        model, span, initial, RunOptions(PRELIMINARY_METHOD, FINE_RTOL, max_wall=max_wall, parameters=parameters)
+    )
     if not _checked(run).status.complete:
         raise RunError(f"there is no end to race for: {run.message}")
     return run, values
@@ -319,21 +321,21 @@ def _checked(found: Trajectory) -> Trajectory:
     return found
 
 
-def _ladder(problem: Problem) -> tuple[float, ...]:
+def _step_sizes(problem: Problem) -> tuple[float, ...]:
     """Return the steps that methods with equal steps are tried at where none are given."""
-    rough = find(SCOUT).integrate(replace(problem, rtol=ROUGH))
-    count = max(FEWEST, PER_STEP * rough.steps)
-    return tuple(abs(problem.t1 - problem.t0) / (count << k) for k in range(RUNGS))
+    preliminary = find(PRELIMINARY_METHOD).integrate(replace(problem, rtol=COARSE_RTOL))
+    count = max(FEWEST_STEPS, STEPS_PER_PRELIMINARY * preliminary.steps)
+    return tuple(abs(problem.t1 - problem.t0) / (count << k) for k in range(STEP_SIZES))
 
 
-def _omens(found: Sensitivity, size: FloatArray, unit: FloatArray) -> Iterator[str]:
+def _growth_notes(found: Sensitivity, size: FloatArray, unit: FloatArray) -> Iterator[str]:
     """Yield what the growth of errors means for every method alike."""
-    if found.floor > HOPELESS * float((size / unit).max()):
+    if found.floor > LARGEST_UNCERTAINTY * float((size / unit).max()):
         yield (
             f"No method can win: an error grows up to {found.growth:.0e} times, and rounding a single state to double "
             "precision decides where the run ends. Compare methods over a shorter time."
         )
-    elif found.growth > NOTABLE:
+    elif found.growth > NOTABLE_GROWTH:
         yield (
             f"Errors grow up to {found.growth:.0e} times until the end. Rounding a single state to double precision "
             f"moves the end by {found.floor:.0e}: smaller errors are luck."

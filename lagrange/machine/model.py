@@ -128,10 +128,10 @@ class Model:
 
     @cached_property
     def square_roots(self) -> Mapping[Node, Node]:
-        """The square roots of what has a fractional power in momenta and forces; see `roots_in`."""
-        return self.roots_in((*self.equations.momenta, *self.equations.forces))
+        """The square roots of what has a fractional power in momenta and forces; see `square_roots_in`."""
+        return self.square_roots_in((*self.equations.momenta, *self.equations.forces))
 
-    def roots_in(self, nodes: Iterable[Node]) -> Mapping[Node, Node]:
+    def square_roots_in(self, nodes: Iterable[Node]) -> Mapping[Node, Node]:
         """Return the square roots of what has a fractional power in some nodes, with what is under each.
 
         Where one is zero no series goes on, and none is seen to end: sqrt(x**2) continues as x. A root in a branch that

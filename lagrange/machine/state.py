@@ -80,7 +80,7 @@ class DriverState:
         floats[self.CAUSE] = Outcome.STEP_TOO_SMALL
         floats[self.LONGEST] = math.inf
         integers[self.RECORD] = 1
-        self.taylor: Any = TAYLOR.structure(scale=1.0, once=math.inf, limit=math.inf)
+        self.taylor: Any = TAYLOR.structure(scale=1.0, next_limit=math.inf, limit=math.inf)
         self.fault: Any = None
         self.kept = 0
         self.addresses = (self.reals.ctypes.data, self.counts.ctypes.data)

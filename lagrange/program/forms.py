@@ -17,7 +17,7 @@ from heapq import heapify, heappop, heappush
 from lagrange.graph.differentiate import tangents
 from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, exact, reachable
 
-Terms = tuple[tuple[Exact, Node], ...]
+LinearTerms = tuple[tuple[Exact, Node], ...]
 """Sum of coefficient * node, kept apart: the graph would take out common factors again."""
 
 MOST_TERMS = 4096
@@ -33,7 +33,7 @@ class Momentum:
     `swept` has (c, C, Y), `inner` has (c, s, node) with the node of another momentum and s constant.
     """
 
-    terms: Terms = ()
+    terms: LinearTerms = ()
     swept: tuple[tuple[Exact, Node, Node], ...] = ()
     inner: tuple[tuple[Exact, Node, Node], ...] = ()
 
@@ -44,7 +44,7 @@ class Form:
 
     momenta: tuple[Node, ...]
     parts: Mapping[Node, Momentum]
-    forces: tuple[Terms, ...]
+    forces: tuple[LinearTerms, ...]
 
     @property
     def nodes(self) -> list[Node]:
@@ -124,7 +124,7 @@ def _is_scaled(node: Node) -> bool:
     return len(node.args) == 1 and not node.data[0]
 
 
-def _terms(graph: Graph, expansion: Expansion) -> Terms:
+def _terms(graph: Graph, expansion: Expansion) -> LinearTerms:
     return tuple((c, graph.product(factors)) for factors, c in expansion.items() if c)
 
 

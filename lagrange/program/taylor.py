@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from lagrange.equations.euler_lagrange import Equations, bias_forces
 from lagrange.graph.node import Binding, Exact, Kind, Node
-from lagrange.program.forms import Form, Momentum, Terms, forms
+from lagrange.program.forms import Form, LinearTerms, Momentum, forms
 from lagrange.program.lower import lower
 from lagrange.program.recurrence import Builder, known_node
 from lagrange.program.series import Rule, SeriesProgram, Stage, convolutions, integrated, kept_values, lagged_values
@@ -114,7 +114,7 @@ class _Assembly:
             return None
         return b.add(Rule("linear", tuple(args), tuple(b.constant(c) for c in args.values())), None, graph.zero)
 
-    def force(self, terms: Terms) -> int | None:
+    def force(self, terms: LinearTerms) -> int | None:
         """Return the value of a force."""
         graph = self.equations.graph
         if not terms:

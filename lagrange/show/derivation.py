@@ -28,7 +28,7 @@ class Quantity:
     index: str = ""
 
 
-Row = tuple[Any, Any] | str
+TableRow = tuple[Any, Any] | str
 """A formula, as its two sides, or a sentence. A side is a SymPy expression or a Quantity."""
 
 
@@ -37,7 +37,7 @@ class Section:
     """A heading and what stands below it."""
 
     heading: str
-    rows: tuple[Row, ...]
+    rows: tuple[TableRow, ...]
 
 
 def render(derivation: Derivation, style: str = "text", findings: Sequence[str] = ()) -> str:
@@ -63,7 +63,7 @@ def _sections(derivation: Derivation) -> Iterator[Section]:
     statement = derivation.statement
     yield Section("Stated", tuple(_stated(statement)))
     accelerations = list(statement.plain.values())[2::3]
-    parts: tuple[tuple[str, Callable[[], list[Row]]], ...] = (
+    parts: tuple[tuple[str, Callable[[], list[TableRow]]], ...] = (
         ("Lagrangian", lambda: [(Quantity("L"), derivation.lagrangian)]),
         (
             "Momenta",
@@ -82,7 +82,7 @@ def _sections(derivation: Derivation) -> Iterator[Section]:
             yield Section(heading, (f"Not written out: {refusal}",))
 
 
-def _stated(statement: Statement) -> Iterator[Row]:
+def _stated(statement: Statement) -> Iterator[TableRow]:
     if statement.about:
         yield statement.about
     if statement.source:

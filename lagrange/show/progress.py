@@ -8,13 +8,13 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
-PATIENCE = 2.0
+SILENT_SECONDS = 2.0
 """Seconds before a line says that something is being compiled."""
 
 
 @contextmanager
 def compiling(name: str, *, wanted: bool) -> Iterator[None]:
-    """Say on a terminal what is being compiled, and for how long, where that takes more than `PATIENCE`."""
+    """Say on a terminal what is being compiled, and for how long, where that takes more than `SILENT_SECONDS`."""
     if not wanted or not _on_a_terminal():
         yield
         return
@@ -31,7 +31,7 @@ def compiling(name: str, *, wanted: bool) -> Iterator[None]:
 def _tell(name: str, done: threading.Event, began: float) -> None:
     """Rewrite one line each second until it is done, and take it away."""
     line = ""
-    pause = PATIENCE
+    pause = SILENT_SECONDS
     while not done.wait(pause):
         line = f"compiling {name}: {time.perf_counter() - began:.0f} s"
         sys.stderr.write(f"\r{line}")

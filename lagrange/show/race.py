@@ -85,7 +85,7 @@ class Race:
     @property
     def uncertainty(self) -> float:
         """A bound on the error of the reference itself, in the measure of the errors; none is reported below it."""
-        return self.result.truth.uncertainty
+        return self.result.reference.uncertainty
 
     @property
     def floor(self) -> float:
@@ -112,7 +112,7 @@ class Race:
 
     def measure(self) -> str:
         """Return what an error is, in words."""
-        count = len(self.result.truth.times)
+        count = len(self.result.reference.times)
         where = f"t = {self.span[1]:g}" if count == 1 else f"{count} times"
         return f"largest error of the state at {where}" + (", relative to each entry's size" if self.relative else "")
 
@@ -124,7 +124,7 @@ class Race:
             "t_end": self.span[1],
             "measure": self.measure(),
             "relative": self.relative,
-            "reference": self.result.truth.about,
+            "reference": self.result.reference.about,
             "uncertainty": _finite(self.uncertainty),
             "growth": _finite(self.growth),
             "floor": _finite(self.floor),
@@ -179,7 +179,7 @@ class Race:
 
     def _remarks(self) -> list[str]:
         lines = [
-            f"Errors are against {self.result.truth.about}, itself known to {self.uncertainty:.1e}.",
+            f"Errors are against {self.result.reference.about}, itself known to {self.uncertainty:.1e}.",
             *(self._winner(goal) for goal in GOALS),
             *self.notes,
         ]

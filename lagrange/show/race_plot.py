@@ -42,7 +42,7 @@ def plot(race: Race) -> Figure:
     _mark_limits(axis, race)
     _dress(axis, race)
     failed = len(race) - len(shown)
-    below = [f"Reference: {race.result.truth.about}, known to {race.uncertainty:.1e}."]
+    below = [f"Reference: {race.result.reference.about}, known to {race.uncertainty:.1e}."]
     below += [f"{failed} of {len(race)} runs did not reach the end and are not shown."] if failed else []
     if not all(entry.resolved for entry in shown):
         below.append("A mark that no line leads to is a bound: the reference cannot tell such a small error.")
@@ -117,7 +117,7 @@ def _dress(axis: Axes, race: Race) -> None:
     start, end = race.span
     axis.set_title(f"{race.system}, t = {start:g} to {end:g}", loc="left", fontsize=11, color=_INK)
     unit = "in parts of each entry's size" if race.relative else "in the state's units"
-    where = "at the end" if len(race.result.truth.times) == 1 else f"at {len(race.result.truth.times)} times"
+    where = "at the end" if len(race.result.reference.times) == 1 else f"at {len(race.result.reference.times)} times"
     axis.set_xlabel("time of one run / s", color=_INK)
     axis.set_ylabel(f"largest error {where}, {unit}", color=_INK)
     axis.spines[["top", "right"]].set_visible(False)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lagrange.errors import StatementError
-from lagrange.evidence.stability import ROUND_OFF, growth, step_of
+from lagrange.evidence.stability import GROWTH_TOLERANCE, growth, step_of
 from lagrange.show.colours import colours
 from lagrange.statement.number import real_number
 from lagrange.trajectory.methods.registry import find
@@ -42,8 +42,8 @@ def plot_stability(*methods: Any, left: float = -8.0, right: float = 4.0, top: f
     everywhere = np.ones(grid.shape, dtype=bool)
     for method, colour in zip(methods, colours(len(methods)), strict=True):
         sizes = growth(step_of(method), plane)
-        axis.contour(x, y, sizes, levels=[1.0 + ROUND_OFF], colors=[colour], linewidths=1.6)
-        everywhere &= sizes <= 1.0 + ROUND_OFF
+        axis.contour(x, y, sizes, levels=[1.0 + GROWTH_TOLERANCE], colors=[colour], linewidths=1.6)
+        everywhere &= sizes <= 1.0 + GROWTH_TOLERANCE
         lines.append(axis.plot([], [], color=colour, linewidth=1.6)[0])
         names.append(find(method).name)
     axis.contourf(x, y, everywhere, levels=[0.5, 1.5], colors=["#dfe7ee"], alpha=0.7)

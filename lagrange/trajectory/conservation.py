@@ -11,23 +11,23 @@ from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import DEFAULT
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
-LOST = 1.0
+LARGEST_LOSS = 1.0
 """Part of the kinetic energy at the mean speed whose loss or gain makes a run unreliable: a quarter of what a fall from
 rest ends with, two fifths of the largest in an oscillation. Jumps over a collision gain a hundred times of it."""
 
-NOTABLE, SMALL = 1e-5, 1e-2
+NOTABLE_CHANGE, SMALL_CHANGE = 1e-5, 1e-2
 """A change below the first part of the energy, or the second of the kinetic energy at either end, is looked into no
 further. A run at default tolerances changes the energy by 1e-12 to 1e-7, so that its test costs one evaluation; the
 first part is small because the energy may be large for its zero alone."""
 
-LOOKS = 64
+SPEED_SAMPLES = 64
 """Equal parts of the time span at whose ends the speed is taken."""
 
-VISIBLE = 1e-10
+ROUND_OFF_DISPLACEMENT = 1e-10
 """Displacements by this part of the state are round-off and what step control lets through: a body at rest in its
 equilibrium has energies of that size, which no method keeps."""
 
-BEGUN = 1e-3
+FIRST_DISPLACEMENT = 1e-3
 """A displacement by this part of the state along the first acceleration is a motion that has only begun: after one step
 of Euler's method from rest the kinetic energy is wrong by all of it, and the state by a half of the step squared."""
 
@@ -49,17 +49,19 @@ def verified(problem: Problem, trajectory: Trajectory, before: float, *, adaptiv
         after = energy(problem, end)
         if math.isfinite(after) and _kept(problem, trajectory, end, until, before, after):
             return trajectory
-    return replace(trajectory, status=Status.UNRELIABLE, message=_told(trajectory, before, after, adaptive))
+    return replace(trajectory, status=Status.UNRELIABLE, message=_with_energy_loss(trajectory, before, after, adaptive))
 
 
 def _kept(problem: Problem, trajectory: Trajectory, end: FloatArray, until: float, before: float, after: float) -> bool:
     """Return whether the energy at `end`, at the time `until`, is that of the start; what is cheap is tried first."""
     change = abs(after - before)
-    if change <= NOTABLE * abs(before):
+    if change <= NOTABLE_CHANGE * abs(before):
         return True
-    if change <= SMALL * float(_kinetic(problem, np.stack([problem.y0, end], axis=1)).max()):
+    if change <= SMALL_CHANGE * float(_kinetic(problem, np.stack([problem.y0, end], axis=1)).max()):
         return True
-    return change <= LOST * _exchanged(problem, trajectory, until) or change <= _noise(problem, before)
+    return change <= LARGEST_LOSS * _mean_kinetic_energy(problem, trajectory, until) or change <= _noise(
+        problem, before
+    )
 
 
 def energy(problem: Problem, y: FloatArray) -> float:
@@ -81,15 +83,15 @@ def _last(problem: Problem, trajectory: Trajectory) -> tuple[FloatArray, float]:
     return state, direction * time
 
 
-def _exchanged(problem: Problem, trajectory: Trajectory, until: float) -> float:
+def _mean_kinetic_energy(problem: Problem, trajectory: Trajectory, until: float) -> float:
     """Return the kinetic energy at the mean speed from the start until a time.
 
     Unlike the energy it does not depend on where the potential is zero; unlike the kinetic energy of one state it does
     not vanish where the motion turns, and a moment close to a collision does not dominate it.
     """
     t, y = trajectory.t, trajectory.y
-    times = np.linspace(problem.t0, until, LOOKS + 1)
-    if problem.t_eval is None and len(t) > LOOKS:
+    times = np.linspace(problem.t0, until, SPEED_SAMPLES + 1)
+    if problem.t_eval is None and len(t) > SPEED_SAMPLES:
         kept = np.minimum(np.searchsorted(np.abs(t - t[0]), np.abs(times - t[0])), len(t) - 1)
         states = y[:, kept]
     else:
@@ -111,8 +113,8 @@ def _noise(problem: Problem, before: float) -> float:
     sizes = np.repeat([np.abs(y0[:n]).max(), np.abs(y0[n:]).max()], n)
     ways = np.cos(np.outer(np.arange(1, 2 * n + 1), np.arange(1, DIRECTIONS + 1)))
     rates = problem.model.kernel("rhs")(problem.t0, y0, problem.parameter_array)[n:]
-    begun = np.append(BEGUN * sizes[:n] * rates / (np.abs(rates).max() or 1.0), np.zeros(n))
-    moved = y0[:, None] + np.column_stack([begun, VISIBLE * sizes[:, None] * ways])
+    begun = np.append(FIRST_DISPLACEMENT * sizes[:n] * rates / (np.abs(rates).max() or 1.0), np.zeros(n))
+    moved = y0[:, None] + np.column_stack([begun, ROUND_OFF_DISPLACEMENT * sizes[:, None] * ways])
     energies = problem.model.energy(*problem.model.layout.split(moved), problem.t0, problem.parameter_array)
     return float(_finite(np.abs(energies - before)).max(initial=0.0))
 
@@ -121,7 +123,7 @@ def _finite(values: FloatArray) -> FloatArray:
     return values[np.isfinite(values)]
 
 
-def _told(trajectory: Trajectory, before: float, after: float, adaptive: bool) -> str:
+def _with_energy_loss(trajectory: Trajectory, before: float, after: float, adaptive: bool) -> str:
     """Return the message of the run with what became of the energy, and what helps."""
     note = (
         f"The energy, which the equations of motion conserve, went from {before:.6g} to {after:.6g}: the run does not "

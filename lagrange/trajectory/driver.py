@@ -9,7 +9,7 @@ import numpy as np
 
 from lagrange.machine.backend import Driver, SingularMassMatrix
 from lagrange.machine.state import DriverState, Outcome
-from lagrange.trajectory.events.ending import Verdict
+from lagrange.trajectory.events.ending import EventResult
 from lagrange.trajectory.inertia import lost_inertia
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.limits import compiled_late, memory_limit
@@ -18,14 +18,14 @@ from lagrange.trajectory.plan import Plan, Watcher
 from lagrange.trajectory.sizes import survey
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
-BURST = 0.02
+SECONDS_PER_CALL = 0.02
 """Seconds of steps between two looks at the clock, the step limit and Ctrl-C."""
 
-FIRST_BURST, LARGEST_BURST = 64, 16384
-"""Steps of a burst: twice as many from one to the next that is shorter than `BURST`, between these. The first is short
-because a step may be slow; the largest bounds the memory of what no step may need."""
+FIRST_STEPS_PER_CALL, MOST_STEPS_PER_CALL = 64, 16384
+"""Steps per call of the driver: doubled after a call shorter than `SECONDS_PER_CALL`, between these two. The first is
+small because a step may be slow; the largest bounds the memory for rows that may stay unused."""
 
-AHEAD = 1e-6
+DOMAIN_PROBE = 1e-6
 """The part of a run beyond a step that shrank to nothing in which the equations may turn out to have no value."""
 
 _STATUS = {
@@ -37,30 +37,30 @@ _STATUS = {
 }
 
 
-class _Rows:
+class _AcceptedStates:
     """The accepted states so far, in the pieces in which the driver wrote them."""
 
     def __init__(self, t: float, y: FloatArray) -> None:
-        self.pieces = [(np.array([t]), y[None].copy(), 0)]
+        self.parts = [(np.array([t]), y[None].copy(), 0)]
         self.bytes = 0
 
     def add(self, t: float, y: FloatArray) -> None:
         """Keep a state that no step led to: the state has jumped."""
-        self.pieces.append((np.array([t]), y[None].copy(), self.pieces[-1][2]))
+        self.parts.append((np.array([t]), y[None].copy(), self.parts[-1][2]))
 
     def collect(self, state: DriverState, times: FloatArray, rows: FloatArray) -> None:
         """Keep what the last burst wrote; calling it twice, as Ctrl-C may, keeps it once."""
         written, steps = state.count(DriverState.ROWS), state.count(DriverState.STEPS)
-        if written and self.pieces[-1][2] < steps:
+        if written and self.parts[-1][2] < steps:
             # As a view, a short piece would keep the memory of the whole burst.
             short = 2 * written < len(times)
             t, y = times[:written], rows[:written]
             self.bytes += t.nbytes + y.nbytes if short else times.nbytes + rows.nbytes
-            self.pieces.append((t.copy() if short else t, y.copy() if short else y, steps))
+            self.parts.append((t.copy() if short else t, y.copy() if short else y, steps))
 
     def joined(self) -> tuple[FloatArray, FloatArray]:
         """Return the times (S+1,) and states (S+1, 2n)."""
-        times, states, _ = zip(*self.pieces, strict=True)
+        times, states, _ = zip(*self.parts, strict=True)
         return np.concatenate(times), np.concatenate(states)
 
 
@@ -69,8 +69,8 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
     began = time.perf_counter()
     tolerances, parameters = plan.tolerances, problem.parameter_array
     state = tolerances.begin(problem.t0, problem.t1, problem.y0)
-    rows = _Rows(problem.t0, problem.y0)
-    status, sentence = _first_look(problem, name, parameters)
+    rows = _AcceptedStates(problem.t0, problem.y0)
+    status, sentence = _check_first_slope(problem, name, parameters)
     watch = None
     if status is None and (late := compiled_late(problem)):
         status, sentence = Status.MAX_WALL, message(Status.MAX_WALL, problem, state.t, state.y, name, cause=late)
@@ -82,13 +82,15 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
             late = compiled_late(problem)
             # Compiling, which comes once for many runs, is no part of a run.
             began = time.perf_counter()
-            status, detail = (Status.MAX_WALL, late) if late else _bursts(problem, driver, watch, state, rows, began)
+            status, detail = (
+                (Status.MAX_WALL, late) if late else _advance_to_end(problem, driver, watch, state, rows, began)
+            )
         except SingularMassMatrix:
             status, detail = Status.SINGULAR, ""
         if status in (Status.STEP_TOO_SMALL, Status.DIVERGED) and not detail:
             detail = lost_inertia(problem, state.t, state.y)
             status = Status.SINGULAR if detail else status
-        sentence = _closing(problem, plan, name, state, status, detail)
+        sentence = _final_sentence(problem, plan, name, state, status, detail)
     times, states = rows.joined()
     path = plan.path(problem, times, states, watch)
     t, y = times, states.T
@@ -117,7 +119,7 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
     )
 
 
-def _first_look(problem: Problem, name: str, parameters: FloatArray) -> tuple[Status | None, str]:
+def _check_first_slope(problem: Problem, name: str, parameters: FloatArray) -> tuple[Status | None, str]:
     """Return a status and its sentence if the run cannot even begin."""
     model, y0 = problem.model, problem.y0
     q, v = model.layout.split(y0)
@@ -134,27 +136,27 @@ def _first_look(problem: Problem, name: str, parameters: FloatArray) -> tuple[St
     return None, ""
 
 
-def _bursts(
-    problem: Problem, driver: Driver, watch: Watcher | None, state: DriverState, rows: _Rows, began: float
+def _advance_to_end(
+    problem: Problem, driver: Driver, watch: Watcher | None, state: DriverState, rows: _AcceptedStates, began: float
 ) -> tuple[Status, str]:
     """Advance until something ends the run; return what did, and a sentence on it where there is more to say."""
-    burst, limit = FIRST_BURST, memory_limit(problem)
+    per_call, limit = FIRST_STEPS_PER_CALL, memory_limit(problem)
     times, states = np.empty(0), np.empty((0, len(problem.y0)))
-    verdict = Verdict() if watch is None else watch.begin(state)
+    result = EventResult() if watch is None else watch.begin(state)
     try:
         while True:
-            while verdict.smooth and watch is not None and (onwards := watch.leap(state)) is not None:
-                verdict = onwards
-                if verdict.jumped:
+            while result.smooth and watch is not None and (onwards := watch.continue_past(state)) is not None:
+                result = onwards
+                if result.jumped:
                     rows.add(state.t, state.y)
             if (
-                verdict.status is Status.STEP_TOO_SMALL
-                and verdict.smooth
-                and not np.isfinite(_ahead(problem, state)).all()
+                result.status is Status.STEP_TOO_SMALL
+                and result.smooth
+                and not np.isfinite(_slope_ahead(problem, state)).all()
             ):
                 return Status.NON_FINITE, ""
-            if verdict.status is not None:
-                return verdict.status, verdict.detail
+            if result.status is not None:
+                return result.status, result.detail
             left = problem.max_steps - state.count(DriverState.STEPS) - state.count(DriverState.REJECTED)
             if state.t != problem.t1 and left <= 0:
                 return Status.MAX_STEPS, ""
@@ -163,15 +165,15 @@ def _bursts(
             room = int(limit - rows.bytes - state.kept) // (8 * (len(state.y) + 1))
             if state.t != problem.t1 and room <= 0:
                 return Status.MAX_MEMORY, ""
-            budget = min(burst, left, room) if left > 0 and room > 0 else 1
+            budget = min(per_call, left, room) if left > 0 and room > 0 else 1
             times, states = np.empty(budget), np.empty((budget + 4, len(problem.y0)))
             state.counts[DriverState.ROWS] = 0
             before = time.perf_counter()
             outcome = driver.advance(state, budget, times, states)
             rows.collect(state, times, states)
-            if watch is not None and (outcome in (Outcome.WATCHED, Outcome.DONE) or watch.arrived(state)):
-                verdict = watch.end(state) if outcome is Outcome.DONE else watch.meet(state)
-                if verdict.jumped:
+            if watch is not None and (outcome in (Outcome.WATCHED, Outcome.DONE) or watch.is_due(state)):
+                result = watch.end(state) if outcome is Outcome.DONE else watch.process(state)
+                if result.jumped:
                     rows.add(state.t, state.y)
             elif outcome is Outcome.UNSCALED:
                 survey(problem.model, problem.parameter_array, state)
@@ -180,11 +182,11 @@ def _bursts(
             elif outcome is Outcome.STEP_TOO_SMALL:
                 # A step may shrink below the spacing of times without a rejection: then no trial step is to blame.
                 cause = state.cause if state.count(DriverState.AFTER_REJECT) else outcome
-                verdict = Verdict(_STATUS[cause], smooth=True)
+                result = EventResult(_STATUS[cause], smooth=True)
             elif outcome is not Outcome.PAUSED:
-                verdict = Verdict(_STATUS[outcome], smooth=outcome is Outcome.NON_FINITE)
-            if time.perf_counter() - before < BURST:
-                burst = min(2 * burst, LARGEST_BURST)
+                result = EventResult(_STATUS[outcome], smooth=outcome is Outcome.NON_FINITE)
+            if time.perf_counter() - before < SECONDS_PER_CALL:
+                per_call = min(2 * per_call, MOST_STEPS_PER_CALL)
             if problem.progress is not None:
                 problem.progress(state.t)
     except KeyboardInterrupt:
@@ -192,7 +194,7 @@ def _bursts(
         return Status.INTERRUPTED, ""
 
 
-def _closing(problem: Problem, plan: Plan, name: str, state: DriverState, status: Status, cause: str) -> str:
+def _final_sentence(problem: Problem, plan: Plan, name: str, state: DriverState, status: Status, cause: str) -> str:
     """Return the sentence for the end of a run, with the culprit found by taking the failed step again."""
     told = partial(message, status, problem, rtol=plan.tolerances.rtol or None)
     if status is Status.SINGULAR and cause:
@@ -205,16 +207,16 @@ def _closing(problem: Problem, plan: Plan, name: str, state: DriverState, status
         return told(state.t, state.y, name, detail=unsolved(state.reals[DriverState.RESIDUAL]))
     if status is not Status.NON_FINITE or cause:
         return told(state.t, state.y, name, cause=cause)
-    return told(state.t, plan.failed(problem, state), name, slope=_ahead(problem, state))
+    return told(state.t, plan.failed(problem, state), name, slope=_slope_ahead(problem, state))
 
 
-def _ahead(problem: Problem, state: DriverState) -> FloatArray:
+def _slope_ahead(problem: Problem, state: DriverState) -> FloatArray:
     """Return the right-hand side a little farther on, or ones if the mass matrix is singular there.
 
     Towards the end of what a root or a logarithm can take, steps shrink before anything is nan.
     """
     kernel, parameters = problem.model.kernel("rhs"), problem.parameter_array
-    h = AHEAD * (float(state.reals[DriverState.END]) - problem.t0)
+    h = DOMAIN_PROBE * (float(state.reals[DriverState.END]) - problem.t0)
     with np.errstate(all="ignore"):
         try:
             return kernel(state.t + h, state.y + h * kernel(state.t, state.y, parameters), parameters)

@@ -16,10 +16,10 @@ from lagrange.machine.backend import Driver
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.statement.number import real_array, real_number
-from lagrange.trajectory.driver import LARGEST_BURST
+from lagrange.trajectory.driver import MOST_STEPS_PER_CALL
 from lagrange.trajectory.integrator import Problem, run_by
 from lagrange.trajectory.methods.registry import DEFAULT, find
-from lagrange.trajectory.options import AS_IT_COMES, RunOptions
+from lagrange.trajectory.options import DEFAULT_OPTIONS, RunOptions
 from lagrange.trajectory.plan import Plan, Planned
 from lagrange.trajectory.sizes import survey
 from lagrange.trajectory.trajectory import FloatArray
@@ -39,7 +39,7 @@ class _Prepared(threading.local):
 class Flow:
     """Calls give the state at t1 of the run that starts from y0 at t0; threads may share a flow."""
 
-    def __init__(self, model: Model, options: RunOptions = AS_IT_COMES) -> None:
+    def __init__(self, model: Model, options: RunOptions = DEFAULT_OPTIONS) -> None:
         if not isinstance(model, Model):
             raise StatementError(f"{shown(model)} is no compiled model: give system.compile().")
         self._integrator = find(DEFAULT if options.method is None else options.method)
@@ -91,8 +91,8 @@ class Flow:
         outcome = Outcome.PAUSED
         left = self._max_steps
         while outcome in _GOES_ON and left > 0:
-            outcome = driver.advance(state, min(left, LARGEST_BURST), _NO_TIMES, _NO_ROWS)
-            left -= LARGEST_BURST
+            outcome = driver.advance(state, min(left, MOST_STEPS_PER_CALL), _NO_TIMES, _NO_ROWS)
+            left -= MOST_STEPS_PER_CALL
             if outcome is Outcome.UNSCALED:
                 survey(self._model, self._model.parameter_array(parameters), state)
         if outcome is not Outcome.DONE:

@@ -11,11 +11,11 @@ from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.messages import number, row_names
 from lagrange.trajectory.trajectory import FloatArray
 
-LOST = 2.0**-20
+LOST_INERTIA = 2.0**-20
 """An inertia below this part of the least at the start is lost. Where accelerations grow without bounds because of it,
 steps become too short at 1e-8 to 1e-11, in eight systems by four methods."""
 
-ALONG = 0.5
+DOMINANT_SHARE = 0.5
 """The motion without inertia is what ends a run if it makes up so much of the accelerations. In a fall onto the centre
 of polar coordinates it is none of them."""
 
@@ -36,7 +36,7 @@ def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
     values, vectors = np.linalg.eigh(here / np.outer(units, units))
     which = int(np.argmin(np.abs(values)))
     left, null = float(abs(values[which])), vectors[:, which]
-    if not left < LOST * least or not _moves_along(problem, t, y, null / units, units**2):
+    if not left < LOST_INERTIA * least or not _moves_along(problem, t, y, null / units, units**2):
         return ""
     place = _few([f"{name} = {number(x)}" for name, x in zip(row_names(problem), y, strict=True)])
     return (
@@ -54,7 +54,7 @@ def _moves_along(problem: Problem, t: float, y: FloatArray, null: FloatArray, me
     except SingularMassMatrix:
         return True
     size = float(np.sqrt(metric @ rate**2))
-    return not np.isfinite(size) or abs(float((metric * null) @ rate)) >= ALONG * size
+    return not np.isfinite(size) or abs(float((metric * null) @ rate)) >= DOMINANT_SHARE * size
 
 
 def motion_along(names: Sequence[str], null: FloatArray) -> str:

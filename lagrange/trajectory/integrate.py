@@ -18,11 +18,11 @@ from lagrange.statement.number import real_array, real_number
 from lagrange.trajectory.conservation import energy, verified
 from lagrange.trajectory.integrator import Integrator, Problem, run_by
 from lagrange.trajectory.methods.registry import DEFAULT, find
-from lagrange.trajectory.options import AS_IT_COMES, RunOptions
+from lagrange.trajectory.options import DEFAULT_OPTIONS, RunOptions
 from lagrange.trajectory.plan import promises
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
-ROUND_OFF = 1e-12
+SPAN_ROUND_OFF = 1e-12
 """Output times beyond an end by less than this part of the span are that end, written with other round-off."""
 
 
@@ -30,7 +30,7 @@ def integrate(
     model: Model,
     span: Sequence[float],
     initial: Mapping[Any, Any] | None = None,
-    options: RunOptions = AS_IT_COMES,
+    options: RunOptions = DEFAULT_OPTIONS,
     *,
     progress: Callable[[float], None] | None = None,
     began: float | None = None,
@@ -107,7 +107,7 @@ def _output_times(t_eval: ArrayLike | None, t0: float, t1: float, width: int) ->
     if times.ndim != 1:
         raise StatementError(f"t_eval has shape {times.shape}: give a list of times.")
     low, high = min(t0, t1), max(t0, t1)
-    slack = ROUND_OFF * (high - low)
+    slack = SPAN_ROUND_OFF * (high - low)
     times = np.where((times > high) & (times <= high + slack), high, times)
     times = np.where((times < low) & (times >= low - slack), low, times)
     outside = times[~((times >= low) & (times <= high))]

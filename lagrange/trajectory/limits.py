@@ -7,35 +7,35 @@ import time
 
 from lagrange.trajectory.integrator import Problem
 
-COMPILING = 5.0
+COMPILE_SECONDS = 5.0
 """Seconds that compiling may take however small `max_wall` is: it comes once for many runs."""
 
-SHARE = 4
+MEMORY_DIVISOR = 4
 """A run keeps a quarter of the machine's memory at most, if nobody says otherwise. At its end its states are joined to
 one array, and what is made of them, such as the energy, takes the like again."""
 
-UNKNOWN = 8 * 2**30
+ASSUMED_MEMORY = 8 * 2**30
 """The memory of a machine that does not tell, in bytes."""
 
 
 def memory_limit(problem: Problem) -> float:
     """Return how many bytes the run may keep."""
-    return machine_memory() / SHARE if problem.max_memory is None else problem.max_memory
+    return machine_memory() / MEMORY_DIVISOR if problem.max_memory is None else problem.max_memory
 
 
 def machine_memory() -> int:
     """Return the memory of this machine in bytes."""
     told = getattr(os, "sysconf_names", {})  # Windows has none
     if not {"SC_PAGE_SIZE", "SC_PHYS_PAGES"} <= told.keys():
-        return UNKNOWN
+        return ASSUMED_MEMORY
     pages = os.sysconf("SC_PHYS_PAGES")
-    return pages * os.sysconf("SC_PAGE_SIZE") if pages > 0 else UNKNOWN
+    return pages * os.sysconf("SC_PAGE_SIZE") if pages > 0 else ASSUMED_MEMORY
 
 
 def compiled_late(problem: Problem) -> str:
     """Return in a sentence by how much compiling has passed the limit of the run, with the remedy; else nothing."""
     taken = time.perf_counter() - problem.began
-    if problem.max_wall is None or taken <= max(problem.max_wall, COMPILING):
+    if problem.max_wall is None or taken <= max(problem.max_wall, COMPILE_SECONDS):
         return ""
     return (
         f"Compiling took {taken:.3g} s, more than max_wall = {problem.max_wall:.6g} s. What is compiled stays with the "

@@ -41,19 +41,19 @@ _SINGULARITY = "The solution probably has a singularity there: end the run befor
 
 _JUMPS = "where forces jump, as with sign(v), a step may have no solution: smooth the jump, such as by tanh(v/0.001)."
 
-LOOSE = 1e-5
+LOOSE_RTOL = 1e-5
 """From this rtol on a run may stray into a singularity that the motion does not reach."""
 
-GROWN = 1e6
+BLOW_UP_GROWTH = 1e6
 """A state that became so many times larger than it was blows up: finer steps may show that the motion does not."""
 
-SLOW = 1e-6
+SLOW_RESIDUAL = 1e-6
 """A last correction below this part of the unknowns is no sign of a far solution: the corrections shrink too slowly."""
 
-FAR = 1e3
+COARSE_ATOL = 1e3
 """An absolute tolerance so many times above rtol times an entry is spoken of: three of its digits are not looked at."""
 
-ROUND_OFF = 2.0**-40
+CANCELLATION_NOISE = 2.0**-40
 """An entry below this part of the largest of its kind, coordinates or velocities, may be round-off of what cancels."""
 
 UNITS = "choose units in which its numbers are larger"
@@ -113,7 +113,7 @@ def _remedy(status: Status, problem: Problem, y: FloatArray, method: str, rtol: 
         return ""
     finer = "shorten the step" if rtol is None else f"lower rtol (now {rtol:g}) and atol"
     grown = _grown(problem, y)
-    stray = rtol is None or rtol >= LOOSE or grown
+    stray = rtol is None or rtol >= LOOSE_RTOL or grown
     if status in (Status.MAX_STEPS, Status.MAX_WALL):
         coarser = "lengthen the step" if rtol is None else "loosen rtol"
         return _GIVEN_UP.format(
@@ -138,12 +138,12 @@ def _remedy(status: Status, problem: Problem, y: FloatArray, method: str, rtol: 
 def _grown(problem: Problem, y: FloatArray) -> bool:
     """Return whether a state is one that has blown up, as far as it is finite."""
     sizes = np.abs(y[np.isfinite(y)])
-    return bool(sizes.max(initial=0.0) > GROWN * (float(np.abs(problem.y0).max()) or 1.0))
+    return bool(sizes.max(initial=0.0) > BLOW_UP_GROWTH * (float(np.abs(problem.y0).max()) or 1.0))
 
 
 def unsolved(residual: float) -> str:
     """Return how far the equations of an implicit step were from being solved, as a sentence."""
-    if residual < SLOW:
+    if residual < SLOW_RESIDUAL:
         return (
             f"The corrections of its unknowns shrink too slowly: the last was {residual:.2g} of their size, and "
             "Newton's method needs round-off. The equations of the step may have a double root there, or none."
@@ -162,11 +162,11 @@ def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tol
     if not status.complete or not tolerances.rtol:
         return
     sizes = np.abs(states).max(axis=0)
-    short = sizes < tolerances.atol / (FAR * tolerances.rtol)
+    short = sizes < tolerances.atol / (COARSE_ATOL * tolerances.rtol)
     if not short.any():
         return
     kinds = np.concatenate([np.full_like(part, part.max()) for part in problem.model.layout.split(sizes)])
-    short &= sizes > ROUND_OFF * kinds
+    short &= sizes > CANCELLATION_NOISE * kinds
     if not short.any():
         return
     row = int(np.argmin(np.where(short, sizes, np.inf)))

@@ -46,7 +46,7 @@ class RunOptions:
         return _positive(self.max_memory, "max_memory", "bytes")
 
 
-AS_IT_COMES = RunOptions()
+DEFAULT_OPTIONS = RunOptions()
 """Nothing is asked for."""
 
 

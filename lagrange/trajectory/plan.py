@@ -15,7 +15,7 @@ from lagrange.machine.state import DriverState
 from lagrange.procedure.step.constants import AFTER_BROKEN
 from lagrange.program.actions import LAWS
 from lagrange.program.step import StepProgram
-from lagrange.trajectory.events.ending import Verdict
+from lagrange.trajectory.events.ending import EventResult
 from lagrange.trajectory.events.step_watch import StepWatch
 from lagrange.trajectory.integrator import Claims, Integrator, Problem
 from lagrange.trajectory.paths.piecewise import PiecewisePath
@@ -46,19 +46,19 @@ class Watcher(Protocol):
     def y_events(self) -> tuple[FloatArray, ...]:
         """The states at each event, (k, 2n)."""
 
-    def begin(self, state: DriverState) -> Verdict:
+    def begin(self, state: DriverState) -> EventResult:
         """Begin at the start of a run."""
 
-    def meet(self, state: DriverState) -> Verdict:
+    def process(self, state: DriverState) -> EventResult:
         """Do what there is to do at the state, where the driver came back for it."""
 
-    def end(self, state: DriverState) -> Verdict:
+    def end(self, state: DriverState) -> EventResult:
         """Do what there is to do at the end of the run."""
 
-    def arrived(self, state: DriverState) -> bool:
+    def is_due(self, state: DriverState) -> bool:
         """Whether something is to happen at the state although the driver found no step from there."""
 
-    def leap(self, state: DriverState) -> Verdict | None:
+    def continue_past(self, state: DriverState) -> EventResult | None:
         """Go on behind a point from which the driver finds no step; return how, or None where there is no way.
 
         The state has jumped then, or the verdict says in other words why the run ends.
@@ -146,7 +146,7 @@ class StepPlan:
         """Return the dense output that the method has, of each motion between two resets by itself."""
         if watch is None or not watch.breaks:
             return self.path_of(problem, times, states)
-        edges, pieces, begin = [times[0]], [], 0
+        edges, interpolants, begin = [times[0]], [], 0
         for one in watch.breaks:
             end = one.row + 1
             if end > len(times):
@@ -154,13 +154,13 @@ class StepPlan:
             t, y = times[begin:end], states[begin:end]
             if one.whole is not None:
                 t, y = np.append(t[:-1], one.whole[0]), np.concatenate([y[:-1], one.whole[1][None]])
-            pieces.append(self.path_of(problem, t, y))
+            interpolants.append(self.path_of(problem, t, y))
             edges.append(times[one.row])
             begin = end
         if begin < len(times):
-            pieces.append(self.path_of(problem, times[begin:], states[begin:]))
+            interpolants.append(self.path_of(problem, times[begin:], states[begin:]))
             edges.append(times[-1])
-        return PiecewisePath(np.array(edges), states[0], tuple(pieces))
+        return PiecewisePath(np.array(edges), states[0], tuple(interpolants))
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
         """Take the failed step again, in a simpler way if it is implicit; see `Plan`."""

@@ -20,7 +20,13 @@ from lagrange.equations.state_layout import StateLayout
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState
-from lagrange.procedure.step.constants import FLAT, LEAST_FLOOR, NOISE, SURVEYS, tilts
+from lagrange.procedure.step.constants import (
+    DEFAULT_FIRST,
+    LEAST_FLOOR,
+    MOST_SURVEYS,
+    SLOPE_NOISE,
+    perturbation_factors,
+)
 from lagrange.trajectory.trajectory import FloatArray
 
 DISPLACEMENT, WIDER = 2.0**-26, 2.0**8
@@ -30,29 +36,29 @@ both change a derivative alike it jumps, as where a contact ends, and the size o
 NEAR_REST = 2.0**-40
 """Where the whole state is zero, this part of what forces reach in the time left is tried as a size as well."""
 
-TURNS = 3
+RATE_ITERATIONS = 3
 """Iterations of the estimate of the fastest rate. Each applies the response twice: the largest factor by which an entry
 grows is the square of a rate."""
 
 SETTLED = 8.0
 """The period is shortened where a size that came from coupled entries would change by more than this factor in it."""
 
-ROUNDS = 256
+MOST_ROUNDS = 256
 """Most rounds in which sizes spread from one entry of a chain to the next, two rounds a link."""
 
-AHEAD = (0.0, 1.0, 4.0, 16.0, 64.0)
+FORCE_STEPS = (0.0, 1.0, 4.0, 16.0, 64.0)
 """Steps ahead at which forces are evaluated. Of a system at rest, a force that depends on time may be all there is.
 From one survey of a run to the next these times are as many times as far as the last number."""
 
-DRIFTS, FARTHER = (1.0, 4.0), 8.0
+DRIFT_STEPS, DRIFT_GROWTH = (1.0, 4.0), 8.0
 """Steps ahead at which forces are evaluated where the state comes to if nothing stops it. A step that was rejected,
 where it met what had not moved yet, was one to five times as long as the next. From one survey to the next these times
 are so many times as far."""
 
-HALVINGS = 52
+REST_HALVINGS = 52
 """At rest, forces are also evaluated at the time left, its half, its quarter and so on."""
 
-LOOKS = 64
+FORCE_SAMPLES = 64
 """Times along a run at which forces are evaluated before a solver of another package starts."""
 
 Slopes = Callable[[float, FloatArray], FloatArray]
@@ -62,42 +68,42 @@ def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
     """Raise the floors of a run that came back as UNSCALED; see `Outcome`."""
     reals, before = state.reals, state.count(DriverState.SURVEYED)
     t, left, share = state.t, float(reals[DriverState.END]) - state.t, float(reals[DriverState.SHARE])
-    h = float(reals[DriverState.H]) or FLAT * left
-    reach, drift = h * AHEAD[-1] ** before, h * FARTHER**before
+    h = float(reals[DriverState.H]) or DEFAULT_FIRST * left
+    reach, drift = h * FORCE_STEPS[-1] ** before, h * DRIFT_GROWTH**before
     law, layout = slopes_of(model, parameters), model.layout
     slope = law(t, state.y)
-    times = [t + _within(part * reach, left) for part in AHEAD]
+    times = [t + _within(part * reach, left) for part in FORCE_STEPS]
     if not state.y.any():
-        times += [t + left * 2.0**-k for k in range(HALVINGS)]
-    looks = [(when, state.y) for when in times]
+        times += [t + left * 2.0**-k for k in range(REST_HALVINGS)]
+    force_points = [(when, state.y) for when in times]
     # What is at rest may be pushed by what comes to it in the step.
-    looks += [(t + part * drift, state.y + part * drift * slope) for part in DRIFTS]
-    sizes, coupled, _ = entry_sizes(law, layout, t, state.y, left, looks)
-    unknown = state.floors <= np.maximum(LEAST_FLOOR, share * NOISE * np.maximum(coupled, sizes))
-    found = np.maximum(np.where(unknown, share * sizes, 0.0), NOISE * coupled)
-    if before == SURVEYS - 1:
-        found = np.maximum(found, _as_others(layout, state.floors))
+    force_points += [(t + part * drift, state.y + part * drift * slope) for part in DRIFT_STEPS]
+    sizes, coupled, _ = entry_sizes(law, layout, t, state.y, left, force_points)
+    unknown = state.floors <= np.maximum(LEAST_FLOOR, share * SLOPE_NOISE * np.maximum(coupled, sizes))
+    found = np.maximum(np.where(unknown, share * sizes, 0.0), SLOPE_NOISE * coupled)
+    if before == MOST_SURVEYS - 1:
+        found = np.maximum(found, _floors_of_others(layout, state.floors))
     state.floors[:] = np.maximum(state.floors, found)
     state.counts[DriverState.SURVEYED] += 1
 
 
-def _as_others(layout: StateLayout, floors: FloatArray) -> FloatArray:
+def _floors_of_others(layout: StateLayout, floors: FloatArray) -> FloatArray:
     """Return floors (2n,) for entries that are round-off of others of their kind, 0 for the rest.
 
     It is the last answer to a run that gets nowhere, as where 1 + tanh(u) is rounded to zero and its slope is not: no
     displacement of the state shows that what such a force brings about is below its noise.
     """
     kinds = np.concatenate([np.full(len(half), half.max(initial=0.0)) for half in layout.split(floors)])
-    return np.where(floors < NOISE * kinds, kinds, 0.0)
+    return np.where(floors < SLOPE_NOISE * kinds, kinds, 0.0)
 
 
 def first_floors(
     slopes: Slopes, layout: StateLayout, t: float, y: FloatArray, left: float, share: float
 ) -> tuple[FloatArray, float]:
     """Return floors (2n,) for a solver that cannot ask for them, a share of the sizes at its start, and the period."""
-    looks = [(t + left * k / LOOKS, y) for k in range(LOOKS + 1)]
-    sizes, coupled, period = entry_sizes(slopes, layout, t, y, left, looks)
-    return np.maximum(np.maximum(share * sizes, NOISE * coupled), LEAST_FLOOR), period
+    force_points = [(t + left * k / FORCE_SAMPLES, y) for k in range(FORCE_SAMPLES + 1)]
+    sizes, coupled, period = entry_sizes(slopes, layout, t, y, left, force_points)
+    return np.maximum(np.maximum(share * sizes, SLOPE_NOISE * coupled), LEAST_FLOOR), period
 
 
 def _within(step: float, left: float) -> float:
@@ -119,29 +125,35 @@ def slopes_of(model: Model, parameters: FloatArray) -> Slopes:
 
 
 def entry_sizes(
-    slopes: Slopes, layout: StateLayout, t: float, y: FloatArray, left: float, looks: Sequence[tuple[float, FloatArray]]
+    slopes: Slopes,
+    layout: StateLayout,
+    t: float,
+    y: FloatArray,
+    left: float,
+    force_points: Sequence[tuple[float, FloatArray]],
 ) -> tuple[FloatArray, FloatArray, float]:
     """Return the sizes (2n,) of entries, what each gets from the others over the natural period, and that period.
 
-    `left` is the time that the run has to go, signed; `looks` are times and states (2n,) at which forces may act.
+    `left` is the time that the run has to go, signed; `force_points` are
+    times and states (2n,) at which forces may act.
     """
     with np.errstate(all="ignore"):
         slope = slopes(t, y)
         response = _Response(lambda state: slopes(t, state), slope, y, layout)
         own = partial(_own_sizes, layout, y)
-        forces = np.abs([slopes(*look)[layout.v] for look in looks])
+        forces = np.abs([slopes(*point)[layout.v] for point in force_points])
         ahead = np.max(forces, axis=0, initial=0.0, where=np.isfinite(forces))
         # What moves has its size from where it is: a force ahead may be that of a pole.
         force = np.where(layout.split(y)[1] == 0, ahead, np.nan_to_num(np.abs(slope[layout.v]), posinf=0.0))
         period = abs(left)
-        noise = NOISE * response(own(np.zeros_like(force), period))[layout.v]
+        noise = SLOPE_NOISE * response(own(np.zeros_like(force), period))[layout.v]
         force = np.where(force > noise, force, 0.0)
         rate = max(response.rate(part * own(force, period)) for part in ((1.0,) if y.any() else (1.0, NEAR_REST)))
         period = min(period, 1 / rate) if rate > 0 else period
         size, spread = own(force, period), np.zeros(len(y), dtype=bool)
-        for _ in range(ROUNDS):
+        for _ in range(MOST_ROUNDS):
             coupled = period * response(size)
-            fresh = (size <= NOISE * coupled) & (coupled > 0)
+            fresh = (size <= SLOPE_NOISE * coupled) & (coupled > 0)
             change = float(np.max(coupled[spread] / size[spread], initial=0.0))
             if change > SETTLED:
                 period = period / float(np.sqrt(change))
@@ -178,7 +190,9 @@ class _Response:
         shrunk = min(1.0, float(np.max(np.abs(y[known]) / displacement[known]))) if known.any() else 1.0
         part = DISPLACEMENT * shrunk
         ways = (part, WIDER * part)
-        near, wide = (np.abs(self._slopes(y + way * tilts(len(y)) * displacement) - self._slope) for way in ways)
+        near, wide = (
+            np.abs(self._slopes(y + way * perturbation_factors(len(y)) * displacement) - self._slope) for way in ways
+        )
         jumps = 16 * near > wide
         found = np.where(jumps, wide, np.fmin(near / part, wide / (WIDER * part)))
         return np.where(np.isfinite(found), found, 0.0)
@@ -189,7 +203,7 @@ class _Response:
         Only entries with a displacement of their own count: what others get is round-off at first.
         """
         known, found = displacement > 0, np.inf
-        for _ in range(TURNS):
+        for _ in range(RATE_ITERATIONS):
             # A response is a displacement per time: in slow units of time it would be lost in round-off.
             first = self(displacement)
             once = _ratio(first, displacement, known) or self._from_rest(first, displacement)

@@ -5,15 +5,15 @@ import math
 
 from rich.console import Console
 
-from lagrange.evidence.report import Report, Row
+from lagrange.evidence.report import Report, ReportRow
 
-GOOD = Row("L", 1.5e-16, "lagrangian", 2, 5, 1.0, 1.0, holds=True)
-BAD = Row("accelerations", 0.25, "theta", 1, 5, 3.0, 4.0, holds=False)
-LOST = Row("momenta dL/dv", math.inf, "theta", 0, 5, 0.0, 0.0, holds=False)
-UNSEEN = Row("forces", -1.0, "-", 0, 0, 0.0, 0.0, holds=False)
+GOOD = ReportRow("L", 1.5e-16, "lagrangian", 2, 5, 1.0, 1.0, holds=True)
+BAD = ReportRow("accelerations", 0.25, "theta", 1, 5, 3.0, 4.0, holds=False)
+LOST = ReportRow("momenta dL/dv", math.inf, "theta", 0, 5, 0.0, 0.0, holds=False)
+UNSEEN = ReportRow("forces", -1.0, "-", 0, 0, 0.0, 0.0, holds=False)
 
 
-def report(*rows: Row, points: int = 2, unexplained: tuple[str, ...] = ()) -> Report:
+def report(*rows: ReportRow, points: int = 2, unexplained: tuple[str, ...] = ()) -> Report:
     return Report(
         system="pendulum",
         target="llvm",

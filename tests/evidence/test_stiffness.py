@@ -60,7 +60,7 @@ def test_a_limit_is_where_growth_begins(polynomial: tuple[float, ...]) -> None:
     for angle in np.linspace(math.pi / 2, math.pi, 5):
         limit = stability_limit(polynomial, angle)
         growth = [abs(np.polyval(polynomial[::-1], r * np.exp(1j * angle))) for r in (0.99 * limit, 1.01 * limit)]
-        assert growth[0] < 1 + stiffness.GROWTH + 1e-6 and growth[1] > 1 + stiffness.GROWTH / 2
+        assert growth[0] < 1 + stiffness.MODE_GROWTH + 1e-6 and growth[1] > 1 + stiffness.MODE_GROWTH / 2
 
 
 # --- stiff runs -------------------------------------------------------------------------------------------------

@@ -70,7 +70,7 @@ def test_the_reference_says_how_well_it_is_known() -> None:
     found = race()
     assert 0 < found.uncertainty < 1e-15
     assert race(digits=30).uncertainty < 1e-22
-    assert "30 digits" in race(digits=30).result.truth.about
+    assert "30 digits" in race(digits=30).result.reference.about
 
 
 def test_times_are_the_least_of_so_many_warm_runs() -> None:
@@ -114,8 +114,8 @@ def test_relative_errors_are_in_parts_of_each_entry() -> None:
 
 def test_errors_along_the_way() -> None:
     found = race(methods=["rk4"], outputs=10)
-    assert found.result.truth.times == pytest.approx(np.linspace(0.5, 5.0, 10))
-    solution = SPRING.run(END, method="rk4", step=0.01, t_eval=found.result.truth.times)
+    assert found.result.reference.times == pytest.approx(np.linspace(0.5, 5.0, 10))
+    solution = SPRING.run(END, method="rk4", step=0.01, t_eval=found.result.reference.times)
     exact = np.array([np.cos(2 * solution.t), -2 * np.sin(2 * solution.t)])
     assert found[0].error == pytest.approx(np.abs(solution.y - exact).max(), rel=1e-3)
 
@@ -195,7 +195,7 @@ def test_a_method_as_reference_is_held_against_another(reference: Any) -> None:
     found = race(reference=reference, outputs=2)
     assert 0 < found.uncertainty < 1e-10
     assert found[0].error == pytest.approx(race(outputs=2)[0].error, rel=1e-3)
-    assert "held against" in found.result.truth.about
+    assert "held against" in found.result.reference.about
 
 
 def test_a_poor_reference_is_refused() -> None:

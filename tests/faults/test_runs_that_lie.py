@@ -19,7 +19,7 @@ from tests.models import TARGETS, build, x
 from tests.trajectory.runs import ADAPTIVE, FIXED, IMPLICIT, NAMES, SPLITTINGS, run
 
 STOPPED = (Status.NON_FINITE, Status.STEP_TOO_SMALL, Status.MAX_STEPS, Status.MAX_WALL, Status.DIVERGED)
-HANGS = 300.0
+TIME_LIMIT = 300.0
 """Seconds after which a run does not end of itself, on the busiest machine."""
 ANY_FORCE = tuple(name for name in NAMES if name not in SPLITTINGS)
 
@@ -36,7 +36,7 @@ def go(model: Model, end: float, name: str, step: float = 0.01, **options: Any) 
     began = time.process_time()
     if name in FIXED:
         options["step"] = step
-    found = run(model, end, name, max_wall=HANGS, max_steps=300_000, **options)
+    found = run(model, end, name, max_wall=TIME_LIMIT, max_steps=300_000, **options)
     # An interpreted Taylor step takes some milliseconds, and a brief force a thousand steps.
     assert time.process_time() - began < (120.0 if model.target == "numpy" else 10.0)
     assert np.isfinite(found.t).all() and np.isfinite(found.y).all()

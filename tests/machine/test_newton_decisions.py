@@ -18,23 +18,23 @@ from lagrange.machine.llvm.procedures import module
 from lagrange.machine.python_source import loaded
 from lagrange.procedure.interpreter import run
 from lagrange.procedure.newton.constants import (
-    AGING,
-    FRACTION,
+    DIVERGENCE_GROWTH,
+    DIVERGENCE_RATE,
+    FEW_CORRECTIONS,
     FRESH_RATE,
-    GROWTH,
-    HOPELESS,
+    LARGEST_MATRIX_AGE,
+    LARGEST_RATE,
     LEAST_RATE,
-    NOISE,
-    OLD,
-    OLDEST,
-    OLDEST_RATE,
-    REST,
-    SLOW,
-    STALLED,
-    STALLED_RATE,
-    TURNS,
+    MATRIX_AGE,
+    NOISE_DECAY,
+    RATE_INCREASE,
+    ROUND_OFF_FRACTION,
+    SLOW_RATE,
+    STAGNATION_NORM,
+    STAGNATION_RATE,
+    TOLERANCE_FRACTION,
 )
-from lagrange.procedure.newton.judge import judge
+from lagrange.procedure.newton.convergence import assess_correction
 from lagrange.procedure.outcome import Outcome
 from lagrange.procedure.step.memory import NEWTON
 
@@ -47,7 +47,7 @@ VERDICTS = {Outcome.DONE: True, Outcome.PAUSED: False}
 @cache
 def judgements(adaptive: bool) -> tuple[Callable[..., int], ...]:
     """Return the procedure as every printer has it, and the machine code of it to keep."""
-    procedure = judge(adaptive=adaptive)
+    procedure = assess_correction(adaptive=adaptive)
     code = Module(module([procedure]), optimize=True)
     types = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double, ctypes.c_double, ctypes.c_int64
     machine = ctypes.CFUNCTYPE(ctypes.c_int64, *types)(code.address(procedure.name))
@@ -96,7 +96,7 @@ def renewed(found: Solve) -> bool:
 # --- enough ---------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("adaptive", "bound"), [(False, REST), (True, FRACTION)])
+@pytest.mark.parametrize(("adaptive", "bound"), [(False, ROUND_OFF_FRACTION), (True, TOLERANCE_FRACTION)])
 @pytest.mark.parametrize(("part", "enough"), [(0.9, True), (1.1, False)])
 def test_what_is_left_is_the_rest_of_a_geometric_series(
     adaptive: bool, bound: float, part: float, enough: bool
@@ -120,7 +120,7 @@ def test_two_corrections_in_a_row_are_round_off() -> None:
 
 
 def test_a_rate_that_is_not_measured_ages() -> None:
-    for before, after in ((0.1, 0.1 * AGING), (0.85, OLDEST_RATE)):
+    for before, after in ((0.1, 0.1 * RATE_INCREASE), (0.85, LARGEST_RATE)):
         found = newton(rate=before)
         assert found.enough(0, 1e-6, 0.0, FAR)
         assert found.known.rate == pytest.approx(after)
@@ -130,7 +130,7 @@ def test_a_rate_that_is_not_measured_ages() -> None:
 
 
 def test_noise_is_forgotten_down_to_one() -> None:
-    for before, after in ((5.0, 5.0 * NOISE), (1.05, 1.0), (1.0, 1.0)):
+    for before, after in ((5.0, 5.0 * NOISE_DECAY), (1.05, 1.0), (1.0, 1.0)):
         found = newton(noise=before)
         assert found.enough(0, 1e-6, 0.0, FAR)
         assert found.known.noise == pytest.approx(after)
@@ -140,11 +140,11 @@ def test_noise_is_forgotten_down_to_one() -> None:
     ("turn", "age", "new"),
     [
         (0, 0, False),
-        (TURNS - 1, OLD, False),
-        (TURNS, OLD - 2, False),
-        (TURNS, OLD - 1, True),
-        (0, OLDEST - 2, False),
-        (0, OLDEST - 1, True),
+        (FEW_CORRECTIONS - 1, MATRIX_AGE, False),
+        (FEW_CORRECTIONS, MATRIX_AGE - 2, False),
+        (FEW_CORRECTIONS, MATRIX_AGE - 1, True),
+        (0, LARGEST_MATRIX_AGE - 2, False),
+        (0, LARGEST_MATRIX_AGE - 1, True),
     ],
 )
 def test_a_step_of_many_corrections_or_an_old_matrix_wants_a_new_one(turn: int, age: int, new: bool) -> None:
@@ -165,24 +165,24 @@ def test_where_steps_follow_the_error_a_slow_step_wants_a_new_matrix(turn: int, 
 # --- not enough -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("rate", [SLOW / 2, 2 * SLOW, 1.5])
+@pytest.mark.parametrize("rate", [SLOW_RATE / 2, 2 * SLOW_RATE, 1.5])
 def test_corrections_that_shrink_slowly_want_a_new_matrix_where_it_is_old(rate: float) -> None:
-    for since, old in ((0, False), (FRESH, False), (OLD - 1, False), (OLD, True), (FAR, True)):
+    for since, old in ((0, False), (FRESH, False), (MATRIX_AGE - 1, False), (MATRIX_AGE, True), (FAR, True)):
         found = newton()
-        assert not found.enough(1, 2 * STALLED, 2 * STALLED / rate, since)
-        assert renewed(found) is (old and rate > SLOW)
-        assert not newton(rate=rate).enough(0, 2 * STALLED, 0.0, since), "nothing is measured by the first"
+        assert not found.enough(1, 2 * STAGNATION_NORM, 2 * STAGNATION_NORM / rate, since)
+        assert renewed(found) is (old and rate > SLOW_RATE)
+        assert not newton(rate=rate).enough(0, 2 * STAGNATION_NORM, 0.0, since), "nothing is measured by the first"
 
 
 def test_with_a_new_matrix_small_corrections_that_stall_are_round_off() -> None:
     for rate, norm, since, enough in (
-        (1.1 * STALLED_RATE, STALLED / 2, FRESH, True),
-        (1.1 * STALLED_RATE, STALLED / 2, OLD - 1, True),
-        (1.1 * STALLED_RATE, STALLED / 2, 0, False),
-        (1.1 * STALLED_RATE, STALLED / 2, OLD, False),
-        (1.1 * STALLED_RATE, STALLED * 2, FRESH, False),
-        (0.9 * STALLED_RATE, STALLED / 2, FRESH, False),
-        (3 * GROWTH, STALLED / 2, FRESH, True),
+        (1.1 * STAGNATION_RATE, STAGNATION_NORM / 2, FRESH, True),
+        (1.1 * STAGNATION_RATE, STAGNATION_NORM / 2, MATRIX_AGE - 1, True),
+        (1.1 * STAGNATION_RATE, STAGNATION_NORM / 2, 0, False),
+        (1.1 * STAGNATION_RATE, STAGNATION_NORM / 2, MATRIX_AGE, False),
+        (1.1 * STAGNATION_RATE, STAGNATION_NORM * 2, FRESH, False),
+        (0.9 * STAGNATION_RATE, STAGNATION_NORM / 2, FRESH, False),
+        (3 * DIVERGENCE_GROWTH, STAGNATION_NORM / 2, FRESH, True),
     ):
         found = newton()
         assert found.enough(1, norm, norm / rate, since) is enough
@@ -192,11 +192,11 @@ def test_with_a_new_matrix_small_corrections_that_stall_are_round_off() -> None:
 
 def test_with_a_new_matrix_large_corrections_that_grow_have_no_end() -> None:
     for rate, norm, since, hopeless in (
-        (1.1 * GROWTH, 2 * STALLED, FRESH, True),
-        (1.1 * GROWTH, 2 * STALLED, OLD - 1, True),
-        (1.1 * GROWTH, 2 * STALLED, 0, False),
-        (1.1 * GROWTH, 2 * STALLED, OLD, False),
-        (0.9 * GROWTH, 2 * STALLED, FRESH, False),
+        (1.1 * DIVERGENCE_GROWTH, 2 * STAGNATION_NORM, FRESH, True),
+        (1.1 * DIVERGENCE_GROWTH, 2 * STAGNATION_NORM, MATRIX_AGE - 1, True),
+        (1.1 * DIVERGENCE_GROWTH, 2 * STAGNATION_NORM, 0, False),
+        (1.1 * DIVERGENCE_GROWTH, 2 * STAGNATION_NORM, MATRIX_AGE, False),
+        (0.9 * DIVERGENCE_GROWTH, 2 * STAGNATION_NORM, FRESH, False),
     ):
         if hopeless:
             assert newton().outcome(1, norm, norm / rate, since) is Outcome.DIVERGED
@@ -205,7 +205,7 @@ def test_with_a_new_matrix_large_corrections_that_grow_have_no_end() -> None:
 
 
 def test_where_steps_follow_the_error_slow_corrections_want_a_shorter_one() -> None:
-    for rate in (1.1 * HOPELESS, 5.0, np.nan):
+    for rate in (1.1 * DIVERGENCE_RATE, 5.0, np.nan):
         assert newton(adaptive=True).outcome(1, 100.0, 100.0 / rate, FRESH) is Outcome.DIVERGED
-    assert not newton(adaptive=True).enough(1, 100.0, 100.0 / (0.9 * HOPELESS), FRESH)
+    assert not newton(adaptive=True).enough(1, 100.0, 100.0 / (0.9 * DIVERGENCE_RATE), FRESH)
     assert not newton(adaptive=True, rate=5.0).enough(0, 100.0, 0.0, FRESH)

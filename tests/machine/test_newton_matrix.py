@@ -22,7 +22,7 @@ import sympy as sp
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState
-from lagrange.procedure.newton.constants import LEAST_ROUND_OFF, ROUND_OFF
+from lagrange.procedure.newton.constants import LEAST_ROUND_OFF, UNIT_ROUND_OFF
 from lagrange.procedure.step.memory import Kept
 from lagrange.program.actions import LAWS
 from lagrange.program.step import Control
@@ -256,7 +256,7 @@ class Reading:
             part = np.split(moved, self.results)[k % self.results]
             terms = [term + abs(float(one.residuals[i])) * part for i, term in enumerate(terms)]
         off = abs(np.linalg.inv(matrix)) @ np.concatenate(terms)
-        weights: FloatArray = 1 / (ROUND_OFF * off + LEAST_ROUND_OFF)
+        weights: FloatArray = 1 / (UNIT_ROUND_OFF * off + LEAST_ROUND_OFF)
         return weights
 
     def tolerated(self, wanted: int, vectors: Any, first: int, derivative: Any, matrix: FloatArray) -> FloatArray:

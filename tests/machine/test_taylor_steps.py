@@ -154,7 +154,7 @@ def assert_same(state: DriverState, first: DriverState) -> None:
     assert (state.counts == first.counts).all()
     assert abs(state.taylor.low - first.taylor.low) <= 1e-15 * abs(first.t)
     assert state.reals == pytest.approx(first.reals, rel=1e-8)
-    for name in ("scale", "once", "limit", "tries", "fails", "look"):
+    for name in ("scale", "next_limit", "limit", "rescalings", "failures", "inspect"):
         assert getattr(state.taylor, name) == pytest.approx(getattr(first.taylor, name), rel=1e-8)
     assert (abs(state.y - first.y) <= 1e-7 * np.maximum(abs(first.y), abs(first.y).max() * 1e-6)).all()
 

@@ -17,7 +17,7 @@ import lagrange as lg
 from lagrange.evidence.report import Report
 from lagrange.statement.scene import LIBRARY
 from lagrange.trajectory.flow import Flow
-from lagrange.trajectory.methods.registry import Table
+from lagrange.trajectory.methods.registry import MethodTable
 
 
 @cache
@@ -92,7 +92,7 @@ INSTANCES: dict[type, Callable[[], Any]] = {
     lg.methods.ScipyLSODA: lg.methods.ScipyLSODA,
     Flow: flow,
     Report: report,
-    Table: lg.methods.table,
+    MethodTable: lg.methods.table,
 }
 """An instance of every public class, and of what public functions return that can be called in its turn."""
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from lagrange.errors import StatementError
-from lagrange.evidence.reference_solution import Truth
+from lagrange.evidence.reference_solution import ReferenceSolution
 from lagrange.evidence.sensitivity import Sensitivity
 from lagrange.evidence.work_precision import Entry, Result
 from lagrange.show.race import COLUMNS, Race
@@ -39,7 +39,7 @@ ENTRIES = (
 
 
 def made(entries: Any = ENTRIES, *, floor: float = 1e-15, times: tuple[float, ...] = (20.0,), **more: Any) -> Race:
-    right = Truth(times, ((1.0, 2.0),) * len(times), 1e-20, "an independent run")
+    right = ReferenceSolution(times, ((1.0, 2.0),) * len(times), 1e-20, "an independent run")
     result = Result(tuple(entries), right, Sensitivity(12.0, floor), (1.0, 2.0), (1.0, 1.0), ("A note & more.",))
     return Race(result, "pendulum", (0.0, 20.0), **more)
 

@@ -22,7 +22,7 @@ from tests.models import TARGETS, M, build, k, m, model, x, y, z
 from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, planned, run
 
 SLOW = "thousands of interpreted Newton steps, the same as on llvm"
-HANGS = 300.0
+TIME_LIMIT = 300.0
 """Seconds after which something waits for what does not come, on the busiest machine."""
 
 
@@ -67,13 +67,13 @@ def test_ctrl_c_keeps_what_there_is(name: str, target: str) -> None:
 
     def press() -> None:
         # After some bursts, on the way through the next one; the limits are for a run that nothing interrupts.
-        if all(bursts.acquire(timeout=HANGS) for _ in range(3)):
+        if all(bursts.acquire(timeout=TIME_LIMIT) for _ in range(3)):
             os.kill(os.getpid(), signal.SIGINT)
 
-    finger = threading.Thread(target=press)
-    finger.start()
-    found = run(compiled, 1e7, name, max_wall=HANGS, progress=lambda t: bursts.release(), **options)
-    finger.join()
+    thread = threading.Thread(target=press)
+    thread.start()
+    found = run(compiled, 1e7, name, max_wall=TIME_LIMIT, progress=lambda t: bursts.release(), **options)
+    thread.join()
     assert found.status is Status.INTERRUPTED
     assert (
         f"{name} was interrupted at t = " in found.message and "what was computed until then is kept" in found.message

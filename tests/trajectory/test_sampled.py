@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from lagrange.trajectory.paths.sampled import Piece, SampledPath
+from lagrange.trajectory.paths.sampled import SampledPath, StepInterpolant
 from lagrange.trajectory.trajectory import FloatArray
 
 
@@ -15,9 +15,11 @@ def curve(times: FloatArray) -> FloatArray:
     return np.array([times**4 - times, 3 * times**3])
 
 
-def piece(first: float, last: float, degree: int = 5, off: float = 0.0) -> Piece:
+def interpolant(first: float, last: float, degree: int = 5, off: float = 0.0) -> StepInterpolant:
     ends = curve(np.array([first, last])).T
-    return Piece.read((first, last), (ends[0], ends[1]), (first - off, last - off), lambda s: curve(s + off), degree)
+    return StepInterpolant.read(
+        (first, last), (ends[0], ends[1]), (first - off, last - off), lambda s: curve(s + off), degree
+    )
 
 
 @pytest.mark.parametrize("degree", [4, 5, 12])
@@ -25,12 +27,12 @@ def piece(first: float, last: float, degree: int = 5, off: float = 0.0) -> Piece
 def test_a_polynomial_is_read_whole(degree: int, off: float) -> None:
     for first, last in ((0.5, 1.25), (1.25, 0.5)):
         times = np.linspace(first, last, 41)
-        np.testing.assert_allclose(piece(first, last, degree, off)(times), curve(times), rtol=0, atol=2e-15)
+        np.testing.assert_allclose(interpolant(first, last, degree, off)(times), curve(times), rtol=0, atol=2e-15)
 
 
 def test_it_passes_through_the_accepted_states_whatever_the_interpolant_does() -> None:
     ends = np.array([1.0, -1.0]), np.array([2.0, -2.0])
-    found = Piece.read((0.0, 1.0), ends, (0.0, 1.0), lambda s: np.array([s + 1.5, -s]), 5)
+    found = StepInterpolant.read((0.0, 1.0), ends, (0.0, 1.0), lambda s: np.array([s + 1.5, -s]), 5)
     assert np.array_equal(found(np.array([0.0, 1.0])).T, ends)
 
 
@@ -42,17 +44,17 @@ def test_a_step_of_a_few_spacings_is_a_line(spacings: int) -> None:
     assert (np.diff(rounded(256 + spacings)(theta)[0]) > 0).all()
 
 
-def rounded(spacings: int) -> Piece:
+def rounded(spacings: int) -> StepInterpolant:
     """A rise from 0 to 1 within so many spacings of a time."""
     first = 1000.0
     last = first + spacings * np.spacing(first)
     ends = np.array([0.0]), np.array([1.0])
-    return Piece.read((0.0, 1.0), ends, (first, last), lambda s: ((s - first) / (last - first))[None], 12)
+    return StepInterpolant.read((0.0, 1.0), ends, (first, last), lambda s: ((s - first) / (last - first))[None], 12)
 
 
 def test_the_pieces_of_a_burst_are_read_together() -> None:
     times = np.array([0.0, 0.5, 0.75, 2.0])
-    path = SampledPath(times, curve(times).T, [piece(a, b) for a, b in itertools.pairwise(times)])
+    path = SampledPath(times, curve(times).T, [interpolant(a, b) for a, b in itertools.pairwise(times)])
     theta, steps = np.array([0.0, 0.3, 0.5, 1.0]), np.array([0, 2])
     at = times[steps][:, None] + theta * np.diff(times)[steps][:, None]
     np.testing.assert_allclose(path.inside(steps, theta), curve(at.ravel()).reshape(2, 2, 4), atol=1e-14)

@@ -15,7 +15,7 @@ import scipy.integrate
 
 from lagrange.errors import StatementError
 from lagrange.trajectory.methods.explicit import runge_kutta_step
-from lagrange.trajectory.tableaux.butcher import HIGHEST, ButcherTableau, DenseOutput, ErrorEstimate, row, rows
+from lagrange.trajectory.tableaux.butcher import HIGHEST_CHECKED, ButcherTableau, DenseOutput, ErrorEstimate, row, rows
 from lagrange.trajectory.tableaux.classical import BS3, EULER, HEUN, MIDPOINT, RK4
 from lagrange.trajectory.tableaux.dop853 import DOP853
 from lagrange.trajectory.tableaux.dopri5 import DOPRI5
@@ -79,7 +79,7 @@ def test_step_control_belongs_to_the_tableau_and_not_to_its_name() -> None:
 
 def test_every_condition_that_is_checked_can_be_told() -> None:
     """The tall tree has a letter for each stage but the last."""
-    formulas = [formula(tree) for tree in trees(HIGHEST)]
+    formulas = [formula(tree) for tree in trees(HIGHEST_CHECKED)]
     assert "a_ij a_jk a_kl a_lm a_mn a_no a_op a_pq c_q" in formulas
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from lagrange.machine.kernel import llvm_ldl
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.sine_cosine import call_sine_and_cosine, sine_and_cosine
-from lagrange.machine.llvm.spelling import BOOLEAN, LIBRARY, c_name, element, number, spell, truth
+from lagrange.machine.llvm.spelling import BOOLEAN, LIBRARY, c_name, element, flag_type, number, spell
 from lagrange.procedure.linear.dense import factor_size
 from lagrange.program.program import Instruction, Program
 
@@ -104,12 +104,12 @@ class Body:
             width = width_of(self.program, ref)
             self.vectors[ref] = [self.given(slot + k) for k in range(width)]
             if op == "factor":
-                self.vectors[ref][-1] = self.as_truth(self.vectors[ref][-1])
+                self.vectors[ref][-1] = self.as_flag(self.vectors[ref][-1])
         else:
             value = self.given(slot)
-            self.values[ref] = self.as_truth(value) if op in BOOLEAN else value
+            self.values[ref] = self.as_flag(value) if op in BOOLEAN else value
 
-    def as_truth(self, value: str) -> str:
+    def as_flag(self, value: str) -> str:
         """Return the condition that was saved as a number."""
         return self.e.value(f"fcmp une {self.kind} {value}, {number(0.0, self.lanes)}")
 
@@ -239,7 +239,7 @@ class Body:
         name = e.fresh("pivot")
         every = trusted
         if self.lanes > 1:
-            bits = e.value(f"bitcast {truth(self.lanes)} {trusted} to i{self.lanes}")
+            bits = e.value(f"bitcast {flag_type(self.lanes)} {trusted} to i{self.lanes}")
             every = e.value(f"icmp eq i{self.lanes} {bits}, -1")
         before = e.block
         e.do(f"br i1 {every}, label %{name}.join, label %{name}.cold, !prof !0")

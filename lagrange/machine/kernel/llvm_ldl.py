@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lagrange.machine.llvm.emitter import Emitter
-from lagrange.machine.llvm.spelling import element, number, truth
+from lagrange.machine.llvm.spelling import element, flag_type, number
 from lagrange.procedure.linear.dense import PIVOT
 
 Entries = dict[tuple[int, int], str]
@@ -32,7 +32,7 @@ def factor(e: Emitter, lanes: int, n: int, a: Entries, negative: int = 0) -> lis
             pivot, size = e.value(f"fneg {kind} {diagonal}"), _size(e, kind, scaled, lower, j, lanes)
         least = e.value(f"fmul {kind} {size}, {number(PIVOT, lanes)}")
         good = e.value(f"fcmp ogt {kind} {pivot}, {least}")
-        trusted = e.value(f"and {truth(lanes)} {trusted}, {good}") if trusted else good
+        trusted = e.value(f"and {flag_type(lanes)} {trusted}, {good}") if trusted else good
         lower[j, j] = e.value(f"fdiv {kind} {number(1.0, lanes)}, {diagonal}")
         for i in range(j + 1, n):
             if (i, j) in scaled:

@@ -10,7 +10,15 @@ from collections.abc import Iterable
 import numpy as np
 
 from lagrange.machine.kernel.arithmetic import OPERATIONS
-from lagrange.machine.kernel.python_text import GIVEN, TRUTHS, Entries, FloatPrinter, listed, products_of, rows_of
+from lagrange.machine.kernel.python_text import (
+    FLAG_OPERATIONS,
+    GIVEN,
+    Entries,
+    FloatPrinter,
+    listed,
+    products_of,
+    rows_of,
+)
 from lagrange.machine.python_source import ATOM
 from lagrange.procedure.linear.dense import PIVOT
 from lagrange.program.program import Instruction, Program
@@ -93,7 +101,7 @@ class _Rows(FloatPrinter):
             self.solve_rows(i, one)
         elif one.op == "component":
             self.texts[i] = ATOM, self.vectors[one.args[0]][one.place]
-        elif one.op in TRUTHS:
+        elif one.op in FLAG_OPERATIONS:
             self.texts[i] = ATOM, self.named(f"c{i}", f"np.{UFUNCS[one.op]}({self.operands(one)})")
         else:
             row = self.row()

@@ -24,7 +24,7 @@ NEEDED: Mapping[str, tuple[int, ...]] = {**OPERANDS, "div": OPERANDS["mul"]}
 
 SUM = SPELLED["add"][0]
 
-TRUTHS = ("less", "less_equal", "equal", "and", "or", "not")
+FLAG_OPERATIONS = ("less", "less_equal", "equal", "and", "or", "not")
 GIVEN = ("time", "state", "parameter", "constant")
 
 

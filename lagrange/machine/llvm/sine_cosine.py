@@ -15,7 +15,7 @@ Source of the polynomials: FreeBSD msun k_sin.c and k_cos.c (Sun Microsystems, 1
 from __future__ import annotations
 
 from lagrange.machine.llvm.emitter import Emitter
-from lagrange.machine.llvm.spelling import element, number, truth
+from lagrange.machine.llvm.spelling import element, flag_type, number
 
 RANGE = 2.0**20
 TWO_OVER_PI = 0.6366197723675814
@@ -49,7 +49,7 @@ def sine_and_cosine(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
     near = e.value(f"fcmp olt {kind} {e.fabs(x, kind)}, {number(RANGE, lanes)}")
     every = near
     if lanes > 1:
-        bits = e.value(f"bitcast {truth(lanes)} {near} to i{lanes}")
+        bits = e.value(f"bitcast {flag_type(lanes)} {near} to i{lanes}")
         every = e.value(f"icmp eq i{lanes} {bits}, -1")
     name = e.fresh("angle")
     pair = _near(e, x, lanes)
@@ -58,7 +58,7 @@ def sine_and_cosine(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
     e.label(f"{name}.far")
     # A lane that is near keeps its bits, whatever the lanes beside it are.
     far = [
-        e.value(f"select {truth(lanes)} {near}, {kind} {here}, {kind} {there}")
+        e.value(f"select {flag_type(lanes)} {near}, {kind} {here}, {kind} {there}")
         for here, there in zip(pair, _by_library(e, x, lanes), strict=True)
     ]
     e.jump(f"{name}.join")
@@ -144,7 +144,7 @@ def _turn(e: Emitter, rounded: str, sine: str, cosine: str, kind: str, integers:
     quadrant = e.value(f"bitcast {kind} {rounded} to {integers}")
     odd = e.value(f"icmp ne {integers} {e.value(f'and {integers} {quadrant}, {whole(1)}')}, {whole(0)}")
     swapped = [
-        e.value(f"select {truth(lanes)} {odd}, {kind} {a}, {kind} {b}") for a, b in ((cosine, sine), (sine, cosine))
+        e.value(f"select {flag_type(lanes)} {odd}, {kind} {a}, {kind} {b}") for a, b in ((cosine, sine), (sine, cosine))
     ]
     following = e.value(f"add {integers} {quadrant}, {whole(1)}")
     return signed(swapped[0], quadrant), signed(swapped[1], following)

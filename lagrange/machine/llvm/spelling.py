@@ -33,7 +33,7 @@ def element(lanes: int) -> str:
     return "double" if lanes == 1 else f"<{lanes} x double>"
 
 
-def truth(lanes: int) -> str:
+def flag_type(lanes: int) -> str:
     """Return the type of a condition."""
     return "i1" if lanes == 1 else f"<{lanes} x i1>"
 
@@ -71,7 +71,7 @@ def spell(emitter: Emitter, op: str, args: list[str], lanes: int) -> str:
     if op in _COMPARE:
         return emitter.value(f"fcmp {_COMPARE[op]} {kind} {args[0]}, {args[1]}")
     if op in _LOGIC:
-        return emitter.value(f"{_LOGIC[op]} {truth(lanes)} {args[0]}, {args[1]}")
+        return emitter.value(f"{_LOGIC[op]} {flag_type(lanes)} {args[0]}, {args[1]}")
     return _OTHERS[op](emitter, args, lanes)
 
 
@@ -81,12 +81,12 @@ def _neg(emitter: Emitter, args: list[str], lanes: int) -> str:
 
 def _not(emitter: Emitter, args: list[str], lanes: int) -> str:
     every = "true" if lanes == 1 else "<" + ", ".join(["i1 true"] * lanes) + ">"
-    return emitter.value(f"xor {truth(lanes)} {args[0]}, {every}")
+    return emitter.value(f"xor {flag_type(lanes)} {args[0]}, {every}")
 
 
 def _select(emitter: Emitter, args: list[str], lanes: int) -> str:
     kind = element(lanes)
-    return emitter.value(f"select {truth(lanes)} {args[0]}, {kind} {args[1]}, {kind} {args[2]}")
+    return emitter.value(f"select {flag_type(lanes)} {args[0]}, {kind} {args[1]}, {kind} {args[2]}")
 
 
 def _sign(emitter: Emitter, args: list[str], lanes: int) -> str:

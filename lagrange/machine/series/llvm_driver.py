@@ -24,7 +24,7 @@ from lagrange.machine.llvm.sine_cosine import angle_function
 from lagrange.machine.llvm.spelling import intrinsics, library_functions
 from lagrange.machine.series.constants import constants
 from lagrange.machine.series.cost import cheapest_order, is_large
-from lagrange.machine.series.llvm_jet import WIDEST, Table, shares_wide_angles
+from lagrange.machine.series.llvm_jet import WIDEST, VectorConstants, shares_wide_angles
 from lagrange.machine.series.llvm_layout import Slots, looped_layout, unrolled_layout
 from lagrange.machine.series.llvm_looped import LoopedJet
 from lagrange.machine.series.llvm_steps import compiled_steps
@@ -93,7 +93,7 @@ class CompiledJet:
 
     def __init__(self, packing: Packing, order: int) -> None:
         self.program = packing.program
-        self._table = Table(self.program.numbers, inverse_size(self.program))
+        self._table = VectorConstants(self.program.numbers, inverse_size(self.program))
         linear_solver(often=False)
         if order:
             self.layout = unrolled_layout(self.program, order)

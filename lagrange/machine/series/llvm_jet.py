@@ -32,7 +32,7 @@ def shares_wide_angles(program: Program) -> bool:
     return len(angles(program)) > INLINE_ANGLES
 
 
-class Table:
+class VectorConstants:
     """Vectors of constants: which places of the table of constants stand where in memory, from `begin` on."""
 
     def __init__(self, known: Sequence[float | None], begin: int) -> None:
@@ -199,7 +199,7 @@ def right_sides(jet: Orders, stage: PackedStage) -> list[Vector]:
     return found
 
 
-def constant_vector(e: Emitter, table: Table, lanes: tuple[int, ...]) -> str:
+def constant_vector(e: Emitter, table: VectorConstants, lanes: tuple[int, ...]) -> str:
     """Return a vector of constants, as a literal where all are known."""
     known = [table.known[place] for place in lanes]
     if all(value is not None for value in known):
@@ -207,13 +207,13 @@ def constant_vector(e: Emitter, table: Table, lanes: tuple[int, ...]) -> str:
     return e.load(e.address("%c", table.place(lanes)), element(len(lanes)))
 
 
-def known_numbers(table: Table, chunk: Chunk, which: int) -> list[float] | None:
+def known_numbers(table: VectorConstants, chunk: Chunk, which: int) -> list[float] | None:
     """Return a coefficient of each lane where all are known now, else None."""
     known = [table.known[place] for place in chunk.coefficients[which]]
     return None if any(value is None for value in known) else [value for value in known if value is not None]
 
 
-def pieces(count: int) -> list[tuple[int, int]]:
+def vector_parts(count: int) -> list[tuple[int, int]]:
     """Return (first lane, width) of the powers of two that a number of lanes falls into."""
     found, place = [], 0
     for width in (8, 4, 2, 1):
@@ -227,7 +227,7 @@ def store_exactly(e: Emitter, vector: Vector, width: int, count: int, target: st
     """Store the first lanes of a vector and nothing else."""
     if vector is None:
         vector = number(0.0, width)
-    for place, size in pieces(count):
+    for place, size in vector_parts(count):
         part = vector
         if size != width:
             mask = ", ".join(f"i32 {place + i}" for i in range(size))

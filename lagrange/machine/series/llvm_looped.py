@@ -18,13 +18,13 @@ from lagrange.machine.series.llvm_jet import (
     SIGNATURE,
     Shuffle,
     Start,
-    Table,
+    VectorConstants,
     constant_vector,
     known_numbers,
     lower_triangles,
-    pieces,
     right_sides,
     store_exactly,
+    vector_parts,
 )
 from lagrange.machine.series.llvm_layout import Slots
 from lagrange.machine.series.llvm_rules import Arithmetic, Vector, coefficient, divided
@@ -42,7 +42,7 @@ WRITTEN_OUT = 32
 class LoopedJet:
     """Emits the function."""
 
-    def __init__(self, packing: Packing, table: Table, layout: TaylorLayout, slots: Slots) -> None:
+    def __init__(self, packing: Packing, table: VectorConstants, layout: TaylorLayout, slots: Slots) -> None:
         self.packing, self.table, self.layout, self.slots = packing, table, layout, slots
         self.origin = Start(packing, layout.padded)
         self.e: Emitter = self.origin.e
@@ -330,7 +330,7 @@ class LoopedJet:
         if count == lanes:
             return self.e.load(source, element(lanes))
         found: list[tuple[Vector, int, int]] = []
-        for place, width in pieces(count):
+        for place, width in vector_parts(count):
             part = self.e.load(self.e.address(source, place), element(width))
             found += [(part, width, lane) for lane in range(width)]
         vector = self.shuffle.gather(found + [found[-1]] * (lanes - count))

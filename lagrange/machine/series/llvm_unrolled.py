@@ -20,7 +20,7 @@ from lagrange.machine.series.llvm_jet import (
     SIGNATURE,
     Shuffle,
     Start,
-    Table,
+    VectorConstants,
     constant_vector,
     known_numbers,
     lower_triangles,
@@ -40,7 +40,7 @@ than what the first does that its bias does not show."""
 class UnrolledJet:
     """Emits the function. `x` has the coefficients of each chunk, by chunk and order; k is the order at hand."""
 
-    def __init__(self, packing: Packing, table: Table, layout: TaylorLayout) -> None:
+    def __init__(self, packing: Packing, table: VectorConstants, layout: TaylorLayout) -> None:
         self.packing, self.table, self.order, self.width = packing, table, layout.order, layout.width
         self.origin = Start(packing, layout.padded)
         self.e: Emitter = self.origin.e

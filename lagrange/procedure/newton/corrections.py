@@ -12,9 +12,17 @@ from contextlib import contextmanager
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, WHOLE, Procedure
-from lagrange.procedure.newton.constants import ASTRAY, FARTHEST, LARGEST, MOST, MOST_TIMES, OLD, ROUND_OFF
-from lagrange.procedure.newton.judge import judge
-from lagrange.procedure.newton.matrix import renew
+from lagrange.procedure.newton.constants import (
+    LARGE_CORRECTION,
+    LARGEST_CORRECTION,
+    LARGEST_DISTANCE,
+    MATRIX_AGE,
+    MOST_CORRECTIONS,
+    MOST_CORRECTIONS_ADAPTIVE,
+    UNIT_ROUND_OFF,
+)
+from lagrange.procedure.newton.convergence import assess_correction
+from lagrange.procedure.newton.matrix import build_matrix
 from lagrange.procedure.newton.prediction import predict
 from lagrange.procedure.outcome import Outcome
 from lagrange.procedure.step.memory import Layout, SolveLayout
@@ -97,10 +105,10 @@ def _iterate(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure:
     newton, effort = given.newton, given.effort
     arguments = [argument for call in stated.calls for argument in call.arguments]
     vectors = Vectors(given, [*arguments, *stated.residuals], [call.time for call in stated.calls])
-    unit = given.rtol if solve.adaptive else p.constant(ROUND_OFF, REAL)
+    unit = given.rtol if solve.adaptive else p.constant(UNIT_ROUND_OFF, REAL)
     previous, moved = p.variable(0.0, "previous"), p.variable(0.0, "moved")
-    since = p.variable(OLD, "since")
-    with p.loop(0, MOST_TIMES if solve.adaptive else MOST) as turn:
+    since = p.variable(MATRIX_AGE, "since")
+    with p.loop(0, MOST_CORRECTIONS_ADAPTIVE if solve.adaptive else MOST_CORRECTIONS) as turn:
         singular = p.variable(p.false, "singular")
         for call in stated.calls:
             vectors.evaluate(call, singular)
@@ -109,19 +117,19 @@ def _iterate(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure:
         for i, residual in enumerate(stated.residuals):
             vectors.combine(residual, given.work.at(solve.residual + i * solve.width))
         with p.when(~newton.matrix_step.equals(given.h)):
-            given.leave_unless_done(p.call(renew(layout, solve, prefix), *given.handed()))
+            given.leave_unless_done(p.call(build_matrix(layout, solve, prefix), *given.handed()))
             since.value = 0
         norm = _correct(given, solve).called("norm")
         effort.residual = norm * unit
-        with p.when(~(norm < LARGEST)):
+        with p.when(~(norm < LARGEST_CORRECTION)):
             p.note("The law is no number there, unless a large correction before has gone astray.")
-            p.leave_if(previous.value * unit < ASTRAY, Outcome.NON_FINITE)
+            p.leave_if(previous.value * unit < LARGE_CORRECTION, Outcome.NON_FINITE)
             p.leave(Outcome.DIVERGED)
         if not solve.adaptive:
             moved.value = p.fma(norm, unit, moved.value)
-            p.leave_if(moved.value > FARTHEST, Outcome.DIVERGED)
-        verdict = p.call(judge(adaptive=solve.adaptive), newton, turn, norm, previous.value, since.value)
-        p.leave_if(~verdict.equals(Outcome.PAUSED), verdict)
+            p.leave_if(moved.value > LARGEST_DISTANCE, Outcome.DIVERGED)
+        assessment = p.call(assess_correction(adaptive=solve.adaptive), newton, turn, norm, previous.value, since.value)
+        p.leave_if(~assessment.equals(Outcome.PAUSED), assessment)
         previous.value = norm
         since.value = since.value + 1
     p.leave(Outcome.DIVERGED)

@@ -21,9 +21,9 @@ from lagrange.procedure.values import Flag, Memory, Real, Whole
 from lagrange.program.actions import LAWS, Call, Combination, Solve
 
 
-def renew(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure:
+def build_matrix(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure:
     """Return the making of a matrix for the present step, with the derivative of the law that is known or a new one."""
-    return _Renewal(layout, solve, prefix).build()
+    return _MatrixBuilder(layout, solve, prefix).build()
 
 
 def factor_of(combination: Combination, vector: int) -> Node | None:
@@ -61,12 +61,14 @@ def shares_of(layout: Layout, solve: Solve) -> list[Node]:
     ]
 
 
-class _Renewal:
+class _MatrixBuilder:
     """Builds the procedure. Matrices stand in the work array, the derivative by columns."""
 
     def __init__(self, layout: Layout, solve: SolveLayout, prefix: str) -> None:
         self.p = p = Builder(
-            f"{prefix}renew{solve.index}", "Make the matrix of corrections anew, and return an outcome.", apart=True
+            f"{prefix}build_matrix{solve.index}",
+            "Make the matrix of corrections anew, and return an outcome.",
+            apart=True,
         )
         self.layout, self.solve, self.law = layout, solve, LAWS[layout.step.law]
         self.given = Given(p, layout, solve)
@@ -90,7 +92,7 @@ class _Renewal:
         self.spread()
         if self.layout.step.law == "momentum":
             with p.when(singular):
-                self.blame_mass()
+                self.leave_if_mass_singular()
         for damp in solve.damped:
             self.damper(self.vectors.numbers[damp.factor], given.work.at(solve.damper(damp)))
         if self.point is not None:
@@ -167,7 +169,7 @@ class _Renewal:
         with p.each(solve.width, spill=True) as a:
             target[a] = source[a] if solve.width == solve.length else p.choose(a < solve.length, source[a], 0.0)
 
-    def blame_mass(self) -> None:
+    def leave_if_mass_singular(self) -> None:
         """Leave if it is the mass matrix dp/dv that has no inverse, and not what the step makes of it."""
         length, n = self.solve.length, self.layout.dimension
         with self.p.loop(0, length) as a, self.p.loop(0, length) as b:

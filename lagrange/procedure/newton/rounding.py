@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lagrange.procedure.newton.constants import LEAST_ROUND_OFF, ROUND_OFF
+from lagrange.procedure.newton.constants import LEAST_ROUND_OFF, UNIT_ROUND_OFF
 from lagrange.procedure.step.memory import SolveLayout
 from lagrange.procedure.step.vectors import Vectors
 from lagrange.procedure.values import Memory
@@ -40,4 +40,4 @@ def weigh_by_rounding(vectors: Vectors, solve: SolveLayout, point: Call, shares:
         with p.loop(0, count) as j, p.loop(0, length) as b:
             entry = abs(inverse[(j * length + b) * solve.all + row])
             total.value = p.fma(entry, sizes[j * solve.width + b], total.value)
-        weights[row] = 1.0 / p.fma(total.value, ROUND_OFF, LEAST_ROUND_OFF)
+        weights[row] = 1.0 / p.fma(total.value, UNIT_ROUND_OFF, LEAST_ROUND_OFF)

@@ -1,6 +1,6 @@
 """How step control decides, on every machine; what a method may choose of it is `Control`.
 
-Source of `INTEGRAL`, `LEAST_PREVIOUS` and `DAMPING`: E. Hairer, S. P. Norsett, G. Wanner, Solving
+Source of `PI_SHARE`, `LEAST_PREVIOUS` and `DAMPING`: E. Hairer, S. P. Norsett, G. Wanner, Solving
 Ordinary Differential Equations I, 2nd ed., 1993, II.4 and II.10, and its programs DOPRI5 and DOP853.
 """
 
@@ -21,33 +21,33 @@ the second, for at zero nothing is lost."""
 LEAST_FLOOR = 1e-307
 """The floor of an entry that nothing is known of: it can have an error, and no state is as small."""
 
-STUCK = 3
+REJECTIONS_BEFORE_SURVEY = 3
 """After so many rejected trials of a step in a row, or one that moved an entry that was zero and has no floor, a driver
 asks how large the entries are. A Taylor driver, whose steps are rejected seldom, asks at the second, fourth, eighth
 rejection of a run, and so on."""
 
-SURVEYS = 8
+MOST_SURVEYS = 8
 """A run asks so often at most: where it has to shrink its steps again and again it is the motion that wants it."""
 
-SLIVER = 1e-6
+SHORTEST_LAST_STEP = 1e-6
 """A last one of equal steps that is shorter than this part of the step is round-off of the grid, and joins the step
 before it."""
 
-FAR = 1e-6
+FAR_FROM_ZERO = 1e-6
 """Below this part of the time, rounding the time changes the length of a step by more than 1e-10 of it."""
 
 AFTER_DIVERGED, AFTER_BROKEN = 0.5, 0.25
 """The parts of its length at which a step is tried again: one that did not converge may then, and one that met a state
 or a slope that is no number has to shrink further."""
 
-SHRUNK = 0.95
+LARGEST_RETRY = 0.95
 """A step whose error is too large is tried again at this part of its length at most."""
 
 LEAST_NORM, LEAST_PREVIOUS = 1e-10, 1e-4
 """An error norm below the first counts as that, and that of the step before below the second: a step without an error
 says nothing about the next."""
 
-INTEGRAL = 0.75
+PI_SHARE = 0.75
 """By this part of the exponent of the previous norm that of the present one is less, so that h still follows the norm
 where it changes slowly."""
 
@@ -58,19 +58,19 @@ FIRST_SHARE = 0.01
 """For a first step: an Euler step of the trial length changes the state by this part at most, and the first step aims
 at this part of the tolerance."""
 
-CANCELLED = 2.0**-12
+CANCELLATION = 2.0**-12
 """An acceleration that is less than this part of what it owes to the entries of the state may be round-off of what
 cancels."""
 
-TILT = 2.0**-26
+PERTURBATION = 2.0**-26
 """What an expression owes to the entries of the state shows where each is moved by about this part of itself: half of
 the digits."""
 
-NOISE = 2.0**-44
+SLOPE_NOISE = 2.0**-44
 """Slopes are rounded to a few units of round-off of what they are made of, 2**-52: this part of it, over the natural
 period, is no more than noise."""
 
-ALONE = 16.0
+CANCELLATION_DOMINANCE = 16.0
 """Coordinates that such accelerations move must not be the ones that a first step follows: what they say of the square
 of the rate may be so many times what the others do."""
 
@@ -78,15 +78,15 @@ LEAST_FIRST = 2.0**-44
 """Where an entry is zero its floor begins with this part, at least, of what the first step reaches: Newton's method has
 to get below it."""
 
-RESOLVED = 64.0
+LEAST_SPACINGS = 64.0
 """A first step is not shorter than so many of the shortest: it is a guess, and no reason to give up."""
 
-FIRST_TRIAL, FLAT = 2.0**-20, 1e-3
+FIRST_TRIAL, DEFAULT_FIRST = 2.0**-20, 1e-3
 """Parts of the run. The first is the trial length where no entry that is not zero has a slope, as in a state at rest;
 the second is the first step where neither slopes nor their change say anything about its length."""
 
 
 @lru_cache(maxsize=64)
-def tilts(size: int) -> NDArray[np.float64]:
+def perturbation_factors(size: int) -> NDArray[np.float64]:
     """Return numbers from 1 to 2, all different: else the difference of two equal entries would owe nothing to them."""
     return np.asarray(1 + np.arange(size) * 0.6180339887498949 % 1)

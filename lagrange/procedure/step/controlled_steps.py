@@ -15,15 +15,15 @@ from lagrange.procedure.step.constants import (
     AFTER_BROKEN,
     AFTER_DIVERGED,
     EARLIEST,
-    FAR,
-    INTEGRAL,
+    FAR_FROM_ZERO,
+    LARGEST_RETRY,
     LEAST_NORM,
     LEAST_PREVIOUS,
     NEAR_END,
-    SHRUNK,
+    PI_SHARE,
     SPACING,
 )
-from lagrange.procedure.step.equal_steps import come_back, equal_steps, forget, is_finite, keep_entries
+from lagrange.procedure.step.equal_steps import discard_history, equal_steps, is_finite, keep_entries, leave_at_budget
 from lagrange.procedure.step.error_norm import error_norm, raise_floors, reject
 from lagrange.procedure.step.first_step import first_step
 from lagrange.procedure.step.memory import Layout
@@ -34,7 +34,7 @@ from lagrange.program.step import Control
 
 def controlled_steps(layout: Layout, control: Control) -> Procedure:
     """Return the loop; it comes back at the end, after so many trials as `budget` says, or where no step is left."""
-    return _Loop(layout, control).build()
+    return _ControlledLoop(layout, control).build()
 
 
 def steps_of(layout: Layout) -> Procedure:
@@ -43,7 +43,7 @@ def steps_of(layout: Layout) -> Procedure:
     return equal_steps(layout) if control is None else controlled_steps(layout, control)
 
 
-class _Loop:
+class _ControlledLoop:
     """Builds the procedure."""
 
     def __init__(self, layout: Layout, control: Control) -> None:
@@ -57,7 +57,7 @@ class _Loop:
 
     def build(self) -> Procedure:
         p, run = self.p, self.run
-        forget(self.given)
+        discard_history(self.given)
         entries = keep_entries(self.given)
         end = run.end
         direction = self.begin(end)
@@ -71,9 +71,9 @@ class _Loop:
             p.leave_if(small & (~final | rejected), Outcome.STEP_TOO_SMALL)
             after = p.choose(final, end, t + h)
             p.note("Far from time zero a step is as long as times allow; elsewhere a matrix made for it serves again.")
-            length = p.choose(final | (abs(h) < abs(t) * FAR), after - t, h)
+            length = p.choose(final | (abs(h) < abs(t) * FAR_FROM_ZERO), after - t, h)
             self.trial(t, length, after, rejected, entries)
-        come_back(self.given, end)
+        leave_at_budget(self.given, end)
         return p.finish(WHOLE)
 
     def begin(self, end: Real) -> Real:
@@ -94,17 +94,17 @@ class _Loop:
         outcome = p.call(try_step(self.layout), *self.given.handed, t, length, *entries)
         done = outcome.equals(Outcome.DONE)
         with p.when(is_finite(self.given, errors=True) & done) as ways:
-            self.judge(length, after, rejected, entries)
+            self.control_error(length, after, rejected, entries)
         with ways.otherwise():
             cause = p.choose(done, float(Outcome.NON_FINITE), p.real(outcome))
             part = p.choose(outcome.equals(Outcome.DIVERGED), AFTER_DIVERGED, AFTER_BROKEN)
             self.reject(cause, length * part, moved=False)
 
-    def judge(self, length: Real, after: Real, rejected: Flag, entries: Sequence[Memory]) -> None:
+    def control_error(self, length: Real, after: Real, rejected: Flag, entries: Sequence[Memory]) -> None:
         """Accept or reject a finite trial step by its error norm, and set the next step."""
         p, run, control, given = self.p, self.run, self.control, self.given
         norm = p.call(error_norm(self.layout, control), run, given.floors, given.work).called("norm")
-        exponent = -(1 / control.exponent - INTEGRAL * control.memory)
+        exponent = -(1 / control.exponent - PI_SHARE * control.memory)
         factor: Any = p.larger(norm, LEAST_NORM) ** exponent * control.safety
         with p.when(norm <= 1.0) as ways:
             longer = factor * run.previous**control.memory if control.memory else factor
@@ -118,7 +118,7 @@ class _Loop:
             accepted = (run, self.counts, *given.newtons, given.work, *entries)
             p.call(accept_step(self.layout), *accepted, after, self.times, self.rows)
         with ways.otherwise():
-            shorter = p.smaller(p.larger(factor, control.least), SHRUNK)
+            shorter = p.smaller(p.larger(factor, control.least), LARGEST_RETRY)
             self.reject(float(Outcome.STEP_TOO_SMALL), length * shorter, moved=True)
 
     def reject(self, cause: Any, h: Real, *, moved: bool) -> None:

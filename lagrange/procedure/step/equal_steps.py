@@ -5,7 +5,7 @@ from __future__ import annotations
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, WHOLE, Procedure
 from lagrange.procedure.outcome import Outcome
-from lagrange.procedure.step.constants import SLIVER
+from lagrange.procedure.step.constants import SHORTEST_LAST_STEP
 from lagrange.procedure.step.memory import NEWTON, Layout
 from lagrange.procedure.step.trial import Running, accept_step, try_step
 from lagrange.procedure.values import Flag, Memory, Real
@@ -20,14 +20,14 @@ def equal_steps(layout: Layout) -> Procedure:
     given = Running(p, layout)
     run, counts = given.run, given.counts
     budget, times, rows = p.given("budget", WHOLE), p.array("times"), p.array("rows", room=layout.block)
-    forget(given)
+    discard_history(given)
     entries = keep_entries(given)
     start, end, h = run.start, run.end, run.step
     with p.loop(0, budget):
         t = run.t
         p.leave_if(t.equals(end), Outcome.DONE)
         grid = p.fma(p.real(counts.steps + 1), h, start)
-        left = end - p.fma(SLIVER, h, grid)
+        left = end - p.fma(SHORTEST_LAST_STEP, h, grid)
         beyond = p.choose(h < 0.0, -left, left) <= 0.0
         length = p.choose(beyond, end - t, h)
         outcome = p.call(try_step(layout), *given.handed, t, length, *entries)
@@ -36,17 +36,17 @@ def equal_steps(layout: Layout) -> Procedure:
         after = p.choose(beyond, end, grid)
         accepted = (run, counts, *given.newtons, given.work, *entries)
         p.call(accept_step(layout), *accepted, after, times, rows)
-    come_back(given, end)
+    leave_at_budget(given, end)
     return p.finish(WHOLE)
 
 
-def come_back(given: Running, end: Real) -> None:
+def leave_at_budget(given: Running, end: Real) -> None:
     """End a loop over steps where its budget is used up."""
     p = given.p
     p.leave(p.choose(given.run.t.equals(end), p.whole(Outcome.DONE), p.whole(Outcome.PAUSED)))
 
 
-def forget(given: Running) -> None:
+def discard_history(given: Running) -> None:
     """Clear what is kept from steps if it belongs to another run; a starter makes all anew at each step."""
     p, layout, work = given.p, given.layout, given.work
     if not layout.keeps_history:

@@ -6,7 +6,7 @@ from typing import Any
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, Procedure
-from lagrange.procedure.step.constants import DAMPING, LEAST_FLOOR, STUCK, SURVEYS
+from lagrange.procedure.step.constants import DAMPING, LEAST_FLOOR, MOST_SURVEYS, REJECTIONS_BEFORE_SURVEY
 from lagrange.procedure.step.memory import Layout
 from lagrange.procedure.step.run import COUNTS, RUN
 from lagrange.procedure.step.trial import Running
@@ -59,8 +59,8 @@ def reject(layout: Layout) -> Procedure:
         floor = floors[i]
         size = abs(p.choose(moved, new[i], floor))
         blank = p.largest(p.choose(floor <= LEAST_FLOOR, size, 0.0))
-    asked = counts.after_reject.equals(STUCK) | (blank.value > 0.0)
-    p.leave(asked & (run.share > 0.0) & (counts.surveyed < SURVEYS))
+    asked = counts.after_reject.equals(REJECTIONS_BEFORE_SURVEY) | (blank.value > 0.0)
+    p.leave(asked & (run.share > 0.0) & (counts.surveyed < MOST_SURVEYS))
     return p.finish(FLAG)
 
 

@@ -15,17 +15,17 @@ from typing import Any, NamedTuple
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, Procedure
 from lagrange.procedure.step.constants import (
-    ALONE,
-    CANCELLED,
+    CANCELLATION,
+    CANCELLATION_DOMINANCE,
+    DEFAULT_FIRST,
     FIRST_SHARE,
     FIRST_TRIAL,
-    FLAT,
     LEAST_FIRST,
-    NOISE,
-    RESOLVED,
+    LEAST_SPACINGS,
+    PERTURBATION,
+    SLOPE_NOISE,
     SPACING,
-    TILT,
-    tilts,
+    perturbation_factors,
 )
 from lagrange.procedure.step.error_norm import higher
 from lagrange.procedure.step.memory import Layout
@@ -33,7 +33,7 @@ from lagrange.procedure.step.trial import Running
 from lagrange.procedure.values import Flag, Memory, Real, Whole
 from lagrange.program.step import Control
 
-ASK = -1.0
+NEEDS_SIZES = -1.0
 """The length of a first step where somebody is to look how large the entries are."""
 
 
@@ -50,7 +50,11 @@ class _Size(NamedTuple):
 
 
 class _FirstStep:
-    """Builds the procedure. The second half of `owed` is what accelerations that may be round-off owe to the state."""
+    """Builds the procedure.
+
+    The second half of `sensitivity` has, for accelerations that may be round-off, their derivative by the state times
+    its size.
+    """
 
     def __init__(self, layout: Layout, control: Control) -> None:
         self.p = p = Builder("first_step", "Return the size of a first step from three slopes.", apart=True)
@@ -63,22 +67,22 @@ class _FirstStep:
         p, run, layout, work = self.p, self.run, self.layout, self.work
         self.y, self.argument, self.result = work.at(0), work.at(layout.argument), work.at(layout.result)
         self.slope, self.later = work.at(layout.place(layout.vectors - 1)), work.at(layout.place(layout.errors))
-        self.owed = work.at(layout.place(layout.new))
+        self.sensitivity = work.at(layout.place(layout.new))
         self.t, self.follows = run.t, run.share > 0.0
         self.singular = p.variable(p.false, "singular")
         self.evaluate(self.t, self.y, self.slope)
         rate = self.trial_rate()
         trial = p.smaller(p.choose(rate > 0.0, FIRST_SHARE / rate, FIRST_TRIAL * self.span), self.span)
         self.move(trial * self.direction)
-        squared = self.squares(trial)
+        squared = self.squared_rate(trial)
         with p.when(self.singular.value):
-            p.leave(FLAT * self.span)
+            p.leave(DEFAULT_FIRST * self.span)
         change = p.sqrt(squared)
         rate = p.choose((change > 0.0) & (change < math.inf), change, rate)
         aim = (FIRST_SHARE * run.rtol) ** (1.0 / self.control.exponent)
         some = rate > 0.0
-        least = abs(self.t) * (RESOLVED * SPACING)
-        h = p.smaller(p.larger(p.choose(some, aim / rate, FLAT * self.span), least), self.span).called("h")
+        least = abs(self.t) * (LEAST_SPACINGS * SPACING)
+        h = p.smaller(p.larger(p.choose(some, aim / rate, DEFAULT_FIRST * self.span), least), self.span).called("h")
         with p.when(self.follows):
             self.first_floors(h, h / trial)
             self.noise_floors(p.choose(some, 1.0 / rate, 0.0))
@@ -118,11 +122,11 @@ class _FirstStep:
         with p.each(self.layout.width, spill=True) as i:
             self.argument[i] = p.fma(h, self.slope[i], self.y[i])
         self.evaluate(self.t + h, self.argument, self.later)
-        for k, tilt in enumerate(tilts(self.layout.dimension).tolist()):
-            self.argument[k] = self.y[k] * (1 + TILT * tilt)
+        for k, factor in enumerate(perturbation_factors(self.layout.dimension).tolist()):
+            self.argument[k] = self.y[k] * (1 + PERTURBATION * factor)
         self.evaluate(self.t, self.argument, self.result)
 
-    def squares(self, trial: Real) -> Real:
+    def squared_rate(self, trial: Real) -> Real:
         """Return the square of the rate that the first step follows; leave to ask for sizes where it says nothing."""
         p, half = self.p, self.half
         doubtful, others, moving, paired = (p.variable(0.0) for _ in range(4))
@@ -130,8 +134,8 @@ class _FirstStep:
             below = i + half
             here = self.slope[below]
             force, place, speed = abs(here), self.size(i), self.size(below)
-            owed = abs(self.result[below] - here) / TILT
-            doubt = force < CANCELLED * owed
+            sensitivity = abs(self.result[below] - here) / PERTURBATION
+            doubt = force < CANCELLATION * sensitivity
             jerk = p.choose(speed.some, abs(self.later[below] - here) / trial / speed.whole, 0.0)
             part = force / speed.whole
             other = p.smaller(
@@ -142,13 +146,13 @@ class _FirstStep:
                 (doubtful, p.choose(doubt, square, 0.0)),
                 (others, p.choose(doubt, 0.0, square)),
                 (moving, p.larger(force, abs(self.slope[i]))),
-                (paired, p.choose(doubt & place.some, owed / place.whole, 0.0)),
+                (paired, p.choose(doubt & place.some, sensitivity / place.whole, 0.0)),
             ]
             for variable, value in largest:
                 variable.value = p.larger(variable.value, value)
-            self.owed[below] = p.choose(doubt, owed, 0.0)
-        asked = (doubtful.value > ALONE * others.value) | moving.value.equals(0.0)
-        p.leave_if(self.follows & self.given.counts.surveyed.equals(0) & asked & ~self.singular.value, ASK)
+            self.sensitivity[below] = p.choose(doubt, sensitivity, 0.0)
+        asked = (doubtful.value > CANCELLATION_DOMINANCE * others.value) | moving.value.equals(0.0)
+        p.leave_if(self.follows & self.given.counts.surveyed.equals(0) & asked & ~self.singular.value, NEEDS_SIZES)
         return p.real(p.larger(p.larger(doubtful.value, others.value), paired.value))
 
     def first_floors(self, h: Real, longer: Real) -> None:
@@ -167,6 +171,6 @@ class _FirstStep:
         p, floors = self.p, self.floors
         with p.loop(0, self.half) as i:
             below = i + self.half
-            noise = period * NOISE * self.owed[below]
+            noise = period * SLOPE_NOISE * self.sensitivity[below]
             floors[i] = p.larger(floors[i], period * noise)
             floors[below] = p.larger(floors[below], noise)

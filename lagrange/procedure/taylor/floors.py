@@ -11,7 +11,7 @@ from lagrange.procedure.form import FLAG, REAL, Procedure
 from lagrange.procedure.step.constants import LEAST_FLOOR
 from lagrange.procedure.step.error_norm import higher
 from lagrange.procedure.taylor.constants import START_ROWS
-from lagrange.procedure.taylor.memory import Run, TaylorLayout, entries, floors_array, work_array
+from lagrange.procedure.taylor.memory import SeriesMemory, TaylorLayout, entries, floors_array, work_array
 
 
 @cache
@@ -32,7 +32,7 @@ def first_floors(layout: TaylorLayout) -> Procedure:
     """
     p = Builder("first_floors", "Begin floors of entries that are zero; return if some begin too late.", apart=True)
     share, floors = p.given("share", REAL), floors_array(p, layout, read=False)
-    run = Run(p, layout, work_array(p, layout))
+    run = SeriesMemory(p, layout, work_array(p, layout))
     rows = [run.row(k) for k in range(1, START_ROWS + 1)]
     late = [run.row(run.less(less)) for less in (1, 0)]
 

@@ -9,11 +9,11 @@ from functools import cache
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Procedure
 from lagrange.procedure.outcome import Outcome
-from lagrange.procedure.step.constants import SURVEYS
+from lagrange.procedure.step.constants import MOST_SURVEYS
+from lagrange.procedure.taylor.defect_test import defect_is_small, record_step, reject_step, retries_exhausted
 from lagrange.procedure.taylor.floors import first_floors
 from lagrange.procedure.taylor.memory import Arguments, TaylorLayout
 from lagrange.procedure.taylor.powers import logarithm
-from lagrange.procedure.taylor.proof import agrees, hopeless, record, take_back
 from lagrange.procedure.taylor.step import take_step
 from lagrange.procedure.taylor.step_size import choose_exponent, weigh
 from lagrange.procedure.values import Flag, Memory, Real
@@ -32,14 +32,14 @@ def taylor_steps(layout: TaylorLayout) -> Procedure:
     run, counts = given.run, given.counts
     *recorded, budget = given.own
     counts.rows = 0
-    given.held.waits = 0
+    given.held.unproven = 0
     with p.when(counts.kept.equals(0)):
         _begin(given)
     p.note("Minus the binary logarithm of the relative tolerance.")
     digits = (-p.call(logarithm(), run.rtol)).called("digits")
     p.note("The last turn does no more than prove the last step.")
     with p.loop(0, budget + 1) as i:
-        outcome = p.call(turn(layout), *given.handed(*recorded, i.equals(budget), digits))
+        outcome = p.call(iteration(layout), *given.handed(*recorded, i.equals(budget), digits))
         p.leave_if(~outcome.equals(Outcome.PAUSED), outcome, likely=False)
     p.leave(Outcome.PAUSED)
     return p.finish(WHOLE)
@@ -57,19 +57,21 @@ def _begin(given: Arguments) -> None:
         low[i] = 0.0
     taylor.low, given.held.h = 0.0, 0.0
     taylor.scale = p.choose(run.end < run.t, -1.0, p.real(1.0))
-    taylor.once = taylor.limit = math.inf
-    taylor.tries = taylor.fails = 0
+    taylor.next_limit = taylor.limit = math.inf
+    taylor.rescalings = taylor.failures = 0
 
 
 @cache
-def turn(layout: TaylorLayout) -> Procedure:
+def iteration(layout: TaylorLayout) -> Procedure:
     """Return one turn of the loop."""
-    p = Builder("turn", "Prove the last step, take the next one, and return an outcome: paused where the run goes on.")
+    p = Builder(
+        "iteration", "Prove the last step, take the next one, and return an outcome: paused where the run goes on."
+    )
     given = Arguments(p, layout, **_recorded(layout), last=FLAG, digits=REAL)
     run, counts, held, series = given.run, given.counts, given.held, given.series
     *recorded, last, digits = given.own
     there: Flag = run.t.equals(run.end).called("there")
-    idle: Flag = held.waits.equals(0).called("idle")
+    idle: Flag = held.unproven.equals(0).called("idle")
     p.leave_if(idle & there, Outcome.DONE)
     p.leave_if(idle & last, Outcome.PAUSED)
     rows, numbers = series.work.at(layout.rows), (given.prepared, given.constants)
@@ -78,7 +80,7 @@ def turn(layout: TaylorLayout) -> Procedure:
     weights = p.reserve(layout.padded, room=layout.block, name="weights")
     p.call(weigh(layout), run.rtol, given.floors, weights, series.work)
     with p.when(~idle, likely=True):
-        _prove(given, recorded, weights, singular)
+        _test_defect(given, recorded, weights, singular)
         p.leave_if(there, Outcome.DONE)
         p.leave_if(last, Outcome.PAUSED)
     p.leave_if(singular, Outcome.SINGULAR)
@@ -89,31 +91,31 @@ def turn(layout: TaylorLayout) -> Procedure:
     return p.finish(WHOLE)
 
 
-def _prove(given: Arguments, recorded: Sequence[Memory], weights: Memory, singular: Flag) -> None:
+def _test_defect(given: Arguments, recorded: Sequence[Memory], weights: Memory, singular: Flag) -> None:
     """Record the step that led here, or take it back; where steps fail again and again, ask how large entries are."""
     p, layout, counts, held, series = given.p, given.layout, given.counts, given.held, given.series
     length = abs(held.h) / abs(given.taylor.scale)
     first = layout.rows + layout.width
-    good = p.call(agrees(layout), length, series.order, first, weights, series.work).called("good")
-    with p.when(~((good & ~singular) | hopeless(given.taylor)), likely=False):
-        p.call(take_back(layout), given.run, counts, given.taylor, held, series.work)
+    good = p.call(defect_is_small(layout), length, series.order, first, weights, series.work).called("good")
+    with p.when(~((good & ~singular) | retries_exhausted(given.taylor)), likely=False):
+        p.call(reject_step(layout), given.run, counts, given.taylor, held, series.work)
         failed = p.real(counts.rejected)
         power_of_two = p.operation("mantissa", failed).equals(1.0)
         _leave_unscaled(given, (failed > 1.0) & power_of_two)
         p.leave(Outcome.PAUSED)
-    p.call(record(layout), given.run, counts, given.taylor, held, series.work, *recorded)
+    p.call(record_step(layout), given.run, counts, given.taylor, held, series.work, *recorded)
 
 
 def _leave_unscaled(given: Arguments, asked: Flag) -> None:
     """Come back on a condition for a look at how large the entries are, where floors follow them; see `Outcome`."""
     run, counts = given.run, given.counts
-    given.p.leave_if(asked & (run.share > 0.0) & (counts.surveyed < SURVEYS), Outcome.UNSCALED)
+    given.p.leave_if(asked & (run.share > 0.0) & (counts.surveyed < MOST_SURVEYS), Outcome.UNSCALED)
 
 
 def _begin_floors(given: Arguments, weights: Memory) -> None:
     """Begin floors that follow the scale where a run begins, or tries a scale of time, until it is surveyed."""
     p, layout, run, counts, taylor = given.p, given.layout, given.run, given.counts, given.taylor
-    begins = (counts.steps.equals(0) | ~taylor.tries.equals(0)) & counts.surveyed.equals(0)
+    begins = (counts.steps.equals(0) | ~taylor.rescalings.equals(0)) & counts.surveyed.equals(0)
     with p.when(begins & (run.share > 0.0), likely=False):
         _leave_unscaled(given, p.call(first_floors(layout), run.share, given.floors, *given.series.handed))
         p.call(weigh(layout), run.rtol, given.floors, weights, given.series.work)

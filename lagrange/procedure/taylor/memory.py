@@ -25,21 +25,25 @@ JET = Callee((REAL, REAL, READ, READ, READ, Array(), WHOLE), (FLAG,))
 """What computes a series: of a time, its scale, the state with what rounding lost of it behind, two arrays of numbers
 that the machine has prepared, the rows and the order; it says whether a matrix is singular."""
 
-TAYLOR = Record.of("Taylor", low=REAL, scale=REAL, once=REAL, limit=REAL, tries=WHOLE, fails=WHOLE, look=WHOLE)
+TAYLOR = Record.of(
+    "Taylor", low=REAL, scale=REAL, next_limit=REAL, limit=REAL, rescalings=WHOLE, failures=WHOLE, inspect=WHOLE
+)
 """What a run by Taylor series knows beside where it stands.
 
-    low      what rounding took from the time
-    scale    the unit of time of the series, signed
-    once     the bound of the next step alone
-    limit    the bound of steps behind those that were rejected
-    tries    how often the series of this step was computed anew in another unit of time
-    fails    steps in a row that the equations did not prove
-    look     1 where the next step is to be looked at whatever it shows
+    low          the part of the time that rounding lost (compensated summation)
+    scale        the unit of time of the series, signed
+    next_limit   the bound of the next step only, infinite if there is none
+    limit        the bound of all steps, set by rejected steps
+    rescalings   how often the series of this step was computed again in another unit of time
+    failures     consecutive steps rejected by the defect test
+    inspect      1 if the event functions are to be inspected on the next step, whatever their bounds say
 """
 
-HELD = Record.of("Held", waits=WHOLE, t=REAL, low=REAL, scale=REAL, h=REAL)
-"""Where the last step began: time, what rounding lost of it, scale, and the length of the step; `waits` is 1 until it
-is proven. The state there is held in the work array."""
+HELD = Record.of("Held", unproven=WHOLE, t=REAL, low=REAL, scale=REAL, h=REAL)
+"""The beginning of the last step: time, the part of it that rounding lost, scale, and length of the step.
+
+`unproven` is 1 until the step has passed the defect test. The state at the beginning is kept in the work array.
+"""
 
 
 @dataclass(frozen=True)
@@ -104,7 +108,7 @@ class TaylorLayout:
         return 2 * int(self.ahead(order)) + 8
 
 
-class Run:
+class SeriesMemory:
     """The work array of a procedure, with the order of the series in it: a number of Python, or the last argument."""
 
     def __init__(self, p: Builder, layout: TaylorLayout, work: Memory) -> None:
@@ -158,7 +162,7 @@ class Arguments:
         self.floors = floors_array(p, layout, read=False)
         self.held: Any = p.record("held", HELD)
         self.own = [p.given(name, kind) for name, kind in own.items()]
-        self.series = Run(p, layout, work_array(p, layout))
+        self.series = SeriesMemory(p, layout, work_array(p, layout))
 
     def handed(self, *own: Any) -> tuple[Any, ...]:
         """Return the arguments for another procedure, with those of its own."""

@@ -11,19 +11,19 @@ from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
 from lagrange.procedure.outcome import Outcome
 from lagrange.procedure.step.constants import EARLIEST, NEAR_END, SPACING
 from lagrange.procedure.taylor.constants import (
-    FARTHEST,
-    GROWN,
-    LONGER,
-    NEAREST,
+    FIRST_SCALE_RATIO,
+    LARGEST_SCALE_RATIO,
+    LONGER_SCALE,
+    MOST_RESCALINGS,
     OVERFLOWED,
-    SHORTER,
-    SHORTEST,
-    TRIES,
+    SHORTER_SCALE,
+    SHORTEST_SCALE,
+    STEP_GROWTH,
 )
+from lagrange.procedure.taylor.defect_test import defect_along_step, retries_exhausted, retry_shorter
 from lagrange.procedure.taylor.floors import raise_floors
 from lagrange.procedure.taylor.memory import TAYLOR, Arguments, TaylorLayout
 from lagrange.procedure.taylor.powers import logarithm, power
-from lagrange.procedure.taylor.proof import fail, hopeless, probe
 from lagrange.procedure.taylor.step_size import ends
 from lagrange.procedure.taylor.sums import advance
 from lagrange.procedure.values import Flag, Real
@@ -32,10 +32,10 @@ from lagrange.procedure.values import Flag, Real
 @cache
 def take_step(layout: TaylorLayout) -> Procedure:
     """Return what takes a step, or tries another scale of time, or a shorter step; it pauses where the run goes on."""
-    return _Step(layout).build()
+    return _TaylorStep(layout).build()
 
 
-class _Step:
+class _TaylorStep:
     """Builds the procedure; `exponent` is the binary logarithm of the step that the series allows, in its scale."""
 
     def __init__(self, layout: TaylorLayout) -> None:
@@ -64,7 +64,7 @@ class _Step:
             self.watch(s)
         p.call(raise_floors(self.layout), self.run.share, self.given.floors, self.series.work)
         # A series that terminates says nothing about the next one.
-        whole = p.choose(whole > FARTHEST, 0.0, whole)
+        whole = p.choose(whole > LARGEST_SCALE_RATIO, 0.0, whole)
         longer = p.operation("two_to", p.whole(whole)).called("longer")
         p.leave_if(~p.call(advance(self.layout), s, longer, *self.series.handed), Outcome.NON_FINITE, likely=False)
         self.move_on(h, final)
@@ -78,11 +78,11 @@ class _Step:
         A series without last coefficients fits when the scale is as long as any step may be; after some tries the
         scale is as good as it gets.
         """
-        p, exponent, tries = self.p, self.exponent, self.taylor.tries
+        p, exponent, tries = self.p, self.exponent, self.taylor.rescalings
         first = (self.counts.steps + tries).equals(0)
-        near = abs(exponent) < p.choose(first, NEAREST, FARTHEST)
+        near = abs(exponent) < p.choose(first, FIRST_SCALE_RATIO, LARGEST_SCALE_RATIO)
         whole = self.ends & (reach < 1.0)
-        found: Flag = near | whole | ((tries >= TRIES) & exponent.equals(exponent))
+        found: Flag = near | whole | ((tries >= MOST_RESCALINGS) & exponent.equals(exponent))
         return found
 
     def length(self) -> tuple[Real, Real, Flag]:
@@ -95,7 +95,7 @@ class _Step:
         inverse = (1.0 / abs(self.scale)).called("inverse")
         whole_way = (abs(self.left) * inverse).called("whole_way")
         own = p.smaller(run.longest, taylor.limit).called("own")
-        bound = p.smaller(p.smaller(own, taylor.once) * inverse, whole_way).called("bound")
+        bound = p.smaller(p.smaller(own, taylor.next_limit) * inverse, whole_way).called("bound")
         spacing = p.larger(abs(self.t), EARLIEST) * SPACING
         natural, whole = p.call(power(), self.exponent)
         natural.called("natural"), whole.called("whole")
@@ -109,38 +109,40 @@ class _Step:
     def probe(self, s: Real, h: Real) -> None:
         """Try a shorter step where a series that terminates is not what the equations say all along a longer one."""
         p, run, series = self.p, self.run, self.series
-        with p.when(self.ends & (abs(h) > GROWN * abs(self.held.h)) & ~hopeless(self.taylor), likely=False):
+        with p.when(
+            self.ends & (abs(h) > STEP_GROWTH * abs(self.held.h)) & ~retries_exhausted(self.taylor), likely=False
+        ):
             jet = self.given.jet, self.given.prepared, self.given.constants
             numbers = run.rtol, self.given.floors, self.t, self.scale, s
-            with p.when(~p.call(probe(self.layout), *jet, *numbers, *series.handed)):
-                p.call(fail(), self.counts, self.taylor, h)
+            with p.when(~p.call(defect_along_step(self.layout), *jet, *numbers, *series.handed)):
+                p.call(retry_shorter(), self.counts, self.taylor, h)
                 p.leave(Outcome.PAUSED)
 
     def watch(self, s: Real) -> None:
         """Come back before a step on which something that is watched may vanish, unless told to take it once."""
         p, series, work = self.p, self.series, self.series.work
-        near = p.variable(~self.taylor.look.equals(0), "near")
+        near = p.variable(~self.taylor.inspect.equals(0), "near")
         for i in range(self.layout.watched):
             first = self.layout.rows + self.layout.watched_at + i
             total = p.variable(0.0)
             with p.loop(0, series.order) as j:
                 total.value = (total.value + abs(work[(series.order - j) * self.layout.width + first])) * s
             near.value = near.value | ~(abs(work[first]) > total.value)
-        p.leave_if(near.value & self.taylor.once.equals(math.inf), Outcome.WATCHED)
+        p.leave_if(near.value & self.taylor.next_limit.equals(math.inf), Outcome.WATCHED)
 
     def move_on(self, h: Real, final: Flag) -> None:
         """Move on in time, compensated, and hold where the step began."""
         p, run, taylor, held = self.p, self.run, self.taylor, self.held
         held.t, held.low, held.scale, held.h = self.t, self.low, self.scale, h
-        held.waits = 1
+        held.unproven = 1
         added = h + self.low
         total = self.t + added
         back = total - self.t
         lost = (self.t - (total - back)) + (added - back)
         run.t = p.choose(final, run.end, total)
         taylor.low = p.choose(final, 0.0, lost)
-        taylor.once = math.inf
-        taylor.tries = 0
+        taylor.next_limit = math.inf
+        taylor.rescalings = 0
 
 
 @cache
@@ -153,11 +155,11 @@ def rescale() -> Procedure:
     p = Builder("rescale", "Choose another scale of time, and return an outcome.", apart=True)
     taylor: Any = p.record("taylor", TAYLOR)
     exponent, reach, terminates = p.given("exponent", REAL), p.given("reach", REAL), p.given("terminates", FLAG)
-    tries, scale = taylor.tries, taylor.scale
-    p.leave_if((tries >= TRIES) | (abs(scale) < SHORTEST), Outcome.NON_FINITE)
-    taylor.tries = tries + 1
-    longer = p.choose(terminates, p.smaller(reach, LONGER), exponent)
-    change = p.choose(exponent >= OVERFLOWED, longer, SHORTER)
+    tries, scale = taylor.rescalings, taylor.scale
+    p.leave_if((tries >= MOST_RESCALINGS) | (abs(scale) < SHORTEST_SCALE), Outcome.NON_FINITE)
+    taylor.rescalings = tries + 1
+    longer = p.choose(terminates, p.smaller(reach, LONGER_SCALE), exponent)
+    change = p.choose(exponent >= OVERFLOWED, longer, SHORTER_SCALE)
     taylor.scale = scale * p.operation("two_to", p.whole(p.operation("round", change)))
     p.leave(Outcome.PAUSED)
     return p.finish(WHOLE)

@@ -14,8 +14,15 @@ from typing import Any
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, Procedure
-from lagrange.procedure.taylor.constants import APART, GUARD, REACH, ROWS_SEEN, VANISHED
-from lagrange.procedure.taylor.memory import Run, TaylorLayout, entries, floors_array, weights_array, work_array
+from lagrange.procedure.taylor.constants import GUARD, NEGLIGIBLE, RADIUS_FRACTION, ROW_DISTANCE, ROWS_USED
+from lagrange.procedure.taylor.memory import (
+    SeriesMemory,
+    TaylorLayout,
+    entries,
+    floors_array,
+    weights_array,
+    work_array,
+)
 from lagrange.procedure.taylor.powers import logarithm
 from lagrange.procedure.values import Flag, Real
 
@@ -32,9 +39,9 @@ def weigh(layout: TaylorLayout) -> Procedure:
     return p.finish()
 
 
-def ends(run: Run, exponent: Real) -> Flag:
+def ends(run: SeriesMemory, exponent: Real) -> Flag:
     """Whether a series has no last coefficients: it terminates, or they are too small for doubles."""
-    found: Flag = exponent > VANISHED * run.minus_one_over(run.order)
+    found: Flag = exponent > NEGLIGIBLE * run.minus_one_over(run.order)
     return found
 
 
@@ -53,23 +60,23 @@ class _Exponent:
         self.rtol, self.digits = p.given("rtol", REAL), p.given("digits", REAL)
         self.floors = floors_array(p, layout)
         self.weights = weights_array(p, layout)
-        self.run = Run(p, layout, work_array(p, layout))
+        self.run = SeriesMemory(p, layout, work_array(p, layout))
         self.sizes: dict[int, Real] = {}
 
     def build(self) -> Procedure:
         p, run = self.p, self.run
         # The earlier rows come first: they are known long before the last.
-        for less in range(APART + 1, -1, -1):
+        for less in range(ROW_DISTANCE + 1, -1, -1):
             size = p.call(logarithm(), run.ratio(run.less(less), self.weights))
             self.sizes[less] = size.called(f"size_{less}")
-        least = reduce(self.lesser, [self.guarded(less) for less in range(2, ROWS_SEEN)])
+        least = reduce(self.lesser, [self.guarded(less) for less in range(2, ROWS_USED)])
         one, other = (self.radius(less) for less in (1, 0))
-        least = self.lesser(least, p.choose(one > other, one, other) + REACH)
+        least = self.lesser(least, p.choose(one > other, one, other) + RADIUS_FRACTION)
         bound = p.smaller(*(self.sizes[less] * run.minus_one_over(run.less(less)) for less in (1, 0)))
         found = p.variable(self.lesser(bound, least), "found")
         with p.when(ends(run, found.value), likely=False):
             given = self.rtol, self.floors, found.value
-            found.value = p.call(look_back(self.layout), *given, *run.handed)
+            found.value = p.call(bound_by_earlier_rows(self.layout), *given, *run.handed)
         p.leave(found.value)
         return p.finish(REAL)
 
@@ -88,23 +95,25 @@ class _Exponent:
     def radius(self, less: int) -> Real:
         """Return the binary logarithm of the radius of convergence that two rows show; infinity if one is zero."""
         p, run = self.p, self.run
-        early, late = self.sizes[less + APART], self.sizes[less]
-        span = run.less(less) - run.less(less + APART)
+        early, late = self.sizes[less + ROW_DISTANCE], self.sizes[less]
+        span = run.less(less) - run.less(less + ROW_DISTANCE)
         share = 1.0 / max(span, 1) if isinstance(span, int) else 1.0 / p.real(span)
-        none = p.choose(early < late, early, late) < VANISHED
+        none = p.choose(early < late, early, late) < NEGLIGIBLE
         found: Real = p.choose(none, math.inf, (early - late) * share)
         return found
 
 
 @cache
-def look_back(layout: TaylorLayout) -> Procedure:
+def bound_by_earlier_rows(layout: TaylorLayout) -> Procedure:
     """Return what lets the upper half of the other rows keep in bounds as well where both last ones are zero.
 
     They are zero too if the series terminates; a series in the fourth power of time has gaps of that size.
     """
-    p = Builder("look_back", "Return the step that the upper half of all rows but the last allow.", apart=True)
+    p = Builder(
+        "bound_by_earlier_rows", "Return the step that the upper half of all rows but the last allow.", apart=True
+    )
     rtol, floors, before = p.given("rtol", REAL), floors_array(p, layout), p.given("before", REAL)
-    run = Run(p, layout, work_array(p, layout))
+    run = SeriesMemory(p, layout, work_array(p, layout))
     weights = p.reserve(layout.padded, room=layout.block, name="weights")
     p.call(weigh(layout), rtol, floors, weights, run.work)
     found = p.variable(before, "found")

@@ -7,7 +7,7 @@ from functools import cache
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, Procedure
-from lagrange.procedure.taylor.memory import Run, TaylorLayout, work_array
+from lagrange.procedure.taylor.memory import SeriesMemory, TaylorLayout, work_array
 from lagrange.procedure.values import Real, Whole
 
 
@@ -20,7 +20,7 @@ def advance(layout: TaylorLayout) -> Procedure:
     """
     p = Builder("advance", "Add the series to the state, and return whether it stays finite.")
     s, longer = p.given("s", REAL), p.given("longer", REAL)
-    run = Run(p, layout, work_array(p, layout))
+    run = SeriesMemory(p, layout, work_array(p, layout))
     new, lost = (p.reserve(layout.padded, room=layout.block, name=name) for name in ("new", "lost"))
     state, low, slopes = (run.work.at(place) for place in (0, layout.lost, layout.slope))
     chains = _Chains(run, s) if layout.order else None
@@ -52,7 +52,7 @@ def advance(layout: TaylorLayout) -> Procedure:
 class _Chains:
     """Sums of a series whose order is known: four chains in s**4, which take a quarter of the time of one."""
 
-    def __init__(self, run: Run, s: Real) -> None:
+    def __init__(self, run: SeriesMemory, s: Real) -> None:
         self.run, self.p, self.s = run, run.p, s
         self.square = s * s
         self.fourth = self.square * self.square
@@ -89,7 +89,7 @@ class _Chains:
             slopes[i] = p.fma(slope, self.s, total) * longer
 
 
-def horner(run: Run, s: Real, i: Whole) -> tuple[Real, Real]:
+def horner(run: SeriesMemory, s: Real, i: Whole) -> tuple[Real, Real]:
     """Return an entry's sum of x[k] s**k over k > 0 and that of k x[k] s**(k - 1), for any order."""
     p = run.p
     total, slope = p.variable(0.0), p.variable(0.0)

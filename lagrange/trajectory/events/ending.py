@@ -11,7 +11,7 @@ from lagrange.trajectory.trajectory import FloatArray, Status
 
 
 @dataclass(frozen=True)
-class Verdict:
+class EventResult:
     """What came of a look: a status if the run ends, with a sentence, and whether the state has jumped.
 
     `smooth` says that the motion itself may go on although its series does not.
@@ -23,9 +23,9 @@ class Verdict:
     smooth: bool = False
 
 
-def at_rest(name: str) -> Verdict:
+def at_rest(name: str) -> EventResult:
     """Return the end of a run whose reset leaves nothing that could bounce."""
-    return Verdict(
+    return EventResult(
         Status.STEP_TOO_SMALL,
         f"After the reset {name} is zero without a velocity of its own and goes on to the same side: the motion comes "
         "to rest there, as a ball does after infinitely many bounces, and the reset does not say how it stays. End "
@@ -33,9 +33,9 @@ def at_rest(name: str) -> Verdict:
     )
 
 
-def accumulating(name: str) -> Verdict:
+def accumulating(name: str) -> EventResult:
     """Return the end of a run whose changes leave no time between them."""
-    return Verdict(
+    return EventResult(
         Status.STEP_TOO_SMALL,
         f"Events accumulate: {name} is zero again and again within the spacing of floating-point times, as for a ball "
         "that bounces lower and lower and comes to rest after infinitely many impacts. End the run before it, or "
@@ -43,9 +43,9 @@ def accumulating(name: str) -> Verdict:
     )
 
 
-def unresolved(name: str) -> Verdict:
+def unresolved(name: str) -> EventResult:
     """Return the end of a run whose steps, or errors, are longer than the times between its resets."""
-    return Verdict(
+    return EventResult(
         Status.STEP_TOO_SMALL,
         f"Between resets where {name} is zero, the path of the steps no longer shows how it leaves zero and returns: a "
         "reset would send the motion through. The times between resets have become shorter than the step or than what "
@@ -55,9 +55,9 @@ def unresolved(name: str) -> Verdict:
     )
 
 
-def sliding(name: str, t: float) -> Verdict:
+def sliding(name: str, t: float) -> EventResult:
     """Return the end of a run on a surface to which both sides lead back."""
-    return Verdict(
+    return EventResult(
         Status.STEP_TOO_SMALL,
         f"The equations of motion switch where {name} is zero, and at t = {t:.6g} both sides lead back there: the "
         "motion sticks to the surface, where the equations do not say what it does. Smooth the switch, such as "
@@ -65,9 +65,9 @@ def sliding(name: str, t: float) -> Verdict:
     )
 
 
-def nowhere(name: str) -> Verdict:
+def nowhere(name: str) -> EventResult:
     """Return the end of a run whose reset is not a state."""
-    return Verdict(
+    return EventResult(
         Status.NON_FINITE,
         f"The reset where {name} is zero gives a state that is nan or infinite: look for a division by zero, or a "
         "root or logarithm outside its domain, or for two events at this time that reset one entry to different "
@@ -75,10 +75,10 @@ def nowhere(name: str) -> Verdict:
     )
 
 
-def undefined(names: Sequence[str], watched: FloatArray) -> Verdict:
+def undefined(names: Sequence[str], watched: FloatArray) -> EventResult:
     """Return the end of a run at which something watched, (order + 1, watched), has no value."""
     bad = int(np.argmax(~np.isfinite(watched).all(axis=0)))
-    return Verdict(
+    return EventResult(
         Status.NON_FINITE,
         f"{names[bad]}, which is watched, is {watched[0, bad]:.6g} there, and it or its derivatives are not finite. "
         "Start elsewhere, or watch an expression that is defined and smooth along the run.",
@@ -86,9 +86,9 @@ def undefined(names: Sequence[str], watched: FloatArray) -> Verdict:
     )
 
 
-def rootless(name: str) -> Verdict:
+def rootless(name: str) -> EventResult:
     """Return the end of a run where a square root becomes zero."""
-    return Verdict(
+    return EventResult(
         Status.NON_FINITE,
         f"{name} becomes zero there, and its series ends: behind it lies a sqrt, log or power outside its domain, or a "
         "force that jumps. Write the root of a square as abs, or take dop853.",
@@ -96,12 +96,12 @@ def rootless(name: str) -> Verdict:
     )
 
 
-def without_series(name: str, value: float, *, smooth: bool) -> Verdict:
+def without_series(name: str, value: float, *, smooth: bool) -> EventResult:
     """Return the end of a run at a place beyond which no series of something watched leads.
 
     Of a surface in a branch that ends there that is no end of the motion: then it is `smooth`.
     """
-    return Verdict(
+    return EventResult(
         Status.NON_FINITE,
         f"{name}, which is watched, has a pole there or leaves its domain: its value is {value:.4g}, and no series of "
         "it leads on. End the run before it, or watch an expression without the division, root or logarithm.",
@@ -109,9 +109,9 @@ def without_series(name: str, value: float, *, smooth: bool) -> Verdict:
     )
 
 
-def without_value(name: str, value: float) -> Verdict:
+def without_value(name: str, value: float) -> EventResult:
     """Return the end of a run at a place behind which an event has no value."""
-    return Verdict(
+    return EventResult(
         Status.NON_FINITE,
         f"{name}, which is watched, has a pole there or leaves its domain: its value is {value:.4g}, and behind it "
         "there is none. End the run before it, or watch an expression without the division, root or logarithm.",

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.machine.backend import Kernel
-from lagrange.procedure.step.constants import TILT, tilts
+from lagrange.procedure.step.constants import PERTURBATION, perturbation_factors
 from lagrange.trajectory.events.series_on_step import NOISE
-from lagrange.trajectory.paths.chebyshev import DEGREE, ROUND_OFF, certain, evaluate, nodes, to_chebyshev
+from lagrange.trajectory.paths.chebyshev import DEGREE, DENSE_ROUND_OFF, certain, evaluate, nodes, to_chebyshev
 from lagrange.trajectory.paths.step_paths import Places
 from lagrange.trajectory.trajectory import FloatArray
 
@@ -87,10 +87,12 @@ class Burst:
         """Look along a path."""
         times, states = path.times, path.states.T
         ends = kernel(times, states, parameters)
-        tilt = tilts(len(states) + 1)
+        tilt = perturbation_factors(len(states) + 1)
         with np.errstate(all="ignore"):
-            moved = kernel(times * (1 + TILT * tilt[-1]), states * (1 + TILT * tilt[:-1, None]), parameters)
-            edge = np.abs(moved - ends) * (NOISE / TILT)
+            moved = kernel(
+                times * (1 + PERTURBATION * tilt[-1]), states * (1 + PERTURBATION * tilt[:-1, None]), parameters
+            )
+            edge = np.abs(moved - ends) * (NOISE / PERTURBATION)
         edge = np.where(np.isfinite(edge), edge, 0.0)
         steps: Places = np.arange(len(times) - 1)
         degree = DEGREE if len(steps) <= FEW else COARSE
@@ -99,10 +101,10 @@ class Burst:
         with np.errstate(all="ignore"):
             noise = np.maximum(edge[:, 1:], edge[:, :-1])
             # What the event owes to the motion of the state: x**2 + v**2 may stay as it is while x and v do not.
-            moves = states[:, :-1] + TILT * np.ptp(found, axis=-1) * tilt[:-1, None]
-            gain = np.abs(kernel(times[:-1], moves, parameters) - ends[:, :-1]) / TILT
+            moves = states[:, :-1] + PERTURBATION * np.ptp(found, axis=-1) * tilt[:-1, None]
+            gain = np.abs(kernel(times[:-1], moves, parameters) - ends[:, :-1]) / PERTURBATION
             spread = np.fmax(np.ptp(values, axis=-1), gain)
-            owed = ROUND_OFF * np.where(np.isfinite(spread), spread, 0.0)
+            owed = DENSE_ROUND_OFF * np.where(np.isfinite(spread), spread, 0.0)
             noise = noise + owed
             sure = certain(values @ to_chebyshev(degree).T, noise)
         burst = cls(kernel, rates, parameters, path, ends, edge, noise, owed, sure)

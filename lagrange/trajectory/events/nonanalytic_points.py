@@ -44,7 +44,7 @@ MOST_STEPS = 1000
 
 
 @dataclass
-class Leaps:
+class Continuations:
     """The leaps of a run so far, by a method with tolerances of its own.
 
     `rows` are those that they begin from, `landed` is where the last one ended, `crowd` how many followed in a row.
@@ -103,8 +103,8 @@ class Leaps:
         self.landed, length = there, there - state.t
         state.reals[DriverState.T] = there
         taylor.low, taylor.scale = 0.0, length
-        taylor.once = taylor.limit = math.inf
-        taylor.tries = taylor.fails = 0
+        taylor.next_limit = taylor.limit = math.inf
+        taylor.rescalings = taylor.failures = 0
         state.y[:] = y
 
     def _steady(self, *points: tuple[float, FloatArray]) -> bool:

@@ -11,8 +11,8 @@ import numpy as np
 
 from lagrange.machine.backend import Series, SingularMassMatrix
 from lagrange.machine.state import DriverState
-from lagrange.procedure.step.constants import TILT, tilts
-from lagrange.procedure.taylor.constants import APART, REACH
+from lagrange.procedure.step.constants import PERTURBATION, perturbation_factors
+from lagrange.procedure.taylor.constants import RADIUS_FRACTION, ROW_DISTANCE
 from lagrange.program.recurrence import LARGEST_POWER
 from lagrange.program.series import SeriesProgram
 from lagrange.trajectory.events.roots import Side
@@ -54,13 +54,13 @@ class Look:
         size = len(y)
         rows = series.rows(order, t, y, scale, values)
         watched = rows[:, size:]
-        tilt = 1 + TILT * tilts(size + 1)
+        tilt = 1 + PERTURBATION * perturbation_factors(size + 1)
         try:
             moved = series.rows(order, t * tilt[size], y * tilt[:size], scale, values)[0, size:]
         except SingularMassMatrix:
             moved = watched[0]
         with np.errstate(all="ignore"):
-            noise = np.abs(moved - watched[0]) * (NOISE / TILT)
+            noise = np.abs(moved - watched[0]) * (NOISE / PERTURBATION)
         return cls(scale, unit(t, scale), rtol, rows, watched, np.where(noise < math.inf, noise, 0.0))
 
     def trusted(self, s: float, *, wary: bool = False) -> tuple[float, int]:
@@ -72,7 +72,7 @@ class Look:
         far = reach(self.watched, s, self.rtol, self.noise)
         if wary:
             with np.errstate(all="ignore"):
-                far = np.minimum(far, 2.0 ** (shown_radius(np.log2(np.abs(self.watched))) + REACH))
+                far = np.minimum(far, 2.0 ** (shown_radius(np.log2(np.abs(self.watched))) + RADIUS_FRACTION))
         least = int(np.argmin(far))
         s = min(s, float(far[least]))
         return (self._balanced(s) if self.ends else s), least
@@ -221,7 +221,7 @@ def shown_radius(sizes: FloatArray) -> FloatArray:
     last = len(sizes) - 1
     found = []
     for late in (last - 1, last):
-        early = max(late - APART, 1)
+        early = max(late - ROW_DISTANCE, 1)
         fall = sizes[early] - sizes[late]
         found.append(np.where(np.isfinite(fall), fall / (late - early), math.inf))
     return np.asarray(np.maximum(*found))

@@ -14,11 +14,11 @@ import numpy as np
 
 from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
 from lagrange.machine.state import DriverState
-from lagrange.procedure.taylor.constants import FAILURES
+from lagrange.procedure.taylor.constants import MOST_FAILURES
 from lagrange.trajectory.events.actions import Impact
 from lagrange.trajectory.events.crossing import Meeting, PlannedStep
 from lagrange.trajectory.events.ending import (
-    Verdict,
+    EventResult,
     accumulating,
     at_rest,
     nowhere,
@@ -27,7 +27,7 @@ from lagrange.trajectory.events.ending import (
     undefined,
     without_series,
 )
-from lagrange.trajectory.events.nonanalytic_points import SHARE, Leaps
+from lagrange.trajectory.events.nonanalytic_points import SHARE, Continuations
 from lagrange.trajectory.events.occurrence import TOGETHER, Crowd, Occurrence, Record
 from lagrange.trajectory.events.roots import Root, Side, roots
 from lagrange.trajectory.events.series_on_step import Look, degree, hides, near, signed_scale, state_at, unit
@@ -48,11 +48,11 @@ class Watch(Record):
         parameters: FloatArray,
         impacts: Sequence[Impact],
         names: Callable[[], Sequence[str]],
-        leaps: Leaps,
+        continuations: Continuations,
     ) -> None:
         super().__init__(len(impacts), 2 * series.program.dimension)
         self.series, self.order, self.driver, self.parameters = series, order, driver, parameters
-        self.impacts, self.names, self.leaps = tuple(impacts), names, leaps
+        self.impacts, self.names, self.continuations = tuple(impacts), names, continuations
         self.surfaces = series.program.sides
         self.steep, self.hidden = degree(series.program) > order, hides(series.program)
         self.sides = np.zeros(self.surfaces)
@@ -70,7 +70,7 @@ class Watch(Record):
         """The parameters, then the sides."""
         return np.concatenate([self.parameters, self.sides])
 
-    def begin(self, state: DriverState) -> Verdict:
+    def begin(self, state: DriverState) -> EventResult:
         """Find the side of every surface at the start of the run."""
         self.state, self.planned = state, PlannedStep()
         verdict = self._start(state, {})
@@ -78,7 +78,7 @@ class Watch(Record):
             self.pending = self._impacts_at_once(state)
         return verdict
 
-    def meet(self, state: DriverState) -> Verdict:
+    def process(self, state: DriverState) -> EventResult:
         """Decide on the step that the driver proposes: set its length, or do what happens at its start."""
         if state.count(S.STEPS) < self.planned.steps:
             self._forget()
@@ -107,25 +107,25 @@ class Watch(Record):
         self._remember(state)
         self._record(found, look, state)
         self.relay, self.starting = after, frozenset()
-        state.taylor.once = abs(h if whole else s * look.scale)
-        state.taylor.look = int(self.steep or self.hidden or look.ends or not all(side.settled for side in after))
-        return Verdict()
+        state.taylor.next_limit = abs(h if whole else s * look.scale)
+        state.taylor.inspect = int(self.steep or self.hidden or look.ends or not all(side.settled for side in after))
+        return EventResult()
 
-    def end(self, state: DriverState) -> Verdict:
+    def end(self, state: DriverState) -> EventResult:
         """Do what is pending at the end of the run; how the motion would go on from there is no matter."""
-        verdict = self._finish(state) if self.pending else Verdict()
+        verdict = self._finish(state) if self.pending else EventResult()
         ended = verdict.status in (Status.EVENT, Status.NON_FINITE) and not verdict.smooth
-        return verdict if ended else Verdict(Status.SUCCESS, jumped=verdict.jumped)
+        return verdict if ended else EventResult(Status.SUCCESS, jumped=verdict.jumped)
 
-    def arrived(self, state: DriverState) -> bool:
+    def is_due(self, state: DriverState) -> bool:
         """Whether the state is where something pending is to happen, though no series may begin there."""
         return bool(self.pending) and state.count(S.STEPS) == self.planned.steps
 
-    def leap(self, state: DriverState) -> Verdict | None:
+    def continue_past(self, state: DriverState) -> EventResult | None:
         """Leap over a point without a series; return how the run goes on from there, or ends at a root; or None."""
         events = [self.surfaces + i for i, impact in enumerate(self.impacts) if not impact.root]
-        for there in self.leaps.ahead(state):
-            y = self.leaps.landing(state, there, switched=lambda soon: self._switches(self._look(state), soon))
+        for there in self.continuations.ahead(state):
+            y = self.continuations.landing(state, there, switched=lambda soon: self._switches(self._look(state), soon))
             if y is None:
                 continue
             sides = [self.relay[i].sign for i in events]
@@ -136,18 +136,18 @@ class Watch(Record):
                 b in (0, a) or (a == 0 and not self.impacts[i - self.surfaces].reset)
                 for i, a, b in zip(events, sides, ends, strict=True)
             ):
-                self.leaps.land(state, there, y, state.count(S.STEPS) + self.jumps)
+                self.continuations.land(state, there, y, state.count(S.STEPS) + self.jumps)
                 self.jumps += 1
                 self.driver.restart(state)
                 done = there == state.reals[S.END]
-                return replace(Verdict(Status.SUCCESS) if done else self.begin(state), jumped=True)
+                return replace(EventResult(Status.SUCCESS) if done else self.begin(state), jumped=True)
         return self._rootless(state)
 
     def _switches(self, look: Look, soon: float) -> bool:
         """Whether the state is on a surface, or comes to one within some time."""
         return any(which in self.starting or look.falls(which, soon) for which in range(self.surfaces))
 
-    def _rootless(self, state: DriverState) -> Verdict | None:
+    def _rootless(self, state: DriverState) -> EventResult | None:
         """Return the end of the run at a square root that becomes zero where the state is, or None."""
         look, soon = self._look(state), SHARE * abs(float(state.reals[S.END] - state.reals[S.START]))
         for which in filter(self._is_root, range(len(self.relay))):
@@ -156,7 +156,7 @@ class Watch(Record):
                 return replace(rootless(self.names()[which]), smooth=False)
         return None
 
-    def _start(self, state: DriverState, stayed: Mapping[int, float]) -> Verdict:
+    def _start(self, state: DriverState, stayed: Mapping[int, float]) -> EventResult:
         """Find the side of every surface, and on which side of zero everything watched is or is about to be.
 
         `stayed` has what is known to be zero at the state, unless it is much larger than the value given there.
@@ -175,7 +175,7 @@ class Watch(Record):
         except Sliding as found:
             return sliding(self.names()[found.surface], state.t)
         except SingularMassMatrix:
-            return Verdict(Status.SINGULAR)
+            return EventResult(Status.SINGULAR)
         if not np.isfinite(look.watched).all():
             self.relay = [Side(int(sign)) for sign in np.sign(np.nan_to_num(look.watched[0]))]
             return undefined(self.names(), look.watched)
@@ -185,7 +185,7 @@ class Watch(Record):
         for i, g in enumerate(columns):
             ahead = leaving(g)[0] if i in self.starting else int(np.sign(g[0]))
             self.relay[i] = Side(int(self.sides[i]) if i < self.surfaces else ahead)
-        return Verdict()
+        return EventResult()
 
     def _at(self, state: DriverState) -> Callable[[FloatArray], FloatArray]:
         """Return the series of the surfaces at the state as a function of their sides."""
@@ -204,7 +204,7 @@ class Watch(Record):
         if not self.epochs or self.epochs[-1][1].tobytes() != values.tobytes():
             self.driver.use(values)
             self.epochs.append((state.count(S.STEPS) + self.jumps, values))
-        state.taylor.look = 1
+        state.taylor.inspect = 1
 
     def _impacts_at_once(self, state: DriverState) -> list[Meeting]:
         """Return the events that happen at the very start: those that would turn the motion back where it starts.
@@ -259,7 +259,7 @@ class Watch(Record):
                     return meeting
         return None
 
-    def _shorten(self, s: float, found: list[Meeting], look: Look, state: DriverState) -> Verdict:
+    def _shorten(self, s: float, found: list[Meeting], look: Look, state: DriverState) -> EventResult:
         """End the step at the root at s; what happens there is pending until the driver comes back at its end."""
         while True:
             close = TOGETHER * max(abs(state.t / look.scale), s)
@@ -279,12 +279,12 @@ class Watch(Record):
         self.pending = pending + [m for m in late if m.which not in waiting]
         if any(self._is_root(m.which) for m in self.pending):
             # Forces may have a kink there, and its other side be what the state, rounded, is on: no step proves itself.
-            state.taylor.fails = FAILURES
+            state.taylor.failures = MOST_FAILURES
         self._record([m for m in found if m.root.time < s - close], look, state)
         self.relay, self.starting = after, frozenset()
-        state.taylor.once = s * abs(look.scale)
-        state.taylor.look = 1
-        return Verdict()
+        state.taylor.next_limit = s * abs(look.scale)
+        state.taylor.inspect = 1
+        return EventResult()
 
     def _remember(self, state: DriverState) -> None:
         """Keep what holds before a step: the driver takes back a step that does not prove itself."""
@@ -307,7 +307,7 @@ class Watch(Record):
                 y = state_at(state.y, look.rows, meeting.root.time)
                 self.occurrences[place].append(Occurrence(t, y, state.count(S.STEPS) + 1))
 
-    def _finish(self, state: DriverState) -> Verdict:
+    def _finish(self, state: DriverState) -> EventResult:
         """Do what is pending at the state: surfaces are crossed, events kept, the state is reset or the run ended."""
         found, self.pending = self.pending, []
         if self.crowd.accumulates(state.t, (m.which for m in found)):
@@ -317,7 +317,7 @@ class Watch(Record):
             self.relay[m.which] = Side(m.root.rising or self.relay[m.which].sign)
         self.starting = frozenset(m.which for m in found)
         crossed = [m for m in found if m.which < self.surfaces and m.root.rising]
-        verdict = self._cross(crossed, state) if crossed else Verdict()
+        verdict = self._cross(crossed, state) if crossed else EventResult()
         met = [m for m in found if m.which >= self.surfaces]
         if crossed and verdict.status is None:
             met = self._behind_the_kink(met, before, state)
@@ -332,7 +332,7 @@ class Watch(Record):
         if resets:
             return self._jump(resets, state, ends=ends)
         if ends:
-            return Verdict(Status.EVENT)
+            return EventResult(Status.EVENT)
         return rootless(self.names()[roots_met[0].which]) if roots_met and verdict.status is None else verdict
 
     def _behind_the_kink(self, met: Sequence[Meeting], before: Sequence[Side], state: DriverState) -> list[Meeting]:
@@ -359,7 +359,7 @@ class Watch(Record):
     def _is_root(self, which: int) -> bool:
         return which >= self.surfaces and self.impacts[which - self.surfaces].root
 
-    def _jump(self, met: Sequence[Meeting], state: DriverState, *, ends: bool) -> Verdict:
+    def _jump(self, met: Sequence[Meeting], state: DriverState, *, ends: bool) -> EventResult:
         """Reset the state, every event from the state before, and start the motion anew."""
         before, after = state.y.copy(), state.y.copy()
         at_zero = np.abs(self._look(state).watched[0])
@@ -371,7 +371,7 @@ class Watch(Record):
         self.jumps += 1
         self.driver.restart(state)
         if ends:
-            return Verdict(Status.EVENT, jumped=True)
+            return EventResult(Status.EVENT, jumped=True)
         began = self._start(state, {m.which: float(at_zero[m.which]) for m in met})
         if began.status is None:
             for m in met:
@@ -380,7 +380,7 @@ class Watch(Record):
                     return replace(at_rest(self.names()[m.which]), jumped=True)
         return replace(began, jumped=True)
 
-    def _cross(self, crossed: Sequence[Meeting], state: DriverState) -> Verdict:
+    def _cross(self, crossed: Sequence[Meeting], state: DriverState) -> EventResult:
         """Go on with the other side of each surface that is crossed, if the motion leaves to it.
 
         What stayed on a surface by itself may not do so with the new equations.
@@ -392,9 +392,9 @@ class Watch(Record):
         except Sliding as found:
             return sliding(self.names()[found.surface], state.t)
         except SingularMassMatrix:
-            return Verdict(Status.SINGULAR)
+            return EventResult(Status.SINGULAR)
         for i in choices:
             self.relay[i] = Side(int(self.sides[i]))
         self.starting |= choices.keys()
         self._go_on(state)
-        return Verdict()
+        return EventResult()

@@ -21,7 +21,7 @@ from lagrange.machine.state import DriverState
 from lagrange.trajectory.events.actions import impact
 from lagrange.trajectory.events.crossing import Meeting
 from lagrange.trajectory.events.ending import (
-    Verdict,
+    EventResult,
     accumulating,
     at_rest,
     nowhere,
@@ -96,7 +96,7 @@ class StepWatch(Record):
         self._start: _Start | None = _Start(first=True)
         self._pending: list[Meeting] = []
         self._whole: tuple[float, FloatArray] | None = None
-        self._verdict: Verdict | None = None
+        self._verdict: EventResult | None = None
 
     @property
     def resets(self) -> bool:
@@ -108,12 +108,12 @@ class StepWatch(Record):
         plain = dict(self.problem.model.statement.plain)
         return [str(event.expression.xreplace(plain))[:80] for event in self.problem.events]
 
-    def begin(self, state: DriverState) -> Verdict:
+    def begin(self, state: DriverState) -> EventResult:
         """Begin at the start of the run."""
         self.state = state
         return self._defined(state)
 
-    def meet(self, state: DriverState) -> Verdict:
+    def process(self, state: DriverState) -> EventResult:
         """Do what is pending at the state that the run was set back to."""
         self.breaks.append(Break(state.count(S.STEPS) + self.jumps, self._whole))
         if self._verdict is not None:
@@ -127,18 +127,18 @@ class StepWatch(Record):
             self.occurrences[m.which].append(here)
         ends = any(0 < self.impacts[m.which].terminal <= len(self.occurrences[m.which]) for m in met)
         resets = [m for m in met if self.impacts[m.which].reset]
-        verdict = self._jump(resets, state) if resets else Verdict()
-        return Verdict(Status.EVENT, jumped=verdict.jumped) if ends and verdict.status is None else verdict
+        verdict = self._jump(resets, state) if resets else EventResult()
+        return EventResult(Status.EVENT, jumped=verdict.jumped) if ends and verdict.status is None else verdict
 
-    def end(self, state: DriverState) -> Verdict:
+    def end(self, state: DriverState) -> EventResult:
         """Return that the run reached its end at a state; nothing is pending then."""
-        return Verdict(Status.SUCCESS)
+        return EventResult(Status.SUCCESS)
 
-    def arrived(self, state: DriverState) -> bool:
+    def is_due(self, state: DriverState) -> bool:
         """Return False: steps are set back to what happens, and a driver finds it at once."""
         return False
 
-    def leap(self, state: DriverState) -> None:
+    def continue_past(self, state: DriverState) -> None:
         """Return None: a step needs no series, so there is nothing to leap over."""
 
     def review(self, times: FloatArray, states: FloatArray, taken: int) -> Cut | None:
@@ -172,9 +172,9 @@ class StepWatch(Record):
         model = self.problem.model
         return model.function("rates", _rates(model.equations, tuple(one.node for one in self.impacts)))
 
-    def _defined(self, state: DriverState) -> Verdict:
+    def _defined(self, state: DriverState) -> EventResult:
         values = self.kernel(state.t, state.y, self.parameters)
-        return Verdict() if np.isfinite(values).all() else undefined(self.names(), values[None])
+        return EventResult() if np.isfinite(values).all() else undefined(self.names(), values[None])
 
     def _step(self, burst: Burst, step: int, watched: Sequence[int], taken: int) -> Cut | None:
         """Find the zeros of some events on a step; keep them, or return where the motion changes first."""
@@ -308,7 +308,7 @@ class StepWatch(Record):
                 return m
         return None
 
-    def _jump(self, met: Sequence[Meeting], state: DriverState) -> Verdict:
+    def _jump(self, met: Sequence[Meeting], state: DriverState) -> EventResult:
         """Reset the state, every event from the state before, and start the motion anew."""
         before, after = state.y.copy(), state.y.copy()
         at_zero = np.abs(self.kernel(state.t, before, self.parameters))
@@ -334,8 +334,8 @@ class StepWatch(Record):
         model = self.problem.model
         where = (state.t, *model.layout.split(after), self.parameters)
         if verdict.status is None and model.column_without_inertia(*where) is not None:
-            return Verdict(Status.SINGULAR, jumped=True)
-        return Verdict(verdict.status, verdict.detail, jumped=True)
+            return EventResult(Status.SINGULAR, jumped=True)
+        return EventResult(verdict.status, verdict.detail, jumped=True)
 
 
 @lru_cache(maxsize=64)

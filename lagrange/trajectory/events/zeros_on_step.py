@@ -9,7 +9,15 @@ import numpy as np
 
 from lagrange.trajectory.events.many_steps import Sample
 from lagrange.trajectory.events.roots import Root, Side, roots
-from lagrange.trajectory.paths.chebyshev import DEGREE, EPSILON, Piece, nodes, pieces, powers, to_chebyshev
+from lagrange.trajectory.paths.chebyshev import (
+    DEGREE,
+    EPSILON,
+    LocalPolynomial,
+    local_polynomials,
+    nodes,
+    powers,
+    to_chebyshev,
+)
 
 RATE_NOISE = 1024 * EPSILON
 """The part of a derivative that is noise: 500 roundings is what the weights of DOP853's path make of one."""
@@ -24,7 +32,7 @@ class Trace:
     power of time with which it does; 0 if it stays.
     """
 
-    parts: tuple[tuple[Piece, Side], ...]
+    parts: tuple[tuple[LocalPolynomial, Side], ...]
     found: tuple[Root, ...]
     after: Side
     until: float
@@ -45,10 +53,12 @@ def trace(
 
     `zero` says that it starts there, on a side that is to be found, `last` that no step follows.
     """
-    parts: list[tuple[Piece, Side]] = []
+    parts: list[tuple[LocalPolynomial, Side]] = []
     found: list[Root] = []
     leaving = (0, 0)
-    for piece in pieces(lambda s: sample.events(s)[place] - level, sample.values[place] - level, noise, smooth=zero):
+    for piece in local_polynomials(
+        lambda s: sample.events(s)[place] - level, sample.values[place] - level, noise, smooth=zero
+    ):
         if piece.coefficients is None:
             return Trace(tuple(parts), tuple(found), before, piece.start, leaving)
         if zero and piece.start == 0:
@@ -78,7 +88,7 @@ def ended(found: Trace, s: float) -> list[Root]:
     return met
 
 
-def _divided(piece: Piece) -> Piece:
+def _divided(piece: LocalPolynomial) -> LocalPolynomial:
     """Return what starts at zero divided by time: its zero there is known, and the next may be close.
 
     The slope of Chebyshev's polynomial of rank k at the end of [0, 1] is 2 k**2, which the noise is multiplied by.
@@ -89,7 +99,7 @@ def _divided(piece: Piece) -> Piece:
     return replace(piece, coefficients=piece.coefficients[1:], noise=2 * rank * rank * piece.noise)
 
 
-def _integrated(sample: Sample, place: int, piece: Piece) -> Piece:
+def _integrated(sample: Sample, place: int, piece: LocalPolynomial) -> LocalPolynomial:
     """Return the same from the integral of the derivative, which a large constant in the event does not blur.
 
     The landing of a ball is seen in its velocity, whatever the height of the floor.
@@ -103,7 +113,7 @@ def _integrated(sample: Sample, place: int, piece: Piece) -> Piece:
     return replace(piece, coefficients=slopes / np.arange(1, len(slopes) + 1), noise=noise)
 
 
-def _leaving(piece: Piece) -> tuple[int, int]:
+def _leaving(piece: LocalPolynomial) -> tuple[int, int]:
     """Return the sign of what was divided by time right after the start, and the power of time that tells."""
     if piece.coefficients is None:
         return 0, 0

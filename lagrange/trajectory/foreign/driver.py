@@ -15,29 +15,29 @@ import numpy as np
 from lagrange.errors import StatementError, shown
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
-from lagrange.procedure.step.constants import FAR, FIRST_SHARE, LEAST_FLOOR, SURVEYS
+from lagrange.procedure.step.constants import FAR_FROM_ZERO, FIRST_SHARE, LEAST_FLOOR, MOST_SURVEYS
 from lagrange.statement.number import real_number
 from lagrange.trajectory.driver import drive
 from lagrange.trajectory.events.step_watch import StepWatch
 from lagrange.trajectory.foreign.fault import Fault
-from lagrange.trajectory.foreign.guarded_rhs import Law, StopError
+from lagrange.trajectory.foreign.guarded_rhs import GuardedRhs, StopError
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.settings import adaptive_settings
 from lagrange.trajectory.paths.piecewise import PiecewisePath
-from lagrange.trajectory.paths.sampled import Piece, SampledPath
+from lagrange.trajectory.paths.sampled import SampledPath, StepInterpolant
 from lagrange.trajectory.sizes import first_floors, slopes_of
 from lagrange.trajectory.tolerances import Tolerances
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 S = DriverState
 
-SPACINGS = 64
+FIRST_STEP_SPACINGS = 64
 """A first step is not shorter than so many spacings of floating-point times: SciPy gives up below ten of them."""
 
 MOST_UNMOVED = 20
 """Steps in a row that may leave the time where it is; LSODA begins with two of them at t = 1e9."""
 
-PIECE = 300
+INTERPOLANT_BYTES = 300
 """Bytes that the path over a step takes beside its values, as measured."""
 
 
@@ -59,11 +59,11 @@ class Stepper(Protocol):
     def advance(self, t: float, y: FloatArray) -> Fault | None:
         """Take one step from the accepted state (t, y); return why there is none."""
 
-    def piece(self, t: float, y: FloatArray) -> Piece:
+    def interpolant(self, t: float, y: FloatArray) -> StepInterpolant:
         """Return the path over the last step, which began at (t, y)."""
 
 
-Start = Callable[[Law, Tolerances, FloatArray, float, FloatArray, float], Stepper]
+Start = Callable[[GuardedRhs, Tolerances, FloatArray, float, FloatArray, float], Stepper]
 """Makes a solver with absolute tolerances (2n,) that goes from a time and a state to the end of the law's problem, by a
 first step of a given length at most; where that is infinite, the solver chooses. The tolerances may rise as it goes, in
 place."""
@@ -110,14 +110,14 @@ class SolverPlan:
     """The power of a first step with which its error grows, or 0 where the solver chooses that step well."""
     form: str = ""
     watched: bool = False
-    pieces: list[Piece] = field(default_factory=list)
+    interpolants: list[StepInterpolant] = field(default_factory=list)
     """The path over each accepted step, and over some behind the last that counts."""
 
     def driver(self, model: Model, parameters: FloatArray) -> SolverDriver:
         """Return the driver, whose time begins to count; see `Plan`."""
         limit = self.problem.max_wall
         deadline = np.inf if limit is None else time.perf_counter() + limit
-        return SolverDriver(self, Law(self.problem, self.package, parameters, deadline))
+        return SolverDriver(self, GuardedRhs(self.problem, self.package, parameters, deadline))
 
     def watch(self, problem: Problem, driver: SolverDriver) -> StepWatch | None:
         """Return what watches the events of the run, if it has any; see `Plan`."""
@@ -125,14 +125,14 @@ class SolverPlan:
 
     def _latest(self, times: FloatArray, states: FloatArray) -> SampledPath:
         """Return the path over the steps that were taken last."""
-        return SampledPath(times, states, self.pieces[len(self.pieces) - len(times) + 1 :])
+        return SampledPath(times, states, self.interpolants[len(self.interpolants) - len(times) + 1 :])
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: StepWatch | None) -> PiecewisePath:
         """Return the solver's own path, which leaps where the state was reset."""
         jumps = set() if watch is None else {one.row for one in watch.breaks}
-        steps = iter(self.pieces)
-        pieces = [partial(_standing, states[i + 1]) if i in jumps else next(steps) for i in range(len(times) - 1)]
-        return PiecewisePath(times, states[0], tuple(pieces))
+        steps = iter(self.interpolants)
+        interpolants = [partial(_standing, states[i + 1]) if i in jumps else next(steps) for i in range(len(times) - 1)]
+        return PiecewisePath(times, states[0], tuple(interpolants))
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
         """Return the last state: what failed the law has remembered."""
@@ -146,7 +146,7 @@ def _standing(y: FloatArray, times: FloatArray) -> FloatArray:
 class SolverDriver:
     """Advances a run by a solver that is started anew where the motion changes; see `Driver`."""
 
-    def __init__(self, plan: SolverPlan, law: Law) -> None:
+    def __init__(self, plan: SolverPlan, law: GuardedRhs) -> None:
         self._plan, self._law = plan, law
         self._solver: Stepper | None = None
         self._unmoved = 0
@@ -199,7 +199,7 @@ class SolverDriver:
         # Flights shorter than the first step of the solver's choice would all become as long as that.
         given = abs(float(state.reals[S.H]))
         first = given if given and steps == self._begun + 1 else np.inf
-        del self._plan.pieces[steps:]
+        del self._plan.interpolants[steps:]
         self._begun, self._unmoved = steps, 0
         law.forget()
         law.rhs(t, y)
@@ -214,7 +214,7 @@ class SolverDriver:
         What is round-off so far has none worth its name; where the last answer changed nothing, that is not the cause.
         """
         vanished = fault.status is Status.STEP_TOO_SMALL and state.reals[S.SHARE] > 0
-        if not vanished or state.count(S.SURVEYED) >= SURVEYS or np.array_equal(state.floors, self._asked):
+        if not vanished or state.count(S.SURVEYED) >= MOST_SURVEYS or np.array_equal(state.floors, self._asked):
             return False
         self._solver, self._asked, self._vanished = None, state.floors.copy(), fault
         return True
@@ -238,10 +238,10 @@ class SolverDriver:
         if not plan.first:
             return np.inf
         first = float((FIRST_SHARE * plan.tolerances.rtol) ** (1 / plan.first)) * period
-        if first < FAR * abs(t):
+        if first < FAR_FROM_ZERO * abs(t):
             # SciPy takes what rounding the times makes of a step for another length.
             spacing = float(np.spacing(abs(t)))
-            first = spacing * 2.0 ** math.ceil(math.log2(max(first / spacing, SPACINGS)))
+            first = spacing * 2.0 ** math.ceil(math.log2(max(first / spacing, FIRST_STEP_SPACINGS)))
         return first
 
     def _step(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Fault | None:
@@ -267,18 +267,24 @@ class SolverDriver:
             # Some trial of this step left the domain; the step stands if its own end did not.
             law.fault = None
             law.rhs(t, y)
-        piece = solver.piece(begin, before)
+        interpolant = solver.interpolant(begin, before)
         if not law.fault:
-            self._keep(state, t, y, piece, times, rows)
+            self._keep(state, t, y, interpolant, times, rows)
         return law.fault
 
     def _keep(
-        self, state: DriverState, t: float, y: FloatArray, piece: Piece, times: FloatArray, rows: FloatArray
+        self,
+        state: DriverState,
+        t: float,
+        y: FloatArray,
+        interpolant: StepInterpolant,
+        times: FloatArray,
+        rows: FloatArray,
     ) -> None:
         """Keep a step; it counts from the last line on, so that an interruption never finds half of one."""
         row = state.count(S.ROWS)
-        self._plan.pieces.append(piece)
-        state.kept += piece.values.nbytes + PIECE
+        self._plan.interpolants.append(interpolant)
+        state.kept += interpolant.values.nbytes + INTERPOLANT_BYTES
         times[row], rows[row] = t, y
         state.reals[S.T], state.y[:] = t, y
         np.maximum(state.floors, state.reals[S.SHARE] * abs(y), out=state.floors)

@@ -29,7 +29,7 @@ class StopError(Exception):
 
 
 @dataclass
-class Law:
+class GuardedRhs:
     """The model's right-hand side as a solver calls it: counted, timed, and with the last fault remembered."""
 
     problem: Problem

@@ -17,9 +17,9 @@ from scipy.integrate import OdeSolver
 
 from lagrange.trajectory.foreign.driver import check_bounds, drive_stepwise
 from lagrange.trajectory.foreign.fault import Fault
-from lagrange.trajectory.foreign.guarded_rhs import Law
+from lagrange.trajectory.foreign.guarded_rhs import GuardedRhs
 from lagrange.trajectory.integrator import Claims, Problem
-from lagrange.trajectory.paths.sampled import Piece
+from lagrange.trajectory.paths.sampled import StepInterpolant
 from lagrange.trajectory.tolerances import Tolerances
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
@@ -27,13 +27,13 @@ _ONE_AT_A_TIME = threading.RLock()
 """Held by the implicit solvers: capturing their warnings changes the state of the whole process."""
 
 
-class _Stepper:
+class _ScipyStepper:
     """A solver of SciPy's between two steps; see `Stepper`. Its time counts from `origin`."""
 
     def __init__(
         self,
         method: ScipyMethod,
-        law: Law,
+        law: GuardedRhs,
         tolerances: Tolerances,
         floors: FloatArray,
         t: float,
@@ -80,10 +80,10 @@ class _Stepper:
             return law.fault or Fault(Status.STEP_TOO_SMALL if small else Status.DIVERGED, t, y)
         return None
 
-    def piece(self, t: float, y: FloatArray) -> Piece:
+    def interpolant(self, t: float, y: FloatArray) -> StepInterpolant:
         solver = self.solver
         own = float(solver.t_old), float(solver.t)
-        return Piece.read((t, self.t), (y, self.y), own, solver.dense_output(), self.method.degree)
+        return StepInterpolant.read((t, self.t), (y, self.y), own, solver.dense_output(), self.method.degree)
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class ScipyMethod(ABC):
 
     def integrate(self, problem: Problem) -> Trajectory:
         """Run the problem; see `Integrator`."""
-        start, power = partial(_Stepper, self), self.first_power if self.first_step is None else 0
+        start, power = partial(_ScipyStepper, self), self.first_power if self.first_step is None else 0
         return drive_stepwise(problem, self.name, "SciPy", start, _captured(not self.claims.explicit), power)
 
 

@@ -16,16 +16,16 @@ import numpy as np
 from lagrange.errors import StatementError, shown
 from lagrange.trajectory.foreign.driver import check_bounds, drive_stepwise
 from lagrange.trajectory.foreign.fault import Fault
-from lagrange.trajectory.foreign.guarded_rhs import Law
+from lagrange.trajectory.foreign.guarded_rhs import GuardedRhs
 from lagrange.trajectory.integrator import Claims, Problem
-from lagrange.trajectory.paths.sampled import Piece
+from lagrange.trajectory.paths.sampled import StepInterpolant
 from lagrange.trajectory.tolerances import Tolerances
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 ORDERS = {"BDF": 5, "Adams": 12}
 """The families of CVODE's formulas and the highest order of each."""
 
-SPACINGS = 4
+LAST_STEP_SPACINGS = 4
 """A step that is not longer than so many spacings of floating-point times is the last: CVODE would go on with t + h = t
 for ever (LLNL/sundials#44), and warn of it from C."""
 
@@ -79,7 +79,7 @@ class CVODE:
 
     def integrate(self, problem: Problem) -> Trajectory:
         """Run the problem; see `Integrator`. Raises StatementError if scikit-sundae is not installed."""
-        return drive_stepwise(problem, self.name, "CVODE", partial(_Stepper, _solver(), self), nullcontext([]))
+        return drive_stepwise(problem, self.name, "CVODE", partial(_CvodeStepper, _solver(), self), nullcontext([]))
 
 
 def _solver() -> Callable[..., Any]:
@@ -94,7 +94,7 @@ def _solver() -> Callable[..., Any]:
     return made
 
 
-class _Stepper:
+class _CvodeStepper:
     """CVODE between two steps; see `Stepper`.
 
     It runs in the time s since its start, t = t0 + s, or t0 - s on the way back: late first steps are not lost in the
@@ -105,7 +105,7 @@ class _Stepper:
         self,
         solver: Callable[..., Any],
         options: CVODE,
-        law: Law,
+        law: GuardedRhs,
         tolerances: Tolerances,
         floors: FloatArray,
         t: float,
@@ -168,18 +168,18 @@ class _Stepper:
             return self.law.fault or Fault(Status.DIVERGED, t, y, detail=f"CVODE says: {step.message}")
         self.reached = step.status == _REACHED
         self.s, self.state = float(step.t), np.array(step.y, dtype=float)
-        if not self.reached and not self.s - self.begin > SPACINGS * float(np.spacing(abs(self.begin))):
+        if not self.reached and not self.s - self.begin > LAST_STEP_SPACINGS * float(np.spacing(abs(self.begin))):
             return self.law.recent_fault() or Fault(Status.STEP_TOO_SMALL, t, y)
         if not first:
             # Before its first step CVODE looks around for a length, which is no trial of a step.
             self.rejected = len(set(self.trials) - {self.begin}) - 1
         return None
 
-    def piece(self, t: float, y: FloatArray) -> Piece:
+    def interpolant(self, t: float, y: FloatArray) -> StepInterpolant:
         def interpolant(times: FloatArray) -> FloatArray:
             return np.array([self.cvode.step(s, "normal").y for s in times.tolist()]).T
 
-        found = Piece.read((t, self.t), (y, self.state), (self.begin, self.s), interpolant, self.degree)
+        found = StepInterpolant.read((t, self.t), (y, self.state), (self.begin, self.s), interpolant, self.degree)
         if not self.reached:
             # The next step starts from the time that was asked for last.
             self.cvode.step(self.s, "normal")

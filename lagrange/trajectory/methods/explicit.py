@@ -24,8 +24,8 @@ from lagrange.trajectory.methods.settings import adaptive_settings, check_option
 from lagrange.trajectory.paths.step_paths import RungeKuttaPath, StepPath, hermite_path
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.tableaux import classical, dop853, dopri5, tsit5
-from lagrange.trajectory.tableaux.butcher import HIGHEST, ButcherTableau, ErrorEstimate
-from lagrange.trajectory.tableaux.rooted_trees import Row
+from lagrange.trajectory.tableaux.butcher import HIGHEST_CHECKED, ButcherTableau, ErrorEstimate
+from lagrange.trajectory.tableaux.rooted_trees import Coefficients
 from lagrange.trajectory.tableaux.verner9 import verner9
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
@@ -189,7 +189,7 @@ def tableau(
         raise StatementError(f"the tableau {name!r} has A = {shown(A)}: give its rows, each a list.")
     lines = [_entries(name, line) for line in listed]
     if embedded_order is not None:
-        embedded_order = whole_number(embedded_order, "embedded_order", 1, HIGHEST)
+        embedded_order = whole_number(embedded_order, "embedded_order", 1, HIGHEST_CHECKED)
     if any(entry for i, line in enumerate(lines) for entry in line[i:]):
         raise StatementError(f"the tableau {name!r} is not explicit: A must be zero on and above its diagonal.")
     weights = _entries(name, b)
@@ -214,7 +214,7 @@ def _listed(name: str, given: Any) -> list[Any] | None:
     return entries(given, f"a row of the tableau {name!r}")
 
 
-def _entries(name: str, line: Any) -> Row:
+def _entries(name: str, line: Any) -> Coefficients:
     listed = _listed(name, line)
     try:
         found = tuple(x if isinstance(x, float) else _fraction(x) for x in ([line] if listed is None else listed))

@@ -26,17 +26,17 @@ from lagrange.trajectory.methods.splitting import check_splits
 from lagrange.trajectory.methods.trial import TrialVector, kind_of, number, refusal
 from lagrange.trajectory.paths.step_paths import hermite_path
 from lagrange.trajectory.plan import StepPlan
-from lagrange.trajectory.tableaux.butcher import ROUND_OFF, ButcherTableau
+from lagrange.trajectory.tableaux.butcher import CONDITION_TOLERANCE, ButcherTableau
 from lagrange.trajectory.tableaux.rooted_trees import Number
 from lagrange.trajectory.trajectory import Trajectory
 
-TRIED = ((Fraction(0), Fraction(1)), (Fraction(2), Fraction(2)))
+TRIAL_POINTS = ((Fraction(0), Fraction(1)), (Fraction(2), Fraction(2)))
 """Where a step function is tried out, (t, h): not at one place alone, where h**2 would pass for h."""
 
-SHORT = Fraction(1, 4096)
+SHORT_STEP = Fraction(1, 4096)
 """A step so short that its slopes must add up to h, but for a part that is itself of the size of h."""
 
-CLOSE = 1 / 16
+SHORT_STEP_TOLERANCE = 1 / 16
 """What a short step may be off by."""
 
 FORMS = "step(f, t, y, h), or step(a, t, q, v, h) to move coordinates and velocities in turn"
@@ -175,17 +175,20 @@ def _tried(name: str, function: Callable[..., Any], states: int, t: Fraction, h:
 def check_consistent(name: str, function: Callable[..., Any], order: int) -> tuple[_Tried, _Tried]:
     """Refuse a step function that is not one, or not of the order; see `step_method`. Return what it did on trial."""
     states = 2 if _arguments(name, function) == 5 else 1
-    both = tried, doubled = _tried(name, function, states, *TRIED[0]), _tried(name, function, states, *TRIED[1])
+    both = tried, doubled = (
+        _tried(name, function, states, *TRIAL_POINTS[0]),
+        _tried(name, function, states, *TRIAL_POINTS[1]),
+    )
     if states == 2:
-        for one, (t, h) in zip(both, TRIED, strict=True):
+        for one, (t, h) in zip(both, TRIAL_POINTS, strict=True):
             _check_partitioned(name, order, one, t, h)
         return both
     for _, argument in tried.calls:
         _check_whole(name, "a slope is taken at", argument)
     _check_whole(name, "the new state holds", tried.results[0])
     if not _scales(tried, doubled):
-        for t, _ in TRIED:
-            _check_short(name, _tried(name, function, 1, t, SHORT), t)
+        for t, _ in TRIAL_POINTS:
+            _check_short(name, _tried(name, function, 1, t, SHORT_STEP), t)
         return both
     slopes = range(1, len(tried.calls) + 1)
     vectors = [argument for _, argument in tried.calls]
@@ -203,7 +206,7 @@ def _check_recorded(name: str, function: Callable[..., Any], trials: tuple[_Trie
     """Refuse a step function that leaves another record than it left on trial: that record is all that will run."""
     program = _program(name, function)
     scalars = program.scalars(program.numbers)
-    for (t, h), tried in zip(TRIED, trials, strict=True):
+    for (t, h), tried in zip(TRIAL_POINTS, trials, strict=True):
         values = numbers_of(program, scalars, float(t), float(h), 1.0)
         same = len(tried.calls) == len(program.calls)
         pairs: list[tuple[float, Number]] = []
@@ -212,7 +215,7 @@ def _check_recorded(name: str, function: Callable[..., Any], trials: tuple[_Trie
             found = {i: values[factor] for i, factor in combination}
             pairs += [(found.get(i, 0), terms.get(i, 0)) for i in sorted(found | terms)]
         pairs += [(values[call.time], at) for call, (at, _) in zip(program.calls, tried.calls, strict=False)]
-        if not same or not all(abs(a - float(b)) <= ROUND_OFF * max(1.0, abs(a)) for a, b in pairs):
+        if not same or not all(abs(a - float(b)) <= CONDITION_TOLERANCE * max(1.0, abs(a)) for a, b in pairs):
             raise refusal(
                 name, "it does not do the same at every call: it asks what t or h is, or depends on something else"
             )
@@ -221,17 +224,17 @@ def _check_recorded(name: str, function: Callable[..., Any], trials: tuple[_Trie
 def _check_short(name: str, tried: _Tried, t: Fraction) -> None:
     """Hold a step whose numbers are not in proportion to h to what makes it a step at all."""
     _check_whole(name, "the new state holds", tried.results[0])
-    slopes = sum(float(c) for i, c in tried.results[0].items() if i) / float(SHORT)
-    if not abs(slopes - 1) <= CLOSE:
+    slopes = sum(float(c) for i, c in tried.results[0].items() if i) / float(SHORT_STEP)
+    if not abs(slopes - 1) <= SHORT_STEP_TOLERANCE:
         raise refusal(name, f"where h is small, at t = {t}, its slopes add up to {slopes:g} times h instead of 1")
     for at, argument in tried.calls:
         _check_whole(name, "a slope is taken at", argument)
-        if not abs(float(at - t)) <= CLOSE:
+        if not abs(float(at - t)) <= SHORT_STEP_TOLERANCE:
             raise refusal(name, f"where h is small, at t = {t}, a slope is taken at the time {float(at):g}")
 
 
 def _check_whole(name: str, what: str, terms: dict[int, Number]) -> None:
-    if abs(float(terms.get(0, 0)) - 1) > ROUND_OFF:
+    if abs(float(terms.get(0, 0)) - 1) > CONDITION_TOLERANCE:
         raise refusal(name, f"{what} {float(terms.get(0, 0)):g} times the old state, which must be there once")
 
 
@@ -244,7 +247,7 @@ def _scales(tried: _Tried, doubled: _Tried) -> bool:
     twice = [*(argument for _, argument in doubled.calls), *doubled.results]
     for terms, others in zip(once, twice, strict=True):
         pairs += [(2 * float(terms.get(i, 0)), float(others.get(i, 0))) for i in sorted(terms | others) if i]
-    return all(abs(a - b) <= ROUND_OFF * max(1.0, abs(a)) for a, b in pairs)
+    return all(abs(a - b) <= CONDITION_TOLERANCE * max(1.0, abs(a)) for a, b in pairs)
 
 
 def _check_partitioned(name: str, order: int, tried: _Tried, t: Fraction, h: Fraction) -> None:
@@ -266,5 +269,5 @@ def _check_partitioned(name: str, order: int, tried: _Tried, t: Fraction, h: Fra
             (f"an acceleration is taken at t + {float(part):g} h and", "h v", argument.get(1, 0) / h, part),
         ]
     for what, of, value, expected in found:
-        if not abs(float(value) - float(expected)) <= ROUND_OFF:
+        if not abs(float(value) - float(expected)) <= CONDITION_TOLERANCE:
             raise refusal(name, f"{what} {float(value):g} times {of} instead of {float(expected):g}")

@@ -28,7 +28,7 @@ DEFAULT = "taylor"
 """The method of a run that names none: at errors of 1e-6 and below it needs the least time of those here
 (docs/benchmarks/race.md)."""
 
-ELSEWHERE = {
+FOREIGN_NAMES = {
     "rk45": "dopri5",
     "ode45": "dopri5",
     "rk23": "bs3",
@@ -117,7 +117,7 @@ def _needed(method: Callable[..., Any]) -> list[str]:
 
 
 @dataclass(frozen=True)
-class Row:
+class MethodRow:
     """One line of the table of methods."""
 
     name: str
@@ -125,7 +125,7 @@ class Row:
     about: str
 
 
-class Table(tuple[Row, ...]):
+class MethodTable(tuple[MethodRow, ...]):
     """The methods with their claims; prints as a table."""
 
     def __str__(self) -> str:
@@ -194,7 +194,7 @@ def find(method: Any) -> Integrator:
     if method in _offered():
         made: Integrator = _offered()[method].load()()
         return made
-    meant = ELSEWHERE.get(method.lower())
+    meant = FOREIGN_NAMES.get(method.lower())
     hint = f" Did you mean {meant!r}?" if meant else suggestion(method.lower(), names())
     raise StatementError(f"there is no method {shown(method)}; the methods are {listing(names())}.{hint}")
 
@@ -205,10 +205,10 @@ def _built_in(name: str) -> Integrator:
     return BUILT_IN[name]()
 
 
-def table() -> Table:
+def table() -> MethodTable:
     """Return every method with its claims."""
     made = [(name, find(name)) for name in names()]
-    return Table(Row(name, promises(integrator), _about(name, integrator)) for name, integrator in made)
+    return MethodTable(MethodRow(name, promises(integrator), _about(name, integrator)) for name, integrator in made)
 
 
 def _about(name: str, integrator: Integrator) -> str:

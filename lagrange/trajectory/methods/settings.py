@@ -18,7 +18,7 @@ RTOL = 1e-9
 """The default relative tolerance. On the double pendulum over 20 s (started at 30 degrees each) DOP853 then ends within
 5e-9 of a run at 1e-13, in 0.5 ms; at 1e-6, SciPy's habit of 1e-3 left far behind, it would be 1e-5."""
 
-SHARE = 1e-3
+FLOOR_SHARE = 1e-3
 """Without an absolute tolerance an entry may be wrong in a step by RTOL times its own size, and by this part of RTOL
 times the largest size that it has had in the run: so much of it counts as zero where it fades or is small for a while.
 So each entry, in whatever units, is measured by itself, and the same motion in other units has the same steps. A part
@@ -32,7 +32,7 @@ LEAST_SHARE = 2.0**-52
 EQUAL_STEPS = 1000
 """How many equal steps a run is divided into where no step is given; the status card says so."""
 
-LOOKS = 1000
+STEPS_UNDER_BRIEF_FORCE = 1000
 """No adaptive step is longer than this part of the run where a force may act for a moment only (`Structure.brief`): a
 system at rest would step over it, and there is no error to see it by."""
 
@@ -71,7 +71,7 @@ def adaptive_settings(
 ) -> Tolerances:
     """Return the tolerances of an adaptive method: the run's, else the method's own, else the defaults.
 
-    The default absolute tolerance follows the scale of each entry; see `SHARE`. What both give must be the same.
+    The default absolute tolerance follows the scale of each entry; see `FLOOR_SHARE`. What both give must be the same.
     `least` is the smallest relative tolerance that the method can use.
     """
     check_problem(name, problem)
@@ -85,9 +85,9 @@ def adaptive_settings(
     if relative < least:
         notes = (f"rtol = {relative:g} is below round-off and was raised to {least:.3g}.",)
     span = abs(problem.t1 - problem.t0)
-    longest = span / LOOKS if problem.model.equations.structure.brief and span else math.inf
+    longest = span / STEPS_UNDER_BRIEF_FORCE if problem.model.equations.structure.brief and span else math.inf
     relative = max(relative, least)
-    share = max(SHARE * relative, LEAST_SHARE) if absolute is None else 0.0
+    share = max(FLOOR_SHARE * relative, LEAST_SHARE) if absolute is None else 0.0
     begins = LEAST_FLOOR if absolute is None else max(absolute, LEAST_ATOL)
     return Tolerances(relative, begins, share, longest=longest, notes=notes)
 

@@ -16,7 +16,7 @@ from lagrange.machine.series.order import LOWEST
 from lagrange.machine.state import DriverState
 from lagrange.trajectory.driver import drive
 from lagrange.trajectory.events.actions import Impact, impact, root_of
-from lagrange.trajectory.events.nonanalytic_points import Leaps
+from lagrange.trajectory.events.nonanalytic_points import Continuations
 from lagrange.trajectory.events.series_watch import Watch
 from lagrange.trajectory.events.surfaces import stated_sides
 from lagrange.trajectory.integrator import Claims, Problem
@@ -31,15 +31,15 @@ from lagrange.trajectory.trajectory import FloatArray, Trajectory
 MARGIN = 0.1
 """Steps aim at a tenth of the tolerance: their errors add up along a run."""
 
-ROUND_OFF, LEAST_MARGIN = 1e-15, 0.01
+TIGHT_RTOL, LEAST_MARGIN = 1e-15, 0.01
 """At tolerances below the first they aim at a hundredth. What a step leaves out has the same sign every time, and must
 stay far below round-off for the error of the energy to grow like the square root of time: over 100,000 Kepler orbits
 (e = 0.6) it stays below 500 units of round-off then, and 2,900 at a tenth."""
 
-MOST = 64
+HIGHEST_ORDER = 64
 """The highest order that may be asked for."""
 
-LEAST_RTOL = 2.0**-53
+SMALLEST_RTOL = 2.0**-53
 """A relative tolerance below this asks for more than doubles hold."""
 
 
@@ -58,9 +58,9 @@ class Taylor:
     def __post_init__(self) -> None:
         check_options(None, self.rtol, self.atol)
         whole = isinstance(self.order, int) and not isinstance(self.order, bool)
-        if self.order is not None and not (whole and LOWEST <= self.order <= MOST):
+        if self.order is not None and not (whole and LOWEST <= self.order <= HIGHEST_ORDER):
             raise StatementError(
-                f"order = {shown(self.order)}: give a whole number from {LOWEST} to {MOST}, or leave it out."
+                f"order = {shown(self.order)}: give a whole number from {LOWEST} to {HIGHEST_ORDER}, or leave it out."
             )
 
     @property
@@ -75,12 +75,12 @@ class Taylor:
 
     def plan(self, problem: Problem) -> TaylorPlan:
         """Return the plan; see `Planned`."""
-        tolerances = adaptive_settings(self.name, problem, None, self.rtol, self.atol, least=LEAST_RTOL)
+        tolerances = adaptive_settings(self.name, problem, None, self.rtol, self.atol, least=SMALLEST_RTOL)
         parameters = problem.parameter_array if problem.events else np.empty(0)
         events = [impact(problem.model, event, parameters) for event in problem.events]
-        impacts = (*events, *map(root_of, _roots(problem.model, tuple(event.node for event in events))))
+        impacts = (*events, *map(root_of, _square_roots(problem.model, tuple(event.node for event in events))))
         series, _ = problem.model.series(tuple(one.node for one in impacts))
-        tolerances = replace(tolerances, margin=MARGIN if tolerances.rtol >= ROUND_OFF else LEAST_MARGIN)
+        tolerances = replace(tolerances, margin=MARGIN if tolerances.rtol >= TIGHT_RTOL else LEAST_MARGIN)
         return TaylorPlan(series, self.order or series.order(tolerances.rtol), tolerances, impacts)
 
     def integrate(self, problem: Problem) -> Trajectory:
@@ -118,8 +118,10 @@ class TaylorPlan:
             return None
         parameters, own = problem.parameter_array, self.tolerances
         absolute = None if own.share else own.margin * own.atol
-        leaps = Leaps(problem, DOP853(rtol=own.margin * own.rtol, atol=absolute))
-        return Watch(self.series, self.order, driver, parameters, self.impacts, partial(watched_names, problem), leaps)
+        continuations = Continuations(problem, DOP853(rtol=own.margin * own.rtol, atol=absolute))
+        return Watch(
+            self.series, self.order, driver, parameters, self.impacts, partial(watched_names, problem), continuations
+        )
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: Watch | None) -> SeriesPath:
         """Return the dense output: the series themselves."""
@@ -127,8 +129,8 @@ class TaylorPlan:
         if watch is None:
             return SeriesPath(self.series, self.order, ((0, parameters),), times, states)
         rhs = problem.model.kernel("rhs")
-        leaps = {i: HermitePath(rhs, parameters, times[i : i + 2], states[i : i + 2]) for i in watch.leaps.rows}
-        return SeriesPath(self.series, self.order, tuple(watch.epochs), times, states, leaps)
+        paths = {i: HermitePath(rhs, parameters, times[i : i + 2], states[i : i + 2]) for i in watch.continuations.rows}
+        return SeriesPath(self.series, self.order, tuple(watch.epochs), times, states, paths)
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
         """Return the state with the first coefficients that are not finite in place of the rows that have them."""
@@ -146,14 +148,14 @@ class TaylorPlan:
         return np.where(np.isfinite(rows[np.argmax(bad)]), state.y, rows[np.argmax(bad)])
 
 
-def _roots(model: Model, events: tuple[Node, ...]) -> Mapping[Node, Node]:
+def _square_roots(model: Model, events: tuple[Node, ...]) -> Mapping[Node, Node]:
     """Return the square roots to be watched, those of the equations and of the events, with what is under each.
 
     An event that is a root itself is watched as the event.
     """
     if not events:
         return model.square_roots
-    inside = {root: base for root, base in model.roots_in(events).items() if root not in events}
+    inside = {root: base for root, base in model.square_roots_in(events).items() if root not in events}
     return {**model.square_roots, **inside}
 
 
@@ -161,7 +163,7 @@ def watched_names(problem: Problem) -> list[str]:
     """Return what is watched in the user's symbols: the surfaces, then the events."""
     model = problem.model
     events = tuple(model.equations.translate(event.expression) for event in problem.events)
-    square_roots = _roots(model, events)
+    square_roots = _square_roots(model, events)
     _, switched = model.series((*events, *square_roots))
     plain = dict(model.statement.plain)
     surfaces = [model.equations.express(surface) for surface in switched.expressions]

@@ -21,7 +21,7 @@ EPSILON = 2.0**-52
 DEGREE = 16
 """The degree at which a function is resolved, or its step halved; a path of a degree up to this is exact."""
 
-ROUND_OFF = 64 * EPSILON
+DENSE_ROUND_OFF = 64 * EPSILON
 """Times how much a function varies on a step: what the weights of a dense output make of rounding. Those of DOP853
 leave 5e-14 where the state moves by 1 (a pendulum, h = 1)."""
 
@@ -31,7 +31,7 @@ DEEPEST = 50
 MOST_HALVINGS = 5000
 """Halvings of one step, together: some hundreds of roots. What is not resolved then is noise between two steps."""
 
-GRAIN = 1e-8
+LARGEST_NOISE = 1e-8
 """Noise above this part of a function is taken for the function itself."""
 
 TINY = 64 * 2.0**-1074
@@ -42,7 +42,7 @@ POLE_LEVELS = 26
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class LocalPolynomial:
     """A part of a step, from `start` over `width`, in units of the step.
 
     `coefficients` are powers of the time since its start in units of its width; `noise` is by how much they may be
@@ -106,9 +106,9 @@ def certain(chebyshev: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
     return np.asarray(sizes[..., 0] > 1.001 * others)
 
 
-def pieces(
+def local_polynomials(
     g: Callable[[FloatArray], FloatArray], values: FloatArray, noise: float, *, smooth: bool = False
-) -> Iterator[Piece]:
+) -> Iterator[LocalPolynomial]:
     """Yield the parts of a step in order on which g is resolved, or certain to keep its sign.
 
     `g` takes places (K,) in [0, 1], `values` are those at the nodes of the whole step. Where g has no value the parts
@@ -122,7 +122,7 @@ def pieces(
         chebyshev = to_chebyshev() @ np.where(np.isfinite(found), found, 0.0)
         tail = float(np.abs(chebyshev[-2:]).max())
         # What halving does not make smaller is noise that was not known of: so the number of parts stays small.
-        grain = 8 * tail if tail > before / 4 and tail <= GRAIN * _size(found) else TINY
+        grain = 8 * tail if tail > before / 4 and tail <= LARGEST_NOISE * _size(found) else TINY
         least = noise if smooth and start == 0 else 0.0
         piece = _polynomial(start, width, chebyshev, _size(found), noise + grain, least) if finite else None
         if piece is not None:
@@ -133,15 +133,15 @@ def pieces(
             for begin in (start + width / 2, start):
                 stack.append((begin, depth + 1, g(begin + width / 2 * nodes()), tail, above))
         elif not finite or (depth == DEEPEST and _size(found) > 1e3 * above):
-            yield Piece(start, width, None, noise)
+            yield LocalPolynomial(start, width, None, noise)
             return
         else:
-            yield Piece(start, width, np.array([found[0], found[-1] - found[0]]), noise)
+            yield LocalPolynomial(start, width, np.array([found[0], found[-1] - found[0]]), noise)
 
 
 def _polynomial(
     start: float, width: float, chebyshev: FloatArray, size: float, noise: float, least: float = 0.0
-) -> Piece | None:
+) -> LocalPolynomial | None:
     """Return a part if it is resolved or leaves no doubt of its sign, which is all it keeps then.
 
     Coefficients below round-off or the `least` are left out, and counted as noise; so are those beyond, which at a kink
@@ -152,9 +152,9 @@ def _polynomial(
     if max(sizes[-2:]) <= floor:
         found = powers(chebyshev, max(EPSILON * size, least))
         left = float(sizes[len(found) :].sum() + 4 * DEGREE * sizes[-2:].max())
-        return Piece(start, width, found, noise + left)
+        return LocalPolynomial(start, width, found, noise + left)
     if certain(chebyshev, np.asarray(noise)):
-        return Piece(start, width, chebyshev[:1], noise)
+        return LocalPolynomial(start, width, chebyshev[:1], noise)
     return None
 
 

@@ -12,7 +12,7 @@ from lagrange.machine.backend import Kernel, SingularMassMatrix
 from lagrange.trajectory.paths.step_paths import Places, StepPath
 from lagrange.trajectory.trajectory import FloatArray
 
-TURNS = 12
+MOST_ITERATIONS = 12
 """Corrections of the inner stages, at most; 3 to 5 bring them from a straight line to round-off."""
 
 
@@ -78,7 +78,7 @@ class CollocationPath(StepPath):
             square[~good] = np.eye(inner * dimension)
             inverse = np.linalg.inv(square)
             Z = line.copy()
-            for _ in range(TURNS):
+            for _ in range(MOST_ITERATIONS):
                 slopes = [self._values(self.kernel, t + c * h, y + z) for c, z in zip(self.c, Z[:inner], strict=False)]
                 residual = np.einsum("ij,jak->iak", A[:inner], np.array([*slopes, last])) * h - Z[:inner]
                 move = np.einsum("kab,bk->ak", inverse, residual.reshape(-1, len(t))).reshape(residual.shape)

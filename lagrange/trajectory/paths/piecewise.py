@@ -15,22 +15,22 @@ class PiecewisePath:
     """The path through a run's steps: times (K,) between its ends to states (2n, K).
 
     `edges` (steps + 1,) are the times of the accepted states, rising or falling, `start` (2n,) the first of them, and
-    `pieces` the interpolants between, each from times (k,) to states (2n, k). At a joint the later one counts.
+    `interpolants` the interpolants between, each from times (k,) to states (2n, k). At a joint the later one counts.
     """
 
     edges: FloatArray
     start: FloatArray
-    pieces: tuple[Callable[[FloatArray], FloatArray], ...]
+    interpolants: tuple[Callable[[FloatArray], FloatArray], ...]
 
     def __call__(self, times: FloatArray) -> FloatArray:
         """Return the states at the times, in any order, (2n, K)."""
         states = np.repeat(self.start[:, None], len(times), axis=1)
-        if self.pieces:
+        if self.interpolants:
             forward = np.sign(self.edges[-1] - self.edges[0])
             found = np.searchsorted(forward * self.edges, forward * times, side="right") - 1
-            found = np.clip(found, 0, len(self.pieces) - 1)
+            found = np.clip(found, 0, len(self.interpolants) - 1)
             order = np.argsort(found, kind="stable")
             for group in np.split(order, np.flatnonzero(np.diff(found[order])) + 1):
                 if len(group):
-                    states[:, group] = self.pieces[found[group[0]]](times[group])
+                    states[:, group] = self.interpolants[found[group[0]]](times[group])
         return states

@@ -12,13 +12,13 @@ from lagrange.trajectory.paths.chebyshev import nodes
 from lagrange.trajectory.paths.step_paths import Places
 from lagrange.trajectory.trajectory import FloatArray
 
-SPACINGS = 256
+FEWEST_SPACINGS = 256
 """A step of fewer spacings of the solver's times is a straight line: a polynomial through states at rounded times, of
 degree 12 at most, would swing to and fro."""
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class StepInterpolant:
     """The polynomial over one step with the `values` (k, 2n) at Chebyshev's points, from `begin` over `length`.
 
     It passes through both accepted states, which an interpolant of multistep formulas does to the tolerance only.
@@ -36,14 +36,14 @@ class Piece:
         own: tuple[float, float],
         interpolant: Callable[[FloatArray], FloatArray],
         degree: int,
-    ) -> Piece:
+    ) -> StepInterpolant:
         """Return the polynomial of a degree over a step between two `times` and the states at both `ends`.
 
         `interpolant` takes the solver's `own` times (k,), between two others, to states (2n, k).
         """
         first, last = own
         x = nodes(degree)[:, None]
-        if len(x) == 2 or abs(last - first) < SPACINGS * float(np.spacing(max(abs(first), abs(last)))):
+        if len(x) == 2 or abs(last - first) < FEWEST_SPACINGS * float(np.spacing(max(abs(first), abs(last)))):
             values = (1 - x) * ends[0] + x * ends[1]
         else:
             inner = interpolant(first + x[1:-1, 0] * (last - first)).T
@@ -62,11 +62,11 @@ class SampledPath:
 
     times: FloatArray
     states: FloatArray
-    pieces: Sequence[Piece]
+    interpolants: Sequence[StepInterpolant]
 
     def inside(self, steps: Places, theta: FloatArray) -> FloatArray:
         """Return the states at the same fractions theta (K,) of each of some steps (k,), (2n, k, K)."""
-        values = np.stack([self.pieces[step].values for step in steps.tolist()])
+        values = np.stack([self.interpolants[step].values for step in steps.tolist()])
         return np.asarray(np.moveaxis(_shares(values.shape[1], theta) @ values, -1, 0))
 
 

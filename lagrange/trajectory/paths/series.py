@@ -16,7 +16,8 @@ from lagrange.trajectory.trajectory import FloatArray
 class SeriesPath:
     """Accepted steps, times (S+1,) and states (S+1, 2n), and the series that leads from each to the next.
 
-    `epochs` says from which step on which parameters and sides hold, `leaps` has the paths of steps without a series.
+    `epochs` says from which step on which parameters and sides hold;
+    `continuations` has the paths of steps without a series.
     """
 
     series: Series
@@ -24,7 +25,7 @@ class SeriesPath:
     epochs: tuple[tuple[int, FloatArray], ...]
     times: FloatArray
     states: FloatArray
-    leaps: Mapping[int, Callable[[FloatArray], FloatArray]] = field(default_factory=dict)
+    continuations: Mapping[int, Callable[[FloatArray], FloatArray]] = field(default_factory=dict)
 
     def __call__(self, times: FloatArray) -> FloatArray:
         """Return the states at the times, in any order, (2n, K)."""
@@ -48,8 +49,8 @@ class SeriesPath:
 
     def _piece(self, step: int, times: FloatArray) -> FloatArray:
         """Return the states (2n, k) at times within one step."""
-        if step in self.leaps:
-            return self.leaps[step](times)
+        if step in self.continuations:
+            return self.continuations[step](times)
         t, y = float(self.times[step]), self.states[step]
         span = float(self.times[step + 1]) - t
         scale = math.copysign(2.0 ** round(math.log2(abs(span))), span) if span else 1.0

@@ -12,22 +12,31 @@ from math import isfinite
 from lagrange.errors import StatementError, shown
 from lagrange.statement.choice import text
 from lagrange.statement.number import whole_number
-from lagrange.trajectory.tableaux.rooted_trees import Number, Row, Tree, density, dot, formula, size, stage_weights
+from lagrange.trajectory.tableaux.rooted_trees import (
+    Coefficients,
+    Number,
+    Tree,
+    density,
+    dot,
+    formula,
+    size,
+    stage_weights,
+)
 
-ROUND_OFF = 1e-12
+CONDITION_TOLERANCE = 1e-12
 """By how much a sum may miss, per size of its terms, when a coefficient is a float; exact ones must not miss."""
 
 
-HIGHEST = 10
+HIGHEST_CHECKED = 10
 """The highest order that is checked: it has 1205 conditions, and each further one nearly three times as many."""
 
 
-def row(text: str) -> Row:
+def row(text: str) -> Coefficients:
     """Read coefficients: ``"1/5 -3 0.25"``. Whole numbers and fractions stay exact, decimals become floats."""
     return tuple(float(word) if "." in word else Fraction(word) for word in text.split())
 
 
-def rows(text: str) -> tuple[Row, ...]:
+def rows(text: str) -> tuple[Coefficients, ...]:
     """Read one row of coefficients per line that has any."""
     return tuple(row(line) for line in text.splitlines() if line.strip())
 
@@ -47,9 +56,9 @@ class ErrorEstimate:
     (Hairer, Wanner, Solving ODE II, IV.2).
     """
 
-    weights: Row
+    weights: Coefficients
     order: int
-    damping: Row = ()
+    damping: Coefficients = ()
     damping_order: int = 0
     memory: float = 0.0
 
@@ -69,10 +78,10 @@ class DenseOutput:
     leaves a round-off of 5e-14 where Horner's rule on the summed stages leaves 2e-13 (a pendulum, h = 1).
     """
 
-    weights: tuple[Row, ...]
+    weights: tuple[Coefficients, ...]
     order: int
-    stages: tuple[Row, ...] = ()
-    c: Row = ()
+    stages: tuple[Coefficients, ...] = ()
+    c: Coefficients = ()
 
 
 @dataclass(frozen=True)
@@ -87,9 +96,9 @@ class ButcherTableau:
 
     name: str
     order: int
-    A: tuple[Row, ...]
-    b: Row
-    c: Row = ()
+    A: tuple[Coefficients, ...]
+    b: Coefficients
+    c: Coefficients = ()
     error: ErrorEstimate | None = None
     dense: DenseOutput | None = None
     source: str = ""
@@ -122,12 +131,12 @@ class ButcherTableau:
         return len(self.A) > 1 and self.A[-1] == self.b[:-1] and not self.b[-1]
 
     @property
-    def rows(self) -> tuple[Row, ...]:
+    def rows(self) -> tuple[Coefficients, ...]:
         """The rows of A and then those of the dense output's own stages."""
         return self.A + (self.dense.stages if self.dense else ())
 
     @property
-    def abscissae(self) -> Row:
+    def abscissae(self) -> Coefficients:
         """The entries of c for each of `rows`."""
         return self.c + (self.dense.c if self.dense else ())
 
@@ -145,14 +154,14 @@ class ButcherTableau:
         return replace(self, dense=DenseOutput(tuple(weights), min(self.order, 3), extra))
 
     @cached_property
-    def _elementary(self) -> Mapping[Tree, Row]:
+    def _elementary(self) -> Mapping[Tree, Coefficients]:
         claims = [self.order, *([self.error.order] if self.error else []), *([self.dense.order] if self.dense else [])]
         return stage_weights(self.rows, max(claims))
 
     def _refuse(self, reason: str) -> StatementError:
         return StatementError(f"The tableau {self.name!r} is not what it claims: {reason}.")
 
-    def _check_tree(self, what: str, tree: Tree, weights: Row, expected: Fraction) -> None:
+    def _check_tree(self, what: str, tree: Tree, weights: Coefficients, expected: Fraction) -> None:
         values = self._elementary[tree]
         given = dot(weights, values)
         if given != expected:
@@ -163,7 +172,7 @@ class ButcherTableau:
     def _check(self, condition: str, given: Number, expected: Number, scale: float = 1.0) -> None:
         off = given - expected
         exact = isinstance(off, Fraction)
-        if not abs(float(off)) <= (0.0 if exact else ROUND_OFF * scale):
+        if not abs(float(off)) <= (0.0 if exact else CONDITION_TOLERANCE * scale):
             pair = (given, expected) if exact else (f"{float(given):.17g}", f"{float(expected):.17g}")
             raise self._refuse(f"{condition} fails by {float(off):.3g} ({pair[0]} instead of {pair[1]})")
 
@@ -181,8 +190,8 @@ class ButcherTableau:
         s = len(self.b)
         if s == 0 or self.order < 1:
             raise self._refuse("a method has at least one stage and an order of at least 1")
-        if self.order > HIGHEST:
-            raise self._refuse(f"orders up to {HIGHEST} can be checked, not {self.order}")
+        if self.order > HIGHEST_CHECKED:
+            raise self._refuse(f"orders up to {HIGHEST_CHECKED} can be checked, not {self.order}")
         if len(self.A) != s:
             raise self._refuse(f"b has {s} weights and A has {len(self.A)} rows; both are one per stage")
         if self.c and len(self.c) != s:

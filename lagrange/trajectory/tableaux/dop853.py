@@ -6,7 +6,7 @@ from fractions import Fraction
 from math import comb
 
 from lagrange.trajectory.tableaux.butcher import ButcherTableau, DenseOutput, ErrorEstimate, row
-from lagrange.trajectory.tableaux.rooted_trees import Row
+from lagrange.trajectory.tableaux.rooted_trees import Coefficients
 
 _C = row("0 0.05260015195876773 0.0789002279381516 0.1183503419072274 0.2816496580927726") + row(
     "1/3 1/4 4/13 127/195 3/5 6/7 1 1"
@@ -98,7 +98,7 @@ _SHAPES = ((1, 0), (1, 1), (2, 1), (2, 2), (3, 2), (3, 3), (4, 3))
 """Powers of theta and of 1 - theta in the seven polynomials that span the path."""
 
 
-def _path_weights() -> tuple[Row, ...]:
+def _path_weights() -> tuple[Coefficients, ...]:
     """Return the powers of theta of the path that Hairer states by sums F_i of the stages and the shapes above.
 
     y(t + theta h) = y + sum_i shape_i(theta) F_i with F_0 = dy = y_new - y, F_1 = h f - dy,

@@ -13,7 +13,7 @@ Tree = tuple[Any, ...]
 """A tree is the sorted tuple of its root's subtrees; a leaf is the empty tuple."""
 
 Number = Fraction | float
-Row = tuple[Number, ...]
+Coefficients = tuple[Number, ...]
 
 
 @cache
@@ -44,7 +44,7 @@ def density(tree: Tree) -> int:
     return size(tree) * prod(map(density, tree))
 
 
-def stage_weights(matrix: tuple[Row, ...], order: int) -> Mapping[Tree, Row]:
+def stage_weights(matrix: tuple[Coefficients, ...], order: int) -> Mapping[Tree, Coefficients]:
     """Return Phi_j(tree), (stages,), for every tree up to that order: sum_j b_j Phi_j = 1/gamma is its condition.
 
     `matrix` is the lower triangle of a tableau, row i with at least i entries. Where an entry is a float, all are taken
@@ -53,8 +53,8 @@ def stage_weights(matrix: tuple[Row, ...], order: int) -> Mapping[Tree, Row]:
     one: Number = Fraction(1)
     if any(isinstance(entry, float) for row in matrix for entry in row):
         matrix, one = tuple(tuple(map(float, row)) for row in matrix), 1.0
-    known: dict[Tree, Row] = {(): (one,) * len(matrix)}
-    fed: dict[Tree, Row] = {}
+    known: dict[Tree, Coefficients] = {(): (one,) * len(matrix)}
+    fed: dict[Tree, Coefficients] = {}
     for level in range(1, order):
         for tree in trees(level):
             fed[tree] = tuple(dot(row, known[tree]) for row in matrix)
@@ -63,7 +63,7 @@ def stage_weights(matrix: tuple[Row, ...], order: int) -> Mapping[Tree, Row]:
     return known
 
 
-def dot(left: Row, right: Row) -> Number:
+def dot(left: Coefficients, right: Coefficients) -> Number:
     """Return the sum of products over the shorter of two rows; exact when both are."""
     return sum((a * b for a, b in zip(left, right, strict=False) if a and b), Fraction(0))
 

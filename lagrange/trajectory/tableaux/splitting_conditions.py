@@ -13,23 +13,23 @@ from math import factorial
 
 from lagrange.errors import StatementError
 
-ROUND_OFF = 1e-13
+WORD_TOLERANCE = 1e-13
 """By how much a coefficient may miss, per size of the terms that it is the sum of."""
 
-LARGEST = 10
+HIGHEST_CHECKED = 10
 """The highest order that is checked: there are 2046 words up to it."""
 
 
 @lru_cache(maxsize=64)
 def check_words(name: str, order: int, flows: tuple[tuple[str, float], ...]) -> None:
     """Hold a composition of ("kick" or "drift", part of a step) to an order; raise StatementError where it fails."""
-    if not 1 <= order <= LARGEST:
-        raise StatementError(f"{name} claims order {order}: orders from 1 to {LARGEST} can be checked.")
+    if not 1 <= order <= HIGHEST_CHECKED:
+        raise StatementError(f"{name} claims order {order}: orders from 1 to {HIGHEST_CHECKED} can be checked.")
     found = coefficients(order, tuple((what[0], part) for what, part in flows))
     sizes = coefficients(order, tuple((what[0], abs(part)) for what, part in flows))
     for word, value in found.items():
         expected = 1 / factorial(len(word))
-        if not abs(value - expected) <= ROUND_OFF * max(1.0, sizes[word]):
+        if not abs(value - expected) <= WORD_TOLERANCE * max(1.0, sizes[word]):
             shown = " ".join({"k": "kick", "d": "drift"}[letter] for letter in word)
             raise StatementError(
                 f"{name} is not of order {order}: the coefficient of '{shown}', a condition of order {len(word)}, is "

@@ -10,7 +10,7 @@ from fractions import Fraction
 from functools import cache
 
 from lagrange.trajectory.tableaux.butcher import ButcherTableau, DenseOutput, ErrorEstimate, row
-from lagrange.trajectory.tableaux.rooted_trees import Row
+from lagrange.trajectory.tableaux.rooted_trees import Coefficients
 
 MATRIX = (
     "",
@@ -198,7 +198,7 @@ _WEIGHTS = {
 """The dense weights of the stages that have any, by the number of the stage from 0."""
 
 
-def _dense_weights() -> tuple[Row, ...]:
+def _dense_weights() -> tuple[Coefficients, ...]:
     nothing = (Fraction(0),)
     return tuple(_WEIGHTS.get(j, nothing) for j in range(len(MATRIX) + len(_EXTRA)))
 

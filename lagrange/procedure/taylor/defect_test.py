@@ -13,12 +13,12 @@ from typing import Any
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
 from lagrange.procedure.step.run import COUNTS, RUN
-from lagrange.procedure.taylor.constants import DEFECT, FAILURES, NOISE, PROBES, RETREAT
+from lagrange.procedure.taylor.constants import DEFECT, DEFECT_NOISE, MOST_FAILURES, PROBES, RETRY_FRACTION
 from lagrange.procedure.taylor.memory import (
     HELD,
     JET,
     TAYLOR,
-    Run,
+    SeriesMemory,
     TaylorLayout,
     entries,
     floors_array,
@@ -31,12 +31,12 @@ from lagrange.procedure.values import Flag, Real
 
 
 @cache
-def agrees(layout: TaylorLayout) -> Procedure:
+def defect_is_small(layout: TaylorLayout) -> Procedure:
     """Return what compares the derivative that is held with the first coefficients of some rows.
 
     `length` is that of the step in units of the scale.
     """
-    p = Builder("agrees", "Whether the derivative that is held is what the equations say.")
+    p = Builder("defect_is_small", "Whether the derivative that is held is what the equations say.")
     length, order, first = p.given("length", REAL), p.given("order", WHOLE), p.given("first", WHOLE)
     weights, work = weights_array(p, layout), work_array(p, layout)
     rows, slopes, own = (memory.at(layout.moving) for memory in (work.at(first), work.at(layout.slope), weights))
@@ -45,35 +45,35 @@ def agrees(layout: TaylorLayout) -> Procedure:
         off = p.largest_magnitude((there - slopes[i]) * weight)
         most = p.largest_magnitude(there * weight)
     allowed = DEFECT * p.real(order) / length
-    p.leave(off.value <= p.fma(NOISE, most.value, allowed))
+    p.leave(off.value <= p.fma(DEFECT_NOISE, most.value, allowed))
     return p.finish(FLAG)
 
 
-def hopeless(taylor: Any) -> Flag:
+def retries_exhausted(taylor: Any) -> Flag:
     """Whether so many steps have failed that a shorter one is lost in round-off."""
-    found: Flag = taylor.fails >= FAILURES
+    found: Flag = taylor.failures >= MOST_FAILURES
     return found
 
 
 @cache
-def fail() -> Procedure:
+def retry_shorter() -> Procedure:
     """Return what has a shorter step tried, and who watches look again."""
-    p = Builder("fail", "Try again with a shorter step.", apart=True)
+    p = Builder("retry_shorter", "Try again with a shorter step.", apart=True)
     counts: Any = p.record("counts", COUNTS)
     taylor: Any = p.record("taylor", TAYLOR)
     h: Real = p.given("h", REAL)
-    taylor.limit = RETREAT * abs(h)
-    taylor.once = math.inf
-    taylor.fails = taylor.fails + 1
+    taylor.limit = RETRY_FRACTION * abs(h)
+    taylor.next_limit = math.inf
+    taylor.failures = taylor.failures + 1
     counts.rejected = counts.rejected + 1
-    taylor.look, taylor.tries = 1, 0
+    taylor.inspect, taylor.rescalings = 1, 0
     return p.finish()
 
 
 @cache
-def take_back(layout: TaylorLayout) -> Procedure:
+def reject_step(layout: TaylorLayout) -> Procedure:
     """Return what goes back to where the step began that is not proven."""
-    p = Builder("take_back", "Go back to where the last step began.", apart=True)
+    p = Builder("reject_step", "Go back to where the last step began.", apart=True)
     run: Any = p.record("run", RUN)
     counts: Any = p.record("counts", COUNTS)
     taylor: Any = p.record("taylor", TAYLOR)
@@ -81,25 +81,25 @@ def take_back(layout: TaylorLayout) -> Procedure:
     work = work_array(p, layout)
     p.copy(work.at(layout.held), work, 2 * layout.padded, width=layout.block)
     run.t, taylor.low, taylor.scale = held.t, held.low, held.scale
-    held.waits = 0
-    p.call(fail(), counts, taylor, held.h)
+    held.unproven = 0
+    p.call(retry_shorter(), counts, taylor, held.h)
     return p.finish()
 
 
 @cache
-def record(layout: TaylorLayout) -> Procedure:
+def record_step(layout: TaylorLayout) -> Procedure:
     """Return what counts the step that is proven and records it; one behind failures may be twice as long as that."""
-    p = Builder("record", "Count the step that is proven, and record it.")
+    p = Builder("record_step", "Count the step that is proven, and record it.")
     run: Any = p.record("run", RUN)
     counts: Any = p.record("counts", COUNTS)
     taylor: Any = p.record("taylor", TAYLOR)
     held: Any = p.record("held", HELD)
     work, times, rows = work_array(p, layout), p.array("times"), p.array("rows", room=layout.block)
-    failed = (taylor.fails > 0) & ~hopeless(taylor)
+    failed = (taylor.failures > 0) & ~retries_exhausted(taylor)
     limit = p.choose(failed, abs(held.h), taylor.limit)
     taylor.limit = limit + limit
-    taylor.fails = 0
-    held.waits = 0
+    taylor.failures = 0
+    held.unproven = 0
     counts.steps = counts.steps + 1
     with p.when(~counts.record.equals(0)):
         row = counts.rows
@@ -111,13 +111,13 @@ def record(layout: TaylorLayout) -> Procedure:
 
 
 @cache
-def probe(layout: TaylorLayout) -> Procedure:
+def defect_along_step(layout: TaylorLayout) -> Procedure:
     """Return what compares a series with the equations all along a step of length s in units of the scale."""
-    p = Builder("probe", "Whether the equations say what a series says, all along a step.", apart=True)
+    p = Builder("defect_along_step", "Whether the equations say what a series says, all along a step.", apart=True)
     jet, prepared, constants = p.function("jet", JET), p.array("prepared", read=True), p.array("constants", read=True)
     rtol, floors = p.given("rtol", REAL), floors_array(p, layout)
     t, scale, s = (p.given(name, REAL) for name in ("t", "scale", "s"))
-    run = Run(p, layout, work_array(p, layout))
+    run = SeriesMemory(p, layout, work_array(p, layout))
     weights = p.reserve(layout.padded, room=layout.block, name="weights")
     p.call(weigh(layout), rtol, floors, weights, run.work)
     begin = p.whole(layout.ahead(run.order))
@@ -131,6 +131,6 @@ def probe(layout: TaylorLayout) -> Procedure:
             slopes[i] = slope
         singular = jet(p.fma(part, scale, t), scale, there, prepared, constants, rows, run.order)
         first = begin + (layout.rows + layout.width)
-        p.leave_if(singular | ~p.call(agrees(layout), s, run.order, first, weights, run.work), p.false)
+        p.leave_if(singular | ~p.call(defect_is_small(layout), s, run.order, first, weights, run.work), p.false)
     p.leave(p.true)
     return p.finish(FLAG)

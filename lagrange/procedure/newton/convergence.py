@@ -15,21 +15,21 @@ from typing import Any
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, WHOLE, Procedure
 from lagrange.procedure.newton.constants import (
-    AGING,
-    FRACTION,
+    DIVERGENCE_GROWTH,
+    DIVERGENCE_RATE,
+    FEW_CORRECTIONS,
     FRESH_RATE,
-    GROWTH,
-    HOPELESS,
+    LARGEST_MATRIX_AGE,
+    LARGEST_RATE,
     LEAST_RATE,
-    NOISE,
-    OLD,
-    OLDEST,
-    OLDEST_RATE,
-    REST,
-    SLOW,
-    STALLED,
-    STALLED_RATE,
-    TURNS,
+    MATRIX_AGE,
+    NOISE_DECAY,
+    RATE_INCREASE,
+    ROUND_OFF_FRACTION,
+    SLOW_RATE,
+    STAGNATION_NORM,
+    STAGNATION_RATE,
+    TOLERANCE_FRACTION,
 )
 from lagrange.procedure.outcome import Outcome
 from lagrange.procedure.step.memory import NEWTON
@@ -37,17 +37,19 @@ from lagrange.procedure.values import Flag, Real, Whole
 
 
 @cache
-def judge(*, adaptive: bool) -> Procedure:
+def assess_correction(*, adaptive: bool) -> Procedure:
     """Return the judgement of a correction: done, paused where another one is wanted, or diverged."""
-    return _Judge(adaptive=adaptive).build()
+    return _Assessment(adaptive=adaptive).build()
 
 
-class _Judge:
+class _Assessment:
     """Builds the procedure; `turn` counts corrections from 0, and `since` those that the matrix has made."""
 
     def __init__(self, *, adaptive: bool) -> None:
         kind = "controlled" if adaptive else "equal"
-        self.p = p = Builder(f"judge_{kind}", "Say whether the unknowns are good enough, by the norms of corrections.")
+        self.p = p = Builder(
+            f"assess_correction_{kind}", "Say whether the unknowns are good enough, by the norms of corrections."
+        )
         self.adaptive = adaptive
         self.newton: Any = p.record("newton", NEWTON)
         self.turn: Whole = p.given("turn", WHOLE)
@@ -60,23 +62,23 @@ class _Judge:
         first = self.turn.equals(0)
         measured = self.norm / self.previous
         rate = p.choose(first, newton.rate, measured)
-        with p.when(self.enough(first, rate)):
-            aged = p.smaller(newton.rate * AGING, OLDEST_RATE)
+        with p.when(self.converged(first, rate)):
+            aged = p.smaller(newton.rate * RATE_INCREASE, LARGEST_RATE)
             newton.rate = p.choose(first, aged, p.larger(measured, LEAST_RATE))
-            self.plan_matrix(measured)
+            self.schedule_matrix(measured)
             p.leave(Outcome.DONE)
-        with p.when(~first & ~(rate <= SLOW)):
+        with p.when(~first & ~(rate <= SLOW_RATE)):
             if self.adaptive:
-                p.leave_if(~(rate <= HOPELESS), Outcome.DIVERGED)
+                p.leave_if(~(rate <= DIVERGENCE_RATE), Outcome.DIVERGED)
             else:
-                self.stall(rate)
+                self.handle_stagnation(rate)
         p.leave(Outcome.PAUSED)
         return p.finish(WHOLE)
 
-    def enough(self, first: Flag, rate: Real) -> Flag:
+    def converged(self, first: Flag, rate: Real) -> Flag:
         """Whether what is left is too small to matter, or two corrections in a row are round-off."""
         p, norm = self.p, self.norm
-        left, bound = norm * rate, FRACTION if self.adaptive else self.newton.noise * REST
+        left, bound = norm * rate, TOLERANCE_FRACTION if self.adaptive else self.newton.noise * ROUND_OFF_FRACTION
         small: Flag = left <= (1.0 - rate) * bound
         if self.adaptive:
             return small
@@ -84,32 +86,32 @@ class _Judge:
         round_off: Flag = both <= self.newton.noise
         return small | round_off
 
-    def plan_matrix(self, rate: Real) -> None:
-        """Have the next step begin with a new matrix where this one is tired; forget noise slowly."""
+    def schedule_matrix(self, rate: Real) -> None:
+        """Have the next step begin with a new matrix where this one is outdated; forget noise slowly."""
         p, newton = self.p, self.newton
         age = newton.age + 1
         newton.age = age
         if self.adaptive:
-            tired = (self.turn > 0) & (rate > FRESH_RATE)
+            outdated = (self.turn > 0) & (rate > FRESH_RATE)
         else:
-            tired = ((self.turn >= TURNS) & (age >= OLD)) | (age >= OLDEST)
-            newton.noise = p.larger(newton.noise * NOISE, 1.0)
-        with p.when(tired):
-            self.renew()
+            outdated = ((self.turn >= FEW_CORRECTIONS) & (age >= MATRIX_AGE)) | (age >= LARGEST_MATRIX_AGE)
+            newton.noise = p.larger(newton.noise * NOISE_DECAY, 1.0)
+        with p.when(outdated):
+            self.request_matrix()
 
-    def stall(self, rate: Real) -> None:
+    def handle_stagnation(self, rate: Real) -> None:
         """Take the unknowns where a new matrix no longer shrinks small corrections; give up where large ones grow."""
         p, norm = self.p, self.norm
-        old = self.since >= OLD
+        old = self.since >= MATRIX_AGE
         fresh = (self.since >= 1) & ~old
-        with p.when(fresh & (rate >= STALLED_RATE) & (norm < STALLED)):
+        with p.when(fresh & (rate >= STAGNATION_RATE) & (norm < STAGNATION_NORM)):
             self.newton.noise = 2.0 * norm
             p.leave(Outcome.DONE)
-        p.leave_if(fresh & (rate >= GROWTH) & (norm >= STALLED), Outcome.DIVERGED)
+        p.leave_if(fresh & (rate >= DIVERGENCE_GROWTH) & (norm >= STAGNATION_NORM), Outcome.DIVERGED)
         with p.when(old):
-            self.renew()
+            self.request_matrix()
 
-    def renew(self) -> None:
+    def request_matrix(self) -> None:
         """Have the matrix and the derivative of the law made anew where they are needed next."""
         self.newton.matrix_step = 0.0
         self.newton.differentiated = 0
