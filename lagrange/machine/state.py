@@ -3,21 +3,55 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.procedure.outcome import Outcome
-from lagrange.procedure.taylor.memory import TAYLOR
+from lagrange.procedure.taylor.memory import OUTPUTS, TAYLOR
 
-__all__ = ["OUTCOMES", "WIDEST", "DriverState", "Outcome"]
+__all__ = ["OUTCOMES", "WIDEST", "DriverState", "Outcome", "Outputs"]
 
 WIDEST = 8
 """The entries of the state that a machine handles at once, at most."""
 
 OUTCOMES = tuple(Outcome)
 """The outcomes by number."""
+
+
+class Outputs:
+    """The states at output times that lie in the order of a run, (k,): a driver of series writes them as it goes.
+
+    `times` has NaN behind the last, and `states` (k + 1, 2n) a row to spare: machines write whole blocks.
+    """
+
+    def __init__(self, times: NDArray[np.float64], dimension: int) -> None:
+        self.times = np.append(times, math.nan)
+        self.states = np.zeros((len(self.times) + WIDEST, dimension))
+        self.record: Any = OUTPUTS.structure()
+
+    def write(self, end: float, direction: float, path: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> None:
+        """Write the states at the times before an end, which was reached without series; see `joined` for the path."""
+        rest = self.times[self.record.done : -1]
+        count = int(np.count_nonzero((rest - end) * direction < 0))
+        if count:
+            self.states[self.record.done : self.record.done + count] = path(rest[:count]).T
+            self.record.done += count
+
+    def joined(
+        self, times: NDArray[np.float64], path: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+    ) -> NDArray[np.float64]:
+        """Return the states (2n, k) at the first k times, the others by a path from times (k,) to states (2n, k)."""
+        done, count = self.record.done, len(times)
+        if done < count:
+            self.states[done:count] = path(times[done:]).T
+        return np.ascontiguousarray(self.states[:count].T)
+
+
+NO_OUTPUTS = Outputs(np.empty(0), 1)
+"""Those of a run that has none; what drivers write to the record is zero."""
 
 
 class DriverState:
@@ -38,7 +72,7 @@ class DriverState:
     of the next step is there already. KEPT is 0 where nothing that a driver has kept from former steps, such as a
     matrix or unknowns to extrapolate, belongs to this run. SURVEYED is how often the run came back as UNSCALED.
 
-    `taylor` is what a run by Taylor series knows; see `TAYLOR`.
+    `taylor` is what a run by Taylor series knows; see `TAYLOR`. Such a run writes `outputs` on the way.
 
     `floats` and `integers` are the same entries, to be set one by one: that takes a fifth of the time. `fault` is
     what a driver that is no machine code has to say of its failed step, and `kept` how many bytes it keeps of the run.
@@ -81,6 +115,7 @@ class DriverState:
         floats[self.LONGEST] = math.inf
         integers[self.RECORD] = 1
         self.taylor: Any = TAYLOR.structure(scale=1.0, next_limit=math.inf, limit=math.inf)
+        self.outputs = NO_OUTPUTS
         self.fault: Any = None
         self.kept = 0
         self.addresses = (self.reals.ctypes.data, self.counts.ctypes.data)

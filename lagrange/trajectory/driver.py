@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from lagrange.machine.backend import Driver, SingularMassMatrix
-from lagrange.machine.state import DriverState, Outcome
+from lagrange.machine.state import DriverState, Outcome, Outputs
 from lagrange.trajectory.events.ending import EventResult
 from lagrange.trajectory.inertia import lost_inertia
 from lagrange.trajectory.integrator import Problem
@@ -69,6 +69,8 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
     began = time.perf_counter()
     tolerances, parameters = plan.tolerances, problem.parameter_array
     state = tolerances.begin(problem.t0, problem.t1, problem.y0)
+    if problem.t_eval is not None and plan.writes_outputs:
+        state.outputs = Outputs(problem.t_eval, len(problem.y0))
     rows = _AcceptedStates(problem.t0, problem.y0)
     status, sentence = _check_first_slope(problem, name, parameters)
     watch = None
@@ -97,7 +99,7 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
     if problem.t_eval is not None:
         reached = (problem.t_eval - times[-1]) * (1 if problem.t1 >= problem.t0 else -1) <= 0
         t = problem.t_eval[reached]
-        y = path(t)
+        y = state.outputs.joined(t, path) if plan.writes_outputs else path(t)
     return Trajectory(
         t=t,
         y=y,

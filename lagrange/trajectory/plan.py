@@ -80,6 +80,10 @@ class Plan(Protocol):
     def watched(self) -> bool:
         """Whether a run by this plan has anything to watch."""
 
+    @property
+    def writes_outputs(self) -> bool:
+        """Whether the driver writes the states at output times as it goes."""
+
     def driver(self, model: Model, parameters: FloatArray) -> Driver:
         """Return a driver for parameters (k,)."""
 
@@ -124,6 +128,8 @@ class StepPlan:
     tolerances: Tolerances
     path_of: Callable[[Problem, FloatArray, FloatArray], StepPath]
     form: str = ""
+
+    writes_outputs = False
 
     @property
     def watched(self) -> bool:

@@ -209,9 +209,9 @@ def interpreted(
     def advance(budget: int, times: Any, rows: Any) -> Outcome:
         floors = state.reals[S.FLOORS :]
         known = () if layout.order else (order,)
-        (found,) = run(
-            procedure, jet, *numbers, *records, state.taylor, floors, held, times, rows.ravel(), budget, work, *known
-        )
+        output = state.outputs.record, state.outputs.times, state.outputs.states.ravel()
+        kept = state.taylor, floors, held, *output
+        (found,) = run(procedure, jet, *numbers, *records, *kept, times, rows.ravel(), budget, work, *known)
         state.y[:] = work[: layout.dimension]
         return Outcome(found)
 

@@ -98,7 +98,8 @@ class NumpyTaylorDriver:
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Advance a run; see `Driver`."""
-        series, kept = (self._jet, NOTHING, NOTHING), (state.taylor, state.floors.data, self._held)
+        outputs = state.outputs.record, state.outputs.times.data, state.outputs.states.reshape(-1).data
+        series, kept = (self._jet, NOTHING, NOTHING), (state.taylor, state.floors.data, self._held, *outputs)
 
         def steps(records: Records, recorded: Recorded) -> int:
             return _steps(self._layout)(*series, *records, *kept, *recorded, budget, self._work.data, self._order)

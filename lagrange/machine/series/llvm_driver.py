@@ -208,7 +208,8 @@ class LlvmTaylorDriver:
             self._state = state
             reals, counts = state.addresses
             self._give(run=reals, counts=counts, floors=reals + 8 * DriverState.FLOORS)
-            self._give(taylor=ctypes.addressof(state.taylor))
+            self._give(taylor=ctypes.addressof(state.taylor), outputs=ctypes.addressof(state.outputs.record))
+            self._give(output_times=address(state.outputs.times), output_states=address(state.outputs.states))
         foreign = state.y is not self._y
         if foreign:
             self._y[:] = state.y

@@ -17,6 +17,7 @@ from lagrange.procedure.taylor.constants import DEFECT, DEFECT_NOISE, MOST_FAILU
 from lagrange.procedure.taylor.memory import (
     HELD,
     JET,
+    OUTPUTS,
     TAYLOR,
     SeriesMemory,
     TaylorLayout,
@@ -94,6 +95,7 @@ def record_step(layout: TaylorLayout) -> Procedure:
     counts: Any = p.record("counts", COUNTS)
     taylor: Any = p.record("taylor", TAYLOR)
     held: Any = p.record("held", HELD)
+    outputs: Any = p.record("outputs", OUTPUTS)
     work, times, rows = work_array(p, layout), p.array("times"), p.array("rows", room=layout.block)
     failed = (taylor.failures > 0) & ~retries_exhausted(taylor)
     limit = p.choose(failed, abs(held.h), taylor.limit)
@@ -101,6 +103,7 @@ def record_step(layout: TaylorLayout) -> Procedure:
     taylor.failures = 0
     held.unproven = 0
     counts.steps = counts.steps + 1
+    outputs.done = outputs.ahead
     with p.when(~counts.record.equals(0)):
         row = counts.rows
         times[row] = run.t

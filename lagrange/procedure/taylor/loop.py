@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import cache
 
 from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Procedure
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
 from lagrange.procedure.outcome import Outcome
 from lagrange.procedure.step.constants import MOST_SURVEYS
 from lagrange.procedure.taylor.defect_test import defect_is_small, record_step, reject_step, retries_exhausted
@@ -19,18 +18,13 @@ from lagrange.procedure.taylor.step_size import choose_exponent, weigh
 from lagrange.procedure.values import Flag, Memory, Real
 
 
-def _recorded(layout: TaylorLayout) -> dict[str, Array]:
-    """Return where accepted steps are written to: their times and their states."""
-    return {"times": Array(), "rows": Array(room=layout.block)}
-
-
 @cache
 def taylor_steps(layout: TaylorLayout) -> Procedure:
     """Return the loop; it comes back at the end, after so many steps as `budget` says, or where a step fails."""
     p = Builder("taylor_steps", "Take Taylor steps towards the end, and return an outcome.")
-    given = Arguments(p, layout, **_recorded(layout), budget=WHOLE)
+    given = Arguments(p, layout, budget=WHOLE)
     run, counts = given.run, given.counts
-    *recorded, budget = given.own
+    (budget,) = given.own
     counts.rows = 0
     given.held.unproven = 0
     with p.when(counts.kept.equals(0)):
@@ -39,7 +33,7 @@ def taylor_steps(layout: TaylorLayout) -> Procedure:
     digits = (-p.call(logarithm(), run.rtol)).called("digits")
     p.note("The last turn does no more than prove the last step.")
     with p.loop(0, budget + 1) as i:
-        outcome = p.call(iteration(layout), *given.handed(*recorded, i.equals(budget), digits))
+        outcome = p.call(iteration(layout), *given.handed(i.equals(budget), digits))
         p.leave_if(~outcome.equals(Outcome.PAUSED), outcome, likely=False)
     p.leave(Outcome.PAUSED)
     return p.finish(WHOLE)
@@ -67,9 +61,9 @@ def iteration(layout: TaylorLayout) -> Procedure:
     p = Builder(
         "iteration", "Prove the last step, take the next one, and return an outcome: paused where the run goes on."
     )
-    given = Arguments(p, layout, **_recorded(layout), last=FLAG, digits=REAL)
+    given = Arguments(p, layout, last=FLAG, digits=REAL)
     run, counts, held, series = given.run, given.counts, given.held, given.series
-    *recorded, last, digits = given.own
+    last, digits = given.own
     there: Flag = run.t.equals(run.end).called("there")
     idle: Flag = held.unproven.equals(0).called("idle")
     p.leave_if(idle & there, Outcome.DONE)
@@ -80,7 +74,7 @@ def iteration(layout: TaylorLayout) -> Procedure:
     weights = p.reserve(layout.padded, room=layout.block, name="weights")
     p.call(weigh(layout), run.rtol, given.floors, weights, series.work)
     with p.when(~idle, likely=True):
-        _test_defect(given, recorded, weights, singular)
+        _test_defect(given, weights, singular)
         p.leave_if(there, Outcome.DONE)
         p.leave_if(last, Outcome.PAUSED)
     p.leave_if(singular, Outcome.SINGULAR)
@@ -91,7 +85,7 @@ def iteration(layout: TaylorLayout) -> Procedure:
     return p.finish(WHOLE)
 
 
-def _test_defect(given: Arguments, recorded: Sequence[Memory], weights: Memory, singular: Flag) -> None:
+def _test_defect(given: Arguments, weights: Memory, singular: Flag) -> None:
     """Record the step that led here, or take it back; where steps fail again and again, ask how large entries are."""
     p, layout, counts, held, series = given.p, given.layout, given.counts, given.held, given.series
     length = abs(held.h) / abs(given.taylor.scale)
@@ -103,7 +97,9 @@ def _test_defect(given: Arguments, recorded: Sequence[Memory], weights: Memory, 
         power_of_two = p.operation("mantissa", failed).equals(1.0)
         _leave_unscaled(given, (failed > 1.0) & power_of_two)
         p.leave(Outcome.PAUSED)
-    p.call(record_step(layout), given.run, counts, given.taylor, held, series.work, *recorded)
+    p.call(
+        record_step(layout), given.run, counts, given.taylor, held, given.outputs, series.work, given.times, given.rows
+    )
 
 
 def _leave_unscaled(given: Arguments, asked: Flag) -> None:

@@ -46,6 +46,12 @@ HELD = Record.of("Held", unproven=WHOLE, t=REAL, low=REAL, scale=REAL, h=REAL)
 """
 
 
+OUTPUTS = Record.of("Outputs", done=WHOLE, ahead=WHOLE)
+"""How many output times have their states: on steps that are proven, and on the last step too.
+
+The output times stand in the order of the run, and NaN stands behind the last."""
+
+
 @dataclass(frozen=True)
 class TaylorLayout:
     """Where things stand in the work memory: the state, what its rounding lost, what is held, and the rows.
@@ -161,13 +167,25 @@ class Arguments:
         self.taylor: Any = p.record("taylor", TAYLOR)
         self.floors = floors_array(p, layout, read=False)
         self.held: Any = p.record("held", HELD)
+        self.outputs: Any = p.record("outputs", OUTPUTS)
+        self.output_times, self.output_states = (
+            p.array("output_times", read=True),
+            p.array("output_states", room=layout.block),
+        )
+        self.times, self.rows = p.array("times"), p.array("rows", room=layout.block)
         self.own = [p.given(name, kind) for name, kind in own.items()]
         self.series = SeriesMemory(p, layout, work_array(p, layout))
 
     def handed(self, *own: Any) -> tuple[Any, ...]:
         """Return the arguments for another procedure, with those of its own."""
         records = self.run, self.counts, self.taylor, self.floors, self.held
-        return (self.jet, self.prepared, self.constants, *records, *own, *self.series.handed)
+        written = *self.output, self.times, self.rows
+        return (self.jet, self.prepared, self.constants, *records, *written, *own, *self.series.handed)
+
+    @property
+    def output(self) -> tuple[Any, ...]:
+        """The arguments for a procedure that writes states at output times."""
+        return self.outputs, self.output_times, self.output_states
 
 
 @contextmanager

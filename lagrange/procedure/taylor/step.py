@@ -23,6 +23,7 @@ from lagrange.procedure.taylor.constants import (
 from lagrange.procedure.taylor.defect_test import defect_along_step, retries_exhausted, retry_shorter
 from lagrange.procedure.taylor.floors import raise_floors
 from lagrange.procedure.taylor.memory import TAYLOR, Arguments, TaylorLayout
+from lagrange.procedure.taylor.outputs import outstanding, write_outputs
 from lagrange.procedure.taylor.powers import logarithm, power
 from lagrange.procedure.taylor.step_size import ends
 from lagrange.procedure.taylor.sums import advance
@@ -68,6 +69,7 @@ class _TaylorStep:
         longer = p.operation("two_to", p.whole(whole)).called("longer")
         p.leave_if(~p.call(advance(self.layout), s, longer, *self.series.handed), Outcome.NON_FINITE, likely=False)
         self.move_on(h, final)
+        self.write_outputs()
         self.taylor.scale = self.scale * longer
         p.leave(Outcome.PAUSED)
         return p.finish(WHOLE)
@@ -143,6 +145,13 @@ class _TaylorStep:
         taylor.low = p.choose(final, 0.0, lost)
         taylor.next_limit = math.inf
         taylor.rescalings = 0
+
+    def write_outputs(self) -> None:
+        """Write the states at the output times on the step, if there are any."""
+        p, given, outputs, end = self.p, self.given, self.given.outputs, self.run.t
+        outputs.ahead = outputs.done
+        with p.when(outstanding(given.output_times, outputs.done, end, self.scale), likely=False):
+            p.call(write_outputs(self.layout), end, self.held, *given.output, *self.series.handed)
 
 
 @cache

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cache
 
 from lagrange.procedure.builder import Builder
@@ -87,6 +88,13 @@ class _Chains:
                 slope = p.fma(slope, self.s, total)
                 total = p.fma(total, self.s, row[i])
             slopes[i] = p.fma(slope, self.s, total) * longer
+
+
+def increment(run: SeriesMemory, s: Real) -> Callable[[Whole], Real]:
+    """Return a function from an entry to its sum of x[k] s**k over k > 0."""
+    if run.layout.order:
+        return _Chains(run, s).increment
+    return lambda i: horner(run, s, i)[0]
 
 
 def horner(run: SeriesMemory, s: Real, i: Whole) -> tuple[Real, Real]:

@@ -15,6 +15,7 @@ import numpy as np
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.state import DriverState
 from lagrange.trajectory.integrator import Integrator, Problem
+from lagrange.trajectory.paths.step_paths import HermitePath
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 SHARE = 1e-6
@@ -101,11 +102,17 @@ class Continuations:
         self.rows.append(row)
         self.crowd = self.crowd + 1 if state.t == self.landed else 1
         self.landed, length = there, there - state.t
+        state.outputs.write(there, length, self._path(state, there, y))
         state.reals[DriverState.T] = there
         taylor.low, taylor.scale = 0.0, length
         taylor.next_limit = taylor.limit = math.inf
         taylor.rescalings = taylor.failures = 0
         state.y[:] = y
+
+    def _path(self, state: DriverState, there: float, y: FloatArray) -> HermitePath:
+        """Return the path of a leap."""
+        kernel, parameters = self.problem.model.kernel("rhs"), self.problem.parameter_array
+        return HermitePath(kernel, parameters, np.array([state.t, there]), np.array([state.y, y]))
 
     def _steady(self, *points: tuple[float, FloatArray]) -> bool:
         """Return whether the accelerations at the ends of a leap are nearly the same, or grow from the first end.

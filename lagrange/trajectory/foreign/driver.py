@@ -106,6 +106,7 @@ class SolverPlan:
     package: str
     start: Start
     said: Sequence[Any]
+    writes_outputs = False
     first: int = 0
     """The power of a first step with which its error grows, or 0 where the solver chooses that step well."""
     form: str = ""

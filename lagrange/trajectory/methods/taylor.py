@@ -102,6 +102,8 @@ class TaylorPlan:
         """The order, and how the series is computed; see `Plan`."""
         return f"order {self.order}, {self.series.form(self.order)}"
 
+    writes_outputs = True
+
     @property
     def watched(self) -> bool:
         """Whether there are events or switching surfaces; see `Plan`."""
