@@ -27,7 +27,7 @@ MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
     "machine/kernel": ("machine records", "machine/llvm"),
     "machine/steps": ("machine records", "machine/llvm", "machine/kernel"),
     "machine/series": ("machine records", "machine/llvm", "machine/kernel"),
-    "machine entries": ("machine records", "machine/kernel", "machine/steps", "machine/series"),
+    "machine entries": ("machine records", "machine/llvm", "machine/kernel", "machine/steps", "machine/series"),
     "trajectory records": ("machine records", "machine entries"),
     "trajectory/tableaux": (),
     "trajectory/paths": ("machine records", "trajectory records", "trajectory/tableaux"),

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from lagrange.errors import RunError
 from lagrange.graph.node import Node
 from lagrange.machine.state import DriverState, Outcome
+from lagrange.procedure.form import Procedure
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
 from lagrange.program.step import StepProgram
@@ -125,6 +126,9 @@ class Machine(Protocol):
 
         `jacobian` is the kernel of the law's derivative, for a step that solves.
         """
+
+    def called(self, procedure: Procedure) -> Callable[..., Any]:
+        """Return a procedure as a function of numbers and arrays: it returns nothing, a value or a tuple of values."""
 
 
 @runtime_checkable

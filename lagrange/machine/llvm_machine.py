@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from lagrange.errors import RunError
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
+from lagrange.machine.llvm.called import CompiledProcedure, compiled
 from lagrange.machine.series.llvm_driver import LlvmSeries
 from lagrange.machine.steps.llvm_driver import LlvmDriver
+from lagrange.procedure.form import Procedure
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
 from lagrange.program.step import StepProgram
@@ -36,3 +38,7 @@ class LlvmMachine:
     ) -> LlvmDriver:
         """Compile the loop over steps; it is kept for other models of the same dimension."""
         return LlvmDriver(step, kernel, parameters, jacobian)
+
+    def called(self, procedure: Procedure) -> CompiledProcedure:
+        """Compile a procedure, once per process."""
+        return compiled(procedure)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from lagrange.machine.backend import FloatArray, Kernel
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.python_kernel import PythonKernel
 from lagrange.machine.kernel.python_text import fits
+from lagrange.machine.printed_run import called
 from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.machine.steps.interpreted_driver import NumpyDriver
+from lagrange.procedure.form import Procedure
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
 from lagrange.program.step import StepProgram
@@ -34,3 +38,7 @@ class NumpyMachine:
     ) -> NumpyDriver:
         """Return a driver that takes each step in Python."""
         return NumpyDriver(step, kernel, parameters, jacobian)
+
+    def called(self, procedure: Procedure) -> Callable[..., Any]:
+        """Print a procedure as Python, once per process."""
+        return called(procedure)

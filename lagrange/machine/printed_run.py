@@ -1,15 +1,18 @@
-"""A run by a loop over steps that is printed as Python: what the drivers of the numpy machine share."""
+"""What is printed as Python and run: procedures that are called, and loops over steps that the drivers share."""
 
 from __future__ import annotations
 
 from array import array
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from lagrange.machine.backend import FloatArray
+from lagrange.machine.python_source import loaded
 from lagrange.machine.state import DriverState, Outcome
+from lagrange.procedure.form import Procedure
 from lagrange.procedure.step.run import COUNTS, RUN
 
 NOTHING = memoryview(array("d"))
@@ -39,3 +42,14 @@ def advance(
             return Outcome(steps(records, recorded))
     finally:
         state.y[:] = y
+
+
+@cache
+def called(procedure: Procedure) -> Callable[..., Any]:
+    """Return a procedure, printed as Python, as a function of numbers and NumPy's arrays."""
+    made = loaded(procedure)
+
+    def run(*args: Any) -> Any:
+        return made(*[arg.data if isinstance(arg, np.ndarray) else arg for arg in args])
+
+    return run

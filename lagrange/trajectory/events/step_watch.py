@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from lagrange.graph.differentiate import tangents
 from lagrange.graph.node import Node
 from lagrange.machine.backend import Driver, Kernel
 from lagrange.machine.state import DriverState
+from lagrange.procedure.events.roots import roots
 from lagrange.trajectory.events.actions import impact
 from lagrange.trajectory.events.crossing import Meeting
 from lagrange.trajectory.events.ending import (
@@ -31,7 +32,7 @@ from lagrange.trajectory.events.ending import (
 )
 from lagrange.trajectory.events.many_steps import Burst, Path, Sample
 from lagrange.trajectory.events.occurrence import TOGETHER, Crowd, Flights, Occurrence, Record
-from lagrange.trajectory.events.roots import Root, Side
+from lagrange.trajectory.events.roots import Isolate, Root, Side
 from lagrange.trajectory.events.step_driver import Cut, EventDriver
 from lagrange.trajectory.events.zeros_on_step import RATE_NOISE, Trace, ended, trace
 from lagrange.trajectory.integrator import Problem
@@ -97,6 +98,10 @@ class StepWatch(Record):
         self._pending: list[Meeting] = []
         self._whole: tuple[float, FloatArray] | None = None
         self._verdict: EventResult | None = None
+
+    @cached_property
+    def _isolate(self) -> Isolate:
+        return self.problem.model.machine.called(roots())
 
     @property
     def resets(self) -> bool:
@@ -190,7 +195,9 @@ class StepWatch(Record):
             level, noise = self._levels.get(i, 0.0), float(burst.noise[i, step])
             # What the steps have rounded adds up, half a spacing each; no step follows that could still tell.
             noise = max(noise, float(burst.edge[i, step + 1]) / HALVES * (taken + step)) if last else noise
-            traces[i] = trace(sample, i, noise, self._relay[i], level=level, zero=i in zero, last=last)
+            traces[i] = trace(
+                sample, i, noise, self._relay[i], level=level, zero=i in zero, last=last, isolate=self._isolate
+            )
         if begun is not None and self._changes_at_once(begun, {i: traces[i] for i in zero if i in traces}, sample):
             return _cut(burst, step, sample, 0.0)
         resting = frozenset(i for i in zero if i in self._resting and self.impacts[i].reset)
@@ -282,7 +289,7 @@ class StepWatch(Record):
         for i, one in traces.items():
             if i not in mine:
                 # What is zero there to within its noise is met there: with another motion it would not be met later.
-                at_end = [root for root in ended(one, s) if root.time >= s - close]
+                at_end = [root for root in ended(one, s, self._isolate) if root.time >= s - close]
                 if at_end:
                     mine[i] = Meeting(i, Root(s, at_end[0].rising))
         self._record(before, sample, taken)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lagrange.trajectory.events.many_steps import Sample
-from lagrange.trajectory.events.roots import Root, Side, roots
+from lagrange.trajectory.events.roots import Isolate, Root, Side, roots
 from lagrange.trajectory.paths.chebyshev import (
     DEGREE,
     EPSILON,
@@ -48,10 +48,12 @@ def trace(
     level: float = 0.0,
     zero: bool = False,
     last: bool = False,
+    isolate: Isolate | None = None,
 ) -> Trace:
     """Find where the event at a place among the events has the value `level`.
 
-    `zero` says that it starts there, on a side that is to be found, `last` that no step follows.
+    `zero` says that it starts there, on a side that is to be found, `last` that no step follows. What isolates roots is
+    `isolate`.
     """
     parts: list[tuple[LocalPolynomial, Side]] = []
     found: list[Root] = []
@@ -71,19 +73,19 @@ def trace(
         if piece.coefficients is not None and len(piece.coefficients):
             parts.append((piece, before))
             final = last and piece.start + piece.width == 1.0
-            met, before = roots(piece.coefficients, 1.0, before, noise=piece.noise, last=final)
+            met, before = roots(piece.coefficients, 1.0, before, noise=piece.noise, last=final, isolate=isolate)
             found += [replace(root, time=piece.start + piece.width * root.time) for root in met]
     return Trace(tuple(parts), tuple(found), before, math.inf, leaving)
 
 
-def ended(found: Trace, s: float) -> list[Root]:
+def ended(found: Trace, s: float, isolate: Isolate | None = None) -> list[Root]:
     """Return the zeros up to a place where the motion ends: what has come to zero there is decided by its slope."""
     met: list[Root] = []
     for piece, before in found.parts:
         length = (s - piece.start) / piece.width
         if length > 0 and piece.coefficients is not None:
             cut = min(length, 1.0)
-            here, _ = roots(piece.coefficients, cut, before, noise=piece.noise, last=length <= 1)
+            here, _ = roots(piece.coefficients, cut, before, noise=piece.noise, last=length <= 1, isolate=isolate)
             met += [replace(root, time=piece.start + piece.width * root.time) for root in here]
     return met
 

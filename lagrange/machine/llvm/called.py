@@ -1,0 +1,104 @@
+"""A procedure as a function of Python, in machine code: its arguments and results stand in memory.
+
+A call through ctypes takes 0.1 us for each argument, and cannot bring back several results.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from lagrange.machine.copies import Shared
+from lagrange.machine.llvm.address import address
+from lagrange.machine.llvm.emitter import Emitter
+from lagrange.machine.llvm.engine import Module
+from lagrange.machine.llvm.operations import KINDS, declarations
+from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA, argument_type, function, result_type
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Kind, Procedure
+
+_CALL = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
+
+
+class CompiledProcedure(Shared):
+    """A procedure in machine code, called with numbers, arrays and addresses of functions or of memory."""
+
+    def __init__(self, procedure: Procedure) -> None:
+        kinds = [parameter.type for parameter in procedure.parameters]
+        self.places = {parameter.name: place for place, parameter in enumerate(procedure.parameters)}
+        self._reals = [place for place, kind in enumerate(kinds) if kind is REAL]
+        self._memory = [place for place, kind in enumerate(kinds) if not isinstance(kind, Kind)]
+        self._results = [(len(kinds) + i, kind) for i, kind in enumerate(procedure.results)]
+        self.size = len(kinds) + len(procedure.results)
+        self.module = Module(called_ir(procedure), merge=True)
+        self.run = _CALL(self.module.address("run"))
+
+    def __call__(self, *args: Any) -> Any:
+        """Return nothing, a value or a tuple of values, as the printed procedure does in Python.
+
+        Arguments are in the order of the parameters; arrays are contiguous and of their kind.
+        """
+        words = np.empty(self.size, dtype=np.int64)
+        numbers, given = words.view(np.float64), list(args)
+        for place in self._memory:
+            given[place] = address(given[place]) if isinstance(given[place], np.ndarray) else given[place]
+        for place in self._reals:
+            given[place] = 0
+        words[: len(given)] = given
+        for place in self._reals:
+            numbers[place] = args[place]
+        self.run(address(words))
+        found = self.results(words)
+        return found[0] if len(found) == 1 else found or None
+
+    def results(self, words: Any) -> tuple[Any, ...]:
+        """Return what stands behind the arguments in memory after a run."""
+        reals = words.view(np.float64)
+        found: Sequence[Any] = [(reals if kind is REAL else words)[place].item() for place, kind in self._results]
+        return tuple(bool(one) if kind is FLAG else one for one, (_, kind) in zip(found, self._results, strict=True))
+
+
+@lru_cache(maxsize=64)
+def compiled(procedure: Procedure) -> CompiledProcedure:
+    """Return a procedure in machine code."""
+    return CompiledProcedure(procedure)
+
+
+def called_ir(procedure: Procedure) -> str:
+    """Return the IR of a procedure that is called as run(ptr words); what it calls is merged but for what is apart."""
+    functions = [function(one, hidden=True, merged=not one.apart) for one in procedure.callees]
+    functions.append(function(procedure, hidden=True))
+    return "\n".join([declarations(), *functions, _run(procedure), METADATA, ATTRIBUTES])
+
+
+def _run(procedure: Procedure) -> str:
+    e = Emitter()
+    given = [_argument(e, place, parameter.type) for place, parameter in enumerate(procedure.parameters)]
+    kind = result_type(procedure.results)
+    call = f"call {kind} @{procedure.name}({', '.join(given)})"
+    if procedure.results:
+        _keep(e, procedure, kind, e.value(call))
+    else:
+        e.do(call)
+    e.do("ret void")
+    return e.function("define void @run(ptr %words) #0")
+
+
+def _argument(e: Emitter, place: int, kind: Any) -> str:
+    """Return an argument that stands at a place in memory; a flag is a word there."""
+    if kind is FLAG:
+        word = e.get("%words", place, KINDS[WHOLE])
+        return f"i1 {e.value(f'icmp ne i64 {word}, 0')}"
+    return f"{argument_type(kind)} {e.get('%words', place, argument_type(kind))}"
+
+
+def _keep(e: Emitter, procedure: Procedure, kind: str, value: str) -> None:
+    """Put the results behind the arguments."""
+    single = len(procedure.results) == 1
+    for i, one in enumerate(procedure.results):
+        found = value if single else e.value(f"extractvalue {kind} {value}, {i}")
+        word = e.value(f"zext i1 {found} to i64") if one is FLAG else found
+        e.put(word, "%words", len(procedure.parameters) + i, KINDS[WHOLE] if one is FLAG else KINDS[one])

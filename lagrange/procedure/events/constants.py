@@ -1,0 +1,42 @@
+"""The numbers of root isolation."""
+
+from __future__ import annotations
+
+EPSILON = 2.0**-52
+
+ROUND_OFF = 8 * EPSILON
+"""Times sum |c[k] h**k|: the least noise.
+
+Measured 30 halvings deep around roots of random polynomials, simple, double and close, to degree 40 (64): Bernstein
+coefficients are wrong by 3.6 (4.6) EPSILON at most, and those that are within 64 EPSILON of zero by 0.9 (1.2).
+"""
+
+DEEPEST = 50
+"""Halvings of the step, at most: what is narrower is a single place."""
+
+MOST_COEFFICIENTS = 65
+"""Coefficients of an event function on a step, at most."""
+
+MOST_ROOTS = MOST_COEFFICIENTS + 1
+"""Roots of an event function on a step, at most: of the polynomial, and one where it does not meet the step before."""
+
+MODEST = 40
+"""Powers up to this one of a step between 1e-6 and 1e6 are computed as they are."""
+
+SMALLEST = 2.0**-1022
+"""The least normal number."""
+
+LEAST_POWER = -(2**20)
+"""An exponent below that of every coefficient."""
+
+CONVERGED = EPSILON / 1024
+"""Newton's method ends where the next step would be so small a part of the place that was found."""
+
+NARROWEST = 2.0**-DEEPEST
+"""The width of a part that is not halved."""
+
+SURELY = 1.001
+"""A sum outweighs another beyond the round-off of both where it does so by this factor."""
+
+UNFIT, TOO_MANY = -1, -2
+"""In place of the number of roots: what is given is not finite, or there are more than there is room for."""
