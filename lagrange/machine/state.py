@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lagrange.procedure.blocks import whole_blocks
 from lagrange.procedure.outcome import Outcome
+from lagrange.procedure.step.run import COUNTS, RUN
 from lagrange.procedure.taylor.memory import OUTPUTS, TAYLOR
 
 __all__ = ["OUTCOMES", "WIDEST", "DriverState", "Outcome", "Outputs"]
@@ -78,9 +80,9 @@ class DriverState:
     what a driver that is no machine code has to say of its failed step, and `kept` how many bytes it keeps of the run.
     """
 
-    T, END, H, RTOL, SHARE, PREVIOUS, START, STEP, CAUSE, LONGEST, RESIDUAL = range(11)
-    FLOORS = 11
-    STEPS, REJECTED, EVALUATIONS, SLOPE_KNOWN, ROWS, RECORD, AFTER_REJECT, KEPT, SURVEYED = range(9)
+    T, END, H, RTOL, SHARE, PREVIOUS, START, STEP, CAUSE, LONGEST, RESIDUAL = RUN.places.values()
+    FLOORS = len(RUN.fields)
+    STEPS, REJECTED, EVALUATIONS, SLOPE_KNOWN, ROWS, RECORD, AFTER_REJECT, KEPT, SURVEYED = COUNTS.places.values()
 
     def __init__(
         self,
@@ -96,11 +98,11 @@ class DriverState:
 
         `atol` is the floor of every entry to begin with.
         """
-        self.reals = np.zeros(self.FLOORS + -(-len(y) // WIDEST) * WIDEST)
+        self.reals = np.zeros(self.FLOORS + whole_blocks(len(y), WIDEST))
         self.reals[self.FLOORS :] = 1.0
         self.floors = self.reals[self.FLOORS : self.FLOORS + len(y)]
         self.floors[:] = atol
-        self.counts = np.zeros(self.SURVEYED + 1, dtype=np.int64)
+        self.counts = np.zeros(len(COUNTS.fields), dtype=np.int64)
         self.y = np.array(y, dtype=float)
         floats: Any = self.reals.data
         integers: Any = self.counts.data

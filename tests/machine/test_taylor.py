@@ -19,7 +19,7 @@ from lagrange.compiler import machine
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.llvm.address import address
-from lagrange.machine.series import interpreted_driver
+from lagrange.machine.series import interpreted_driver, llvm_driver
 from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.machine.series.interpreted_jet import Jet
 from lagrange.machine.series.llvm_driver import CompiledJet, LlvmSeries
@@ -339,3 +339,38 @@ def test_what_depends_on_parameters_alone_is_computed_once(monkeypatch: pytest.M
     assert (rows[0] == rows[1]).all() and not (other == rows[0]).all()
     assert copy.deepcopy(series) is series
     assert (pickle.loads(pickle.dumps(series)).rows(6, 0.0, state, 1.0, values) == rows[0]).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "order", "expected"),
+    [
+        ("Henon-Heiles", 6, []),
+        ("Henon-Heiles", 0, []),
+        ("spherical pendulum", 6, ["invert_dense"]),
+        ("spherical pendulum", 0, []),
+        ("double pendulum", 6, ["invert_dense"]),
+        ("double pendulum", 0, ["invert"]),
+    ],
+)
+def test_a_linear_solver_is_compiled_for_a_jet_that_calls_it(
+    name: str, order: int, expected: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was compiled for every series. A diagonal matrix is inverted where the series is written out."""
+    asked: list[str] = []
+
+    def counted(which: str) -> Any:
+        real = getattr(llvm_driver, which)
+
+        def compile_it(**how: bool) -> Any:
+            asked.append(which)
+            return real(**how)
+
+        return compile_it
+
+    for which in ("linear_solver", "inversion"):
+        monkeypatch.setattr(llvm_driver, which, counted(which))
+    program = series_program(euler_lagrange(SYSTEMS[name]()))[0]
+    ir = CompiledJet(pack(program, 4), order).ir
+    assert asked == [{"invert_dense": "linear_solver", "invert": "inversion"}[one] for one in expected]
+    assert [one for one in ("invert_dense", "invert") if f"@{one}(" in ir] == expected
+    assert ir.count("declare i1 @invert") == len(expected)

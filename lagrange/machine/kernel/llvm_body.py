@@ -8,6 +8,7 @@ from lagrange.machine.kernel import llvm_ldl
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.sine_cosine import call_sine_and_cosine, sine_and_cosine
 from lagrange.machine.llvm.spelling import BOOLEAN, LIBRARY, c_name, element, flag_type, number, spell
+from lagrange.procedure.form import Procedure
 from lagrange.procedure.linear.dense import factor_size
 from lagrange.program.program import Instruction, Program
 
@@ -67,6 +68,8 @@ class Body:
         self.values: dict[int, str] = {}
         self.vectors: dict[int, list[str]] = {}
         self.singular: list[str] = []
+        self.called: dict[Procedure, None] = {}
+        """The procedures of other modules that are called by name, in order."""
         self.slots = saved_slots(program)
         self.reserved: dict[tuple[str, str, int], str] = {}
         self.inline = not shares_angle_function(program)
@@ -93,6 +96,11 @@ class Body:
     def given(self, place: int) -> str:
         """Return a parameter or a saved number, in every lane."""
         return self.e.splat(self.e.get("%p", place), self.kind)
+
+    def name_of(self, procedure: Procedure) -> str:
+        """Return the name of a procedure of another module, to be called."""
+        self.called[procedure] = None
+        return procedure.name
 
     def restore(self, ref: int, slot: int) -> None:
         """Read a result that `prepare` left behind the parameters."""

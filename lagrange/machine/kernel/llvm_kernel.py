@@ -16,9 +16,10 @@ from lagrange.machine.copies import ArrivedKernel, Shared
 from lagrange.machine.kernel import llvm_calling
 from lagrange.machine.kernel.llvm_arrays import quick_calls
 from lagrange.machine.kernel.llvm_body import UNROLLED, prepared_size
-from lagrange.machine.kernel.llvm_text import column_module, scalar_module
+from lagrange.machine.kernel.llvm_text import column_module, scalar_module, solves
 from lagrange.machine.llvm.address import address
 from lagrange.machine.llvm.engine import Module, lanes, linear_solver, vector_routines
+from lagrange.procedure.blocks import whole_blocks
 from lagrange.program.program import Program
 
 QUICK = 4096
@@ -33,9 +34,8 @@ class LlvmKernel(Shared):
 
     def __init__(self, program: Program) -> None:
         self._program = program
-        orders = [instruction.order for instruction in program.instructions if instruction.op in ("factor", "solve")]
-        if orders:
-            linear_solver(often=max(orders) > UNROLLED)
+        if solves(program):
+            linear_solver(often=max(instruction.order for instruction in program.instructions) > UNROLLED)
         self._module = Module(scalar_module(program))
         self._address = self._module.address(program.name)
         self._prepare = _PREPARE(self._module.address(f"{program.name}_prepare"))
@@ -113,7 +113,7 @@ class LlvmKernel(Shared):
         if batch == 0:
             return np.empty((*self._shape, 0))
         width = self._lanes
-        count = -(-batch // width) * width
+        count = whole_blocks(batch, width)
         arrays = [_filled(array, count) for array in inputs]
         times = _filled(np.broadcast_to(t, (1, batch)), count) if self._reads_time else arrays[0]
         out = np.empty((self._count, count))

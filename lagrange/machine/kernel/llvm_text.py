@@ -18,10 +18,12 @@ from collections.abc import Iterator, Sequence
 from lagrange.machine.kernel import llvm_calling
 from lagrange.machine.kernel.llvm_body import UNROLLED, Body, shares_angle_function
 from lagrange.machine.llvm.emitter import Emitter
+from lagrange.machine.llvm.engine import dense_solver
+from lagrange.machine.llvm.procedures import declaration as announced
 from lagrange.machine.llvm.sine_cosine import angle_function
 from lagrange.machine.llvm.spelling import BOOLEAN, declaration, intrinsics, library_functions, number, spell
 from lagrange.procedure.linear.dense import factor_size
-from lagrange.program.program import Instruction, Program
+from lagrange.program.program import SYSTEMS, Instruction, Program
 
 FEW = 16
 """Up to so many results of a scalar kernel are stored four or two at a time. A step loads them four at a time, and a
@@ -38,6 +40,11 @@ QUICKLY = "attributes #1 = { nounwind noinline optnone }"
 """What runs once per set of parameters is compiled quickly, not well."""
 
 
+def solves(program: Program) -> bool:
+    """Return whether a program calls the solver of dense systems: a small system does where a pivot is no good."""
+    return any(instruction.op in SYSTEMS for instruction in program.instructions)
+
+
 def scalar_module(program: Program) -> str:
     """Return the IR of `prepare` and of the scalar kernel."""
     scalar = [_in_registers(program), _through_registers(program)] if llvm_calling.hold(program) else [_scalar(program)]
@@ -52,11 +59,7 @@ def column_module(program: Program, lanes: int, vector_names: dict[str, str]) ->
 def _module(program: Program, functions: list[str], lanes: int, vector_names: dict[str, str]) -> str:
     lines = [*intrinsics(lanes), *library_functions()]
     lines += [f"{declaration(name, op, lanes)} #0" for op, name in vector_names.items()]
-    lines += [
-        "declare i1 @factor_dense(i64, ptr, ptr)",
-        "declare void @solve_factored(i64, ptr, ptr, ptr)",
-        "declare i1 @solve_lanes(i64, i64, ptr, ptr, ptr)",
-    ]
+    lines += [announced(one) for one in dense_solver()] if solves(program) else []
     if shares_angle_function(program):
         functions = [angle_function(lanes), *functions]
     return "\n".join([*lines, "", *functions, METADATA, ATTRIBUTES, QUICKLY, ""])

@@ -7,7 +7,7 @@ vectors, each where the code reads it.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -20,6 +20,7 @@ from lagrange.machine.kernel.llvm_body import prepared_size, shares_angle_functi
 from lagrange.machine.kernel.llvm_text import ATTRIBUTES, METADATA, QUICKLY, prepare_function
 from lagrange.machine.llvm.address import address, workspace
 from lagrange.machine.llvm.engine import Module, inversion, lanes, linear_solver
+from lagrange.machine.llvm.procedures import declaration
 from lagrange.machine.llvm.sine_cosine import angle_function
 from lagrange.machine.llvm.spelling import intrinsics, library_functions
 from lagrange.machine.series.constants import constants
@@ -31,6 +32,7 @@ from lagrange.machine.series.llvm_steps import compiled_steps
 from lagrange.machine.series.llvm_unrolled import UnrolledJet
 from lagrange.machine.series.packing import Packing, pack
 from lagrange.machine.state import OUTCOMES, DriverState, Outcome
+from lagrange.procedure.form import Procedure
 from lagrange.procedure.taylor.memory import HELD
 from lagrange.program.series import SeriesProgram
 
@@ -94,16 +96,20 @@ class CompiledJet:
     def __init__(self, packing: Packing, order: int) -> None:
         self.program = packing.program
         self._table = VectorConstants(self.program.numbers, inverse_size(self.program))
-        linear_solver(often=False)
+        jet: UnrolledJet | LoopedJet
         if order:
             self.layout = unrolled_layout(self.program, order)
-            jet = UnrolledJet(packing, self._table, self.layout).function()
+            jet = UnrolledJet(packing, self._table, self.layout)
         else:
             slots = Slots(packing, looped_layout(self.program, 0).width)
             self.layout = looped_layout(self.program, slots.size)
-            jet = LoopedJet(packing, self._table, self.layout, slots).function()
+            jet = LoopedJet(packing, self._table, self.layout, slots)
+        text, called = jet.function(), jet.origin.body.called
+        if called and order:
+            linear_solver(often=False)
+        elif called:
             inversion()
-        self._module = Module(series_ir(self.program, jet))
+        self._module = Module(series_ir(self.program, text, called))
         self._prepare = _PREPARE(self._module.address(f"{self.program.start.name}_prepare"))
         self.address = self._module.address("jet")
         self._series = _SERIES(self.address)
@@ -147,21 +153,14 @@ def inverse_size(program: SeriesProgram) -> int:
     return sum(plan.size if plan.diagonal else plan.size**2 for plan in plans)
 
 
-def series_ir(program: SeriesProgram, jet: str) -> str:
-    """Return the IR of a whole module around a jet."""
+def series_ir(program: SeriesProgram, jet: str, called: Iterable[Procedure]) -> str:
+    """Return the IR of a whole module around a jet, which calls procedures of other modules."""
+    lines = [line for width in (1, 2, 4, 8) for line in intrinsics(width)]
+    lines += [*library_functions(), *map(declaration, called), ""]
     functions = [angle_function(1)] if shares_angle_function(program.start) else []
     functions += [angle_function(WIDEST)] if shares_wide_angles(program.start) else []
     functions += [prepare_function(program.start), jet]
-    return "\n".join([declarations(), *functions, METADATA, ATTRIBUTES, QUICKLY, ""])
-
-
-def declarations() -> str:
-    """Return what a module of a series declares."""
-    lines = [line for width in (1, 2, 4, 8) for line in intrinsics(width)]
-    lines.append("declare i1 @invert_dense(i64, ptr, ptr, ptr)")
-    lines.append("declare i1 @invert(i64, i64, ptr, ptr, ptr)")
-    lines += library_functions()
-    return "\n".join([*lines, ""])
+    return "\n".join([*lines, *functions, METADATA, ATTRIBUTES, QUICKLY, ""])
 
 
 class LlvmTaylorDriver:

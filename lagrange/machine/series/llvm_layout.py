@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from lagrange.machine.series.packing import Operand, Packing
+from lagrange.machine.state import WIDEST
+from lagrange.procedure.blocks import whole_blocks
 from lagrange.procedure.linear.inverse import padded, work_size
-from lagrange.procedure.step.memory import whole_blocks
 from lagrange.procedure.taylor.memory import TaylorLayout
 from lagrange.program.series import SeriesProgram
 
@@ -18,10 +19,10 @@ class Slots:
         for operand in (*packing.summed, *packing.delayed, *packing.initial, *packing.rates):
             if operand not in self.places:
                 width = len(operand.values)
-                self.size = -(-self.size // width) * width
+                self.size = whole_blocks(self.size, width)
                 self.places[operand] = self.size
                 self.size += width
-        self.size = -(-self.size // 8) * 8
+        self.size = whole_blocks(self.size, WIDEST)
 
 
 def scratch_size(program: SeriesProgram) -> int:

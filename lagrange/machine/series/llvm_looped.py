@@ -29,7 +29,7 @@ from lagrange.machine.series.llvm_jet import (
 from lagrange.machine.series.llvm_layout import Slots
 from lagrange.machine.series.llvm_rules import Arithmetic, Vector, coefficient, divided
 from lagrange.machine.series.packing import NOTHING, Chunk, Operand, PackedStage, Packing
-from lagrange.procedure.linear.inverse import padded, work_size
+from lagrange.procedure.linear.inverse import invert, padded, work_size
 from lagrange.procedure.taylor.memory import TaylorLayout
 
 TILE = 16
@@ -298,7 +298,8 @@ class LoopedJet:
             for i in range(j, n):
                 e.put(placed.get((i, j), literal(0.0)), matrix, j * n + i)
         arguments = f"i64 {n}, i64 {padded(n)}, ptr {matrix}, ptr {inverse}, ptr {work}"
-        self.origin.body.singular.append(e.value(f"call i1 @invert({arguments})"))
+        body = self.origin.body
+        body.singular.append(e.value(f"call i1 @{body.name_of(invert())}({arguments})"))
         return "" if len(self.packing.stages) == 1 else e.address(work, work_size(n))
 
     def solved(self, place: int) -> list[Vector]:

@@ -29,7 +29,7 @@ from lagrange.machine.series.llvm_jet import (
 )
 from lagrange.machine.series.llvm_rules import Arithmetic, Vector, coefficient, divided, reciprocal
 from lagrange.machine.series.packing import NOTHING, Chunk, Operand, PackedStage, Packing
-from lagrange.procedure.linear.dense import factor_size
+from lagrange.procedure.linear.dense import factor_size, invert_dense
 from lagrange.procedure.taylor.memory import TaylorLayout
 
 EXACT = 10
@@ -287,7 +287,7 @@ class UnrolledJet:
         work = body.scratch("work", "double", factor_size(n) + n)
         for (i, j), value in lower.items():
             e.put(value, memory, j * n + i)
-        singular = e.value(f"call i1 @invert_dense(i64 {n}, ptr {memory}, ptr {result}, ptr {work})")
+        singular = e.value(f"call i1 @{body.name_of(invert_dense())}(i64 {n}, ptr {memory}, ptr {result}, ptr {work})")
         slow = [e.get(result, j * n + i) for i, j in places]
         e.jump(f"{name}.join")
         e.label(f"{name}.join")

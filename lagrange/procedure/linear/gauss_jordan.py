@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from functools import cache
 
+from lagrange.procedure.blocks import whole_blocks
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, PARTIAL, WHOLE, Procedure
 from lagrange.procedure.linear.dense import PIVOT
@@ -20,7 +21,7 @@ WRITTEN_OUT = 16
 
 def row_stride(n: int) -> int:
     """Return the distance between the rows of a matrix of order n: whole blocks."""
-    return -(-n // PARTIAL) * PARTIAL
+    return whole_blocks(n, PARTIAL)
 
 
 @cache

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from functools import cache
 
+from lagrange.procedure.blocks import whole_blocks
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, WHOLE, Procedure
 from lagrange.procedure.linear.dense import PIVOT, factor_size, invert_dense
@@ -19,7 +20,7 @@ WIDTH = 8
 
 def padded(n: int) -> int:
     """Return the distance between columns."""
-    return -(-n // WIDTH) * WIDTH
+    return whole_blocks(n, WIDTH)
 
 
 def work_size(n: int) -> int:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lagrange.procedure.blocks import whole_blocks
 from lagrange.procedure.form import REAL, WHOLE, Record
 from lagrange.procedure.linear.gauss_jordan import row_stride
 from lagrange.procedure.newton.constants import HISTORY
@@ -43,11 +44,6 @@ NEWTON = Record.of(
     tried_step       the length of that step, and `old_step` that of the one before
     known            how many steps there are to extrapolate from, and `order` how many are used
 """
-
-
-def whole_blocks(count: int, block: int) -> int:
-    """Return the least multiple of a block that is not below a count."""
-    return -(-count // block) * block
 
 
 class Layout:

@@ -4,23 +4,32 @@ from __future__ import annotations
 
 from lagrange.procedure.form import REAL, WHOLE, Record
 
-RUN = Record(
+RUN = Record.of(
     "Run",
-    tuple(
-        (name, REAL)
-        for name in ("t", "end", "h", "rtol", "share", "previous", "start", "step", "cause", "longest", "residual")
-    ),
+    t=REAL,
+    end=REAL,
+    h=REAL,
+    rtol=REAL,
+    share=REAL,
+    previous=REAL,
+    start=REAL,
+    step=REAL,
+    cause=REAL,
+    longest=REAL,
+    residual=REAL,
 )
 """The real numbers of a run."""
 
-COUNTS = Record(
+COUNTS = Record.of(
     "Counts",
-    tuple(
-        (name, WHOLE)
-        for name in (
-            *("steps", "rejected", "evaluations", "slope_known", "rows", "record", "after_reject"),
-            *("kept", "surveyed"),
-        )
-    ),
+    steps=WHOLE,
+    rejected=WHOLE,
+    evaluations=WHOLE,
+    slope_known=WHOLE,
+    rows=WHOLE,
+    record=WHOLE,
+    after_reject=WHOLE,
+    kept=WHOLE,
+    surveyed=WHOLE,
 )
 """What a run counts, and its flags."""

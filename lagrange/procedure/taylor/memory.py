@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lagrange.procedure.blocks import whole_blocks
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Callee, Kind, Record
-from lagrange.procedure.step.memory import whole_blocks
 from lagrange.procedure.step.run import COUNTS, RUN
 from lagrange.procedure.values import Memory, Real, Whole
 
