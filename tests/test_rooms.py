@@ -12,7 +12,7 @@ import pytest
 from tests.test_layering import ROOT, TREE, Modules, imports_of
 
 PLAIN: Mapping[str, tuple[str, ...]] = {
-    "machine records": ("backend", "calls", "copies", "printed_run", "python_source", "state"),
+    "machine records": ("backend", "calls", "copies", "parameters", "printed_run", "python_source", "state"),
     "machine entries": ("llvm_machine", "model", "numpy_machine"),
     "trajectory records": ("integrator", "options", "tolerances", "trajectory"),
     "trajectory runs": ("driver", "inertia", "limits", "messages", "plan", "sizes"),

@@ -26,11 +26,28 @@ class Quick(dict[str, QuickCalls]):
             found = self._kernel(name).quick(self._parameters())
         except SingularMassMatrix:
             found = None
-        self[name] = QuickCalls(_nothing, _nothing) if found is None else found
+        self[name] = QuickCalls(nothing, nothing) if found is None else found
         return self[name]
 
 
-def _nothing(*_: Any) -> None:
+def one_state(kernel: Kernel, parameters: FloatArray) -> Callable[[float, FloatArray], FloatArray]:
+    """Return a kernel as a function of a time and of one state (2n,), quick where it can be.
+
+    The state is a plain array of doubles. Raises SingularMassMatrix, here and at calls.
+    """
+    quick = kernel.quick(parameters)
+    if quick is None:
+        return lambda t, y: kernel(t, y, parameters)
+    whole = quick.whole
+
+    def call(t: float, y: FloatArray) -> FloatArray:
+        found = whole(t, y)
+        return kernel(t, y, parameters) if found is None else found
+
+    return call
+
+
+def nothing(*_: Any) -> None:
     """Return None: the caller takes the other way."""
 
 

@@ -16,18 +16,16 @@ from lagrange.errors import RunError, StatementError, listing, shown
 from lagrange.graph.branches import either, read_when, where_read
 from lagrange.graph.node import Binding, Kind, Node, reachable
 from lagrange.machine.backend import FloatArray, Kernel, Machine, Made, Series, SingularMassMatrix
-from lagrange.machine.calls import Quick, scalar, surely_finite
+from lagrange.machine.calls import Quick, one_state, scalar, surely_finite
+from lagrange.machine.kernel.python_kernel import PythonKernel
+from lagrange.machine.parameters import Parameters, ParameterValues
 from lagrange.program.catalogue import QUANTITIES
 from lagrange.program.switching import Switched
 from lagrange.statement.choice import one_of, text
-from lagrange.statement.declare import parameter_values
 from lagrange.statement.expression import expression as expression_of
 from lagrange.statement.number import DOUBLE, real_array, real_number, whole_number
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
-
-Parameters = Mapping[Any, Any] | FloatArray | None
-"""Parameters as a user gives them: a dict over the defaults, or all values (k,) as `parameter_array` returns them."""
 
 State = tuple[FloatArray, FloatArray]
 """Coordinates and velocities, (n,) each or (n, batch)."""
@@ -58,6 +56,7 @@ class Model:
         self.equations = equations
         self.layout = equations.layout
         self._made = made
+        self._values = ParameterValues(statement)
         self._function = lru_cache(maxsize=FUNCTIONS_KEPT)(made.function)
         self._kernels: dict[str, Kernel] = {}
         self._series: dict[tuple[Node, ...], tuple[Series, Switched]] = {}
@@ -227,48 +226,16 @@ class Model:
 
     def parameter_values(self, given: Mapping[Any, Any] | None = None) -> dict[Any, float]:
         """Return a value for every parameter: the defaults overlaid with `given`, by symbol or name."""
-        return parameter_values(given, self.statement.parameters, self.statement.defaults)
+        return self._values.by_symbol(given)
 
     def parameter_array(self, given: Parameters = None) -> FloatArray:
         """Return the parameters' values (k,) in the order that kernels take; such an array is returned as it is."""
-        if given is None:
-            return self._default_parameters
-        if isinstance(given, np.ndarray):
-            plain = type(given) is np.ndarray and given.dtype is DOUBLE
-            array = given if plain else real_array(given, "parameters")
-            if array.shape != (len(self.statement.parameters),):
-                raise StatementError(
-                    f"parameters has shape {array.shape}: give ({len(self.statement.parameters)},), the values of "
-                    f"{listing(p.name for p in self.statement.parameters)} in this order, or a dict."
-                )
-            values = array.tolist()
-            if values and not (math.isfinite(sum(values)) and (min(values) >= 0.0 or self._may_be_negative(values))):
-                # What a dict may not say an array may not either.
-                self.parameter_values(dict(zip(self.statement.parameters, values, strict=True)))
-            return array
-        if given == {}:
-            return self._default_parameters
-        chosen = self.parameter_values(given)
-        return np.array([chosen[symbol] for symbol in self.statement.parameters], dtype=float)
-
-    @cached_property
-    def _positive(self) -> list[int]:
-        """The parameters that may not be below zero."""
-        return [i for i, symbol in enumerate(self.statement.parameters) if symbol.is_nonnegative]
-
-    def _may_be_negative(self, values: list[float]) -> bool:
-        """Return whether no parameter is below zero that may not be."""
-        return all(values[i] >= 0.0 for i in self._positive)
-
-    @cached_property
-    def _default_parameters(self) -> FloatArray:
-        values = self.parameter_values()
-        return np.array([values[symbol] for symbol in self.statement.parameters], dtype=float)
+        return self._values.array(given)
 
     def _of_whole(self, name: str, t: Any, y: Any, parameters: Parameters) -> FloatArray:
         """Return a quantity, quickly at one plain state with the parameters of the statement."""
-        if parameters is None and type(y) is np.ndarray and y.dtype is DOUBLE and type(t) is float:
-            found = self._quick[name].whole(t, y)
+        if parameters is None and type(y) is np.ndarray and y.dtype is DOUBLE and isinstance(t, float):
+            found = self._quick[name].whole(float(t), y)  # solvers hand NumPy's floats over
             if found is not None:
                 return found
         return self._run(name, t, self._checked_state(y), parameters)
@@ -276,8 +243,8 @@ class Model:
     def _of_parts(self, name: str, t: Any, q: Any, v: Any, parameters: Parameters) -> FloatArray:
         """Return a quantity, quickly at one plain state with the parameters of the statement."""
         plain = type(q) is np.ndarray and type(v) is np.ndarray and q.dtype is DOUBLE and v.dtype is DOUBLE
-        if parameters is None and plain and type(t) is float:
-            found = self._quick[name].parts(t, q, v)
+        if parameters is None and plain and isinstance(t, float):
+            found = self._quick[name].parts(float(t), q, v)
             if found is not None:
                 return found
         return self._run(name, t, self._state(q, v), parameters)
@@ -330,8 +297,8 @@ class Model:
 
     @cached_property
     def _masses(self) -> Kernel:
-        """The inertia of each coordinate of `_alone`."""
-        return self.function("inertia", tuple(self.equations.mass[i][i] for i in self._alone))
+        """The inertia of each coordinate of `_alone`, printed: every run asks for it where it starts."""
+        return PythonKernel(self.function("inertia", tuple(self.equations.mass[i][i] for i in self._alone)).program)
 
     def column_without_inertia(
         self, t: float | FloatArray, q: FloatArray, v: FloatArray, parameters: FloatArray
@@ -345,6 +312,8 @@ class Model:
             return None
         q, v = self._state(q, v)
         t, parameters = self._time(t, q), self.parameter_array(parameters)
+        if q.ndim == 1 and isinstance(t, float):
+            return 0 if 0.0 in one_state(self._masses, parameters)(t, np.concatenate((q, v))).tolist() else None
         q, v = q.reshape(self.dimension, -1), v.reshape(self.dimension, -1)
         masses = self._masses.columns(t, (q, v), parameters)
         none = (masses == 0.0).any(axis=0)

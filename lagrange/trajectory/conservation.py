@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from lagrange.machine.calls import one_state
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import DEFAULT
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
@@ -66,7 +67,7 @@ def _kept(problem: Problem, trajectory: Trajectory, end: FloatArray, until: floa
 
 def energy(problem: Problem, y: FloatArray) -> float:
     """Return the energy of a state, at the time of the start."""
-    return float(problem.model.kernel("energy")(problem.t0, y, problem.parameter_array))
+    return float(one_state(problem.model.kernel("energy"), problem.parameter_array)(problem.t0, y))
 
 
 def _last(problem: Problem, trajectory: Trajectory) -> tuple[FloatArray, float]:

@@ -8,10 +8,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Protocol
 
-import numpy as np
-
 from lagrange.errors import StatementError, shown
 from lagrange.machine.model import Model
+from lagrange.machine.parameters import ordered
 from lagrange.statement.event import Event
 from lagrange.statement.number import flag, real_array, whole_number
 from lagrange.trajectory.options import MAX_STEPS
@@ -80,7 +79,7 @@ class Problem:
     @cached_property
     def parameter_array(self) -> FloatArray:
         """The parameters' values (k,), as kernels take them."""
-        return np.array([self.parameters[symbol] for symbol in self.model.statement.parameters], dtype=float)
+        return ordered(self.parameters, self.model.statement.parameters)
 
 
 def run_by(integrator: Integrator, problem: Problem) -> Trajectory:

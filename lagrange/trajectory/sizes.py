@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from lagrange.equations.state_layout import StateLayout
 from lagrange.machine.backend import SingularMassMatrix
+from lagrange.machine.calls import one_state
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState
 from lagrange.procedure.step.constants import (
@@ -113,11 +114,14 @@ def _within(step: float, left: float) -> float:
 
 def slopes_of(model: Model, parameters: FloatArray) -> Slopes:
     """Return the right-hand side, NaN where the mass matrix is singular."""
-    kernel = model.kernel("rhs")
+    try:
+        law = one_state(model.kernel("rhs"), parameters)
+    except SingularMassMatrix:
+        return lambda t, y: np.full_like(y, np.nan)
 
     def slopes(t: float, y: FloatArray) -> FloatArray:
         try:
-            return kernel(t, y, parameters)
+            return law(t, y)
         except SingularMassMatrix:
             return np.full_like(y, np.nan)
 

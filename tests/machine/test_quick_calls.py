@@ -109,3 +109,23 @@ def test_other_parameters_do_not_disturb(model: Model) -> None:
     expected = model.rhs(0.0, STATE)
     other = model.rhs(0.0, STATE, {"k": 99.0})
     assert not np.array_equal(other, expected) and np.array_equal(model.rhs(0.0, STATE), expected)
+
+
+@pytest.mark.parametrize("t", [np.float64(0.25), np.array([0.25])[0]])
+def test_times_as_solvers_give_them_are_quick(model: Model, t: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """SciPy adds NumPy's numbers to times, and they are NumPy's from its first step on."""
+    expected = slow(model, "rhs", t=0.25), slow(model, "energy", t=0.25)
+    monkeypatch.setattr(model, "_run", None)
+    assert np.array_equal(model.rhs(t, STATE), expected[0])
+    assert model.energy(STATE[:2].copy(), STATE[2:].copy(), t) == expected[1]
+
+
+def test_quick_calls_are_made_once_for_the_same_parameters(model: Model) -> None:
+    kernel, values = model.kernel("rhs"), model.parameter_array()
+    assert kernel.quick(values) is kernel.quick(values.copy())
+    other = values + 1.0
+    for given in (other, values):
+        calls = kernel.quick(given)
+        assert calls is not None
+        found = calls.whole(0.0, STATE)
+        assert found is not None and np.array_equal(found, kernel(0.0, STATE, given))

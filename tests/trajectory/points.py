@@ -13,6 +13,19 @@ from lagrange.machine.backend import SingularMassMatrix
 from lagrange.trajectory.integrator import Problem
 
 
+class Called:
+    """A function of (t, y, parameters) as a kernel, without quick calls."""
+
+    def __init__(self, function: Any) -> None:
+        self.function = function
+
+    def __call__(self, t: float, y: Any, parameters: Any) -> Any:
+        return self.function(t, y, parameters)
+
+    def quick(self, parameters: Any) -> None:
+        """Nothing is quick."""
+
+
 class Point:
     """A fake model: one coordinate x with the acceleration a(t, x, v)."""
 
@@ -24,7 +37,7 @@ class Point:
         self.acceleration = acceleration
 
     def kernel(self, name: str) -> Any:
-        return self.rhs if name == "rhs" else self.jacobian
+        return Called(self.rhs if name == "rhs" else self.jacobian)
 
     def parameter_array(self, parameters: Any) -> Any:
         return np.array(list(parameters.values()))

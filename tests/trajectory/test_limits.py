@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
 import threading
 import time
+import tracemalloc
 from itertools import pairwise
 from typing import Any
 
@@ -54,6 +56,26 @@ def test_what_a_solver_keeps_of_a_step_counts_too(model: Model) -> None:
     own = lg.integrate(model, (0.0, 1e5), method="dop853", max_memory=100_000)
     other = lg.integrate(model, (0.0, 1e5), method="scipy-dop853", max_memory=100_000)
     assert 4 * other.steps < own.steps
+
+
+@pytest.mark.parametrize(
+    "name", ["scipy-rk45", "scipy-rk23", "scipy-dop853", "scipy-radau", "scipy-bdf", "scipy-lsoda"]
+)
+def test_what_a_solver_keeps_is_what_is_counted(name: str, model: Model) -> None:
+    """A path that is still unread is an object of SciPy's, three times as large as what is read of it."""
+    lg.integrate(model, (0.0, 1.0), method=name)
+    gc.collect()
+    tracemalloc.start()
+    try:
+        found = lg.integrate(model, (0.0, 1e5), method=name, max_memory=500_000)
+        gc.collect()
+        taken, _ = tracemalloc.get_traced_memory()
+        found.at(found.t)
+        gc.collect()
+        assert tracemalloc.get_traced_memory()[0] < taken + 100_000, "a path that was read takes no more"
+    finally:
+        tracemalloc.stop()
+    assert 200_000 < taken < 900_000
 
 
 def test_output_times_of_a_run_that_ends_for_want_of_memory(model: Model) -> None:

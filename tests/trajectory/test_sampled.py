@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import itertools
+import pickle
+from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
 
-from lagrange.trajectory.paths.sampled import SampledPath, StepInterpolant
+from lagrange.trajectory.paths.sampled import SampledPath, StepInterpolant, StepInterpolants
 from lagrange.trajectory.trajectory import FloatArray
 
 
@@ -52,9 +55,33 @@ def rounded(spacings: int) -> StepInterpolant:
     return StepInterpolant.read((0.0, 1.0), ends, (first, last), lambda s: ((s - first) / (last - first))[None], 12)
 
 
-def test_the_pieces_of_a_burst_are_read_together() -> None:
+def test_the_paths_of_a_burst_are_read_together() -> None:
     times = np.array([0.0, 0.5, 0.75, 2.0])
     path = SampledPath(times, curve(times).T, [interpolant(a, b) for a, b in itertools.pairwise(times)])
     theta, steps = np.array([0.0, 0.3, 0.5, 1.0]), np.array([0, 2])
     at = times[steps][:, None] + theta * np.diff(times)[steps][:, None]
     np.testing.assert_allclose(path.inside(steps, theta), curve(at.ravel()).reshape(2, 2, 4), atol=1e-14)
+
+
+def test_paths_are_read_when_they_are_asked_for_and_once() -> None:
+    asked: list[float] = []
+
+    def seen(times: FloatArray) -> FloatArray:
+        asked.append(float(times[0]))
+        return curve(times)
+
+    def later(first: float, last: float) -> partial[StepInterpolant]:
+        ends = curve(np.array([first, last])).T
+        return partial(StepInterpolant.read, (first, last), (ends[0], ends[1]), (first, last), seen, 5)
+
+    entries: list[Any] = [later(0.0, 0.5), interpolant(0.5, 0.75), later(0.75, 2.0)]
+    paths = StepInterpolants(entries)
+    assert len(paths) == 3 and not asked
+    times = np.linspace(0.75, 2.0, 11)
+    for _ in range(2):
+        np.testing.assert_allclose(paths[2](times), curve(times), atol=1e-14)
+    assert len(asked) == 1 and asked[0] > 0.75
+    assert len(StepInterpolants(entries, 1)) == 2 and StepInterpolants(entries, 1)[-1] is paths[2] and len(asked) == 1
+    copied = pickle.loads(pickle.dumps(paths))
+    assert len(asked) == 2 and all(isinstance(one, StepInterpolant) for one in copied)
+    assert all(np.array_equal(one.values, other.values) for one, other in zip(copied, paths, strict=True))

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import lagrange as lg
 from lagrange.errors import StatementError
 from lagrange.trajectory.foreign.scipy_solvers import BDF, DOP853, LSODA, RK23, RK45, Radau
 from lagrange.trajectory.trajectory import Status
@@ -128,3 +129,21 @@ def test_a_large_time_is_kept_track_of(method: Any) -> None:
     assert run.status is Status.SUCCESS and run.t[-1] == 1e12 + 8.0
     assert run.y[:, -1] == pytest.approx([np.cos(8.0), -np.sin(8.0)], abs=2e-4)
     assert run.dense(np.array([1e12 + 4.0]))[:, 0] == pytest.approx([np.cos(4.0), -np.sin(4.0)], abs=5e-4)
+
+
+def test_the_right_hand_side_of_a_compiled_model_is_called_without_detours(
+    method: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is finite needs no second look: the kernel that looks is called a few times in a run, not once a stage."""
+    model = lg.scene("pendulum").compile()
+    kernel, calls = model.kernel("rhs"), 0
+    looking = type(kernel).__call__
+
+    def counted(self: Any, *given: Any) -> Any:
+        nonlocal calls
+        calls += self is kernel
+        return looking(self, *given)
+
+    monkeypatch.setattr(type(kernel), "__call__", counted)
+    run = lg.integrate(model, (0.0, 3.0), method=method)
+    assert run.status is Status.SUCCESS and run.evaluations > 50 and calls < 5

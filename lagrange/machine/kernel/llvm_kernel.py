@@ -41,6 +41,7 @@ class LlvmKernel(Shared):
         self._prepare = _PREPARE(self._module.address(f"{program.name}_prepare"))
         self._scalar = _SCALAR(self.address)
         self._prepared: tuple[bytes, FloatArray] | None = None
+        self._quick: tuple[FloatArray, QuickCalls | None] | None = None
         self._size = prepared_size(program) + 1
         ends = [0, *accumulate(block.size for block in program.inputs)]
         rows = [slice(*pair) for pair in pairwise(ends)]
@@ -104,7 +105,11 @@ class LlvmKernel(Shared):
         """Return quick calls that hold the interpreter's lock, for a program that takes microseconds; see `Kernel`."""
         if len(self._program.instructions) > QUICK:
             return None
-        return quick_calls(self._address, self.prepare(parameters), self._program.states, self._program.shape)
+        prepared, known = self.prepare(parameters), self._quick
+        if known is None or known[0] is not prepared:
+            made = quick_calls(self._address, prepared, self._program.states, self._program.shape)
+            known = self._quick = prepared, made
+        return known[1]
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
         """Evaluate every column; see `Kernel`. An incomplete last block is filled up with copies of the last column."""

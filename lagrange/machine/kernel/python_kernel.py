@@ -67,6 +67,7 @@ class PythonKernel:
 
     def __init__(self, program: Program) -> None:
         self._program = program
+        self._quick: tuple[Callable[..., Any], QuickCalls] | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
         return PythonKernel, (self._program,)
@@ -93,9 +94,14 @@ class PythonKernel:
 
     def quick(self, parameters: FloatArray) -> QuickCalls | None:
         """Return quick calls for one state with some parameters; see `Kernel`."""
-        function = self._one_state(parameters)
+        function, known = self._one_state(parameters), self._quick
         if function is None:
             return None
+        if known is None or known[0] is not function:
+            known = self._quick = function, self._calls_of(function)
+        return known[1]
+
+    def _calls_of(self, function: Callable[..., Any]) -> QuickCalls:
         size, shape = self._program.states, self._program.shape
         flat, finite, array = len(shape) == 1, math.isfinite, np.array
 

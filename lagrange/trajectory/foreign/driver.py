@@ -24,7 +24,7 @@ from lagrange.trajectory.foreign.guarded_rhs import GuardedRhs, StopError
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.settings import adaptive_settings
 from lagrange.trajectory.paths.piecewise import PiecewisePath
-from lagrange.trajectory.paths.sampled import SampledPath, StepInterpolant
+from lagrange.trajectory.paths.sampled import SampledPath, StepInterpolant, StepInterpolants
 from lagrange.trajectory.sizes import first_floors, slopes_of
 from lagrange.trajectory.tolerances import Tolerances
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
@@ -39,6 +39,18 @@ MOST_UNMOVED = 20
 
 INTERPOLANT_BYTES = 300
 """Bytes that the path over a step takes beside its values, as measured."""
+
+UNREAD_BYTES, UNREAD_ENTRIES = 1400, 10
+"""Bytes that a path takes as SciPy's own object until it is read, and numbers in it for each entry of the state: 1,310
+to 1,540 with 2 entries, and up to 2,850 with 20."""
+
+_ACCEPTED = np.zeros(S.SURVEYED + 1, dtype=np.int64)
+_ACCEPTED[[S.ROWS, S.STEPS]] = 1
+"""What an accepted step adds to the counts, all at once: an interruption never finds half of it."""
+
+
+Unread = partial[StepInterpolant]
+"""What reads a path when it is called."""
 
 
 class Stepper(Protocol):
@@ -59,8 +71,8 @@ class Stepper(Protocol):
     def advance(self, t: float, y: FloatArray) -> Fault | None:
         """Take one step from the accepted state (t, y); return why there is none."""
 
-    def interpolant(self, t: float, y: FloatArray) -> StepInterpolant:
-        """Return the path over the last step, which began at (t, y)."""
+    def interpolant(self, t: float, y: FloatArray) -> StepInterpolant | Unread:
+        """Return the path over the last step, which began at (t, y), or what reads it after further steps."""
 
 
 Start = Callable[[GuardedRhs, Tolerances, FloatArray, float, FloatArray, float], Stepper]
@@ -111,7 +123,7 @@ class SolverPlan:
     """The power of a first step with which its error grows, or 0 where the solver chooses that step well."""
     form: str = ""
     watched: bool = False
-    interpolants: list[StepInterpolant] = field(default_factory=list)
+    interpolants: list[StepInterpolant | Unread] = field(default_factory=list)
     """The path over each accepted step, and over some behind the last that counts."""
 
     def driver(self, model: Model, parameters: FloatArray) -> SolverDriver:
@@ -126,22 +138,28 @@ class SolverPlan:
 
     def _latest(self, times: FloatArray, states: FloatArray) -> SampledPath:
         """Return the path over the steps that were taken last."""
-        return SampledPath(times, states, self.interpolants[len(self.interpolants) - len(times) + 1 :])
+        return SampledPath(times, states, StepInterpolants(self.interpolants, len(self.interpolants) - len(times) + 1))
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: StepWatch | None) -> PiecewisePath:
         """Return the solver's own path, which leaps where the state was reset."""
         jumps = set() if watch is None else {one.row for one in watch.breaks}
         steps = iter(self.interpolants)
-        interpolants = [partial(_standing, states[i + 1]) if i in jumps else next(steps) for i in range(len(times) - 1)]
-        return PiecewisePath(times, states[0], tuple(interpolants))
+        interpolants = [_Standing(states[i + 1]) if i in jumps else next(steps) for i in range(len(times) - 1)]
+        return PiecewisePath(times, states[0], StepInterpolants(interpolants))
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
         """Return the last state: what failed the law has remembered."""
         return state.y
 
 
-def _standing(y: FloatArray, times: FloatArray) -> FloatArray:
-    return np.repeat(y[:, None], len(times), axis=1)
+@dataclass(frozen=True, eq=False)
+class _Standing:
+    """The path over no time."""
+
+    y: FloatArray
+
+    def __call__(self, times: FloatArray) -> FloatArray:
+        return np.repeat(self.y[:, None], len(times), axis=1)
 
 
 class SolverDriver:
@@ -182,20 +200,22 @@ class SolverDriver:
             return None
         if self._vanished is not None and (fault := self._unanswered(state)):
             return fault
-        if self._solver is None or not state.count(S.KEPT):
+        solver = self._solver
+        if solver is None or not state.count(S.KEPT):
             state.counts[S.KEPT] = 1
-            if fault := self._begin(state):
+            solver = self._begin(state)
+            if solver is None:
+                return self._law.fault
+        left, floats, end = budget, state.floats, state.floats[S.END]
+        while left > 0 and floats[S.T] != end:
+            fault = self._step(solver, state, times, rows)
+            if fault is not None:
                 return fault
-        left = budget
-        while left > 0 and state.t != state.reals[S.END]:
-            refused = state.count(S.REJECTED)
-            if fault := self._step(state, times, rows):
-                return fault
-            left -= 1 + state.count(S.REJECTED) - refused
+            left -= 1 + solver.rejected
         return None
 
-    def _begin(self, state: DriverState) -> Fault | None:
-        """Start a solver at the state, from which nothing leads back."""
+    def _begin(self, state: DriverState) -> Stepper | None:
+        """Start a solver at the state, from which nothing leads back; return none where the law has a fault there."""
         law, t, y, steps = self._law, state.t, state.y.copy(), state.count(S.STEPS)
         # Flights shorter than the first step of the solver's choice would all become as long as that.
         given = abs(float(state.reals[S.H]))
@@ -204,10 +224,11 @@ class SolverDriver:
         self._begun, self._unmoved = steps, 0
         law.forget()
         law.rhs(t, y)
-        if law.fault is None:
-            first = min(first, self._scale(state, t, y))
-            self._solver = self._plan.start(law, self._plan.tolerances, state.floors, t, y, first)
-        return law.fault
+        if law.fault is not None:
+            return None
+        first = min(first, self._scale(state, t, y))
+        self._solver = self._plan.start(law, self._plan.tolerances, state.floors, t, y, first)
+        return self._solver if law.fault is None else None
 
     def _asks(self, state: DriverState, fault: Fault) -> bool:
         """Whether steps vanish where an entry may have no size yet: ask for one, and start the solver anew with it.
@@ -245,15 +266,14 @@ class SolverDriver:
             first = spacing * 2.0 ** math.ceil(math.log2(max(first / spacing, FIRST_STEP_SPACINGS)))
         return first
 
-    def _step(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Fault | None:
+    def _step(self, solver: Stepper, state: DriverState, times: FloatArray, rows: FloatArray) -> Fault | None:
         """Take one step and keep it if it, its end and its interpolant are sound; else return the fault."""
-        law, solver, begin, before = self._law, self._solver, state.t, state.y.copy()
-        if solver is None:
-            raise AssertionError("a solver is started before its first step")
+        law, begin, before = self._law, state.floats[S.T], state.y.copy()
         law.begin_step()
         fault = solver.advance(begin, before)
-        state.counts[S.REJECTED] += solver.rejected
-        if fault:
+        if solver.rejected:
+            state.integers[S.REJECTED] += solver.rejected
+        if fault is not None:
             return fault
         t, y = solver.t, solver.y
         if t == begin:
@@ -262,15 +282,15 @@ class SolverDriver:
             stuck = self._unmoved > MOST_UNMOVED
             return law.recent_fault() or (Fault(Status.STEP_TOO_SMALL, t, y) if stuck else None)
         self._unmoved = 0
-        if not np.isfinite(y).all():
+        if not (math.isfinite(y.dot(y)) or np.isfinite(y).all()):
             return law.fault or Fault(Status.NON_FINITE, t, y)
-        if law.fault:
+        if law.fault is not None:
             # Some trial of this step left the domain; the step stands if its own end did not.
             law.fault = None
             law.rhs(t, y)
-        interpolant = solver.interpolant(begin, before)
-        if not law.fault:
-            self._keep(state, t, y, interpolant, times, rows)
+        path = solver.interpolant(begin, before)
+        if law.fault is None:
+            self._keep(state, t, y, path, times, rows)
         return law.fault
 
     def _keep(
@@ -278,15 +298,21 @@ class SolverDriver:
         state: DriverState,
         t: float,
         y: FloatArray,
-        interpolant: StepInterpolant,
+        path: StepInterpolant | Unread,
         times: FloatArray,
         rows: FloatArray,
     ) -> None:
         """Keep a step; it counts from the last line on, so that an interruption never finds half of one."""
-        row = state.count(S.ROWS)
-        self._plan.interpolants.append(interpolant)
-        state.kept += interpolant.values.nbytes + INTERPOLANT_BYTES
-        times[row], rows[row] = t, y
-        state.reals[S.T], state.y[:] = t, y
-        np.maximum(state.floors, state.reals[S.SHARE] * abs(y), out=state.floors)
-        state.counts[[S.ROWS, S.STEPS]] += 1
+        row, floats = state.integers[S.ROWS], state.floats
+        self._plan.interpolants.append(path)
+        if isinstance(path, StepInterpolant):
+            state.kept += INTERPOLANT_BYTES + path.values.nbytes
+        else:
+            state.kept += UNREAD_BYTES + UNREAD_ENTRIES * y.nbytes
+        times[row] = t
+        rows[row] = y
+        floats[S.T] = t
+        state.y[:] = y
+        if floats[S.SHARE]:
+            np.maximum(state.floors, floats[S.SHARE] * abs(y), out=state.floors)
+        state.counts += _ACCEPTED

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import time
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
 
 from lagrange.machine.backend import SingularMassMatrix
+from lagrange.machine.calls import nothing, one_state
 from lagrange.trajectory.foreign.fault import Fault
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.sizes import Slopes
@@ -28,43 +30,67 @@ class StopError(Exception):
         self.fault = fault
 
 
-@dataclass
 class GuardedRhs:
     """The model's right-hand side as a solver calls it: counted, timed, and with the last fault remembered."""
 
-    problem: Problem
-    package: str
-    parameters: FloatArray
-    deadline: float
-    evaluations: int = 0
-    in_step: int = 0
-    fault: Fault | None = None
-    last_fault: Fault | None = None
-    fault_at: int = 0
-    raised: Exception | None = None
-    last_jacobian: FloatArray | None = None
+    def __init__(self, problem: Problem, package: str, parameters: FloatArray, deadline: float) -> None:
+        self.problem, self.package = problem, package
+        self.parameters, self.deadline = parameters, deadline
+        self.evaluations = 0
+        self.fault: Fault | None = None
+        self.last_fault: Fault | None = None
+        self.fault_at = 0
+        self.raised: Exception | None = None
+        self.last_jacobian: FloatArray | None = None
+        self._timed = deadline < math.inf
+        self._kernel = problem.model.kernel("rhs")
+        self._quick = self._quick_calls()
+        self._step_began, self._most = 0, EVALUATIONS_PER_STEP
+
+    def _quick_calls(self) -> Callable[[float, FloatArray], FloatArray | None]:
+        """Return the right-hand side as a function that gives what is finite, and else None."""
+        try:
+            quick = self._kernel.quick(self.parameters)
+        except SingularMassMatrix:
+            quick = None
+        return nothing if quick is None else quick.whole
+
+    @property
+    def in_step(self) -> int:
+        """The evaluations since the step began."""
+        return self.evaluations - self._step_began
 
     def forget(self) -> None:
         """Forget what the law said on another motion."""
-        self.fault = self.last_fault = None
-        self.in_step = 0
+        self.last_fault = None
+        self.begin_step()
 
     def begin_step(self) -> None:
         """Forget the last step's faults and count anew."""
-        self.in_step = 0
+        self._step_began = self.evaluations
+        self._most = self._step_began + EVALUATIONS_PER_STEP
         self.fault = None
 
     def rhs(self, t: float, y: FloatArray) -> FloatArray:
         """Return dy/dt, (2n,); NaN where the model refuses, so that the solver shortens its step and tries again."""
-        self.evaluations += 1
-        self.in_step += 1
+        self.evaluations = count = self.evaluations + 1
+        if count > self._most or self._timed:
+            self._check_limits(t, y)
+        found = self._quick(float(t), y)
+        return self._slope(t, y) if found is None else found
+
+    def _check_limits(self, t: float, y: FloatArray) -> None:
+        """Raise StopError where the time is up, or a step has no end."""
         if time.perf_counter() > self.deadline:
             raise StopError(Fault(Status.MAX_WALL, t, y.copy()))
-        if self.in_step > EVALUATIONS_PER_STEP:
+        if self.evaluations > self._most:
             detail = f"{self.package}'s solver made {EVALUATIONS_PER_STEP} evaluations inside one step."
             raise StopError(self.fault or Fault(Status.DIVERGED, t, y.copy(), detail=detail))
+
+    def _slope(self, t: float, y: FloatArray) -> FloatArray:
+        """Return dy/dt where it may not be finite, and remember the fault."""
         try:
-            slope = self.problem.model.kernel("rhs")(t, y, self.parameters)
+            slope = self._kernel(t, y, self.parameters)
         except SingularMassMatrix:
             self._refused(t, y)
             return np.full(y.shape, np.nan)
@@ -87,7 +113,7 @@ class GuardedRhs:
     def jacobian(self, t: float, y: FloatArray) -> FloatArray:
         """Return d rhs / dy, (2n, 2n); where there is none, the last one, which Newton's iteration can do with."""
         try:
-            jacobian = self.problem.model.kernel("jacobian")(t, y, self.parameters)
+            jacobian = one_state(self.problem.model.kernel("jacobian"), self.parameters)(float(t), y)
         except SingularMassMatrix:
             self._refused(t, y)
         except Exception as error:

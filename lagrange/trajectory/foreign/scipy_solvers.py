@@ -52,38 +52,34 @@ class _ScipyStepper:
         if first < np.inf:
             options["first_step"] = min(first, abs(self.end - t))
         own = t - origin, self.end - origin
-        self.solver = method.solver(lambda s, y: law.rhs(origin + s, y), own[0], y.copy(), own[1], **options)
-
-    @property
-    def t(self) -> float:
-        reached = self.origin + float(self.solver.t)
-        running = self.solver.status == "running"
-        return reached if running and self.forward * (self.end - reached) > 0 else self.end
-
-    @property
-    def y(self) -> FloatArray:
-        return np.array(self.solver.y, dtype=float)
+        rhs = law.rhs if origin == 0.0 else lambda s, y: law.rhs(origin + s, y)
+        self.t, self.y = t, y
+        self.solver = method.solver(rhs, own[0], y.copy(), own[1], **options)
 
     def advance(self, t: float, y: FloatArray) -> Fault | None:
-        law, stages = self.law, self.method.stages
+        law, solver = self.law, self.solver
         self.rejected = 0
         try:
-            text = self.solver.step()
+            text = solver.step()
         except ValueError as error:
             if law.raised:
                 raise
             return law.fault or Fault(Status.DIVERGED, t, y, detail=f"SciPy says: {error}.")
-        if stages:
+        if stages := self.method.stages:
             self.rejected = max(0, law.in_step // stages - 1)
-        if self.solver.status == "failed":
+        status = solver.status
+        if status == "failed":
             small = text == OdeSolver.TOO_SMALL_STEP
             return law.fault or Fault(Status.STEP_TOO_SMALL if small else Status.DIVERGED, t, y)
+        reached = self.origin + float(solver.t)
+        self.t = reached if status == "running" and self.forward * (self.end - reached) > 0 else self.end
+        self.y = solver.y.copy()
         return None
 
-    def interpolant(self, t: float, y: FloatArray) -> StepInterpolant:
+    def interpolant(self, t: float, y: FloatArray) -> partial[StepInterpolant]:
         solver = self.solver
         own = float(solver.t_old), float(solver.t)
-        return StepInterpolant.read((t, self.t), (y, self.y), own, solver.dense_output(), self.method.degree)
+        return partial(StepInterpolant.read, (t, self.t), (y, self.y), own, solver.dense_output(), self.method.degree)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,12 +20,12 @@ class PiecewisePath:
 
     edges: FloatArray
     start: FloatArray
-    interpolants: tuple[Callable[[FloatArray], FloatArray], ...]
+    interpolants: Sequence[Callable[[FloatArray], FloatArray]]
 
     def __call__(self, times: FloatArray) -> FloatArray:
         """Return the states at the times, in any order, (2n, K)."""
         states = np.repeat(self.start[:, None], len(times), axis=1)
-        if self.interpolants:
+        if len(self.interpolants):
             forward = np.sign(self.edges[-1] - self.edges[0])
             found = np.searchsorted(forward * self.edges, forward * times, side="right") - 1
             found = np.clip(found, 0, len(self.interpolants) - 1)

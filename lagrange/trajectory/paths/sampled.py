@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
+from typing import Any
 
 import numpy as np
 
@@ -54,6 +55,30 @@ class StepInterpolant:
         """Return the states at times (k,), (2n, k)."""
         shares = _shares(len(self.values), (times - self.begin) / self.length)
         return np.asarray((shares @ self.values).T)
+
+
+class StepInterpolants(Sequence[StepInterpolant]):
+    """The paths over some steps, from the number `first` on. One that is still unread is read when it is asked for.
+
+    Reading takes as long as a step of a quick solver, and few runs are asked for more than their steps.
+    """
+
+    def __init__(self, entries: list[Any], first: int = 0) -> None:
+        self._entries, self._first = entries, first
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return StepInterpolants, (list(self),)
+
+    def __len__(self) -> int:
+        return len(self._entries) - self._first
+
+    def __getitem__(self, which: Any) -> Any:
+        place = range(self._first, len(self._entries))[which]
+        found = self._entries[place]
+        if isinstance(found, partial):
+            with np.errstate(all="ignore"):
+                found = self._entries[place] = found()
+        return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,82 @@
+"""The values of a model's parameters, as users give them and as kernels take them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from lagrange.errors import StatementError, listing
+from lagrange.machine.backend import FloatArray
+from lagrange.statement.declare import parameter_values
+from lagrange.statement.number import DOUBLE, real_array
+from lagrange.statement.statement import Statement
+
+Parameters = Mapping[Any, Any] | FloatArray | None
+"""Parameters as a user gives them: a dict over the defaults, or all values (k,) as `parameter_array` returns them."""
+
+
+def ordered(values: Mapping[Any, float], parameters: tuple[Any, ...]) -> FloatArray:
+    """Return a value for each of the parameters, (k,)."""
+    if tuple(values) == parameters:  # the hash of a symbol takes longer than all else here
+        return np.array(list(values.values()), dtype=float)
+    return np.array([values[symbol] for symbol in parameters], dtype=float)
+
+
+class ParameterValues:
+    """The parameters of a statement: their defaults, and what a user gives over them."""
+
+    def __init__(self, statement: Statement) -> None:
+        self._statement = statement
+
+    def by_symbol(self, given: Mapping[Any, Any] | None) -> dict[Any, float]:
+        """Return a value for every parameter: the defaults overlaid with `given`, by symbol or name."""
+        return dict(self._defaults) if given is None else self._overlaid(given)
+
+    def array(self, given: Parameters) -> FloatArray:
+        """Return the values (k,) in the statement's order; an array that is given is checked and returned as it is."""
+        if given is None:
+            return self._default_array
+        if isinstance(given, np.ndarray):
+            return self._checked(given)
+        if given == {}:
+            return self._default_array
+        return ordered(self._overlaid(given), self._statement.parameters)
+
+    def _overlaid(self, given: Mapping[Any, Any] | None) -> dict[Any, float]:
+        return parameter_values(given, self._statement.parameters, self._statement.defaults)
+
+    @cached_property
+    def _defaults(self) -> dict[Any, float]:
+        return self._overlaid(None)
+
+    @cached_property
+    def _default_array(self) -> FloatArray:
+        return ordered(self._defaults, self._statement.parameters)
+
+    def _checked(self, given: FloatArray) -> FloatArray:
+        plain = type(given) is np.ndarray and given.dtype is DOUBLE
+        array = given if plain else real_array(given, "parameters")
+        parameters = self._statement.parameters
+        if array.shape != (len(parameters),):
+            raise StatementError(
+                f"parameters has shape {array.shape}: give ({len(parameters)},), the values of "
+                f"{listing(p.name for p in parameters)} in this order, or a dict."
+            )
+        values = array.tolist()
+        if values and not (math.isfinite(sum(values)) and (min(values) >= 0.0 or self._may_be_negative(values))):
+            # What a dict may not say an array may not either.
+            self._overlaid(dict(zip(parameters, values, strict=True)))
+        return array
+
+    @cached_property
+    def _positive(self) -> list[int]:
+        """The parameters that may not be below zero."""
+        return [i for i, symbol in enumerate(self._statement.parameters) if symbol.is_nonnegative]
+
+    def _may_be_negative(self, values: list[float]) -> bool:
+        """Return whether no parameter is below zero that may not be."""
+        return all(values[i] >= 0.0 for i in self._positive)
