@@ -47,13 +47,3 @@ def extrapolate(rule: Callable[[Any], Sequence[Any]], scale: Any = 1) -> Estimat
     coarse, fine = rule(scale), rule(scale / 2)
     value = [(4 * f - c) / 3 for f, c in zip(fine, coarse, strict=True)]
     return Estimate(value, [abs(x - f) for x, f in zip(value, fine, strict=True)], list(coarse))
-
-
-def derivative(function: Callable[[Any], Sequence[Any]], step: Any) -> Estimate:
-    """Return df/dx at 0 with its error, from four evaluations with steps `step` and `step`/2."""
-    return extrapolate(lambda h: central(function, h), step)
-
-
-def mixed_derivative(function: Callable[[Any, Any], Sequence[Any]], step_x: Any, step_y: Any) -> Estimate:
-    """Return d2f/dx dy at (0, 0) with its error, from eight evaluations."""
-    return extrapolate(lambda s: central_mixed(function, s * step_x, s * step_y), step_x / step_x)

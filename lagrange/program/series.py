@@ -172,11 +172,6 @@ class SeriesProgram:
         """The values whose coefficient of the order before is read."""
         return lagged_values(self.rules)
 
-    @property
-    def convolutions(self) -> int:
-        """The number of sums over lower orders; see the function of this name."""
-        return convolutions(self.rules)
-
     def _needed(self, outputs: list[int]) -> list[int]:
         """Return what the outputs are computed from at the same order, arguments first."""
         marked = set(outputs)

@@ -1,4 +1,4 @@
-"""Small tables as plain text and as Markdown."""
+"""Small tables as plain text."""
 
 from __future__ import annotations
 
@@ -14,14 +14,6 @@ def text_table(headings: Sequence[str], rows: Sequence[Sequence[object]]) -> str
     return "\n".join([lines[0], "  ".join("-" * width for width in widths), *lines[1:]] if any(headings) else lines[1:])
 
 
-def markdown_table(headings: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """Return a Markdown table; vertical bars and line ends inside a cell are escaped."""
-    right = _numeric(rows, len(headings))
-    rule = ["---:" if flush else "---" for flush in right]
-    lines = [[*headings], rule, *([_escaped(str(cell)) for cell in row] for row in rows)]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
-
-
 def _line(cells: Sequence[str], widths: Sequence[int], right: Sequence[bool]) -> str:
     padded = zip(cells, widths, right, strict=True)
     return "  ".join(cell.rjust(width) if flush else cell.ljust(width) for cell, width, flush in padded).rstrip()
@@ -30,7 +22,3 @@ def _line(cells: Sequence[str], widths: Sequence[int], right: Sequence[bool]) ->
 def _numeric(rows: Sequence[Sequence[object]], columns: int) -> list[bool]:
     """Return which columns hold numbers only."""
     return [bool(rows) and all(isinstance(row[j], (int, float)) for row in rows) for j in range(columns)]
-
-
-def _escaped(text: str) -> str:
-    return text.replace("\\", "\\\\").replace("|", "\\|").replace("\n", " ")
