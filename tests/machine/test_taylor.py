@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-import pickle
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache, partial
@@ -19,9 +17,8 @@ from lagrange.compiler import machine
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.llvm.address import address
-from lagrange.machine.series import interpreted_driver, llvm_driver
+from lagrange.machine.series import llvm_driver
 from lagrange.machine.series.interpreted_driver import NumpySeries
-from lagrange.machine.series.interpreted_jet import Jet
 from lagrange.machine.series.llvm_driver import CompiledJet, LlvmSeries
 from lagrange.machine.series.packing import Packing, pack
 from lagrange.program.catalogue import program_of
@@ -314,31 +311,6 @@ def test_coordinates_are_integrated_from_their_rates(name: str, order: int) -> N
     for lanes_ in LANES:
         found = CompiledJet(pack(program, lanes_), order).rows(6, 0.25, state, 0.5, given)
         assert found == pytest.approx(expected, rel=1e-11, abs=1e-13)
-
-
-def test_what_depends_on_parameters_alone_is_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An array of parameters that is written over has other numbers, and is not the array that was asked for before."""
-    made = []
-
-    def counted(*args: Any) -> Jet:
-        made.append(args)
-        return Jet(*args)
-
-    monkeypatch.setattr(interpreted_driver, "Jet", counted)
-    statement, program = system("elastic pendulum")
-    values, state = np.array([statement.defaults[p] for p in statement.parameters]), np.array(statement.initial)
-    series, given = NumpySeries(program), values.copy()
-    rows = [series.rows(6, 0.0, state, 1.0, given) for _ in range(2)]
-    assert len(made) == 1
-    given *= 2.0
-    other = series.rows(6, 0.0, state, 1.0, given)
-    assert len(made) == 2
-    given[:] = 0.0
-    assert (series.rows(6, 0.0, state, 1.0, 2.0 * values) == other).all()
-    assert len(made) == 2
-    assert (rows[0] == rows[1]).all() and not (other == rows[0]).all()
-    assert copy.deepcopy(series) is series
-    assert (pickle.loads(pickle.dumps(series)).rows(6, 0.0, state, 1.0, values) == rows[0]).all()
 
 
 @pytest.mark.parametrize(

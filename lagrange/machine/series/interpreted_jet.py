@@ -56,7 +56,7 @@ class Jet:
                 self._fill(x, k, trial, scale)
                 rate = [x[k - 1, f] * scale / k if f is not None else 0 * y[0] for f in stage.right]
                 right = [r if p is None else r - x[k, p] for r, p in zip(rate, stage.left, strict=True)]
-                x[k, list(stage.unknowns)] = self._solve(matrix, right)
+                x[k, list(stage.unknowns)] = matrix.solve(right)
                 self._fill(x, k, found, scale)
         return x
 
@@ -66,27 +66,27 @@ class Jet:
         return self.arithmetic.evaluate(self.program.constants, zeros[0], zeros, self.parameters)
 
     @cached_property
-    def _constant(self) -> list[Numbers | None]:
+    def _constant(self) -> list[Eliminated | None]:
         """The matrix of each stage that has a constant one."""
         rest = iter(self._table[len(self.program.numbers) :])
-        return [None if stage.plan.moving else self._full(stage.plan, rest) for stage in self.program.stages]
+        return [None if stage.plan.moving else self._eliminated(stage.plan, rest) for stage in self.program.stages]
 
-    def _matrices(self, triangles: Sequence[Any]) -> list[Numbers]:
+    def _matrices(self, triangles: Sequence[Any]) -> list[Eliminated]:
         """Return the matrix of each stage."""
         rest, stages = iter(triangles), self.program.stages
         return [
-            self._full(stage.plan, rest) if known is None else known
+            self._eliminated(stage.plan, rest) if known is None else known
             for stage, known in zip(stages, self._constant, strict=True)
         ]
 
-    def _full(self, plan: SolvePlan, entries: Iterator[Any]) -> Numbers:
+    def _eliminated(self, plan: SolvePlan, entries: Iterator[Any]) -> Eliminated:
         """Return a matrix (n, n) from the lower triangles of its blocks. Raises SingularMassMatrix."""
         mass = np.full((plan.size, plan.size), self.arithmetic.number(0.0), dtype=self.arithmetic.dtype)
         for i, j in plan.triangle:
             mass[i, j] = mass[j, i] = next(entries)
         if mass.dtype == float:
             inverse(mass)  # refuses what is singular to the round-off of doubles
-        return mass
+        return Eliminated(mass)
 
     def _fill(self, x: Numbers, k: int, members: Sequence[int], scale: Any) -> None:
         """Enter the coefficients of order k of some values, in order."""
@@ -96,23 +96,39 @@ class Jet:
                 constants = [self._table[c] for c in rule.coefficients]
                 x[k, i] = COEFFICIENT[rule.op](_Place(x, k, i, rule.args, constants, scale))
 
-    def _solve(self, mass: Numbers, right: Sequence[Any]) -> Numbers:
-        """Return the solution of mass x = right by elimination with pivoting, in any arithmetic.
 
-        With many digits only a pivot of zero is singular; for doubles there is a stricter test before, and an entry
-        that is not finite is no verdict on the matrix.
-        """
-        a = np.concatenate([mass, np.array(right, dtype=mass.dtype)[:, None]], axis=1)
-        n, finite = len(right), mass.dtype != float or bool(np.isfinite(mass).all())
-        for j in range(n):
+class Eliminated:
+    """A matrix after elimination with pivoting, in any arithmetic: it solves for one right-hand side after another.
+
+    With many digits only a pivot of zero is singular; for doubles there is a stricter test before, and an entry that
+    is not finite is no verdict on the matrix.
+    """
+
+    def __init__(self, matrix: Numbers) -> None:
+        """Eliminate. Raises SingularMassMatrix."""
+        self._upper = a = matrix.copy()
+        self._rows: list[tuple[int, Numbers]] = []
+        finite = a.dtype != float or bool(np.isfinite(a).all())
+        for j in range(len(a)):
             pivot = j + int(np.argmax(np.abs(a[j:, j])))
             a[[j, pivot]] = a[[pivot, j]]
             if finite and not a[j, j]:
                 raise SingularMassMatrix
-            a[j + 1 :] -= np.outer(a[j + 1 :, j] / a[j, j], a[j])
+            factors = a[j + 1 :, j] / a[j, j]
+            a[j + 1 :] -= np.outer(factors, a[j])
+            self._rows.append((pivot, factors))
+
+    def solve(self, right: Sequence[Any]) -> Numbers:
+        """Return the solution for a right-hand side."""
+        n = len(right)
+        a = np.concatenate([self._upper, np.array(right, dtype=self._upper.dtype)[:, None]], axis=1)
+        x = a[:, n]
+        for j, (pivot, factors) in enumerate(self._rows):
+            x[[j, pivot]] = x[[pivot, j]]
+            x[j + 1 :] -= factors * x[j]
         for j in reversed(range(n)):
-            a[j, n] = (a[j, n] - a[j, j + 1 : n].dot(a[j + 1 :, n])) / a[j, j]
-        return a[:, n]
+            x[j] = (x[j] - a[j, j + 1 : n].dot(x[j + 1 :])) / a[j, j]
+        return x
 
 
 @dataclass(frozen=True, eq=False)
