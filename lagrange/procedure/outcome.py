@@ -6,10 +6,10 @@ import enum
 
 
 class Outcome(enum.IntEnum):
-    """Why a driver came back; BROKEN says that `DriverState.fault` knows.
+    """Why a driver returned. After BROKEN, `DriverState.fault` has the cause.
 
-    UNSCALED asks for a look at how large the entries of the state are: steps shrink, and floors that are too low, of
-    entries of which nothing is known or which are round-off, would shrink them to nothing. The run goes on as it is.
+    UNSCALED asks the caller to estimate the sizes of the entries: steps shrink, and floors that are too low, for
+    entries of unknown size or at round-off, would shrink them to nothing. The run can then be continued.
     """
 
     DONE = 0
