@@ -13,9 +13,9 @@ from lagrange.evidence.compare import LIMIT, Comparison, computed, computed_batc
 from lagrange.evidence.operations import BeyondDoubles, OutsideDomain
 from lagrange.evidence.precise import Precise
 from lagrange.evidence.quick import quick_check
-from lagrange.evidence.reference import DIGITS, Entries, Reference
+from lagrange.evidence.reference import DIGITS, Reference, ReferenceEntries
 from lagrange.evidence.report import Report
-from lagrange.evidence.sample import DRAWS_PER_KIND, KINDS, Point, Sampler
+from lagrange.evidence.sample import DRAWS_PER_KIND, SAMPLE_KINDS, Point, Sampler
 from lagrange.evidence.switches import all_ways, describe_way
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import acceleration_of
@@ -96,10 +96,10 @@ class _Session:
 
     def take(self, k: int) -> None:
         """Use one more point, going on until one lies inside the domain or patience ends."""
-        for attempt in range(DRAWS_PER_KIND * len(KINDS)):
+        for attempt in range(DRAWS_PER_KIND * len(SAMPLE_KINDS)):
             if self.costly > COSTLY_REFUSALS:
                 return
-            kind = KINDS[(k + attempt // DRAWS_PER_KIND) % len(KINDS)]
+            kind = SAMPLE_KINDS[(k + attempt // DRAWS_PER_KIND) % len(SAMPLE_KINDS)]
             if self._use(self.sampler.point(kind, attempt % DRAWS_PER_KIND)):
                 return
 
@@ -162,19 +162,19 @@ class _Session:
         start = len(self.used) * share
         return [(start + i) % width for i in range(share)]
 
-    def _compare(self, model: Model, point: Point, entries: Mapping[str, Entries], columns: list[int]) -> None:
+    def _compare(self, model: Model, point: Point, entries: Mapping[str, ReferenceEntries], columns: list[int]) -> None:
         for name, part in entries.items():
             row = QUANTITIES[name] if model is self.model else self._other_label()
             labels = entry_labels(name, self.statement.names, columns)
             self.comparison.add(row, labels, computed(model, name, point, columns), part)
 
-    def _compare_batch(self, point: Point, entries: Mapping[str, Entries], columns: list[int]) -> None:
+    def _compare_batch(self, point: Point, entries: Mapping[str, ReferenceEntries], columns: list[int]) -> None:
         for name, part in entries.items():
             labels = entry_labels(name, self.statement.names, columns)
             for many, single in computed_batch(self.model, name, point, columns):
                 self.comparison.add(BATCH, labels, many, part.around(single))
 
-    def _compare_textbook(self, tape: Precise, point: Point, part: Entries) -> None:
+    def _compare_textbook(self, tape: Precise, point: Point, part: ReferenceEntries) -> None:
         try:
             expected = tape(point.q, point.v, point.t, point.parameters)
         except OutsideDomain as reason:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import RunError
-from lagrange.evidence.reference import Entries
+from lagrange.evidence.reference import ReferenceEntries
 from lagrange.evidence.report import ReportRow
 from lagrange.evidence.sample import Point
 from lagrange.machine.model import Model
@@ -55,7 +55,7 @@ class Comparison:
         self._place = point.describe(self.names)
         self._number = number
 
-    def add(self, row: str, labels: Sequence[str], values: Sequence[float], part: Entries) -> None:
+    def add(self, row: str, labels: Sequence[str], values: Sequence[float], part: ReferenceEntries) -> None:
         """Compare values entry by entry."""
         tally = self._tallies[row]
         self._seen[row].add(self._number)

@@ -16,7 +16,7 @@ from typing import Any
 from lagrange.evidence.differences import Numbers, central, central_mixed
 from lagrange.evidence.operations import OutsideDomain
 
-Function = Callable[[Sequence[Any], Sequence[Any], Any], Any]
+StateFunction = Callable[[Sequence[Any], Sequence[Any], Any], Any]
 Nudge = Callable[[str, int], Any]
 
 
@@ -48,11 +48,11 @@ class Sources:
     the same for the same term, or differencing would blow the changes up.
     """
 
-    for_momenta: Function
-    for_forces: Function
-    for_mass: Function
-    forces: Function
-    dissipation: Function | None
+    for_momenta: StateFunction
+    for_forces: StateFunction
+    for_mass: StateFunction
+    forces: StateFunction
+    dissipation: StateFunction | None
     nudge: Nudge
 
 

@@ -25,7 +25,7 @@ from lagrange.evidence.laws import along
 from lagrange.evidence.operations import OutsideDomain
 from lagrange.evidence.precise import Precise
 from lagrange.evidence.reference import Reference
-from lagrange.evidence.sample import KINDS, Point, Sampler
+from lagrange.evidence.sample import SAMPLE_KINDS, Point, Sampler
 from lagrange.machine.model import Model
 from lagrange.statement.statement import Statement
 
@@ -35,7 +35,7 @@ PERTURBATION = 1e-15
 SUSPICIOUS = 1e-12
 """Residual, relative to its size, from which the accelerations are looked at one by one."""
 
-MOST_POINTS = 24
+MOST_DRAWS = 24
 """Random points to try before the initial state itself, which comes last: at rest and upright, terms vanish."""
 
 CONFIRMATIONS = 3
@@ -51,8 +51,8 @@ def quick_check(model: Model) -> None:
     probe = _Probe(model.statement)
     sampler = Sampler(model.statement, seed=0)
     confirmations = 0
-    for attempt in range(MOST_POINTS + 1):
-        point = sampler.initial() if attempt == MOST_POINTS else sampler.point(KINDS[(attempt + 1) % 4], attempt)
+    for attempt in range(MOST_DRAWS + 1):
+        point = sampler.initial() if attempt == MOST_DRAWS else sampler.point(SAMPLE_KINDS[(attempt + 1) % 4], attempt)
         a = _accelerations(model, point)
         if all(map(math.isfinite, a)) and not probe.suspects(point, a):
             return

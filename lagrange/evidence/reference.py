@@ -50,7 +50,7 @@ EXPONENT_LIMIT = 450
 
 
 @dataclass(frozen=True)
-class Entries:
+class ReferenceEntries:
     """One quantity's entries in a row: values, error bounds of the differencing, and sizes (see the module)."""
 
     value: Numbers
@@ -58,21 +58,21 @@ class Entries:
     size: Numbers
 
     @staticmethod
-    def exactly(values: Numbers) -> Entries:
+    def exactly(values: Numbers) -> ReferenceEntries:
         """Return entries that are known as they stand and take no rounding."""
-        return Entries(values, [0.0] * len(values), [abs(x) for x in values])
+        return ReferenceEntries(values, [0.0] * len(values), [abs(x) for x in values])
 
-    def part(self, start: int, length: int) -> Entries:
+    def part(self, start: int, length: int) -> ReferenceEntries:
         """Return `length` entries from `start` on."""
         where = slice(start, start + length)
-        return Entries(self.value[where], self.error[where], self.size[where])
+        return ReferenceEntries(self.value[where], self.error[where], self.size[where])
 
-    def __add__(self, other: Entries) -> Entries:
-        return Entries(self.value + other.value, self.error + other.error, self.size + other.size)
+    def __add__(self, other: ReferenceEntries) -> ReferenceEntries:
+        return ReferenceEntries(self.value + other.value, self.error + other.error, self.size + other.size)
 
-    def around(self, values: Sequence[Any]) -> Entries:
+    def around(self, values: Sequence[Any]) -> ReferenceEntries:
         """Return entries of the same sizes with other, exact values."""
-        return Entries(list(values), [0.0] * len(self.size), self.size)
+        return ReferenceEntries(list(values), [0.0] * len(self.size), self.size)
 
     def check_smooth(self) -> None:
         """Raise OutsideDomain if differencing did not converge: there is a kink or a jump within its steps."""
@@ -94,7 +94,7 @@ class Reference:
             for k in range(SAMPLES)
         ]
 
-    def at(self, point: Point, columns: Sequence[int]) -> dict[str, Entries]:
+    def at(self, point: Point, columns: Sequence[int]) -> dict[str, ReferenceEntries]:
         """Return lagrangian, momenta, forces, mass_matrix, bias, energy, accelerations, rhs and jacobian.
 
         mass_matrix has its rows one after another; jacobian has those columns of d rhs / d(q, v) that `columns`
@@ -118,7 +118,7 @@ class Reference:
             max(abs(estimate.value[i]), *(abs(sample[i] - coarse) / unit for sample in perturbed))
             for i, coarse in enumerate(estimate.coarse)
         ]
-        whole = Entries(estimate.value, estimate.error, sizes)
+        whole = ReferenceEntries(estimate.value, estimate.error, sizes)
         entries, start = {}, 0
         for name, length in lengths.items():
             entries[name] = whole.part(start, length)
@@ -127,7 +127,7 @@ class Reference:
         entries["jacobian"] = self._with_floor(entries["jacobian"], entries["accelerations"], point)
         return self._with_rates(entries, point, columns)
 
-    def _with_floor(self, slopes: Entries, accelerations: Entries, point: Point) -> Entries:
+    def _with_floor(self, slopes: ReferenceEntries, accelerations: ReferenceEntries, point: Point) -> ReferenceEntries:
         """Return the slopes of the accelerations with sizes of at least the accelerations' over the state's.
 
         Second derivatives of V may cancel where V and its gradient do not: V = sqrt(x**2 + 1) at x = 1e3 pulls with 1
@@ -137,16 +137,18 @@ class Reference:
         extent = max(1.0, *map(abs, (*point.q, *point.v)))
         n = len(accelerations.size)
         sizes = [max(size, accelerations.size[k % n] / extent) for k, size in enumerate(slopes.size)]
-        return Entries(slopes.value, slopes.error, sizes)
+        return ReferenceEntries(slopes.value, slopes.error, sizes)
 
-    def _with_rates(self, entries: dict[str, Entries], point: Point, columns: Sequence[int]) -> dict[str, Entries]:
+    def _with_rates(
+        self, entries: dict[str, ReferenceEntries], point: Point, columns: Sequence[int]
+    ) -> dict[str, ReferenceEntries]:
         """Return the entries with the upper halves of rhs and jacobian, which are v and (0 1), put in."""
         n = len(point.q)
-        velocities = Entries.exactly([self.number(x) for x in point.v])
+        velocities = ReferenceEntries.exactly([self.number(x) for x in point.v])
         slopes = entries.pop("jacobian")
-        jacobian = Entries([], [], [])
+        jacobian = ReferenceEntries([], [], [])
         for k, j in enumerate(columns):
-            upper = Entries.exactly([self.number(j == n + i) for i in range(n)])
+            upper = ReferenceEntries.exactly([self.number(j == n + i) for i in range(n)])
             jacobian = jacobian + upper + slopes.part(k * n, n)
         return {**entries, "rhs": velocities + entries["accelerations"], "jacobian": jacobian}
 
@@ -179,7 +181,7 @@ class Reference:
                 factors[name, index] = 1 + self.number(PERTURBATION) * draw.choice((-1, 1)) * draw.uniform(0.5, 1.0)
             return factors[name, index]
 
-        def noisy(tape: Precise, plain: Precise) -> laws.Function:
+        def noisy(tape: Precise, plain: Precise) -> laws.StateFunction:
             # What differencing makes of the rounding of L itself must not pass for an entry: where an entry is zero
             # by structure it is all there is. Noise ten times as large lifts the size above it, and never by nothing.
             exact, off = (f(point.q, point.v, point.t, parameters)[-1] for f in (plain, tape))
@@ -195,16 +197,16 @@ class Reference:
     def _plain(self, point: Point) -> Sources:
         parameters = self._parameters(point)
 
-        def exact(tape: Precise) -> laws.Function:
+        def exact(tape: Precise) -> laws.StateFunction:
             return lambda q, v, t: tape(q, v, t, parameters)[-1]
 
         return self._sources([exact(self.lagrangian)] * 3, self.loads, exact(self.loads), parameters, laws.exactly)
 
     def _sources(
         self,
-        energies: Sequence[laws.Function],
+        energies: Sequence[laws.StateFunction],
         loads: Precise,
-        dissipation: laws.Function,
+        dissipation: laws.StateFunction,
         parameters: Mapping[Any, Any],
         nudge: laws.Nudge,
     ) -> Sources:

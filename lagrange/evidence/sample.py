@@ -29,7 +29,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Kind:
+class SampleKind:
     """How points are chosen: states near the initial one or of order one, parameters how far from their defaults."""
 
     name: str
@@ -37,12 +37,12 @@ class Kind:
     parameters: str
 
 
-KINDS = (
-    Kind("near the initial state", "initial", "default"),
-    Kind("everything of order one", "order one", "order one"),
-    Kind("of order one, parameters near their defaults", "order one", "near default"),
-    Kind("near the initial state, parameters near their defaults", "initial", "near default"),
-    Kind("everything of order one", "order one", "order one"),
+SAMPLE_KINDS = (
+    SampleKind("near the initial state", "initial", "default"),
+    SampleKind("everything of order one", "order one", "order one"),
+    SampleKind("of order one, parameters near their defaults", "order one", "near default"),
+    SampleKind("near the initial state, parameters near their defaults", "initial", "near default"),
+    SampleKind("everything of order one", "order one", "order one"),
 )
 """Taken in turn. Near the initial state the numbers are those that matter; with everything of order one no term
 hides behind another 20 orders of magnitude larger, as one body's does behind the sun's in real units; parameters off
@@ -61,7 +61,7 @@ class Sampler:
         n = len(statement.coordinates)
         self._initial = (statement.initial[:n], statement.initial[n:])
 
-    def point(self, kind: Kind, attempt: int = 0) -> Point:
+    def point(self, kind: SampleKind, attempt: int = 0) -> Point:
         """Return a point; the more attempts have failed, the nearer to the initial state it is."""
         near = kind.state == "initial"
         if near:

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lagrange.errors import StatementError
 from lagrange.machine.steps.numbers import numbers_of
-from lagrange.program.actions import LAWS, Call, Combination, Solve
+from lagrange.program.actions import LAWS, Combination, LawCall, Solve
 from lagrange.program.step import StepProgram
 from lagrange.statement.number import complex_array
 from lagrange.trajectory.methods.registry import find
@@ -72,7 +72,7 @@ class _Map:
     def whole(self) -> FloatArray:
         """Return the matrix of the step (Z, m, m); with memory, the state that it starts from comes second."""
         for action in self.step.actions:
-            if isinstance(action, Call):
+            if isinstance(action, LawCall):
                 self.call(action)
             elif isinstance(action, Solve):
                 self.solve(action)
@@ -86,7 +86,7 @@ class _Map:
         zero = np.zeros((len(self.k), self.length, self.vectors[0].shape[2]))
         return sum((self.numbers[c] * self.vectors[i] for i, c in combination), zero)
 
-    def call(self, call: Call) -> None:
+    def call(self, call: LawCall) -> None:
         """Evaluate the law."""
         k, c = self.k[:, None], self.c[:, None]
         arguments = [self.combined(argument) for argument in call.arguments]

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from lagrange.graph.node import Node
 
-Rule = Callable[..., "Node"]
+PartialRule = Callable[..., "Node"]
 
 
 @dataclass(frozen=True)
@@ -27,11 +27,11 @@ class Function:
 
     name: str
     arity: int | None
-    partials: tuple[Rule, ...] = ()
-    first: Rule | None = None
+    partials: tuple[PartialRule, ...] = ()
+    first: PartialRule | None = None
 
 
-def _apply(name: str) -> Rule:
+def _apply(name: str) -> PartialRule:
     return lambda *args: args[0].graph.call(name, *args)
 
 

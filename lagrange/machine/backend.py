@@ -132,7 +132,7 @@ class Machine(Protocol):
 
 
 @runtime_checkable
-class Made(Protocol):
+class KernelProvider(Protocol):
     """What makes the kernels of a model, on a machine, from its equations."""
 
     @property

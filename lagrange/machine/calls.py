@@ -51,7 +51,7 @@ def nothing(*_: Any) -> None:
     """Return None: the caller takes the other way."""
 
 
-FEW = 64
+FEW_ENTRIES = 64
 """Up to so many entries Python adds them in less time than NumPy takes for two calls, 1 us."""
 
 
@@ -60,7 +60,7 @@ def surely_finite(array: FloatArray) -> bool:
 
     NumPy is not asked for a sum: it warns of one that overflows, and what is public passes no warning on.
     """
-    if array.size <= FEW:
+    if array.size <= FEW_ENTRIES:
         return math.isfinite(sum(array.ravel().tolist()))
     return bool(np.isfinite(array).all())
 

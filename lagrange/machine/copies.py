@@ -20,14 +20,14 @@ class Shared:
         return self
 
 
-class ArrivedKernel(Shared):
+class UnpickledKernel(Shared):
     """A kernel that came out of a pickle: its program, compiled when it is first used."""
 
     def __init__(self, load: Callable[[Program], Kernel], program: Program) -> None:
         self._load, self.program = load, program
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return ArrivedKernel, (self._load, self.program)
+        return UnpickledKernel, (self._load, self.program)
 
     @cached_property
     def _kernel(self) -> Kernel:

@@ -15,7 +15,7 @@ from lagrange.equations.euler_lagrange import Equations
 from lagrange.errors import RunError, StatementError, listing, shown
 from lagrange.graph.branches import either, read_when, where_read
 from lagrange.graph.node import Binding, Kind, Node, reachable
-from lagrange.machine.backend import FloatArray, Kernel, Machine, Made, Series, SingularMassMatrix
+from lagrange.machine.backend import FloatArray, Kernel, KernelProvider, Machine, Series, SingularMassMatrix
 from lagrange.machine.calls import Quick, one_state, scalar, surely_finite
 from lagrange.machine.kernel.python_kernel import PythonKernel
 from lagrange.machine.parameters import Parameters, ParameterValues
@@ -49,8 +49,10 @@ class Model:
     and RunError where the mass matrix is singular.
     """
 
-    def __init__(self, statement: Statement, equations: Equations, made: Made) -> None:
-        if not (isinstance(statement, Statement) and isinstance(equations, Equations) and isinstance(made, Made)):
+    def __init__(self, statement: Statement, equations: Equations, made: KernelProvider) -> None:
+        if not (
+            isinstance(statement, Statement) and isinstance(equations, Equations) and isinstance(made, KernelProvider)
+        ):
             raise StatementError(f"a model is made by system.compile(), not of {shown(statement)} alone.")
         self.statement = statement
         self.equations = equations

@@ -15,7 +15,7 @@ from lagrange.machine.state import DriverState, Outcome
 from lagrange.procedure.form import Procedure
 from lagrange.procedure.step.run import COUNTS, RUN
 
-NOTHING = memoryview(array("d"))
+EMPTY = memoryview(array("d"))
 """The place of an array that is not used."""
 
 Records = tuple[Any, Any]
@@ -36,7 +36,7 @@ def advance(
     y = work[: len(state.y)]
     y[:] = state.y
     records = RUN.structure.from_buffer(state.floats), COUNTS.structure.from_buffer(state.integers)
-    recorded = (times.data, rows.reshape(-1).data) if state.count(DriverState.RECORD) else (NOTHING, NOTHING)
+    recorded = (times.data, rows.reshape(-1).data) if state.count(DriverState.RECORD) else (EMPTY, EMPTY)
     try:
         with np.errstate(all="ignore"):
             return Outcome(steps(records, recorded))

@@ -90,7 +90,7 @@ ATOM = 10
 INDICES = ("i", "j", "k", "l", "i5", "i6", "i7", "i8")
 """What the indices of loops are called, from the outermost on."""
 
-LONGEST = 60
+LONGEST_VALUE = 60
 """A value of so many characters gets a name."""
 
 
@@ -249,7 +249,7 @@ class _Printer:
 
     def made(self, ref: int, level: int, text: str) -> None:
         """Keep a value for the place where it is used, or print it here: where it has a name, or is used more."""
-        if self.uses.get(ref, 0) == 1 and len(text) < LONGEST and ref not in self.procedure.names:
+        if self.uses.get(ref, 0) == 1 and len(text) < LONGEST_VALUE and ref not in self.procedure.names:
             self.texts[ref], self.waiting[ref] = (level, text), None
         elif ref in self.uses:
             self.lines.append("    " * self.depth + f"{self.name(ref)} = {text}")
@@ -282,7 +282,7 @@ class _Printer:
             case Loop(place=index, start=start, stop=stop, step=step, body=body):
                 places = [self.text(start), self.text(stop), *([str(step)] if step != 1 else [])]
                 shown = places if places[0] != "0" or step != 1 else places[1:]
-                self.turns(index, ", ".join(shown), body)
+                self.iterations(index, ", ".join(shown), body)
             case Repeat(test=test, condition=condition, body=body):
                 self.repeat(test, condition)
                 self.inside(body)
@@ -303,7 +303,7 @@ class _Printer:
         head = "while True:" if len(self.lines) > before else f"while {self.text(condition)}:"
         self.lines.insert(before, "    " * self.depth + head)
 
-    def turns(self, index: int, places: str, body: Block) -> None:
+    def iterations(self, index: int, places: str, body: Block) -> None:
         """Print a loop over places."""
         self.texts[index] = ATOM, INDICES[self.loops]
         self.write(f"for {INDICES[self.loops]} in range({places}):")
@@ -315,7 +315,7 @@ class _Printer:
         for fold in each.folds:
             start = {"add": f"[0.0] * {PARTIAL}", "dot": f"[0.0] * {PARTIAL}", "magnitude": "0.0"}.get(fold.op, "-inf")
             self.write(f"{self.name(fold.ref)} = {start}")
-        self.turns(each.place, self.text(each.turns), each.body)
+        self.iterations(each.place, self.text(each.iterations), each.body)
         self.depth += 1
         for fold in each.folds:
             self.write(self.folded(fold, self.text(each.place)))
@@ -365,7 +365,7 @@ def _uses(block: Block) -> dict[int, int]:
                 use([one])
             case Loop(start=start, stop=stop):
                 use([start, stop])
-            case Each(turns=count, folds=folds):
+            case Each(iterations=count, folds=folds):
                 use([count, *(ref for fold in folds for ref in (fold.value, fold.factor) if ref is not None)])
             case Repeat(condition=condition):
                 use([condition])

@@ -14,9 +14,9 @@ from lagrange.procedure.outcome import Outcome
 from lagrange.procedure.step.run import COUNTS, RUN
 from lagrange.procedure.taylor.memory import OUTPUTS, TAYLOR
 
-__all__ = ["OUTCOMES", "WIDEST", "DriverState", "Outcome", "Outputs"]
+__all__ = ["MOST_LANES", "OUTCOMES", "DriverState", "Outcome", "Outputs"]
 
-WIDEST = 8
+MOST_LANES = 8
 """The entries of the state that a machine handles at once, at most."""
 
 OUTCOMES = tuple(Outcome)
@@ -31,7 +31,7 @@ class Outputs:
 
     def __init__(self, times: NDArray[np.float64], dimension: int) -> None:
         self.times = np.append(times, math.nan)
-        self.states = np.zeros((len(self.times) + WIDEST, dimension))
+        self.states = np.zeros((len(self.times) + MOST_LANES, dimension))
         self.record: Any = OUTPUTS.structure()
 
     def write(self, end: float, direction: float, path: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> None:
@@ -98,7 +98,7 @@ class DriverState:
 
         `atol` is the floor of every entry to begin with.
         """
-        self.reals = np.zeros(self.FLOORS + whole_blocks(len(y), WIDEST))
+        self.reals = np.zeros(self.FLOORS + whole_blocks(len(y), MOST_LANES))
         self.reals[self.FLOORS :] = 1.0
         self.floors = self.reals[self.FLOORS : self.FLOORS + len(y)]
         self.floors[:] = atol

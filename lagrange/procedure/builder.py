@@ -49,19 +49,19 @@ from lagrange.procedure.verify import verify
 
 
 class Folded:
-    """What an `each` adds up or compares: its value is there behind the loop."""
+    """The result of a reduction in an `each`: its value is known behind the loop."""
 
     def __init__(self, builder: Builder, ref: int) -> None:
         self._builder, self._ref = builder, ref
 
     @property
     def value(self) -> Real:
-        """The number of all turns."""
+        """The result of all iterations."""
         return Real(self._builder, self._ref)
 
 
-class Function:
-    """A function that the caller gives, called as in Python, or handed on."""
+class GivenFunction:
+    """A function that the caller gives: called as in Python, or passed on."""
 
     def __init__(self, builder: Builder, ref: int, callee: Callee) -> None:
         self._builder, self.ref, self._callee = builder, ref, callee
@@ -72,7 +72,7 @@ class Function:
 
 
 class Branches:
-    """A condition that has been decided once, and the other way that it may go."""
+    """A condition that has been evaluated, with its second branch."""
 
     def __init__(self, builder: Builder, place: int) -> None:
         self._builder, self._place = builder, place
@@ -106,24 +106,24 @@ class Builder:
     # --- parameters
 
     def given(self, name: str, kind: Kind | Array) -> Any:
-        """Return a number, or an array, that the caller gives."""
+        """Return a number that is a parameter."""
         ref = self._parameter(name, kind)
         return Memory(self, ref, kind) if isinstance(kind, Array) else VALUES[kind](self, ref)
 
     def array(
         self, name: str, kind: Kind = REAL, *, size: int | None = None, read: bool = False, room: int = 1
     ) -> Memory:
-        """Return an array that the caller gives; see `Array`."""
+        """Return an array that is a parameter; see `Array`."""
         found: Memory = self.given(name, Array(kind, size, read, room))
         return found
 
     def record(self, name: str, record: Record) -> Any:
-        """Return a record that the caller gives."""
+        """Return a record that is a parameter."""
         return Fields(self, self._parameter(name, record), record)
 
-    def function(self, name: str, callee: Callee) -> Function:
-        """Return a function that the caller gives."""
-        return Function(self, self._parameter(name, callee), callee)
+    def function(self, name: str, callee: Callee) -> GivenFunction:
+        """Return a function that is a parameter."""
+        return GivenFunction(self, self._parameter(name, callee), callee)
 
     def _parameter(self, name: str, kind: Kind | Array | Record | Callee) -> int:
         if self.current:
@@ -135,7 +135,7 @@ class Builder:
     # --- values
 
     def operation(self, op: str, *args: Any) -> Any:
-        """Return an operation on values and numbers; numbers are of the kind of the values beside them."""
+        """Return an operation on values and Python numbers; the numbers take the kind of the values."""
         kinds = [arg.kind for arg in args if isinstance(arg, Value)]
         kind = next((k for k in kinds if k is not FLAG), REAL)
         found = [arg if isinstance(arg, Value) else self.constant(arg, kind) for arg in args]
@@ -147,7 +147,7 @@ class Builder:
         return self.made(result, lambda ref: Let(ref, result, op, refs))
 
     def constant(self, value: Any, kind: Kind) -> Any:
-        """Return a number of Python as a value."""
+        """Return a Python number as a value."""
         if isinstance(value, bool) != (kind is FLAG) or (kind is WHOLE and not isinstance(value, int)):
             raise LagrangeError(f"procedure {self.name}: {value!r} is no {kind}.")
         data: float | int | bool = float(value) if kind is REAL else value if kind is FLAG else int(value)
@@ -169,7 +169,7 @@ class Builder:
         return Flag.of(self.constant(value=False, kind=FLAG))
 
     def operand(self, value: Any, kind: Kind) -> int:
-        """Return the number of a value, which is of a kind."""
+        """Return the number of a value; refuse another kind."""
         found: Value = value if isinstance(value, Value) else self.constant(value, kind)
         if found.kind is not kind:
             raise LagrangeError(f"procedure {self.name}: a {found.kind} stands where a {kind} belongs.")
@@ -233,7 +233,7 @@ class Builder:
         return Variable(self, ref, kind)
 
     def reserve(self, size: int, kind: Kind = REAL, *, room: int = 1, name: str = "") -> Memory:
-        """Return an array of the procedure's own, with undefined values."""
+        """Return a local array with undefined values."""
         array, ref = Array(kind, size, room=room), self._fresh()
         self.add(Reserve(ref, array))
         if name:
@@ -241,7 +241,7 @@ class Builder:
         return Memory(self, ref, array)
 
     def part(self, memory: Memory, start: Any) -> Memory:
-        """Return an array from a place on."""
+        """Return the part of an array from an index on."""
         place, ref = self.operand(start, WHOLE), self._fresh()
         self.add(Part(ref, memory.ref, place))
         return Memory(self, ref, Array(memory.array.kind, None, memory.array.read, memory.array.room))
@@ -292,7 +292,7 @@ class Builder:
 
     @contextmanager
     def repeat(self, test: Callable[[], Flag]) -> Iterator[None]:
-        """Run the body as long as the test, which is built here, holds before it."""
+        """Run the body while the test, which is built here, holds; it is evaluated before each iteration."""
         with self.block() as asked:
             condition = test().ref
         with self.block() as body:
@@ -301,7 +301,7 @@ class Builder:
 
     @contextmanager
     def each(self, count: Any, *, width: int = PARTIAL, spill: bool = False, unrolled: bool = False) -> Iterator[Whole]:
-        """Run the body for each index below `count`, in any order; `sum` and `largest` may stand in it. See `Each`."""
+        """Run the body for each index below `count`, in any order. It may use `sum` and `largest`; see `Each`."""
         number = self.operand(count, WHOLE)
         index, outside, self._folds = self._fresh(), self._folds, []
         if outside is not None:
@@ -312,19 +312,19 @@ class Builder:
         self._folds = None
 
     def sum(self, value: Real) -> Folded:
-        """Return the sum of a value over the turns of the `each` around it; see `Fold`."""
+        """Return the sum of a value over the iterations of the enclosing `each`; see `Fold`."""
         return self._fold("add", value)
 
     def dot(self, a: Real, b: Real) -> Folded:
-        """Return the sum of a product over the turns of the `each` around it; see `Fold`."""
+        """Return the sum of a product over the iterations of the enclosing `each`; see `Fold`."""
         return self._fold("dot", a, self.operand(b, REAL))
 
     def largest(self, value: Real, *, numbers: bool = False) -> Folded:
-        """Return the largest value over the turns of the `each` around it; of the `numbers` alone, or NaN if any is."""
+        """Return the largest value over the enclosing `each`, NaN if any is; with `numbers`, NaN values are ignored."""
         return self._fold("most" if numbers else "max", value)
 
     def largest_magnitude(self, value: Real) -> Folded:
-        """Return the largest |value| over the turns of the `each` around it, NaN if any is, and 0 without turns."""
+        """Return the largest |value| over the enclosing `each`: NaN if any is, and 0 without iterations."""
         return self._fold("magnitude", value)
 
     def _fold(self, op: str, value: Real, factor: int | None = None) -> Folded:
@@ -334,11 +334,11 @@ class Builder:
         return Folded(self, self._folds[-1].ref)
 
     def call(self, callee: Procedure, *args: Any) -> Any:
-        """Return what another procedure gives: nothing, a value, or a tuple of values."""
+        """Return the results of another procedure: None, a value or a tuple of values."""
         return self._call(callee, callee.results, tuple(one.type for one in callee.parameters), args)
 
     def call_given(self, ref: int, callee: Callee, args: Any) -> Any:
-        """Return what a function that the caller gives returns."""
+        """Return the results of a function that is a parameter."""
         return self._call(ref, callee.results, callee.parameters, args)
 
     def _call(self, callee: Procedure | int, results: tuple[Kind, ...], types: tuple[Any, ...], args: Any) -> Any:
@@ -354,7 +354,7 @@ class Builder:
         return values[0] if len(values) == 1 else values or None
 
     def leave(self, *values: Any) -> None:
-        """End the procedure with its results. Numbers of Python are wholes where they are integers."""
+        """Return from the procedure with results. Python integers are wholes."""
         self.add(Leave(tuple(self.operand(value, _kind_of(value)) for value in values)))
 
     def leave_if(self, condition: Flag, *values: Any, likely: bool | None = None) -> None:
@@ -363,7 +363,7 @@ class Builder:
             self.leave(*values)
 
     def note(self, text: str) -> None:
-        """Add a comment that printers keep."""
+        """Add a comment, which printers keep."""
         self.add(Note(text))
 
     def add(self, statement: Statement) -> None:

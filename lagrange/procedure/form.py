@@ -1,11 +1,11 @@
 """The form of a procedure: typed values, memory and control flow, in no language.
 
-A procedure is a block of statements. Values are numbered and assigned once; what changes is a variable, an array or a
-field of a record. There are three kinds of value, no pointers, no recursion and no exceptions: a procedure that fails
-returns a status. So the form prints as LLVM, C or Python, and `interpreter` runs it as it stands.
+A procedure is a block of statements. Values are numbered and assigned once; variables, arrays and fields of records can
+change. There are three kinds of value, no pointers, no recursion and no exceptions: a procedure that fails returns a
+status. So the form can be printed as LLVM, C or Python, and `interpreter` runs it directly.
 
     reals      doubles; a printer may give them lanes, and then flags are masks
-    wholes     64-bit signed integers: counts and places
+    wholes     64-bit signed integers: counts and indices
     flags      true or false
 """
 
@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 
 class Kind(enum.StrEnum):
-    """What a value is."""
+    """The type of a value."""
 
     REAL = "real"
     WHOLE = "whole"
@@ -75,13 +75,13 @@ _RESULTS = {(op, taken): result for op, signatures in OPERATIONS.items() for tak
 
 
 def result_kind(op: str, kinds: tuple[Kind, ...]) -> Kind | None:
-    """Return what an operation gives for operands of some kinds, or None where it does not take them."""
+    """Return the kind of an operation's result for operand kinds, or None if it does not take them."""
     return _RESULTS.get((op, kinds))
 
 
 @dataclass(frozen=True)
 class Record:
-    """Named numbers that live across calls, each in eight bytes: what one part of an algorithm keeps."""
+    """Named numbers that persist across calls, eight bytes each: the state of one part of an algorithm."""
 
     name: str
     fields: tuple[tuple[str, Kind], ...]
@@ -102,17 +102,17 @@ class Record:
 
     @cached_property
     def structure(self) -> type[ctypes.Structure]:
-        """The record in memory: Python sets its fields as attributes, and machine code takes its address."""
+        """The record in memory: Python sets its fields as attributes, and machine code uses its address."""
         types: dict[Kind, Any] = {REAL: ctypes.c_double, WHOLE: ctypes.c_int64}
         return type(self.name, (ctypes.Structure,), {"_fields_": [(n, types[kind]) for n, kind in self.fields]})
 
 
 @dataclass(frozen=True)
 class Array:
-    """Memory for values of one kind; `size` is how many there are, or None where the caller decides.
+    """Memory for values of one kind; `size` is their number, or None if the caller decides.
 
-    Memory is only `read`, or written as well. Arrays of one call do not overlap. With `room`, whole blocks of that many
-    values may be read and written, the last one beyond `size`.
+    An array is `read` only, or written as well. The arrays of one call do not overlap. With `room`, whole blocks of
+    that many values may be read and written, the last one beyond `size`.
     """
 
     kind: Kind = REAL
@@ -123,10 +123,10 @@ class Array:
 
 @dataclass(frozen=True)
 class Callee:
-    """The type of a function that a procedure is given: kinds of its numbers and arrays, and of its results.
+    """The type of a function that is a parameter: kinds of its numbers and arrays, and of its results.
 
-    In Python it returns nothing, a value or a tuple of values. In machine code a flag is C's int, and several results
-    come back in registers.
+    In Python it returns None, a value or a tuple of values. In machine code a flag is C's int, and several results are
+    returned in registers.
     """
 
     parameters: tuple[Kind | Array, ...]
@@ -145,7 +145,7 @@ class Parameter(NamedTuple):
 
 
 class Let(NamedTuple):
-    """A value by an operation on earlier ones. It has a `name` where the algorithm gives it one."""
+    """The result of an operation on earlier values. It has a `name` if the algorithm gives it one."""
 
     ref: int
     kind: Kind
@@ -155,14 +155,14 @@ class Let(NamedTuple):
 
 
 class Reserve(NamedTuple):
-    """An array of the procedure's own, with undefined values, for the time of a call."""
+    """A local array with undefined values, for the duration of a call."""
 
     ref: int
     array: Array
 
 
 class Part(NamedTuple):
-    """An array from one of its places on."""
+    """The part of an array from an index on."""
 
     ref: int
     array: int
@@ -170,7 +170,7 @@ class Part(NamedTuple):
 
 
 class Load(NamedTuple):
-    """A value of an array."""
+    """An element of an array."""
 
     ref: int
     kind: Kind
@@ -179,7 +179,7 @@ class Load(NamedTuple):
 
 
 class Store(NamedTuple):
-    """A value put into an array."""
+    """Write an element of an array."""
 
     array: int
     place: int
@@ -187,7 +187,7 @@ class Store(NamedTuple):
 
 
 class Read(NamedTuple):
-    """A field of a record."""
+    """Read a field of a record."""
 
     ref: int
     kind: Kind
@@ -196,7 +196,7 @@ class Read(NamedTuple):
 
 
 class Write(NamedTuple):
-    """A value put into a field of a record."""
+    """Write a field of a record."""
 
     record: int
     field: str
@@ -204,7 +204,7 @@ class Write(NamedTuple):
 
 
 class Declare(NamedTuple):
-    """A variable of the procedure with its first value."""
+    """Declare a variable with its first value."""
 
     ref: int
     kind: Kind
@@ -212,7 +212,7 @@ class Declare(NamedTuple):
 
 
 class Get(NamedTuple):
-    """The present value of a variable."""
+    """Read a variable."""
 
     ref: int
     kind: Kind
@@ -220,14 +220,14 @@ class Get(NamedTuple):
 
 
 class Set(NamedTuple):
-    """Another value for a variable."""
+    """Set a variable."""
 
     variable: int
     value: int
 
 
 class When(NamedTuple):
-    """Statements under a condition, and others where it does not hold; `likely` is what a back end may assume."""
+    """Two branches under a condition; `likely` says which one a back end may assume."""
 
     condition: int
     then: Block
@@ -236,7 +236,7 @@ class When(NamedTuple):
 
 
 class Loop(NamedTuple):
-    """Statements for a place from `start` while below `stop`."""
+    """A loop over an index from `start` while it is below `stop`."""
 
     place: int
     start: int
@@ -246,7 +246,7 @@ class Loop(NamedTuple):
 
 
 class Repeat(NamedTuple):
-    """Statements as long as a condition, computed before each turn, holds."""
+    """Statements that are repeated while a condition, computed before each iteration, holds."""
 
     test: Block
     condition: int
@@ -257,17 +257,16 @@ PARTIAL = 4
 """How many partial sums a `Fold` has."""
 
 SUMS, WIDTHS = ("add", "dot"), (1, 2, 4, 8)
-"""The folds that add up, while others take the largest; and how many turns of an `Each` may be taken at once."""
+"""The reductions that are sums; and how many iterations of an `Each` may be computed at once."""
 
 
 class Fold(NamedTuple):
-    """One number of the values that the turns of an `Each` give, by `add`, `dot`, `max`, `most` or `magnitude`.
+    """A reduction over the iterations of an `Each`: `add`, `dot`, `max`, `most` or `magnitude`.
 
-    The largest is NaN if any value is, but with `most`, which leaves out what is NaN. Without turns it is -infinity,
-    and the largest `magnitude`, |value|, is 0.
-
-    A sum adds value i to partial sum i mod 4, and in the end partial sums 0 and 1, 2 and 3, and both: so it is the same
-    with blocks of four and without. `dot` adds the product of two values in the same way, each rounded once.
+    `max` is NaN if any value is; `most` ignores NaN. Without iterations both are -infinity, and `magnitude`, the
+    largest |value|, is 0. A sum adds value i to partial sum i mod 4; at the end partial sums 0 and 1, 2 and 3, and then
+    both are added, so the result is the same with blocks of four and without. `dot` adds products of two values, each
+    rounded once.
     """
 
     ref: int
@@ -278,16 +277,17 @@ class Fold(NamedTuple):
 
 
 class Each(NamedTuple):
-    """Statements for each place from 0 to `turns`, in any order or at once.
+    """A loop over indices from 0 to `iterations`, in any order or at once.
 
-    Arrays are read and written at the place itself, or read at a place that no turn writes. Turns have variables
-    of their own and loops with as many turns for each; nothing is called or decided inside. A printer may take up to
-    `width` turns at a time, one of `WIDTHS`, and four where something is added up. What an array has beyond `turns` is
-    left as it is, but with `spill`, or beyond its size. With `unrolled` all turns are written out.
+    Arrays are read and written at the index itself, or read at an index that no iteration writes. An iteration may have
+    local variables, and loops with the same count in every iteration; it calls nothing and has no branches. A printer
+    may compute up to `width` iterations at a time, one of `WIDTHS`, and four if there is a sum. What an array has
+    beyond `iterations` is unchanged, except with `spill` or beyond its size. With `unrolled` all iterations are written
+    out.
     """
 
     place: int
-    turns: int
+    iterations: int
     body: Block
     folds: tuple[Fold, ...] = ()
     width: int = PARTIAL
@@ -296,7 +296,7 @@ class Each(NamedTuple):
 
 
 class Call(NamedTuple):
-    """Results of another procedure, or of a function that this one was given, by its number."""
+    """Call another procedure, or a function that is a parameter, by its number."""
 
     refs: tuple[int, ...]
     callee: Procedure | int
@@ -304,13 +304,13 @@ class Call(NamedTuple):
 
 
 class Leave(NamedTuple):
-    """The end of the procedure, with its results."""
+    """Return from the procedure with its results."""
 
     values: tuple[int, ...]
 
 
 class Note(NamedTuple):
-    """A comment that printers keep."""
+    """A comment, which printers keep."""
 
     text: str
 
@@ -339,9 +339,9 @@ Block = tuple[Statement, ...]
 
 @dataclass(frozen=True, eq=False)
 class Procedure:
-    """A checked algorithm: `about` says in a sentence what it does, and `names` how it calls some of its values.
+    """A checked algorithm: `about` describes it in a sentence, and `names` has the names of some of its values.
 
-    One that stands `apart` runs seldom, or is called from several places: no printer merges it into its callers.
+    A procedure that stands `apart` runs rarely, or has several callers: no printer inlines it.
     """
 
     name: str
@@ -354,7 +354,7 @@ class Procedure:
 
     @cached_property
     def callees(self) -> tuple[Procedure, ...]:
-        """The procedures that it calls, and those that they call, each once and before its callers."""
+        """The procedures that it calls, directly or not, each once and before its callers."""
         found: dict[Procedure, None] = {}
         for call in calls(self.body):
             if isinstance(call.callee, Procedure):

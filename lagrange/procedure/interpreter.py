@@ -150,7 +150,7 @@ def _repeat(repeat: Repeat, known: Environment) -> Results | None:
 
 def _each(each: Each, known: Environment) -> None:
     values: list[list[tuple[float, ...]]] = [[] for _ in each.folds]
-    for index in range(known[each.turns]):
+    for index in range(known[each.iterations]):
         known[each.place] = index
         _block(each.body, known)
         for fold, collected in zip(each.folds, values, strict=True):

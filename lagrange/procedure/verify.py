@@ -1,4 +1,4 @@
-"""Check a procedure: every operand is there and of its kind, and every way through it ends with the results."""
+"""Check a procedure: every operand is defined and of its kind, and every path ends with the results."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ from lagrange.procedure.form import (
     result_kind,
 )
 
-IN_TURNS = (Let, Load, Store, Part, Declare, Get, Set, Loop, Note)
-"""What may stand in a turn of an `each`: loops as well, of as many turns for each, and variables of its own."""
+IN_ITERATIONS = (Let, Load, Store, Part, Declare, Get, Set, Loop, Note)
+"""Statements that an iteration of an `each` may have. Its loops have the same count in every iteration."""
 
 
 def verify(procedure: Procedure) -> None:
@@ -63,9 +63,9 @@ class _Check:
         self.each: int | None = None
         self.constants: set[int] = set()
         self.places: set[int] = set()
-        """What turns of an `each` make of their index: to be compared, and no place of an array."""
+        """Values computed from the index of an `each`: they may be compared, but not index an array."""
         self.own: set[int] = set()
-        """The variables that turns of the present `each` have declared."""
+        """The variables declared inside the present `each`."""
 
     def run(self) -> None:
         names = [parameter.name for parameter in self.procedure.parameters]
@@ -111,13 +111,13 @@ class _Check:
 
     @contextmanager
     def scope(self) -> Iterator[None]:
-        """Forget at the end what was defined inside."""
+        """Drop the definitions made inside, at the end."""
         known, variables = dict(self.known), dict(self.variables)
         yield
         self.known, self.variables = known, variables
 
     def block(self, block: Block) -> bool:
-        """Check a block; return whether every way through it ends the procedure."""
+        """Check a block; return whether every path through it ends the procedure."""
         with self.scope():
             return self.statements(block)
 
@@ -126,13 +126,13 @@ class _Check:
         for statement in block:
             if ended:
                 raise self.error("a statement stands behind the end")
-            if self.each is not None and not isinstance(statement, IN_TURNS):
-                raise self.error(f"a turn of an `each` has a {type(statement).__name__}")
+            if self.each is not None and not isinstance(statement, IN_ITERATIONS):
+                raise self.error(f"an iteration of an `each` has a {type(statement).__name__}")
             ended = self.statement(statement)
         return ended
 
     def statement(self, statement: Statement) -> bool:
-        """Check a statement; return whether the procedure ends with it."""
+        """Check a statement; return whether it ends the procedure."""
         if isinstance(statement, Let):
             self.let(statement)
             return False
@@ -180,7 +180,7 @@ class _Check:
                 self.define(ref, kind)
             case Store(array=array, place=index, value=value):
                 if self.each is not None and index != self.each:
-                    raise self.error("a turn of an `each` stores at another place than its own")
+                    raise self.error("an iteration of an `each` stores at another place than its own")
                 if self.array(array).read:
                     raise self.error(f"%{array} is only read")
                 self.place(array, index, self.array(array).kind)
@@ -195,7 +195,7 @@ class _Check:
     def place(self, array: int, index: int, kind: Kind) -> None:
         self.kind(index, WHOLE)
         if index in self.places:
-            raise self.error("a turn of an `each` reads or writes at a place made of its index")
+            raise self.error("an iteration of an `each` reads or writes at a place made of its index")
         if self.array(array).kind is not kind:
             raise self.error(f"%{array} holds no {kind}")
 
@@ -213,7 +213,7 @@ class _Check:
             case Set(variable=variable, value=value):
                 found = self.type(value)
                 if self.each is not None and variable not in self.own:
-                    raise self.error("a turn of an `each` sets a variable from outside")
+                    raise self.error("an iteration of an `each` sets a variable from outside")
                 self.held(variable, found)
 
     def held(self, variable: int, kind: Type) -> None:
@@ -251,17 +251,17 @@ class _Check:
                 self.kinds((start, stop), (WHOLE, WHOLE), "a loop")
                 if step <= 0:
                     raise self.error("a loop has a step that is not above zero")
-                self.turns(index, body)
+                self.iterations(index, body)
             case Repeat(test=test, condition=condition, body=body):
                 with self.scope():
                     if self.statements(test):
                         raise self.error("the test of a loop ends the procedure")
                     self.kind(condition, FLAG)
                 self.block(body)
-            case Each(place=index, turns=count, body=body, folds=folds, width=width):
+            case Each(place=index, iterations=count, body=body, folds=folds, width=width):
                 self.kind(count, WHOLE)
                 if width not in WIDTHS:
-                    raise self.error(f"an `each` of {width} turns at once, which are one of {WIDTHS}")
+                    raise self.error(f"an `each` of {width} iterations at once, which are one of {WIDTHS}")
                 self.define(index, WHOLE)
                 self.each = index
                 with self.scope():
@@ -285,19 +285,19 @@ class _Check:
                 self.kind(value, REAL)
 
     def has_room(self, index: int, body: Block) -> None:
-        """Refuse a sum of as many turns as the run decides over arrays that end with the last of them."""
+        """Refuse a sum with a variable count over arrays without room for a whole last block."""
         for one in body:
             if isinstance(one, (Load, Store)) and one.place == index and self.array(one.array).room < PARTIAL:
                 raise self.error(f"the array %{one.array} of a sum has no room for a whole block behind its end")
 
-    def turns(self, index: int, body: Block) -> None:
+    def iterations(self, index: int, body: Block) -> None:
         with self.scope():
             self.define(index, WHOLE)
             self.statements(body)
 
 
 def _fits(found: Type, wanted: Type) -> bool:
-    """Whether an argument of one type stands where another is wanted: an array to read may be one to write."""
+    """Whether an argument has the type of a parameter: an array that is only read may be one that is written."""
     if isinstance(found, Array) and isinstance(wanted, Array):
         return found.kind is wanted.kind and (wanted.read or not found.read)
     return found == wanted

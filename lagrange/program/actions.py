@@ -53,7 +53,7 @@ coordinates and velocities in turn; and p, f = g(t, q, v), the momenta p = dL/dv
 
 
 @dataclass(frozen=True, eq=False)
-class Call:
+class LawCall:
     """One evaluation of the law at a time and its arguments; `first` is the number of its first result."""
 
     time: Node
@@ -77,9 +77,9 @@ class Solve:
     """
 
     first: int
-    preparation: tuple[Call, ...]
+    preparation: tuple[LawCall, ...]
     guesses: tuple[Combination, ...]
-    calls: tuple[Call, ...]
+    calls: tuple[LawCall, ...]
     residuals: tuple[Combination, ...]
     predicted: tuple[Combination, ...] = ()
 
@@ -114,4 +114,4 @@ class Damp:
     vector: Combination
 
 
-Action = Call | Solve | Damp
+Action = LawCall | Solve | Damp

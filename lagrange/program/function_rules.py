@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING
 
 from lagrange.errors import StatementError
 from lagrange.graph.node import Binding, Node
-from lagrange.program.series import Rule
+from lagrange.program.series import SeriesRule
 
 if TYPE_CHECKING:
-    from lagrange.program.recurrence import Builder
+    from lagrange.program.recurrence import RecurrenceBuilder
 
-FunctionRule = Callable[["Builder", Node], int]
+FunctionRule = Callable[["RecurrenceBuilder", Node], int]
 
 
 def _pair(names: tuple[str, str], signs: tuple[int, int]) -> FunctionRule:
     """Two functions that are each other's derivative up to a sign, such as sin and cos."""
 
-    def build(b: Builder, node: Node) -> int:
+    def build(b: RecurrenceBuilder, node: Node) -> int:
         a = node.args[0]
         first, second = (b.graph.call(name, a) for name in names)
         if first not in b.values:
@@ -32,7 +32,7 @@ def _pair(names: tuple[str, str], signs: tuple[int, int]) -> FunctionRule:
     return build
 
 
-def _exponential(b: Builder, node: Node) -> int:
+def _exponential(b: RecurrenceBuilder, node: Node) -> int:
     b.value(node.args[0])
     value = b.reserve(node)
     b.integrate(value, node.args[0], value)
@@ -42,12 +42,12 @@ def _exponential(b: Builder, node: Node) -> int:
 def _tangent(sign: int) -> FunctionRule:
     """U' = (1 + sign u**2) a'."""
 
-    def build(b: Builder, node: Node) -> int:
+    def build(b: RecurrenceBuilder, node: Node) -> int:
         b.value(node.args[0])
         value = b.reserve(node)
         square = b.multiply(value, value)
         slope = b.graph.sum(((sign, node**2),), 1)
-        w = b.add(Rule("linear", (square,), (b.constant(sign),)), slope, b.graph.one)
+        w = b.add(SeriesRule("linear", (square,), (b.constant(sign),)), slope, b.graph.one)
         b.values.setdefault(slope, w)
         if sign < 0:
             b.starts[slope] = _flatness(node.args[0])
@@ -69,18 +69,18 @@ def _flatness(a: Node) -> Node:
 def _against(slope: Callable[[Node], Node], sign: int = 1) -> FunctionRule:
     """slope(a) u' = a'; the negative of that for acos."""
 
-    def build(b: Builder, node: Node) -> int:
+    def build(b: RecurrenceBuilder, node: Node) -> int:
         a = node.args[0]
         w = b.value(slope(a))
         if sign > 0:
-            return b.add(Rule("against", (b.value(a), w)), node)
-        mirrored = b.add(Rule("linear", (b.value(a),), (b.constant(-1),)), -a)
-        return b.add(Rule("against", (mirrored, w)), node)
+            return b.add(SeriesRule("against", (b.value(a), w)), node)
+        mirrored = b.add(SeriesRule("linear", (b.value(a),), (b.constant(-1),)), -a)
+        return b.add(SeriesRule("against", (mirrored, w)), node)
 
     return build
 
 
-def _atan2(b: Builder, node: Node) -> int:
+def _atan2(b: RecurrenceBuilder, node: Node) -> int:
     """(x**2 + y**2) u' = x y' - y x'."""
     y, x = node.args
     w = b.value(x**2 + y**2)
@@ -88,22 +88,24 @@ def _atan2(b: Builder, node: Node) -> int:
     for a, other, sign in ((y, x, 1), (x, y, -1)):
         if a.binding > Binding.PARAMETER:
             terms.append(_swept(b, a, other, sign))
-    area = terms[0] if len(terms) == 1 else b.add(Rule("linear", tuple(terms), (b.constant(1),) * len(terms)), None)
-    return b.add(Rule("against", (area, w)), node)
+    area = (
+        terms[0] if len(terms) == 1 else b.add(SeriesRule("linear", tuple(terms), (b.constant(1),) * len(terms)), None)
+    )
+    return b.add(SeriesRule("against", (area, w)), node)
 
 
-def _swept(b: Builder, a: Node, w: Node, sign: int) -> int:
+def _swept(b: RecurrenceBuilder, a: Node, w: Node, sign: int) -> int:
     """Return sign times the integral of w da, up to a constant."""
     if w.binding <= Binding.PARAMETER:
-        return b.add(Rule("linear", (b.value(a),), (b.constant(b.graph.sum(((sign, w),))),)), None)
-    return b.add(Rule("along", (b.value(a), b.value(w)), (b.constant(sign),)), None)
+        return b.add(SeriesRule("linear", (b.value(a),), (b.constant(b.graph.sum(((sign, w),))),)), None)
+    return b.add(SeriesRule("along", (b.value(a), b.value(w)), (b.constant(sign),)), None)
 
 
-def _pow(b: Builder, node: Node) -> int:
+def _pow(b: RecurrenceBuilder, node: Node) -> int:
     """Return base ** exponent, by the rule of powers for a constant exponent, else exp(exponent log(base))."""
     base, exponent = node.args
     if exponent.binding <= Binding.PARAMETER:
-        return b.add(Rule("power", (b.value(base),), (b.constant(exponent),)), node)
+        return b.add(SeriesRule("power", (b.value(base),), (b.constant(exponent),)), node)
     inner = b.graph.product((exponent, b.graph.call("log", base)))
     b.value(inner)
     value = b.reserve(node)
@@ -111,7 +113,7 @@ def _pow(b: Builder, node: Node) -> int:
     return value
 
 
-def _piecewise(b: Builder, node: Node) -> int:
+def _piecewise(b: RecurrenceBuilder, node: Node) -> int:
     """Return the branch of the first condition that holds; conditions are constant along a series."""
     value = b.value(node.args[-1])
     rest = node.args[-1]
@@ -119,11 +121,11 @@ def _piecewise(b: Builder, node: Node) -> int:
         if condition.binding > Binding.PARAMETER:
             raise AssertionError("a condition of a series is about sides")
         rest = b.graph.piecewise([(condition, chosen)], rest)
-        value = b.add(Rule("choose", (b.value(chosen), value), (b.constant(condition),)), rest)
+        value = b.add(SeriesRule("choose", (b.value(chosen), value), (b.constant(condition),)), rest)
     return value
 
 
-def _refuse(_: Builder, node: Node) -> int:
+def _refuse(_: RecurrenceBuilder, node: Node) -> int:
     raise StatementError(f"{node.data} has no Taylor series: it should have become a side of a surface.")
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from lagrange.errors import StatementError
 from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, reachable
-from lagrange.program.program import Block, Instruction, Program
+from lagrange.program.program import Instruction, Program, ProgramBlock
 
 Named = Mapping[str, Sequence[Node]]
 """Nodes in blocks, each under a name."""
@@ -52,8 +52,8 @@ def lower(
     )
 
 
-def _blocks(named: Named) -> tuple[Block, ...]:
-    return tuple(Block(name, len(nodes)) for name, nodes in named.items())
+def _blocks(named: Named) -> tuple[ProgramBlock, ...]:
+    return tuple(ProgramBlock(name, len(nodes)) for name, nodes in named.items())
 
 
 class _Lowering:

@@ -85,7 +85,7 @@ class Instruction(NamedTuple):
         return " ".join([self.op, *given, *(f"%{arg}" for arg in self.args)])
 
 
-class Block(NamedTuple):
+class ProgramBlock(NamedTuple):
     """Numbers that belong together under a name, such as coordinates or momenta."""
 
     name: str
@@ -105,12 +105,12 @@ class Program:
     """
 
     name: str
-    inputs: tuple[Block, ...]
+    inputs: tuple[ProgramBlock, ...]
     parameters: int
     instructions: tuple[Instruction, ...]
     hoisted: int
     outputs: tuple[int, ...]
-    results: tuple[Block, ...]
+    results: tuple[ProgramBlock, ...]
     shape: tuple[int, ...]
     returned: tuple[str, ...] = ()
     solved: bool = False

@@ -7,7 +7,7 @@ from typing import Any
 
 from lagrange.errors import StatementError
 from lagrange.graph.node import Binding, Exact, Graph, Node
-from lagrange.program.actions import LAWS, Action, Call, Combination, Damp, Solve
+from lagrange.program.actions import LAWS, Action, Combination, Damp, LawCall, Solve
 
 
 class Vector:
@@ -63,7 +63,7 @@ class Recorder:
         self.name, self.law, self.graph = name, LAWS[law], graph
         self.vectors = states
         self.actions: list[Action] = []
-        self.inside: list[Call] | None = None
+        self.inside: list[LawCall] | None = None
         self.inner: dict[int, None] = {}
         self.solves = 0
         self.ratio = graph.symbol("ratio", Binding.TIME)
@@ -92,7 +92,7 @@ class Recorder:
                     "that slope as an unknown, k1, k2 = solve(lambda k1, k2: (...), (...))."
                 )
         first = self.vectors
-        call = Call(self.graph.node(at), tuple(argument.combination() for argument in arguments), first)
+        call = LawCall(self.graph.node(at), tuple(argument.combination() for argument in arguments), first)
         results = tuple(self.new() for _ in range(self.law.results))
         if self.inside is None:
             self.actions.append(call)
@@ -137,7 +137,7 @@ class Recorder:
         self.actions.append(Damp(self.vectors - 1, self.solves - 1, node, vector.combination()))
         return made
 
-    def _within(self, function: Callable[[], Any]) -> tuple[tuple[Call, ...], tuple[Combination, ...], bool]:
+    def _within(self, function: Callable[[], Any]) -> tuple[tuple[LawCall, ...], tuple[Combination, ...], bool]:
         """Return the calls that a function makes, the combinations that it returns, and whether they are a tuple."""
         self.inside = []
         try:

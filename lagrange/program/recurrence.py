@@ -15,7 +15,7 @@ from itertools import combinations
 from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, reachable
 from lagrange.graph.rebuild import Substitution
 from lagrange.program.function_rules import FUNCTION_RULES
-from lagrange.program.series import Rule
+from lagrange.program.series import SeriesRule
 
 LARGEST_POWER = 64
 """Whole powers up to this one are products, which are right at zero too; beyond it the rule of powers is shorter."""
@@ -24,7 +24,7 @@ LONGEST_SHARED = 12
 """Longest product whose pairs of factors are counted and compared; a longer one is multiplied from the left."""
 
 
-class Builder:
+class RecurrenceBuilder:
     """Numbers values, each once; `nodes` says what each is at order 0, where a node says it. `rate` is dq/dt, if not v.
 
     With `apart` the rate of a sum such as a - b is multiplied term by term: cos(a - b) a' may be there already.
@@ -44,20 +44,20 @@ class Builder:
         self.graph = graph
         self.apart = apart
         self.q, self.v, self.time = tuple(q), tuple(v), time
-        self.rules: list[Rule] = []
+        self.rules: list[SeriesRule] = []
         self.nodes: list[Node | None] = []
         self.offsets: list[Node | None] = []
-        self.numbers: dict[tuple[Rule, Node | None], int] = {}
+        self.numbers: dict[tuple[SeriesRule, Node | None], int] = {}
         self.values: dict[Node, int] = {}
         self.constants: dict[Node, int] = {}
         self.rates: dict[Node, Node | None] = {}
         self.starts: dict[Node, Node] = {}
         self.speed = dict(zip(self.q, rate or self.v, strict=True)) | {time: graph.one}
         for i, node in enumerate(self.q):
-            self.values[node] = self.add(Rule("coordinate", (), (i,)), node)
+            self.values[node] = self.add(SeriesRule("coordinate", (), (i,)), node)
         for i, node in enumerate(self.v):
-            self.values[node] = self.add(Rule("unknown", (), (i,)), node)
-        self.values[time] = self.add(Rule("time"), time)
+            self.values[node] = self.add(SeriesRule("unknown", (), (i,)), node)
+        self.values[time] = self.add(SeriesRule("time"), time)
         order = [node for node in reachable(outputs) if node.binding > Binding.PARAMETER]
         self.pairs = self._pairs(order)
         for node in order:
@@ -85,7 +85,7 @@ class Builder:
                 counts.update({(call, term): len(order) for call in calls for term in terms})
         return counts
 
-    def add(self, rule: Rule, node: Node | None, constant: Node | None = None) -> int:
+    def add(self, rule: SeriesRule, node: Node | None, constant: Node | None = None) -> int:
         """Return the number of a value with that rule, a new one only if there is none like it.
 
         `constant` is what the value has at order 0 beside the rule: x - 1 and x - 2 are two values.
@@ -100,7 +100,7 @@ class Builder:
 
     def reserve(self, node: Node) -> int:
         """Return a number whose rule is still to come, for functions that follow from themselves."""
-        self.rules.append(Rule("constant"))
+        self.rules.append(SeriesRule("constant"))
         self.nodes.append(node)
         self.offsets.append(None)
         self.values[node] = len(self.rules) - 1
@@ -119,7 +119,7 @@ class Builder:
 
     def _make(self, node: Node) -> int:
         if node.binding <= Binding.PARAMETER:
-            return self.add(Rule("constant"), node, node)
+            return self.add(SeriesRule("constant"), node, node)
         if node.kind is Kind.SUM:
             terms = [(c, arg) for c, arg in zip(node.data[1], node.args, strict=True)]
             return self.linear([*terms, (node.data[0], self.graph.one)], node)
@@ -128,7 +128,7 @@ class Builder:
             return (
                 moving
                 if scale is self.graph.one
-                else self.add(Rule("linear", (moving,), (self.constant(scale),)), node, self.graph.zero)
+                else self.add(SeriesRule("linear", (moving,), (self.constant(scale),)), node, self.graph.zero)
             )
         if node.kind is Kind.POWER:
             return self.power(node)
@@ -149,9 +149,9 @@ class Builder:
             merged[moving] = merged[moving] + term if moving in merged else term
         items = [(arg, c) for arg, c in merged.items() if c is not self.graph.zero]
         if not items:
-            return self.add(Rule("constant"), node, constant)
+            return self.add(SeriesRule("constant"), node, constant)
         args, scales = zip(*items, strict=True)
-        return self.add(Rule("linear", args, tuple(self.constant(c) for c in scales)), node, constant)
+        return self.add(SeriesRule("linear", args, tuple(self.constant(c) for c in scales)), node, constant)
 
     def split(self, node: Node) -> tuple[Node, int]:
         """Return the constant factor of a node and the value of the rest."""
@@ -166,7 +166,7 @@ class Builder:
         value = self.product(over)
         for divisor in under:
             quotient = self.node_of(value) / divisor.args[0]
-            value = self.add(Rule("div", (value, self.value(divisor.args[0]))), quotient)
+            value = self.add(SeriesRule("div", (value, self.value(divisor.args[0]))), quotient)
         return scale, value
 
     def product(self, factors: Sequence[Node]) -> int:
@@ -187,8 +187,8 @@ class Builder:
         """Return the value of a product of two."""
         node = self.node_of(a) * self.node_of(b)
         if a == b:
-            return self.add(Rule("square", (a,)), node)
-        return self.add(Rule("mul", (min(a, b), max(a, b))), node)
+            return self.add(SeriesRule("square", (a,)), node)
+        return self.add(SeriesRule("mul", (min(a, b), max(a, b))), node)
 
     def node_of(self, value: int) -> Node:
         """Return what a value is at order 0."""
@@ -203,10 +203,10 @@ class Builder:
             square = self.multiply(half, half)
             return self.multiply(square, a) if exponent % 2 else square
         if exponent == -1:
-            return self.add(Rule("inverse", (a,)), node)
+            return self.add(SeriesRule("inverse", (a,)), node)
         if exponent == Fraction(1, 2):
-            return self.add(Rule("sqrt", (a,)), node)
-        return self.add(Rule("power", (a,), (self.constant(exponent),)), node)
+            return self.add(SeriesRule("sqrt", (a,)), node)
+        return self.add(SeriesRule("power", (a,), (self.constant(exponent),)), node)
 
     def rate(self, node: Node) -> Node | None:
         """Return da/dt as a node where it is a combination of velocities with constant coefficients, else None."""
@@ -236,15 +236,15 @@ class Builder:
         """Give a reserved value the rule u' = sign w a'."""
         rate = self.rate(a)
         if rate is None:
-            self.rules[value] = Rule("along", (self.value(a), w), (self.constant(sign),))
+            self.rules[value] = SeriesRule("along", (self.value(a), w), (self.constant(sign),))
             return
         if self.apart and rate.kind is Kind.SUM and len(rate.args) > 1:
             whole = self.linear(self.split_rate(rate, w), self.node_of(w) * rate)
-            self.rules[value] = Rule("integral", (whole,), (self.constant(sign),))
+            self.rules[value] = SeriesRule("integral", (whole,), (self.constant(sign),))
             return
         scale, moving = (rate, None) if rate.binding <= Binding.PARAMETER else self.split(rate)
         product = w if moving is None else self.multiply(moving, w)
-        self.rules[value] = Rule("integral", (product,), (self.constant(self.graph.sum(((sign, scale),))),))
+        self.rules[value] = SeriesRule("integral", (product,), (self.constant(self.graph.sum(((sign, scale),))),))
 
     def split_rate(self, rate: Node, w: int) -> list[tuple[Exact, Node]]:
         """Return the terms of rate * w; each product gets its value here."""

@@ -57,7 +57,7 @@ LAGGED = {"integral": 0, "along": 1}
 """Which argument of a rule is read below order k only (beside its order 0)."""
 
 
-class Rule(NamedTuple):
+class SeriesRule(NamedTuple):
     """How one value's coefficients follow; `coefficients` are places in the table of constants, or a coordinate."""
 
     op: str
@@ -97,7 +97,7 @@ class SeriesProgram:
     surfaces: Program
     constants: Program
     numbers: tuple[float | None, ...]
-    rules: tuple[Rule, ...]
+    rules: tuple[SeriesRule, ...]
     start: Program
     started: tuple[int, ...]
     rates: tuple[int, ...]
@@ -196,13 +196,13 @@ class SeriesProgram:
         return "\n".join(lines)
 
 
-def convolutions(rules: Sequence[Rule]) -> int:
+def convolutions(rules: Sequence[SeriesRule]) -> int:
     """Return the number of half sums over lower orders, the measure of what an order costs; a square is half a sum."""
     weight = {"mul": 2, "div": 2, "inverse": 2, "power": 4, "along": 2, "against": 2, "square": 1, "sqrt": 1}
     return sum(weight.get(rule.op, 0) for rule in rules)
 
 
-def kept_values(rules: Sequence[Rule]) -> frozenset[int]:
+def kept_values(rules: Sequence[SeriesRule]) -> frozenset[int]:
     """Return the values whose lower orders some rule reads."""
     found: set[int] = set()
     for i, (op, args, _) in enumerate(rules):
@@ -217,17 +217,17 @@ def kept_values(rules: Sequence[Rule]) -> frozenset[int]:
     return frozenset(found)
 
 
-def integrated(rules: Sequence[Rule], rates: Sequence[int]) -> tuple[int, ...]:
+def integrated(rules: Sequence[SeriesRule], rates: Sequence[int]) -> tuple[int, ...]:
     """Return the rates of the coordinates that are no velocities, which are known as they are."""
     return tuple(rate for rate in rates if not 0 <= rate < len(rules) or rules[rate].op != "unknown")
 
 
-def lagged_values(rules: Sequence[Rule]) -> frozenset[int]:
+def lagged_values(rules: Sequence[SeriesRule]) -> frozenset[int]:
     """Return the values that are integrated."""
     return frozenset(rule.args[0] for rule in rules if rule.op == "integral")
 
 
-def _shown(rule: Rule) -> str:
+def _shown(rule: SeriesRule) -> str:
     if rule.op in ("coordinate", "unknown"):
         return f"{rule.op} {rule.coefficients[0]}"
     if rule.op == "linear":

@@ -22,7 +22,7 @@ from typing import Any
 
 from lagrange.errors import StatementError
 from lagrange.graph.node import Binding, Graph, Node
-from lagrange.program.actions import LAWS, Action, Call, Combination, Damp, Solve
+from lagrange.program.actions import LAWS, Action, Combination, Damp, LawCall, Solve
 from lagrange.program.lower import lower
 from lagrange.program.program import Program
 from lagrange.program.recorder import Recorder, Solver, Vector
@@ -80,9 +80,9 @@ class StepProgram:
         return LAWS[self.law].states
 
     @cached_property
-    def calls(self) -> tuple[Call, ...]:
+    def calls(self) -> tuple[LawCall, ...]:
         """The calls outside the solves, in order."""
-        return tuple(action for action in self.actions if isinstance(action, Call))
+        return tuple(action for action in self.actions if isinstance(action, LawCall))
 
     @cached_property
     def solves(self) -> tuple[Solve, ...]:
@@ -98,9 +98,9 @@ class StepProgram:
     def numbers(self) -> tuple[Node, ...]:
         """Every number of the step, made of t, h and the ratio of steps, each once."""
         combinations: list[Combination] = [*self.results, *self.errors]
-        calls: list[Call] = []
+        calls: list[LawCall] = []
         for action in self.actions:
-            if isinstance(action, Call):
+            if isinstance(action, LawCall):
                 calls.append(action)
             elif isinstance(action, Damp):
                 combinations.append(action.vector)
@@ -136,7 +136,7 @@ class StepProgram:
     def starts_with_slope(self) -> bool:
         """Whether the first call is at the state that the step starts from."""
         first = self.actions[0]
-        known = isinstance(first, Call) and LAWS[self.law].results == 1 and self.starter is None
+        known = isinstance(first, LawCall) and LAWS[self.law].results == 1 and self.starter is None
         return known and self.calls[0].time is self.time and self.calls[0].argument == ((0, self.graph.one),)
 
     @property
@@ -161,7 +161,7 @@ class StepProgram:
 
 def _lines(action: Action, names: Sequence[str], results: int) -> Iterator[str]:
     """Yield an action as text."""
-    if isinstance(action, Call):
+    if isinstance(action, LawCall):
         made = ", ".join(names[action.first : action.first + results])
         yield f"{made} = f({action.time!r}, {', '.join(_shown(one, names) for one in action.arguments)})"
     elif isinstance(action, Damp):

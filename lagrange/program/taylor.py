@@ -9,8 +9,16 @@ from lagrange.equations.euler_lagrange import Equations, bias_forces
 from lagrange.graph.node import Binding, Exact, Kind, Node
 from lagrange.program.forms import Form, LinearTerms, Momentum, forms
 from lagrange.program.lower import lower
-from lagrange.program.recurrence import Builder, known_node
-from lagrange.program.series import Rule, SeriesProgram, Stage, convolutions, integrated, kept_values, lagged_values
+from lagrange.program.recurrence import RecurrenceBuilder, known_node
+from lagrange.program.series import (
+    SeriesProgram,
+    SeriesRule,
+    Stage,
+    convolutions,
+    integrated,
+    kept_values,
+    lagged_values,
+)
 from lagrange.program.switching import Switched, switch
 
 
@@ -69,7 +77,9 @@ class _Assembly:
         forces = [node for terms in form.forces for _, node in terms]
         inertia = form.nodes if self.plan.moving else forces
         nodes = [*inertia, *watched]
-        self.builder = Builder(graph, equations.q, equations.v, equations.time, nodes, rate=equations.rate, apart=apart)
+        self.builder = RecurrenceBuilder(
+            graph, equations.q, equations.v, equations.time, nodes, rate=equations.rate, apart=apart
+        )
         self.builder.starts.update(switched.starts)
         self.parts = form.parts
         self.known: dict[Node, int | None] = {}
@@ -105,14 +115,14 @@ class _Assembly:
         for coefficient, c, y in part.swept:
             scale, w = b.split(c)
             factor, a = b.split(y)
-            add(b.add(Rule("along", (a, w), (b.constant(1),)), None), coefficient, scale, factor)
+            add(b.add(SeriesRule("along", (a, w), (b.constant(1),)), None), coefficient, scale, factor)
         for coefficient, scale, other in part.inner:
             known = self.known[other]
             if known is not None:
                 add(known, coefficient, scale)
         if not args:
             return None
-        return b.add(Rule("linear", tuple(args), tuple(b.constant(c) for c in args.values())), None, graph.zero)
+        return b.add(SeriesRule("linear", tuple(args), tuple(b.constant(c) for c in args.values())), None, graph.zero)
 
     def force(self, terms: LinearTerms) -> int | None:
         """Return the value of a force."""

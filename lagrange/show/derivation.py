@@ -21,7 +21,7 @@ FORMATS = ("text", "latex", "markdown")
 
 
 @dataclass(frozen=True)
-class Quantity:
+class ShownQuantity:
     """A letter such as T or p, with a coordinate for its index or without."""
 
     letter: str
@@ -64,16 +64,17 @@ def _sections(derivation: Derivation) -> Iterator[Section]:
     yield Section("Stated", tuple(_stated(statement)))
     accelerations = list(statement.plain.values())[2::3]
     parts: tuple[tuple[str, Callable[[], list[TableRow]]], ...] = (
-        ("Lagrangian", lambda: [(Quantity("L"), derivation.lagrangian)]),
+        ("Lagrangian", lambda: [(ShownQuantity("L"), derivation.lagrangian)]),
         (
             "Momenta",
             lambda: [
-                (Quantity("p", name), p) for name, p in zip(statement.names, derivation.momenta.values(), strict=True)
+                (ShownQuantity("p", name), p)
+                for name, p in zip(statement.names, derivation.momenta.values(), strict=True)
             ],
         ),
         ("Equations of motion", lambda: [(law.lhs, law.rhs) for law in derivation.equations]),
         ("Accelerations", lambda: list(zip(accelerations, derivation.accelerations.values(), strict=True))),
-        ("Energy", lambda: [(Quantity("E"), derivation.energy)]),
+        ("Energy", lambda: [(ShownQuantity("E"), derivation.energy)]),
     )
     for heading, part in parts:
         try:
@@ -88,15 +89,15 @@ def _stated(statement: Statement) -> Iterator[TableRow]:
     if statement.source:
         yield f"Source: {statement.source}"
     if statement.potential == 0 and statement.kinetic == statement.lagrangian:
-        yield Quantity("L"), statement.lagrangian
+        yield ShownQuantity("L"), statement.lagrangian
     else:
-        yield Quantity("T"), statement.kinetic
-        yield Quantity("V"), statement.potential
+        yield ShownQuantity("T"), statement.kinetic
+        yield ShownQuantity("V"), statement.potential
     for name, force in zip(statement.names, statement.forces, strict=True):
         if force != 0:
-            yield Quantity("Q", name), force
+            yield ShownQuantity("Q", name), force
     if statement.dissipation != 0:
-        yield Quantity("D"), statement.dissipation
+        yield ShownQuantity("D"), statement.dissipation
 
 
 class Page(ABC):
@@ -119,12 +120,12 @@ class Page(ABC):
         """Return the page."""
 
     @abstractmethod
-    def quantity(self, quantity: Quantity) -> str:
+    def quantity(self, quantity: ShownQuantity) -> str:
         """Return the spelling of a letter with its index."""
 
     def side(self, side: Any) -> str:
         """Return one side of a formula."""
-        if isinstance(side, Quantity):
+        if isinstance(side, ShownQuantity):
             return self.quantity(side)
         return str(self.printer.doprint(side.xreplace(self.plain)))
 
@@ -148,7 +149,7 @@ class TextPage(Page):
 
         return StrPrinter()
 
-    def quantity(self, quantity: Quantity) -> str:
+    def quantity(self, quantity: ShownQuantity) -> str:
         """Return L, or p_theta."""
         return f"{quantity.letter}_{quantity.index}" if quantity.index else quantity.letter
 
@@ -179,7 +180,7 @@ class LatexPage(Page):
             spelled[acceleration] = self.letters[name].dotted(2)
         return LatexPrinter({"symbol_names": {**spelled, Symbol("t"): "t"}})
 
-    def quantity(self, quantity: Quantity) -> str:
+    def quantity(self, quantity: ShownQuantity) -> str:
         """Return L, or p with an index."""
         return f"{quantity.letter}_{{{self.letters[quantity.index]}}}" if quantity.index else quantity.letter
 

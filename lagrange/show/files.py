@@ -18,11 +18,11 @@ _FULL = {errno.ENOSPC: "the disk is full", errno.EDQUOT: "the disk quota is used
 
 _ROWS_AT_ONCE = 4096
 
-Write = Callable[[BinaryIO], object]
+Writer = Callable[[BinaryIO], object]
 """What fills a file that was opened for it."""
 
 
-def write_atomically(path: str | os.PathLike[str], write: Write) -> Path:
+def write_atomically(path: str | os.PathLike[str], write: Writer) -> Path:
     """Let `write` fill a temporary file in the same folder, sync it and move it to `path`, which is returned.
 
     Whatever stops it, there is either the whole new file or what was there before. A link is followed; an existing
@@ -66,7 +66,7 @@ def _lines(names: Sequence[str], columns: Sequence[Iterable[object]]) -> Iterato
         yield ",".join(map(cell, row)) + "\n"
 
 
-def _write(target: Path, write: Write) -> Path:
+def _write(target: Path, write: Writer) -> Path:
     mode = old_mode(target)
     part: Path | None = None
     try:
@@ -99,7 +99,7 @@ def _free_name(target: Path) -> Path:
     return target.with_name(f".{target.name[:32]}.{os.urandom(8).hex()}.part") if os.path.lexists(part) else part
 
 
-def fill(file: BinaryIO, write: Write) -> None:
+def fill(file: BinaryIO, write: Writer) -> None:
     """Let `write` fill a file, up to the disk."""
     write(file)
     file.flush()

@@ -21,7 +21,7 @@ from lagrange.errors import LagrangeError, RunError, StatementError, listing, sh
 from lagrange.evidence.stiffness import Stiffness, stiffness
 from lagrange.machine.model import Model
 from lagrange.show.drift import EnergyDrift, energy_drift
-from lagrange.show.files import Write, write_atomically, write_rows
+from lagrange.show.files import Writer, write_atomically, write_rows
 from lagrange.show.picture import picture
 from lagrange.show.plot import plot
 from lagrange.show.table import text_table
@@ -234,7 +234,7 @@ class Solution:
         """
         drawn = picture(self.plot()) if len(self.t) else None
         card = json.dumps(self.card(), indent=2, allow_nan=False) + "\n"
-        files: dict[str, Write | None] = {
+        files: dict[str, Writer | None] = {
             "trajectory.csv": self._csv,
             "trajectory.png": drawn,
             "card.json": lambda file: file.write(card.encode()),

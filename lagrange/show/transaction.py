@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from lagrange.errors import RunError, StatementError, listing
-from lagrange.show.files import Write, fill, in_words, old_mode, real_path
+from lagrange.show.files import Writer, fill, in_words, old_mode, real_path
 from lagrange.show.temporary import abandoned, lock, locked, sync_folder, uninterrupted
 
 WRITING, LEAVING, ARRIVING = "writing", "leaving", "arriving"
@@ -23,7 +23,7 @@ WRITING, LEAVING, ARRIVING = "writing", "leaving", "arriving"
 _STEM = ".lagrange-"
 
 
-def write_together(folder: str | os.PathLike[str], files: Mapping[str, Write | None]) -> list[Path]:
+def write_together(folder: str | os.PathLike[str], files: Mapping[str, Writer | None]) -> list[Path]:
     """Write files into a folder, all or none, and return their paths; one without a writer is removed if it is there.
 
     Whatever stops it, the folder holds what was there before or the whole of what is new. Other files in it stay as
@@ -90,7 +90,7 @@ class _Transaction:
         """The folder of the transaction, whose name tells its state."""
         return self.home / f"{self.key}.{self.state}"
 
-    def run(self, files: Mapping[str, Write | None], modes: Mapping[str, int | None]) -> list[Path]:
+    def run(self, files: Mapping[str, Writer | None], modes: Mapping[str, int | None]) -> list[Path]:
         """Write, exchange and clean up; return the paths of what was written."""
         descriptor = None
         try:
@@ -114,7 +114,7 @@ class _Transaction:
                     os.close(descriptor)
         return [self.targets[name] for name in new]
 
-    def _fill(self, name: str, write: Write, mode: int | None) -> str:
+    def _fill(self, name: str, write: Writer, mode: int | None) -> str:
         part = self.stage / "new" / self.parts[name]
         try:
             with part.open("xb") as file:

@@ -127,7 +127,7 @@ class Document:
         return value
 
     @cached_property
-    def _places(self) -> tuple[dict[places.Path, int], dict[places.Path, int]]:
+    def _places(self) -> tuple[dict[places.KeyPath, int], dict[places.KeyPath, int]]:
         return places.places(self.content)
 
     def _read(self, path: str | os.PathLike[str]) -> bytes:

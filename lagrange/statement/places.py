@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
-Path = tuple[str | int, ...]
+KeyPath = tuple[str | int, ...]
 """Keys and list indices from the top: ("positions", "bob", 0)."""
 
 _TOKEN = re.compile(
@@ -26,25 +26,25 @@ _ESCAPE = re.compile(r"\\(?:u[0-9A-Fa-f]{4}|U[0-9A-Fa-f]{8}|\r?[ \t]*\n\s*|.)", 
 class _Frame:
     """A table, an inline table or a list that is being read."""
 
-    path: Path
+    path: KeyPath
     kind: str  # "table", "inline" or "list"
     keys: list[str] = field(default_factory=list)
     start: int = 0
     valued: bool = False  # past the "=", or inside a list
     index: int = 0
 
-    def here(self) -> Path:
+    def here(self) -> KeyPath:
         """Return the path of the value that is being read."""
         return (*self.path, self.index) if self.kind == "list" else (*self.path, *self.keys)
 
 
-def places(text: str) -> tuple[dict[Path, int], dict[Path, int]]:
+def places(text: str) -> tuple[dict[KeyPath, int], dict[KeyPath, int]]:
     """Return the offsets of the keys and of the values of a TOML text, with line ends of one character.
 
     Of a text that is not TOML, those up to where it is not are right.
     """
-    keys: dict[Path, int] = {}
-    values: dict[Path, int] = {}
+    keys: dict[KeyPath, int] = {}
+    values: dict[KeyPath, int] = {}
     frames = [_Frame((), "table")]
     header = False
     for match in _TOKEN.finditer(text):
@@ -74,7 +74,7 @@ def places(text: str) -> tuple[dict[Path, int], dict[Path, int]]:
     return keys, values
 
 
-def _read_value(frames: list[_Frame], token: str, offset: int, values: dict[Path, int]) -> None:
+def _read_value(frames: list[_Frame], token: str, offset: int, values: dict[KeyPath, int]) -> None:
     frame = frames[-1]
     if token == "," and frame.kind == "list":
         frame.index += 1

@@ -23,7 +23,7 @@ from lagrange.trajectory.paths.step_paths import StepPath
 from lagrange.trajectory.tolerances import Tolerances
 from lagrange.trajectory.trajectory import FloatArray
 
-Path = Callable[[FloatArray], FloatArray]
+DensePath = Callable[[FloatArray], FloatArray]
 """Dense output: from times (K,) to states (2n, K)."""
 
 
@@ -90,7 +90,7 @@ class Plan(Protocol):
     def watch(self, problem: Problem, driver: Any) -> Watcher | None:
         """Return what watches events and switching surfaces for the plan's driver, or None where there is nothing."""
 
-    def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: Any) -> Path:
+    def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: Any) -> DensePath:
         """Return the dense output from the accepted times (S+1,) and states (S+1, 2n), and what was watched."""
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
@@ -148,7 +148,7 @@ class StepPlan:
             return None
         return StepWatch(problem, driver, partial(self.path_of, problem), fixed=self.step.control is None)
 
-    def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: StepWatch | None) -> Path:
+    def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: StepWatch | None) -> DensePath:
         """Return the dense output that the method has, of each motion between two resets by itself."""
         if watch is None or not watch.breaks:
             return self.path_of(problem, times, states)
@@ -182,7 +182,7 @@ class StepPlan:
         with np.errstate(all="ignore"):
             try:
                 if step.solves:
-                    return _moved_ahead(f, state, h)
+                    return _state_moved_by_slope(f, state, h)
                 if step.partitioned:
                     return np.concatenate(step.function(f, state.t, *layout.split(state.y), h))
                 moved = step.function(f, state.t, state.y, h)
@@ -191,7 +191,7 @@ class StepPlan:
         return np.asarray(moved if step.control is None else moved[0])
 
 
-def _moved_ahead(f: Callable[[float, FloatArray], FloatArray], state: DriverState, h: float) -> FloatArray:
+def _state_moved_by_slope(f: Callable[[float, FloatArray], FloatArray], state: DriverState, h: float) -> FloatArray:
     """Return the state moved by the first slope ahead that is no number; the search goes a few steps far."""
     first = f(state.t, state.y)
     for reach in (1, 2, 4, 8):

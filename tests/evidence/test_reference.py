@@ -10,7 +10,7 @@ import sympy as sp
 from lagrange.evidence import laws
 from lagrange.evidence.operations import OutsideDomain
 from lagrange.evidence.reference import Reference
-from lagrange.evidence.sample import KINDS, Point, Sampler
+from lagrange.evidence.sample import SAMPLE_KINDS, Point, Sampler
 from lagrange.statement.coordinate import coordinate, t
 from lagrange.statement.declare import declare
 from lagrange.statement.statement import Statement
@@ -31,7 +31,7 @@ def test_every_quantity_agrees_with_symbolic_differentiation(make: Callable[[], 
     statement = make()
     reference, symbolic = Reference(statement), StandIn(statement)
     sampler = Sampler(statement, seed=3)
-    point = next(p for p in (sampler.point(KINDS[1], i) for i in range(99)) if inside(reference, p))
+    point = next(p for p in (sampler.point(SAMPLE_KINDS[1], i) for i in range(99)) if inside(reference, p))
     entries = reference.at(point, columns_of(statement))
     n = len(statement.coordinates)
     replace = {**dict(zip(symbolic.q, point.q, strict=True)), **dict(zip(symbolic.v, point.v, strict=True))}
@@ -60,7 +60,7 @@ def inside(reference: Reference, point: Point) -> bool:
 def test_sizes_are_those_of_the_terms(make: Callable[[], Statement]) -> None:
     """Between the value and a modest multiple of it at a point where nothing cancels badly."""
     statement = make()
-    point = Sampler(statement, seed=1).point(KINDS[1])
+    point = Sampler(statement, seed=1).point(SAMPLE_KINDS[1])
     for name, part in Reference(statement).at(point, columns_of(statement)).items():
         largest = max(map(abs, part.value))
         for value, size in zip(part.value, part.size, strict=True):

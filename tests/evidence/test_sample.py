@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from lagrange.evidence.sample import KINDS, Kind, Point, Sampler
+from lagrange.evidence.sample import SAMPLE_KINDS, Point, SampleKind, Sampler
 from lagrange.statement.coordinate import coordinate, parameters
 from lagrange.statement.declare import declare
 from tests.evidence import statements
@@ -16,10 +16,10 @@ STATEMENT = declare(
     initial={x: 1.5e11, y: -2.0},
     name="sampled",
 )
-INITIAL, ALL_OF_ORDER_ONE, _, NEAR_INITIAL, _ = KINDS
+INITIAL, ALL_OF_ORDER_ONE, _, NEAR_INITIAL, _ = SAMPLE_KINDS
 
 
-def points(kind: Kind, count: int = 60) -> list[Point]:
+def points(kind: SampleKind, count: int = 60) -> list[Point]:
     sampler = Sampler(STATEMENT, seed=2)
     return [sampler.point(kind) for _ in range(count)]
 
@@ -54,7 +54,7 @@ def test_near_a_default_is_off_it_and_zero_is_left() -> None:
 
 def test_all_numbers_differ() -> None:
     """Equal ones would hide an exchanged index."""
-    for kind in KINDS[1:]:
+    for kind in SAMPLE_KINDS[1:]:
         for point in points(kind, 5):
             values = [*point.q, *point.v, *point.parameters.values()]
             assert len(set(values)) == len(values) and 0.0 not in values

@@ -13,7 +13,7 @@ import pytest
 
 from lagrange.compiler import machine
 from lagrange.machine.backend import Kernel
-from lagrange.program.program import ARITY, Block, Instruction, Program
+from lagrange.program.program import ARITY, Instruction, Program, ProgramBlock
 from tests.models import TARGETS
 from tests.operations import operations
 
@@ -39,12 +39,12 @@ def program_of(op: str, hoisted: bool = False) -> Program:
     code.append(Instruction(op, args))
     return Program(
         name=f"one_{op}",
-        inputs=(Block("y", 0 if hoisted else arity + arity % 2),),
+        inputs=(ProgramBlock("y", 0 if hoisted else arity + arity % 2),),
         parameters=arity if hoisted else 0,
         instructions=tuple(code),
         hoisted=len(code) if hoisted else 0,
         outputs=(len(code) - 1,),
-        results=(Block("value", 1),),
+        results=(ProgramBlock("value", 1),),
         shape=(1,),
     )
 
@@ -152,7 +152,14 @@ def test_sine_and_cosine_are_good_to_little_more_than_a_unit(where: str) -> None
     angles = np.concatenate([angles, -angles])
     code = (Instruction("state"), Instruction("sin", (0,)), Instruction("cos", (0,)))
     program = Program(
-        "pair", (Block("y", 2),), 0, (*code, Instruction("state", place=1)), 0, (1, 2), (Block("pair", 2),), (2,)
+        "pair",
+        (ProgramBlock("y", 2),),
+        0,
+        (*code, Instruction("state", place=1)),
+        0,
+        (1, 2),
+        (ProgramBlock("pair", 2),),
+        (2,),
     )
     both = machine("llvm").load(program)
     columns = np.stack([angles, np.zeros_like(angles)])

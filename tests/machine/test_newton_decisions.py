@@ -68,19 +68,19 @@ class Solve:
         self.adaptive = adaptive
         self.known: Any = NEWTON.structure(matrix_step=0.5, differentiated=1, rate=rate, noise=noise, age=age)
 
-    def outcome(self, turn: int, norm: float, previous: float, since: int) -> Outcome:
+    def outcome(self, iteration: int, norm: float, previous: float, since: int) -> Outcome:
         """Return the judgement of a correction, on which every printer agrees with what it does to the record."""
         before, found = bytes(self.known), []
         for judgement in judgements(self.adaptive):
             made = NEWTON.structure.from_buffer_copy(before)
-            found.append((judgement(made, turn, norm, previous, since), bytes(made)))
+            found.append((judgement(made, iteration, norm, previous, since), bytes(made)))
         assert found[0] == found[1] == found[2]
         self.known = NEWTON.structure.from_buffer_copy(found[0][1])
         return Outcome(found[0][0])
 
-    def enough(self, turn: int, norm: float, previous: float, since: int) -> bool:
+    def enough(self, iteration: int, norm: float, previous: float, since: int) -> bool:
         """Whether the unknowns are good enough; there is hope."""
-        return VERDICTS[self.outcome(turn, norm, previous, since)]
+        return VERDICTS[self.outcome(iteration, norm, previous, since)]
 
 
 def newton(*, adaptive: bool = False, rate: float = 0.1, noise: float = 1.0, age: int = 0) -> Solve:
@@ -137,7 +137,7 @@ def test_noise_is_forgotten_down_to_one() -> None:
 
 
 @pytest.mark.parametrize(
-    ("turn", "age", "new"),
+    ("iteration", "age", "new"),
     [
         (0, 0, False),
         (FEW_CORRECTIONS - 1, MATRIX_AGE, False),
@@ -147,18 +147,18 @@ def test_noise_is_forgotten_down_to_one() -> None:
         (0, LARGEST_MATRIX_AGE - 1, True),
     ],
 )
-def test_a_step_of_many_corrections_or_an_old_matrix_wants_a_new_one(turn: int, age: int, new: bool) -> None:
+def test_a_step_of_many_corrections_or_an_old_matrix_wants_a_new_one(iteration: int, age: int, new: bool) -> None:
     found = newton(age=age)
-    assert found.enough(turn, 1e-6, 1e-3, FAR)
+    assert found.enough(iteration, 1e-6, 1e-3, FAR)
     assert found.known.age == age + 1 and renewed(found) is new
 
 
 @pytest.mark.parametrize(
-    ("turn", "rate", "new"), [(0, 0.1, False), (1, 2 * FRESH_RATE, True), (1, FRESH_RATE / 2, False)]
+    ("iteration", "rate", "new"), [(0, 0.1, False), (1, 2 * FRESH_RATE, True), (1, FRESH_RATE / 2, False)]
 )
-def test_where_steps_follow_the_error_a_slow_step_wants_a_new_matrix(turn: int, rate: float, new: bool) -> None:
+def test_where_steps_follow_the_error_a_slow_step_wants_a_new_matrix(iteration: int, rate: float, new: bool) -> None:
     found = newton(adaptive=True)
-    assert found.enough(turn, 1e-6, 1e-6 / rate, FAR)
+    assert found.enough(iteration, 1e-6, 1e-6 / rate, FAR)
     assert renewed(found) is new
 
 

@@ -16,7 +16,7 @@ from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.python_kernel import PythonKernel
 from lagrange.machine.kernel.python_text import WRITTEN_OUT, fits, scalar_source
-from lagrange.program.program import Block, Instruction, Program
+from lagrange.program.program import Instruction, Program, ProgramBlock
 
 x, y, z = lg.coordinates("x y z")
 k = lg.parameters("k")
@@ -115,7 +115,9 @@ def test_pivots_of_multipliers_are_below_zero(hoisted: bool) -> None:
         Instruction("component", (5,)),
         Instruction("component", (5,), place=1),
     )
-    program = Program("held", (Block("q", 2),), 1, code, 4 if hoisted else 0, (6, 7), (Block("a", 2),), (2,))
+    program = Program(
+        "held", (ProgramBlock("q", 2),), 1, code, 4 if hoisted else 0, (6, 7), (ProgramBlock("a", 2),), (2,)
+    )
     kernel, parameters = PythonKernel(program), np.array([3.0])
     for given in (np.array([3.0, 5.0]), np.array([[3.0, 3.0], [5.0, 6.0]])):
         assert kernel(0.0, given, parameters)[0] == pytest.approx(0.0, abs=1e-15)
@@ -129,7 +131,9 @@ def test_a_large_system_is_interpreted() -> None:
     order = WRITTEN_OUT + 1
     entries = tuple(range(order * (order + 1) // 2))
     code = (*(Instruction("state", place=i) for i in entries), Instruction("factor", entries, order=order))
-    assert not fits(Program("wide", (Block("q", len(entries)),), 0, code, 0, (0,), (Block("a", 1),), (1,)))
+    assert not fits(
+        Program("wide", (ProgramBlock("q", len(entries)),), 0, code, 0, (0,), (ProgramBlock("a", 1),), (1,))
+    )
 
 
 def test_the_source_is_made_of_our_own_names() -> None:

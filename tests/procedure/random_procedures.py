@@ -124,7 +124,7 @@ class RandomProcedure:
 
     def statements(self, count: int, depth: int) -> None:
         ways = [self.compute] * 6 + [self.memory] * 3 + [self.change] * 3 + [self.call]
-        ways += [self.branch, self.turns, self.each, self.while_small] if depth < 3 else []
+        ways += [self.branch, self.iterations, self.each, self.while_small] if depth < 3 else []
         for _ in range(count):
             self.random.choice(ways)(depth)
 
@@ -207,7 +207,7 @@ class RandomProcedure:
             with ways.otherwise():
                 self.nested(depth)
 
-    def turns(self, depth: int) -> None:
+    def iterations(self, depth: int) -> None:
         with self.p.loop(0, self.random.randint(0, 4), self.random.choice((1, 2))) as i:
             self.values[WHOLE].append(i)
             self.nested(depth)

@@ -215,7 +215,7 @@ def loop_without_end(p: Builder) -> None:
         (two_of_one_name, "two parameters have one name"),
         (late_otherwise, "right behind the block of its condition"),
         (loop_without_end, "a step that is not above zero"),
-        (three_at_once, "an `each` of 3 turns at once, which are one of (1, 2, 4, 8)"),
+        (three_at_once, "an `each` of 3 iterations at once, which are one of (1, 2, 4, 8)"),
     ],
 )
 def test_what_is_malformed_is_refused(build: Callable[[Builder], Any], said: str) -> None:
@@ -224,8 +224,8 @@ def test_what_is_malformed_is_refused(build: Callable[[Builder], Any], said: str
 
 def folding(op: str, factor: int | None) -> Procedure:
     """Return a procedure that makes one number of one in some way."""
-    turns = Let(1, WHOLE, "constant", (), 3)
-    body = turns, Each(2, 1, (), (Fold(3, op, 0, factor),)), Leave((3,))
+    iterations = Let(1, WHOLE, "constant", (), 3)
+    body = iterations, Each(2, 1, (), (Fold(3, op, 0, factor),)), Leave((3,))
     return Procedure("folding", "One number of many.", (Parameter(0, "x", REAL),), (REAL,), body, {})
 
 

@@ -81,8 +81,8 @@ def test_python_finds_what_the_interpreter_finds(seed: int, monkeypatch: pytest.
 def test_python_decides_as_machine_code_does(seed: int) -> None:
     """The places differ by what the rounding of products does to a root."""
     for case in cases(seed, 400):
-        (sides, places, ways), (others, there, turns) = outcome(LLVM, case), outcome(PYTHON, case)
-        assert (sides, ways) == (others, turns), case
+        (sides, places, ways), (others, there, iterations) = outcome(LLVM, case), outcome(PYTHON, case)
+        assert (sides, ways) == (others, iterations), case
         with np.errstate(all="ignore"):
             scaled = case[0] * case[2] ** np.arange(case[1])
         if np.isfinite(scaled).all():

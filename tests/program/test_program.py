@@ -10,12 +10,12 @@ import pytest
 from lagrange.errors import LagrangeError
 from lagrange.machine.kernel.arithmetic import OPERATIONS
 from lagrange.machine.llvm.spelling import LIBRARY, SPELLED
-from lagrange.program.program import ARITY, Block, Instruction, Program
+from lagrange.program.program import ARITY, Instruction, Program, ProgramBlock
 
 I = Instruction
 SOUND = Program(
     name="sound",
-    inputs=(Block("q", 1), Block("v", 1)),
+    inputs=(ProgramBlock("q", 1), ProgramBlock("v", 1)),
     parameters=1,
     instructions=(
         I("parameter", place=0),
@@ -31,7 +31,7 @@ SOUND = Program(
     ),
     hoisted=3,
     outputs=(9, 6, 9),
-    results=(Block("a", 1), Block("b", 2)),
+    results=(ProgramBlock("a", 1), ProgramBlock("b", 2)),
     shape=(3,),
 )
 
@@ -66,10 +66,13 @@ def changed(i: int, instruction: Instruction) -> tuple[Instruction, ...]:
         ({"instructions": changed(6, I("fma", (2, 3, 5), negative=1))}, "%6 = fma of order 0 has 1 pivots below zero"),
         ({"instructions": changed(4, I("state", place=2))}, "%4 = state 2 is not there"),
         ({"instructions": changed(0, I("parameter", place=-1))}, "%0 = parameter -1 is not there"),
-        ({"results": (Block("a", 2),)}, r"3 outputs do not fill a\[2\]"),
-        ({"results": (Block("q", 1), Block("b", 2))}, r"\['q', 'v', 'q', 'b'\] do not name its inputs and results"),
-        ({"results": (Block("a", 1), Block("t", 2))}, "do not name its inputs and results"),
-        ({"results": (Block("a", 1), Block("b c", 2))}, "do not name its inputs and results"),
+        ({"results": (ProgramBlock("a", 2),)}, r"3 outputs do not fill a\[2\]"),
+        (
+            {"results": (ProgramBlock("q", 1), ProgramBlock("b", 2))},
+            r"\['q', 'v', 'q', 'b'\] do not name its inputs and results",
+        ),
+        ({"results": (ProgramBlock("a", 1), ProgramBlock("t", 2))}, "do not name its inputs and results"),
+        ({"results": (ProgramBlock("a", 1), ProgramBlock("b c", 2))}, "do not name its inputs and results"),
         ({"returned": ("c",)}, r"\['c'\] are not among its results"),
         ({"returned": ("b",)}, r"\['a'\] are not returned, and are no inputs"),
     ],
@@ -106,7 +109,7 @@ def test_what_is_saved_is_what_the_rest_reads() -> None:
     assert SOUND.saved == (2,)
     hoisted = Program(
         name="hoisted",
-        inputs=(Block("q", 1), Block("v", 1)),
+        inputs=(ProgramBlock("q", 1), ProgramBlock("v", 1)),
         parameters=3,
         instructions=(
             *(I("parameter", place=i) for i in range(3)),
@@ -120,7 +123,7 @@ def test_what_is_saved_is_what_the_rest_reads() -> None:
         ),
         hoisted=7,
         outputs=(9,),
-        results=(Block("a", 1),),
+        results=(ProgramBlock("a", 1),),
         shape=(1,),
     )
     # The entries of a saved matrix are kept with its factors, to factor it again with pivoting; sin is read by nobody.

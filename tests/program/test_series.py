@@ -19,9 +19,9 @@ from lagrange.graph.node import Binding, Graph
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.series.interpreted_jet import COEFFICIENT
 from lagrange.program.function_rules import FUNCTION_RULES
-from lagrange.program.program import Block
-from lagrange.program.recurrence import Builder
-from lagrange.program.series import RULES, Rule, SeriesProgram, convolutions
+from lagrange.program.program import ProgramBlock
+from lagrange.program.recurrence import RecurrenceBuilder
+from lagrange.program.series import RULES, SeriesProgram, SeriesRule, convolutions
 from lagrange.program.taylor import series_program
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
@@ -109,7 +109,7 @@ def test_what_switches_has_no_rule(name: str) -> None:
     time = graph.symbol("t", Binding.TIME)
     node = graph.call(name, *(q, v)[: FUNCTIONS[name].arity or 0])
     with pytest.raises(StatementError, match=f"{name} has no Taylor series"):
-        FUNCTION_RULES[name](Builder(graph, [q], [v], time, []), node)
+        FUNCTION_RULES[name](RecurrenceBuilder(graph, [q], [v], time, []), node)
 
 
 def test_every_rule_is_spelled_and_used() -> None:
@@ -196,7 +196,7 @@ def sound() -> SeriesProgram:
     return replace(series_program(euler_lagrange(statement))[0], name="sound")
 
 
-def edited(i: int, rule: Rule) -> dict[str, Any]:
+def edited(i: int, rule: SeriesRule) -> dict[str, Any]:
     rules = list(sound().rules)
     rules[i] = rule
     return {"rules": tuple(rules)}
@@ -212,26 +212,26 @@ def unstarted() -> int:
 
 def shorter(program: Any) -> Any:
     *blocks, (name, size) = program.results
-    results = (*blocks, Block(name, size - 1))
+    results = (*blocks, ProgramBlock(name, size - 1))
     return replace(program, outputs=program.outputs[:-1], results=results, shape=(len(program.outputs) - 1,))
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda: edited(4, Rule("cube", (0,))), "%4 has the unknown rule cube"),
-        (lambda: edited(4, Rule("mul", (0,))), "%4 = mul has 1 arguments"),
-        (lambda: edited(4, Rule("time", (0,))), "%4 = time has 1 arguments"),
-        (lambda: edited(4, Rule("linear", (0, 1), (0,))), "%4 = linear has 1 coefficients"),
-        (lambda: edited(4, Rule("integral", (0,))), "%4 = integral has 0 coefficients"),
-        (lambda: edited(0, Rule("coordinate", (), (2,))), "%0 = coordinate has a coefficient that is not there"),
-        (lambda: edited(4, Rule("linear", (0,), (99,))), "%4 = linear has a coefficient that is not there"),
-        (lambda: edited(4, Rule("linear", (0,), (-1,))), "%4 = linear has a coefficient that is not there"),
-        (lambda: edited(4, Rule("square", (99,))), "%4 = square reads a value that is not there"),
-        (lambda: edited(4, Rule("square", (-1,))), "%4 = square reads a value that is not there"),
-        (lambda: edited(4, Rule("square", (4,))), "%4 = square reads a later value at its own order"),
-        (lambda: edited(4, Rule("along", (5, 0), (0,))), "%4 = along reads a later value at its own order"),
-        (lambda: edited(4, Rule("against", (0, 5))), "%4 = against reads a later value at its own order"),
+        (lambda: edited(4, SeriesRule("cube", (0,))), "%4 has the unknown rule cube"),
+        (lambda: edited(4, SeriesRule("mul", (0,))), "%4 = mul has 1 arguments"),
+        (lambda: edited(4, SeriesRule("time", (0,))), "%4 = time has 1 arguments"),
+        (lambda: edited(4, SeriesRule("linear", (0, 1), (0,))), "%4 = linear has 1 coefficients"),
+        (lambda: edited(4, SeriesRule("integral", (0,))), "%4 = integral has 0 coefficients"),
+        (lambda: edited(0, SeriesRule("coordinate", (), (2,))), "%0 = coordinate has a coefficient that is not there"),
+        (lambda: edited(4, SeriesRule("linear", (0,), (99,))), "%4 = linear has a coefficient that is not there"),
+        (lambda: edited(4, SeriesRule("linear", (0,), (-1,))), "%4 = linear has a coefficient that is not there"),
+        (lambda: edited(4, SeriesRule("square", (99,))), "%4 = square reads a value that is not there"),
+        (lambda: edited(4, SeriesRule("square", (-1,))), "%4 = square reads a value that is not there"),
+        (lambda: edited(4, SeriesRule("square", (4,))), "%4 = square reads a later value at its own order"),
+        (lambda: edited(4, SeriesRule("along", (5, 0), (0,))), "%4 = along reads a later value at its own order"),
+        (lambda: edited(4, SeriesRule("against", (0, 5))), "%4 = against reads a later value at its own order"),
         (lambda: {"start": shorter(sound().start)}, "the start does not give every value of order 0"),
         (lambda: {"constants": shorter(sound().constants)}, "the start does not give every value of order 0"),
         (lambda: {"started": (0, 2, *sound().started[2:])}, "%1 has no value of order 0"),
@@ -262,7 +262,7 @@ def test_what_follows_from_itself_is_sound() -> None:
     rules = sound().rules
     later = [(i, rule) for i, rule in enumerate(rules) if rule.op == "integral" and rule.args[0] > i]
     assert len(later) == 2
-    replace(sound(), **edited(later[0][0], Rule("along", (0, later[1][0]), (0,))))
+    replace(sound(), **edited(later[0][0], SeriesRule("along", (0, later[1][0]), (0,))))
 
 
 def test_a_program_prints_what_is_done_when() -> None:

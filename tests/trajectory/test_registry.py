@@ -14,7 +14,7 @@ import pytest
 
 import lagrange.methods
 from lagrange.errors import StatementError
-from lagrange.machine.series.order import HIGHEST, LOWEST
+from lagrange.machine.series.order import HIGHEST_ORDER, LOWEST_ORDER
 from lagrange.statement.coordinate import t
 from lagrange.trajectory.integrator import Claims, Integrator
 from lagrange.trajectory.methods import registry
@@ -153,7 +153,7 @@ def test_a_method_is_entered_where_it_is_defined_and_listed_nowhere_else() -> No
 
 def test_the_row_of_taylor_says_what_its_order_means() -> None:
     row = next(row for row in table() if row.name == "taylor")
-    assert f"order by cost, {LOWEST} to {HIGHEST} ({row.claims.order} stands for it)" in row.about
+    assert f"order by cost, {LOWEST_ORDER} to {HIGHEST_ORDER} ({row.claims.order} stands for it)" in row.about
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from lagrange.program.program import Program
 BLOCK = 4
 """Doubles that are loaded and stored at once, by kernels and by the steps around them."""
 
-MOST = 8
+MOST_IN_REGISTERS = 8
 """Up to so many numbers of a state, and results, are passed in registers."""
 
 _CONVENTION = "swiftcc"
@@ -28,7 +28,7 @@ _CONVENTION = "swiftcc"
 
 def fit(dimension: int) -> bool:
     """Whether states of that dimension are passed in registers: by kernels, and by the steps that call them."""
-    return dimension <= MOST
+    return dimension <= MOST_IN_REGISTERS
 
 
 def hold(program: Program) -> bool:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.machine.backend import FloatArray, QuickCalls, SingularMassMatrix
-from lagrange.machine.copies import ArrivedKernel, Shared
+from lagrange.machine.copies import Shared, UnpickledKernel
 from lagrange.machine.kernel import llvm_calling
 from lagrange.machine.kernel.llvm_arrays import quick_calls
 from lagrange.machine.kernel.llvm_body import UNROLLED, prepared_size
@@ -22,7 +22,7 @@ from lagrange.machine.llvm.engine import Module, lanes, linear_solver, vector_ro
 from lagrange.procedure.blocks import whole_blocks
 from lagrange.program.program import Program
 
-QUICK = 4096
+SHORT_PROGRAM = 4096
 """Instructions up to which a call of one state does not release the interpreter's lock: that takes as long."""
 
 _PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
@@ -51,7 +51,7 @@ class LlvmKernel(Shared):
         self._shape, self._count = program.shape, len(program.outputs)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return ArrivedKernel, (LlvmKernel, self._program)
+        return UnpickledKernel, (LlvmKernel, self._program)
 
     @property
     def program(self) -> Program:
@@ -103,7 +103,7 @@ class LlvmKernel(Shared):
 
     def quick(self, parameters: FloatArray) -> QuickCalls | None:
         """Return quick calls that hold the interpreter's lock, for a program that takes microseconds; see `Kernel`."""
-        if len(self._program.instructions) > QUICK:
+        if len(self._program.instructions) > SHORT_PROGRAM:
             return None
         prepared, known = self.prepare(parameters), self._quick
         if known is None or known[0] is not prepared:

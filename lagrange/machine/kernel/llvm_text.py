@@ -25,7 +25,7 @@ from lagrange.machine.llvm.spelling import BOOLEAN, declaration, intrinsics, lib
 from lagrange.procedure.linear.dense import factor_size
 from lagrange.program.program import SYSTEMS, Instruction, Program
 
-FEW = 16
+FEW_RESULTS = 16
 """Up to so many results of a scalar kernel are stored four or two at a time. A step loads them four at a time, and a
 processor hands a value on from a store to a load only if one store has it all: it doubles the time of a small step."""
 
@@ -91,7 +91,7 @@ def prepare_function(program: Program) -> str:
 def _scalar(program: Program) -> str:
     body = Body(program, 1, {})
     _run(body, {i.place: body.e.get("%y", i.place) for i in program.instructions if i.op == "state"})
-    if len(program.outputs) <= FEW:
+    if len(program.outputs) <= FEW_RESULTS:
         _store_together(body.e, [_result(body, ref) for ref in program.outputs])
     else:
         _store_each(body, "")
@@ -166,15 +166,15 @@ def _result(body: Body, ref: int) -> str:
 
 
 def _store_together(e: Emitter, values: Sequence[str]) -> None:
-    """Store the outputs of a scalar kernel four or two at a time; see `FEW`."""
-    for begin, width in _pieces(len(values)):
+    """Store the outputs of a scalar kernel four or two at a time; see `FEW_RESULTS`."""
+    for begin, width in _block_widths(len(values)):
         kind, total = f"<{width} x double>", "poison"
         for lane, value in enumerate(values[begin : begin + width]):
             total = e.value(f"insertelement {kind} {total}, double {value}, i64 {lane}")
         e.store(total, e.address("%out", begin), kind)
 
 
-def _pieces(length: int) -> Iterator[tuple[int, int]]:
+def _block_widths(length: int) -> Iterator[tuple[int, int]]:
     """Yield (first, width) of the blocks of a vector and of the pieces of two and one that are left."""
     begin = 0
     for width in (llvm_calling.BLOCK, 2, 1):

@@ -24,7 +24,7 @@ from lagrange.program.program import Program
 CACHED = 2**16
 """So many doubles of a block of columns are worked with at once: they fit a second-level cache."""
 
-SHORTEST, WIDEST = 64, 4096
+LEAST_COLUMNS, MOST_COLUMNS = 64, 4096
 """The least and the largest number of columns of a block."""
 
 FUNCTIONS: dict[str, Any] = {
@@ -130,7 +130,7 @@ class PythonKernel:
         out = np.empty((len(program.outputs), count))
         prepared, buffers = self._blocks
         run = prepared(parameters)
-        length = min(max(CACHED // (buffers + len(rows) + 1), SHORTEST), WIDEST, max(count, 1))
+        length = min(max(CACHED // (buffers + len(rows) + 1), LEAST_COLUMNS), MOST_COLUMNS, max(count, 1))
         work, times = np.empty((buffers, length)), np.broadcast_to(np.asarray(t, dtype=float), (count,))
         with np.errstate(all="ignore"):
             for low in range(0, count, length):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from lagrange.machine.python_source import ATOM, LONGEST, OPERANDS, SPELLED, literal
+from lagrange.machine.python_source import ATOM, LONGEST_VALUE, OPERANDS, SPELLED, literal
 from lagrange.procedure.form import REAL
 from lagrange.procedure.linear.dense import PIVOT
 from lagrange.program.program import Instruction, Program
@@ -133,7 +133,7 @@ class FloatPrinter:
                 self.texts[i] = ATOM, self.vectors[one.args[0]][one.place]
             else:
                 level, found = self.spelled(one)
-                keep = self.uses[i] != 1 or len(found) >= LONGEST or (i < hoisted)
+                keep = self.uses[i] != 1 or len(found) >= LONGEST_VALUE or (i < hoisted)
                 self.texts[i] = (ATOM, self.named(f"x{i}", found)) if keep else (level, found)
 
     def spelled(self, one: Instruction) -> tuple[int, str]:

@@ -15,7 +15,7 @@ def literal(value: float) -> str:
 
 @dataclass
 class Carried:
-    """A loop's index, the values that it carries, and what they become in its next turn."""
+    """A loop's index, the values that it carries, and what they become in its next iteration."""
 
     index: str
     values: list[str]
@@ -154,7 +154,7 @@ class Emitter:
     def carry(
         self, start: str | int, stop: str | int, carried: Sequence[tuple[str, str]], step: int = 1
     ) -> Iterator[Carried]:
-        """Repeat the body as `loop` does, handing values of (kind, initial value) from one turn to the next.
+        """Repeat the body as `loop` does, handing values of (kind, initial value) from one iteration to the next.
 
         The body sets `following` of what it gets, one value for each; behind the loop, `values` are the last ones.
         """

@@ -20,7 +20,7 @@ from lagrange.program.program import ARITY
 
 _LOADING = threading.Lock()
 
-HUGE = 1_000_000
+LARGE_MODULE = 1_000_000
 """Characters of IR beyond which code is made quickly, not well: some 12,000 operations. The Jacobian of a chain of 30
 links (23,000 operations) then takes 1.2 s in place of 5.3 and runs 1.3 times as long (73 us); no right-hand side of a
 scene comes near it."""
@@ -34,14 +34,14 @@ def dense_solver() -> tuple[Procedure, ...]:
 class Module(Shared):
     """Machine code with the functions of one IR text; it owns the memory that its addresses point to."""
 
-    def __init__(self, text: str, *, optimize: bool = False, merge: bool = False, hurry: bool = False) -> None:
+    def __init__(self, text: str, *, optimize: bool = False, merge: bool = False, quickly: bool = False) -> None:
         """Compile a text: with LLVM's passes over loops to `optimize`, or in a `hurry`, for code that runs rarely.
 
         To `merge` is to put procedures that say so into their callers and their own arrays into registers, no more.
         """
         parsed = llvm.parse_assembly(text)
         parsed.verify()
-        machine = _target_machine(0 if hurry or len(text) > HUGE else 2)
+        machine = _target_machine(0 if quickly or len(text) > LARGE_MODULE else 2)
         if optimize:
             _optimize(parsed, machine)
         elif merge:
@@ -108,7 +108,7 @@ def linear_solver(*, often: bool) -> None:
 @cache
 def _linear_solver(often: bool) -> Module:
     start()
-    made = Module(module(dense_solver()), optimize=often, hurry=not often)
+    made = Module(module(dense_solver()), optimize=often, quickly=not often)
     for procedure in dense_solver():
         llvm.add_symbol(procedure.name, made.address(procedure.name))
     return made

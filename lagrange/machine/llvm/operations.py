@@ -112,7 +112,7 @@ def spell(e: Emitter, op: str, kinds: Sequence[Kind], args: Sequence[str], lanes
 def _single(e: Emitter, op: str, kinds: Sequence[Kind], args: Sequence[str], lanes: int) -> str:
     """Print what is done one number at a time."""
     if lanes > 1:
-        raise NotImplementedError(f"{op} has no form for several turns at once")
+        raise NotImplementedError(f"{op} has no form for several iterations at once")
     if (op, kinds[0]) in _CONVERTED:
         return e.value(_CONVERTED[op, kinds[0]].format(args[0]))
     if op in _LIBRARY:

@@ -1,8 +1,8 @@
 """Print a procedure as LLVM IR.
 
-Variables become values: each block of the form knows which variables it sets, so that phis stand where ways meet. An
-`each` takes some turns at once where its arrays have room for whole vectors; values that differ from turn to turn are
-vectors there, and the others are spread out where they meet them.
+Variables become values: each block of the form knows which variables it sets, so phis are placed where branches join.
+An `each` computes several iterations at once if its arrays have room for whole vectors. Values that differ between
+iterations are vectors there; the others are broadcast where they meet them.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from lagrange.machine.llvm.emitter import Emitter
+from lagrange.machine.llvm.iterations import IterationBlock, Lanes, accesses, base_arrays, eaches, number
 from lagrange.machine.llvm.operations import KINDS, constant, declarations, spell, splat, type_of
-from lagrange.machine.llvm.turns import Lanes, Turns, accesses, eaches, number, roots
 from lagrange.procedure.form import (
     CONSTANT,
     FLAG,
@@ -109,7 +109,7 @@ class Printer:
     """Prints one procedure.
 
     `values` are the operands by number, and `held` the present ones of variables; `wide` are the numbers of both that
-    are vectors, one entry for each of the present `turns`.
+    are vectors, one entry for each of the iterations of the `current` block.
     """
 
     def __init__(self, procedure: Procedure) -> None:
@@ -121,7 +121,7 @@ class Printer:
         self.held: dict[int, str] = {}
         self.wide: dict[int, None] = {}
         self.spread: dict[int, str] = {}
-        self.turns: Turns | None = None
+        self.current: IterationBlock | None = None
         self.open = True
         """Whether the present block can be left behind its last statement."""
 
@@ -146,7 +146,7 @@ class Printer:
     # --- what is known
 
     def define(self, ref: int, value: str, kind: Type, *, wide: bool = False) -> None:
-        """Say what a number is, and whether it differs from turn to turn."""
+        """Say what a number is, and whether it differs from iteration to iteration."""
         self.values[ref], self.types[ref] = value, kind
         if isinstance(kind, Kind):
             self.kinds[ref] = kind
@@ -161,12 +161,12 @@ class Printer:
 
     def lanes(self, ref: int) -> int:
         """Return how many entries a value or a variable has."""
-        return self.turns.lanes if self.turns is not None and ref in self.wide else 1
+        return self.current.lanes if self.current is not None and ref in self.wide else 1
 
     def operand(self, ref: int, lanes: int) -> str:
         """Return a value with so many entries, spread out if it is a single number."""
-        if self.turns is not None and ref == self.turns.each.place:
-            return self.turns.places
+        if self.current is not None and ref == self.current.each.place:
+            return self.current.places
         if lanes == 1 or ref in self.wide:
             return self.values[ref]
         return self.spread.get(ref) or splat(self.e, self.values[ref], self.kinds[ref], lanes)
@@ -235,22 +235,22 @@ class Printer:
                 e.put(self.values[value], self.values[record], held.places[field], KINDS[held.kind(field)])
 
     def store(self, store: Store) -> None:
-        """Store a number, or those of some turns, but for what the array has behind the last of them."""
+        """Store a number, or those of some iterations, but for what the array has behind the last of them."""
         e, lanes, array = self.e, self.lanes(store.place), self.array(store.array)
         place = e.address(self.values[store.array], self.values[store.place], KINDS[array.kind])
-        value, kind, turns = self.operand(store.value, lanes), type_of(array.kind, lanes), self.turns
-        count = None if turns is None else number(self.values[turns.each.turns])
-        if turns is None or not turns.mask or turns.each.spill or (count is not None and array.size == count):
+        value, kind, current = self.operand(store.value, lanes), type_of(array.kind, lanes), self.current
+        count = None if current is None else number(self.values[current.each.iterations])
+        if current is None or not current.mask or current.each.spill or (count is not None and array.size == count):
             e.store(value, place, kind)
             return
         e.do(
             f"call void @llvm.masked.store.v{lanes}f64.p0({kind} {value}, ptr {place}, i32 8, "
-            f"<{lanes} x i1> {turns.mask})"
+            f"<{lanes} x i1> {current.mask})"
         )
 
     def variable(self, statement: Declare | Get | Set) -> None:
-        """Print what is done with a variable: one that is declared in an `each` differs from turn to turn."""
-        lanes = 1 if self.turns is None else self.turns.lanes
+        """Print what is done with a variable: one that is declared in an `each` differs from iteration to iteration."""
+        lanes = 1 if self.current is None else self.current.lanes
         match statement:
             case Declare(ref=ref, kind=kind, value=value):
                 self.define(ref, "", kind, wide=lanes > 1)
@@ -387,12 +387,12 @@ class Printer:
         self.held, self.open = entered, True
         e.label(f"{name}.end")
 
-    # --- many turns at once
+    # --- many iterations at once
 
     def each(self, each: Each) -> None:
         """Print an `each` in vectors where every array that it goes through has room for them."""
         width = PARTIAL if any(fold.op in SUMS for fold in each.folds) else each.width
-        whole = roots(each.body)
+        whole = base_arrays(each.body)
         through = [
             self.array(whole.get(one.array, one.array)) for one in accesses(each.body) if one.place == each.place
         ]

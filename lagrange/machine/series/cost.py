@@ -9,12 +9,12 @@ from __future__ import annotations
 from lagrange.machine.series.order import Cost, best_order
 from lagrange.machine.series.packing import Packing
 
-LARGEST = 4000
+MOST_OPERATIONS = 4000
 """Vector operations of a series that is written out, at most: beyond that its code no longer fits the processor's
 cache, and compiling it takes more than a third of a second."""
 
 
-ROUNDING, ROUGHEST = 1e-14, 16
+ROUNDING_TOLERANCE, HIGHEST_ROUNDED = 1e-14, 16
 """Below this tolerance rounding makes most of the error but for the smallest systems, and more and shorter steps
 average it: the outer solar system ends within 2e-13 of the truth at order 16, and 5e-13 at order 20, as fast."""
 
@@ -25,7 +25,7 @@ def cheapest_order(packing: Packing, tolerance: float) -> int:
     if is_large(packing, order):
         order = best_order(jet_cost(packing, looped=True), tolerance)
     rounds = inverts(packing) or packing.program.dimension > 2
-    return min(order, ROUGHEST) if tolerance < ROUNDING and rounds else order
+    return min(order, HIGHEST_ROUNDED) if tolerance < ROUNDING_TOLERANCE and rounds else order
 
 
 def inverts(packing: Packing) -> bool:
@@ -43,7 +43,7 @@ def operations(packing: Packing, order: int) -> int:
 
 def is_large(packing: Packing, order: int) -> bool:
     """Return whether a series is better computed in loops."""
-    return operations(packing, order) > LARGEST
+    return operations(packing, order) > MOST_OPERATIONS
 
 
 def chunks(packing: Packing) -> int:

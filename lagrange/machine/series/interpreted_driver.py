@@ -10,7 +10,7 @@ import numpy as np
 
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.copies import Shared
-from lagrange.machine.printed_run import NOTHING, Recorded, Records, advance
+from lagrange.machine.printed_run import EMPTY, Recorded, Records, advance
 from lagrange.machine.python_source import loaded
 from lagrange.machine.series.interpreted_jet import Jet
 from lagrange.machine.series.order import Cost, best_order
@@ -99,7 +99,7 @@ class NumpyTaylorDriver:
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Advance a run; see `Driver`."""
         outputs = state.outputs.record, state.outputs.times.data, state.outputs.states.reshape(-1).data
-        series, kept = (self._jet, NOTHING, NOTHING), (state.taylor, state.floors.data, self._held, *outputs)
+        series, kept = (self._jet, EMPTY, EMPTY), (state.taylor, state.floors.data, self._held, *outputs)
 
         def steps(records: Records, recorded: Recorded) -> int:
             return _steps(self._layout)(*series, *records, *kept, *recorded, budget, self._work.data, self._order)

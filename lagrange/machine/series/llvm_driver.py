@@ -25,7 +25,7 @@ from lagrange.machine.llvm.sine_cosine import angle_function
 from lagrange.machine.llvm.spelling import intrinsics, library_functions
 from lagrange.machine.series.constants import constants
 from lagrange.machine.series.cost import cheapest_order, is_large
-from lagrange.machine.series.llvm_jet import WIDEST, VectorConstants, shares_wide_angles
+from lagrange.machine.series.llvm_jet import ANGLES_AT_ONCE, VectorConstants, shares_wide_angles
 from lagrange.machine.series.llvm_layout import Slots, looped_layout, unrolled_layout
 from lagrange.machine.series.llvm_looped import LoopedJet
 from lagrange.machine.series.llvm_steps import compiled_steps
@@ -158,7 +158,7 @@ def series_ir(program: SeriesProgram, jet: str, called: Iterable[Procedure]) -> 
     lines = [line for width in (1, 2, 4, 8) for line in intrinsics(width)]
     lines += [*library_functions(), *map(declaration, called), ""]
     functions = [angle_function(1)] if shares_angle_function(program.start) else []
-    functions += [angle_function(WIDEST)] if shares_wide_angles(program.start) else []
+    functions += [angle_function(ANGLES_AT_ONCE)] if shares_wide_angles(program.start) else []
     functions += [prepare_function(program.start), jet]
     return "\n".join([*lines, *functions, METADATA, ATTRIBUTES, QUICKLY, ""])
 

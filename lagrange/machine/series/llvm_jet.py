@@ -9,8 +9,8 @@ from lagrange.machine.kernel.llvm_body import ANGLES, Body, angles
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.sine_cosine import call_sine_and_cosine, sine_and_cosine
 from lagrange.machine.llvm.spelling import element, number
-from lagrange.machine.series.llvm_rules import Orders, Vector, vector_literal
-from lagrange.machine.series.packing import NOTHING, Chunk, Operand, PackedStage, Packing
+from lagrange.machine.series.llvm_rules import Orders, VectorName, vector_literal
+from lagrange.machine.series.packing import ZERO_LANE, Chunk, Operand, PackedStage, Packing
 from lagrange.program.program import Instruction, Program
 
 SIGNATURE = (
@@ -19,7 +19,7 @@ SIGNATURE = (
 )
 
 
-WIDEST = 8
+ANGLES_AT_ONCE = 8
 """So many angles are found at once."""
 
 INLINE_ANGLES = 256
@@ -59,7 +59,7 @@ class Shuffle:
     def __init__(self, e: Emitter) -> None:
         self.e = e
 
-    def gather(self, lanes: Sequence[tuple[Vector, int, int]]) -> Vector:
+    def gather(self, lanes: Sequence[tuple[VectorName, int, int]]) -> VectorName:
         """Return a vector whose lanes are (vector, its width, lane in it); a missing vector gives zero."""
         sources = {vector: width for vector, width, _ in lanes if vector is not None}
         if not sources:
@@ -76,16 +76,16 @@ class Shuffle:
             filled |= set(here)
         return total if len(filled) == count else self._merged(number(0.0, count), total, filled, count)
 
-    def operand(self, packing: Packing, operand: Operand, x: Callable[[Chunk], Vector]) -> Vector:
+    def operand(self, packing: Packing, operand: Operand, x: Callable[[Chunk], VectorName]) -> VectorName:
         """Return an operand as it is, not times its order, from the vectors of its values' chunks."""
-        homes = [None if value == NOTHING else packing.place[value] for value in operand.values]
+        homes = [None if value == ZERO_LANE else packing.place[value] for value in operand.values]
         if homes[0] is not None and homes[0][0].values == operand.values:
             return x(homes[0][0])
         return self.gather(
             [(None, 1, 0) if home is None else (x(home[0]), len(home[0].values), home[1]) for home in homes]
         )
 
-    def lane(self, vector: Vector, width: int, lane: int) -> Vector:
+    def lane(self, vector: VectorName, width: int, lane: int) -> VectorName:
         """Return one entry of a vector."""
         if vector is None or width == 1:
             return vector
@@ -114,7 +114,7 @@ class Shuffle:
         return self.e.value(f"shufflevector {element(count)} {a}, {element(count)} {b}, <{count} x i32> <{mask}>")
 
 
-class Start:
+class OrderZero:
     """Order 0 of a jet, as scalars, by the program that computes it.
 
     What rounding lost of the state stands `padded` numbers behind it.
@@ -165,20 +165,20 @@ class Start:
         called = shares_wide_angles(self.packing.program.start)
         moving = [ref for ref in wanted if ref >= self.packing.program.start.hoisted]
         while len(moving) > 1:
-            width = min(WIDEST, 1 << (len(moving) - 1).bit_length())
+            width = min(ANGLES_AT_ONCE, 1 << (len(moving) - 1).bit_length())
             taken, moving = moving[:width], moving[width:]
             padded = taken + [taken[-1]] * (width - len(taken))
             vector = shuffle.gather([(self.body.ref(ref), 1, 0) for ref in padded])
-            make = call_sine_and_cosine if called and width == WIDEST else sine_and_cosine
+            make = call_sine_and_cosine if called and width == ANGLES_AT_ONCE else sine_and_cosine
             for op, found in zip(ANGLES, make(e, str(vector), width), strict=True):
                 for lane, ref in enumerate(taken):
                     place = self.body.by_code.get(Instruction(op, (ref,)))
                     if place is not None:
                         self.body.values[place] = e.value(f"extractelement {element(width)} {found}, i64 {lane}")
 
-    def vector(self, operand: Operand) -> Vector:
+    def vector(self, operand: Operand) -> VectorName:
         """Return an operand at order 0."""
-        lanes: list[Vector] = [None if value == NOTHING else self.values[value] for value in operand.values]
+        lanes: list[VectorName] = [None if value == ZERO_LANE else self.values[value] for value in operand.values]
         return Shuffle(self.e).gather([(lane, 1, 0) for lane in lanes])
 
 
@@ -189,7 +189,7 @@ def lower_triangles(
     return [(block, {(i, j): next(entries) for i in range(len(block)) for j in range(i + 1)}) for block in plan.blocks]
 
 
-def right_sides(jet: Orders, stage: PackedStage) -> list[Vector]:
+def right_sides(jet: Orders, stage: PackedStage) -> list[VectorName]:
     """Return what a stage solves for, f[k-1] scale / k - p^[k] for each chunk of unknowns."""
     found = []
     for chunk, force, momentum in zip(stage.unknowns, stage.right, stage.left, strict=True):
@@ -223,7 +223,7 @@ def vector_parts(count: int) -> list[tuple[int, int]]:
     return found
 
 
-def store_exactly(e: Emitter, vector: Vector, width: int, count: int, target: str) -> None:
+def store_exactly(e: Emitter, vector: VectorName, width: int, count: int, target: str) -> None:
     """Store the first lanes of a vector and nothing else."""
     if vector is None:
         vector = number(0.0, width)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lagrange.machine.series.packing import Operand, Packing
-from lagrange.machine.state import WIDEST
+from lagrange.machine.state import MOST_LANES
 from lagrange.procedure.blocks import whole_blocks
 from lagrange.procedure.linear.inverse import padded, work_size
 from lagrange.procedure.taylor.memory import TaylorLayout
@@ -22,7 +22,7 @@ class Slots:
                 self.size = whole_blocks(self.size, width)
                 self.places[operand] = self.size
                 self.size += width
-        self.size = whole_blocks(self.size, WIDEST)
+        self.size = whole_blocks(self.size, MOST_LANES)
 
 
 def scratch_size(program: SeriesProgram) -> int:

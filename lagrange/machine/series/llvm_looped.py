@@ -16,8 +16,8 @@ from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.spelling import element, number
 from lagrange.machine.series.llvm_jet import (
     SIGNATURE,
+    OrderZero,
     Shuffle,
-    Start,
     VectorConstants,
     constant_vector,
     known_numbers,
@@ -27,8 +27,8 @@ from lagrange.machine.series.llvm_jet import (
     vector_parts,
 )
 from lagrange.machine.series.llvm_layout import Slots
-from lagrange.machine.series.llvm_rules import Arithmetic, Vector, coefficient, divided
-from lagrange.machine.series.packing import NOTHING, Chunk, Operand, PackedStage, Packing
+from lagrange.machine.series.llvm_rules import VectorArithmetic, VectorName, coefficient, divided
+from lagrange.machine.series.packing import ZERO_LANE, Chunk, Operand, PackedStage, Packing
 from lagrange.procedure.linear.inverse import invert, padded, work_size
 from lagrange.procedure.taylor.memory import TaylorLayout
 
@@ -44,13 +44,13 @@ class LoopedJet:
 
     def __init__(self, packing: Packing, table: VectorConstants, layout: TaylorLayout, slots: Slots) -> None:
         self.packing, self.table, self.layout, self.slots = packing, table, layout, slots
-        self.origin = Start(packing, layout.padded)
+        self.origin = OrderZero(packing, layout.padded)
         self.e: Emitter = self.origin.e
-        self.do = Arithmetic(self.e)
+        self.do = VectorArithmetic(self.e)
         self.shuffle = Shuffle(self.e)
-        self.x: dict[Chunk, Vector] = {}
-        self.gathered: dict[Operand, Vector] = {}
-        self.totals: dict[tuple[Chunk, int], Vector] = {}
+        self.x: dict[Chunk, VectorName] = {}
+        self.gathered: dict[Operand, VectorName] = {}
+        self.totals: dict[tuple[Chunk, int], VectorName] = {}
         self.splats: dict[tuple[str, int], str] = {}
         self.row = self.previous = self.k = self.rank = ""
         self.parts: tuple[str, ...] = ()
@@ -65,9 +65,9 @@ class LoopedJet:
         refined = any(stage.plan.moving for stage in packing.stages)
         self.start_guess()
         # Order 1 is computed twice, the second time from the velocities found first: see `UnrolledJet.refined`.
-        with e.loop(0 if refined else 1, e.value("add nsw i64 %order, 1")) as turn:
-            begun = e.value(f"icmp ne i64 {turn}, 0")
-            self.begin(e.value(f"select i1 {begun}, i64 {turn}, i64 1"))
+        with e.loop(0 if refined else 1, e.value("add nsw i64 %order, 1")) as iteration:
+            begun = e.value(f"icmp ne i64 {iteration}, 0")
+            self.begin(e.value(f"select i1 {begun}, i64 {iteration}, i64 1"))
             self.sum_up()
             for chunk, rate in zip(packing.coordinates, packing.rates, strict=True):
                 self.x[chunk] = self.share(self.before(rate), len(chunk.values))
@@ -87,13 +87,13 @@ class LoopedJet:
         e.do(f"ret i32 {self.origin.body.status()}")
         return e.function(SIGNATURE)
 
-    def know(self, place: int, found: Sequence[Vector]) -> None:
+    def know(self, place: int, found: Sequence[VectorName]) -> None:
         """Enter the unknowns of a stage, and drop what was gathered with others in their place."""
         depth = self.packing.program.depth
         self.gathered = {
             operand: vector
             for operand, vector in self.gathered.items()
-            if all(value == NOTHING or depth[value] <= place for value in operand.values)
+            if all(value == ZERO_LANE or depth[value] <= place for value in operand.values)
         }
         self.x.update(zip(self.packing.stages[place].unknowns, found, strict=True))
 
@@ -106,14 +106,14 @@ class LoopedJet:
         """Return where the guess of some unknowns stands."""
         return self.origin.body.scratch(f"guess {chunk.values[0]}", element(len(chunk.values)), 1)
 
-    def guesses(self, stage: PackedStage) -> list[Vector]:
-        """Return the unknowns from which those of this turn are corrected: zero but in the second turn."""
+    def guesses(self, stage: PackedStage) -> list[VectorName]:
+        """Return the unknowns from which those of this iteration are corrected: zero but in the second iteration."""
         if not stage.plan.moving:
             return [None] * len(stage.unknowns)
         return [self.e.load(self.guess_at(chunk), element(len(chunk.values))) for chunk in stage.unknowns]
 
-    def keep_guess(self, stage: PackedStage, found: Sequence[Vector], begun: str) -> None:
-        """Keep the unknowns of the first turn for the second, and none after it."""
+    def keep_guess(self, stage: PackedStage, found: Sequence[VectorName], begun: str) -> None:
+        """Keep the unknowns of the first iteration for the second, and none after it."""
         for chunk, value in zip(stage.unknowns, found, strict=True) if stage.plan.moving else ():
             lanes = len(chunk.values)
             kind, zero = element(lanes), number(0.0, lanes)
@@ -201,7 +201,7 @@ class LoopedJet:
         for chunk in chunks:
             self.x[chunk] = coefficient(self, chunk)
 
-    def now(self, operand: Operand) -> Vector:
+    def now(self, operand: Operand) -> VectorName:
         """Return an operand at the order at hand."""
         if operand not in self.gathered:
             vector = self.shuffle.operand(self.packing, operand, self.x.__getitem__)
@@ -211,15 +211,15 @@ class LoopedJet:
             self.gathered[operand] = vector
         return self.gathered[operand]
 
-    def before(self, operand: Operand) -> Vector:
+    def before(self, operand: Operand) -> VectorName:
         """Return an operand at the order before."""
         return self.read(self.previous, operand)
 
-    def first(self, operand: Operand) -> Vector:
+    def first(self, operand: Operand) -> VectorName:
         """Return an operand at order 0."""
         return self.read("%rows", operand)
 
-    def total(self, chunk: Chunk, which: int) -> Vector:
+    def total(self, chunk: Chunk, which: int) -> VectorName:
         """Return a sum over 0 < j < k."""
         return self.totals[chunk, which]
 
@@ -242,17 +242,17 @@ class LoopedJet:
             self.splats[key] = self.e.splat(value, element(lanes))
         return self.splats[key]
 
-    def share(self, x: Vector, lanes: int) -> Vector:
+    def share(self, x: VectorName, lanes: int) -> VectorName:
         """Return x scale / k."""
         high, low = (self.splat(share, lanes) for share in self.shares)
         return divided(self.do, x, high, low, lanes)
 
-    def part(self, x: Vector, lanes: int) -> Vector:
+    def part(self, x: VectorName, lanes: int) -> VectorName:
         """Return x / k."""
         high, low = (self.splat(part, lanes) for part in self.parts)
         return divided(self.do, x, high, low, lanes)
 
-    def start(self, lanes: int) -> Vector:
+    def start(self, lanes: int) -> VectorName:
         """Return the coefficient of time."""
         first = self.e.value(f"icmp eq i64 {self.k}, 1")
         return self.splat(self.e.choose(first, "%scale", literal(0.0)), lanes)
@@ -302,7 +302,7 @@ class LoopedJet:
         body.singular.append(e.value(f"call i1 @{body.name_of(invert())}({arguments})"))
         return "" if len(self.packing.stages) == 1 else e.address(work, work_size(n))
 
-    def solved(self, place: int) -> list[Vector]:
+    def solved(self, place: int) -> list[VectorName]:
         """Return the unknowns of a stage: v[k] = M0^-1 (f[k-1] scale / k - p^[k])."""
         stage, e = self.packing.stages[place], self.e
         right = right_sides(self, stage)
@@ -315,9 +315,9 @@ class LoopedJet:
             at += chunk.count
         return self.product(stage, self.inverses[place], memory)
 
-    def divided(self, stage: PackedStage, inverses: str, right: Sequence[Vector]) -> list[Vector]:
+    def divided(self, stage: PackedStage, inverses: str, right: Sequence[VectorName]) -> list[VectorName]:
         """Return each entry times the inverse of its mass."""
-        found: list[Vector] = []
+        found: list[VectorName] = []
         place = 0
         for chunk, vector in zip(stage.unknowns, right, strict=True):
             lanes = len(chunk.values)
@@ -330,14 +330,14 @@ class LoopedJet:
         """Return a vector of which only the first entries are read from memory; the others repeat the last."""
         if count == lanes:
             return self.e.load(source, element(lanes))
-        found: list[tuple[Vector, int, int]] = []
+        found: list[tuple[VectorName, int, int]] = []
         for place, width in vector_parts(count):
             part = self.e.load(self.e.address(source, place), element(width))
             found += [(part, width, lane) for lane in range(width)]
         vector = self.shuffle.gather(found + [found[-1]] * (lanes - count))
         return vector or number(0.0, lanes)
 
-    def product(self, stage: PackedStage, inverse: str, right: str) -> list[Vector]:
+    def product(self, stage: PackedStage, inverse: str, right: str) -> list[VectorName]:
         """Return the product of the inverse with a vector in memory."""
         e, n, chunks = self.e, stage.plan.size, stage.unknowns
         stride = padded(n) if stage.plan.moving else n
@@ -360,7 +360,7 @@ class LoopedJet:
                     for part, chunk, total, kind in zip(column(loop.index), chunks, loop.values, kinds, strict=True)
                 ]
             return list(loop.values)
-        totals: list[list[Vector]] = [[None, None] for _ in chunks]
+        totals: list[list[VectorName]] = [[None, None] for _ in chunks]
         for j in range(n):
             entry = e.get(right, j)
             for i, (part, chunk) in enumerate(zip(column(j), chunks, strict=True)):

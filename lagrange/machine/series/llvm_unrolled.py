@@ -18,8 +18,8 @@ from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.spelling import element, number
 from lagrange.machine.series.llvm_jet import (
     SIGNATURE,
+    OrderZero,
     Shuffle,
-    Start,
     VectorConstants,
     constant_vector,
     known_numbers,
@@ -27,8 +27,8 @@ from lagrange.machine.series.llvm_jet import (
     right_sides,
     store_exactly,
 )
-from lagrange.machine.series.llvm_rules import Arithmetic, Vector, coefficient, divided, reciprocal
-from lagrange.machine.series.packing import NOTHING, Chunk, Operand, PackedStage, Packing
+from lagrange.machine.series.llvm_rules import VectorArithmetic, VectorName, coefficient, divided, reciprocal
+from lagrange.machine.series.packing import ZERO_LANE, Chunk, Operand, PackedStage, Packing
 from lagrange.procedure.linear.dense import factor_size, invert_dense
 from lagrange.procedure.taylor.memory import TaylorLayout
 
@@ -42,19 +42,19 @@ class UnrolledJet:
 
     def __init__(self, packing: Packing, table: VectorConstants, layout: TaylorLayout) -> None:
         self.packing, self.table, self.order, self.width = packing, table, layout.order, layout.width
-        self.origin = Start(packing, layout.padded)
+        self.origin = OrderZero(packing, layout.padded)
         self.e: Emitter = self.origin.e
-        self.do = Arithmetic(self.e)
+        self.do = VectorArithmetic(self.e)
         self.shuffle = Shuffle(self.e)
         self.k = 0
-        self.x: dict[tuple[Chunk, int], Vector] = {}
-        self.gathered: dict[tuple[Operand, int], Vector] = {}
-        self.totals: dict[tuple[Chunk, int, int], Vector] = {}
-        self.initial: dict[Operand, Vector] = {}
+        self.x: dict[tuple[Chunk, int], VectorName] = {}
+        self.gathered: dict[tuple[Operand, int], VectorName] = {}
+        self.totals: dict[tuple[Chunk, int, int], VectorName] = {}
+        self.initial: dict[Operand, VectorName] = {}
         self.reciprocals: dict[Operand, str] = {}
         self.constants: dict[tuple[int, ...], str] = {}
         self.shares: dict[tuple[float, int], str] = {}
-        self.inverses: list[list[dict[int, Vector]]] = []
+        self.inverses: list[list[dict[int, VectorName]]] = []
 
     def function(self) -> str:
         """Return the IR."""
@@ -79,7 +79,7 @@ class UnrolledJet:
         self.e.do(f"ret i32 {self.origin.body.status()}")
         return self.e.function(SIGNATURE)
 
-    def refined(self, place: int, found: Sequence[Vector]) -> list[Vector]:
+    def refined(self, place: int, found: Sequence[VectorName]) -> list[VectorName]:
         """Correct the unknowns of order 1 by what dp/dt = f leaves over with them.
 
         They carry most of a step's rounding, and most of that is the rounding of the mass matrix, which this takes out:
@@ -93,11 +93,11 @@ class UnrolledJet:
             for chunk, value, correction in zip(stage.unknowns, found, self.solved(place), strict=True)
         ]
 
-    def know(self, place: int, found: Sequence[Vector]) -> None:
+    def know(self, place: int, found: Sequence[VectorName]) -> None:
         """Enter the unknowns of a stage, and drop what was gathered with others in their place."""
         depth = self.packing.program.depth
         for key in [key for key in self.gathered if key[1] == self.k]:
-            if any(value != NOTHING and depth[value] > place for value in key[0].values):
+            if any(value != ZERO_LANE and depth[value] > place for value in key[0].values):
                 del self.gathered[key]
         for chunk, value in zip(self.packing.stages[place].unknowns, found, strict=True):
             self.x[chunk, self.k] = value
@@ -107,7 +107,7 @@ class UnrolledJet:
         for chunk in chunks:
             self.x[chunk, self.k] = coefficient(self, chunk)
 
-    def at(self, operand: Operand, k: int) -> Vector:
+    def at(self, operand: Operand, k: int) -> VectorName:
         """Return an operand at an order."""
         if k == 0:
             return self.first(operand)
@@ -120,31 +120,31 @@ class UnrolledJet:
             self.gathered[key] = vector
         return self.gathered[key]
 
-    def now(self, operand: Operand) -> Vector:
+    def now(self, operand: Operand) -> VectorName:
         """Return an operand at the order at hand."""
         return self.at(operand, self.k)
 
-    def before(self, operand: Operand) -> Vector:
+    def before(self, operand: Operand) -> VectorName:
         """Return an operand at the order before."""
         return self.at(operand, self.k - 1)
 
-    def first(self, operand: Operand) -> Vector:
+    def first(self, operand: Operand) -> VectorName:
         """Return an operand at order 0."""
         if operand not in self.initial:
             self.initial[operand] = self.origin.vector(operand)
         return self.initial[operand]
 
-    def total(self, chunk: Chunk, which: int) -> Vector:
+    def total(self, chunk: Chunk, which: int) -> VectorName:
         """Return the sum over 0 < j < k, once for each order, the oldest coefficients first."""
         key = (chunk, which, self.k)
         if key not in self.totals:
             self.totals[key] = self._total(*chunk.sums[which])
         return self.totals[key]
 
-    def _total(self, a: Operand, b: Operand) -> Vector:
+    def _total(self, a: Operand, b: Operand) -> VectorName:
         k, lanes = self.k, len(a.values)
         order = sorted(range(1, k), key=lambda j: (max(j, k - j), j))
-        total: Vector = None
+        total: VectorName = None
         if a != b:
             for j in order:
                 total = self.do.fma(self.at(a, j), self.at(b, k - j), total, lanes)
@@ -174,20 +174,20 @@ class UnrolledJet:
             self.constants[lanes] = constant_vector(self.e, self.table, lanes)
         return self.constants[lanes]
 
-    def share(self, x: Vector, lanes: int) -> Vector:
+    def share(self, x: VectorName, lanes: int) -> VectorName:
         """Return x scale / k."""
         high, low = reciprocal(self.k)
         return self.times(
             x, self.scales(high, lanes), self.scales(low, lanes) if low and self.k <= EXACT else None, lanes
         )
 
-    def part(self, x: Vector, lanes: int) -> Vector:
+    def part(self, x: VectorName, lanes: int) -> VectorName:
         """Return x / k."""
         high, low = reciprocal(self.k)
         exact = low and self.k <= EXACT
         return self.times(x, number(high, lanes), number(low, lanes) if exact else None, lanes)
 
-    def times(self, x: Vector, high: str, low: str | None, lanes: int) -> Vector:
+    def times(self, x: VectorName, high: str, low: str | None, lanes: int) -> VectorName:
         """Return x times a number that is the sum of two."""
         return self.do.scale(x, high, lanes) if low is None else divided(self.do, x, high, low, lanes)
 
@@ -201,11 +201,11 @@ class UnrolledJet:
                 self.shares[key] = self.e.splat(self.scales(factor, 1), element(lanes))
         return self.shares[key]
 
-    def start(self, lanes: int) -> Vector:
+    def start(self, lanes: int) -> VectorName:
         """Return the coefficient of time."""
         return self.scales(1.0, lanes) if self.k == 1 else None
 
-    def solved(self, place: int) -> list[Vector]:
+    def solved(self, place: int) -> list[VectorName]:
         """Return the unknowns of a stage: v[k] = M0^-1 (f[k-1] scale / k - p^[k])."""
         stage, inverse = self.packing.stages[place], self.inverses[place]
         plan = stage.plan
@@ -223,7 +223,7 @@ class UnrolledJet:
             found.append(total)
         return found
 
-    def lightest(self, stage: PackedStage, columns: Sequence[dict[int, Vector]]) -> list[Vector]:
+    def lightest(self, stage: PackedStage, columns: Sequence[dict[int, VectorName]]) -> list[VectorName]:
         """Return v[k] = f[k-1] scale / k m for a constant diagonal mass matrix."""
         found = []
         for i, (chunk, force) in enumerate(zip(stage.unknowns, stage.right, strict=True)):
@@ -245,12 +245,12 @@ class UnrolledJet:
             for chunk in stage.unknowns:
                 wanted = [rows[value] for value in chunk.values]
                 if plan.diagonal and not plan.moving:
-                    alone: list[tuple[Vector, int, int]] = [(entries[i, i], 1, 0) for i in wanted]
+                    alone: list[tuple[VectorName, int, int]] = [(entries[i, i], 1, 0) for i in wanted]
                     self.inverses[-1].append({-1: self.shuffle.gather(alone)})
                     continue
-                columns: dict[int, Vector] = {}
+                columns: dict[int, VectorName] = {}
                 for j in range(plan.size):
-                    lanes: list[tuple[Vector, int, int]] = [(entries.get((i, j)), 1, 0) for i in wanted]
+                    lanes: list[tuple[VectorName, int, int]] = [(entries.get((i, j)), 1, 0) for i in wanted]
                     if any(lane[0] is not None for lane in lanes):
                         columns[j] = self.shuffle.gather(lanes)
                 self.inverses[-1].append(columns)

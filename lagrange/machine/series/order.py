@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-LOWEST, HIGHEST = 4, 32
+LOWEST_ORDER, HIGHEST_ORDER = 4, 32
 """The orders to choose from."""
 
 
@@ -18,7 +18,7 @@ class Cost:
     pairs: float
 
 
-NEARLY = 1.07
+COST_MARGIN = 1.07
 """The lowest order within this factor of the least cost is taken: the cost is flat there, and lower orders compile
 sooner, keep further from the radius of convergence and round less. At a tolerance of 1e-13 six scenes, from the
 pendulum to sun, earth and moon, run in 0.74 to 1.04 of the time that the order of least cost takes, and compile in
@@ -29,6 +29,6 @@ def best_order(cost: Cost, tolerance: float) -> int:
     """Return the order p at which the cost of a step over its length, which goes like tolerance**(1/p), is least."""
     prices = {
         p: (cost.fixed + cost.each * p + cost.pairs * p * p) * math.exp(-math.log(tolerance) / p)
-        for p in range(LOWEST, HIGHEST + 1)
+        for p in range(LOWEST_ORDER, HIGHEST_ORDER + 1)
     }
-    return min(p for p, price in prices.items() if price <= NEARLY * min(prices.values()))
+    return min(p for p, price in prices.items() if price <= COST_MARGIN * min(prices.values()))

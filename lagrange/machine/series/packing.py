@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 from lagrange.equations.solve_plan import SolvePlan
-from lagrange.program.series import Rule, SeriesProgram, Stage
+from lagrange.program.series import SeriesProgram, SeriesRule, Stage
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ class Packing:
         return tuple(dict.fromkeys(found))
 
 
-NOTHING = -1
+ZERO_LANE = -1
 """Stands in an operand for a lane that is zero."""
 
 
@@ -171,7 +171,7 @@ def _outputs(chunks: Sequence[Chunk], stage: Stage, outputs: Sequence[int | None
     known = dict(zip(stage.unknowns, outputs, strict=True))
     lanes = [[known[value] for value in chunk.values] for chunk in chunks]
     return tuple(
-        None if all(value is None for value in found) else Operand(tuple(NOTHING if v is None else v for v in found))
+        None if all(value is None for value in found) else Operand(tuple(ZERO_LANE if v is None else v for v in found))
         for found in lanes
     )
 
@@ -219,20 +219,20 @@ class _Packer:
             found.append(self.chunk(op, padded, len(chosen), rules))
         return found
 
-    def chunk(self, op: str, padded: list[int], count: int, rules: dict[int, Rule]) -> Chunk:
+    def chunk(self, op: str, padded: list[int], count: int, rules: dict[int, SeriesRule]) -> Chunk:
         lanes = [rules[i] for i in padded]
         args = tuple(Operand(args) for args in zip(*(rule.args for rule in lanes), strict=True))
         coefficients = tuple(zip(*(rule.coefficients for rule in lanes), strict=True))
         return Chunk(op, tuple(padded), count, args, coefficients)
 
-    def canonical(self, rule: Rule) -> Rule:
+    def canonical(self, rule: SeriesRule) -> SeriesRule:
         """Return the rule with arguments that may be exchanged in order: what is known last comes first."""
         if rule.op == "mul":
             return rule._replace(args=tuple(sorted(rule.args, key=lambda i: (self.level[i], self.at(i)), reverse=True)))
         if rule.op == "linear":
             pairs = zip(rule.args, rule.coefficients, strict=True)
             args, coefficients = zip(*sorted(pairs, key=lambda p: (self.level[p[0]], self.at(p[0]))), strict=True)
-            return Rule("linear", args, coefficients)
+            return SeriesRule("linear", args, coefficients)
         return rule
 
     def at(self, value: int) -> int:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.machine.backend import FloatArray, Kernel, SingularMassMatrix
-from lagrange.machine.printed_run import NOTHING, Recorded, Records, advance
+from lagrange.machine.printed_run import EMPTY, Recorded, Records, advance
 from lagrange.machine.python_source import loaded
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.procedure.step.controlled_steps import steps_of
@@ -33,7 +33,7 @@ class NumpyDriver:
         n = kernel.program.states
         self._layout, self._run = _loaded(step, n)
         derivative = None if jacobian is None else between_arrays(jacobian, parameters, n)
-        self._laws = between_arrays(kernel, parameters, n), NOTHING, derivative, NOTHING
+        self._laws = between_arrays(kernel, parameters, n), EMPTY, derivative, EMPTY
         self._work = np.zeros(self._layout.size)
         layouts = [self._layout] if step.starter is None else [self._layout, self._layout.starting]
         self._newtons: list[list[Any]] = [[NEWTON.structure() for _ in layout.solves] for layout in layouts]

@@ -16,7 +16,7 @@ from lagrange.procedure.linear.dense import PIVOT
 from lagrange.procedure.values import Flag, Memory, Real, Whole
 
 WRITTEN_OUT = 16
-"""Up to this order the turns over a row are written out, and the search for a pivot."""
+"""Up to this order the iterations over a row are written out, and the search for a pivot."""
 
 
 def row_stride(n: int) -> int:

@@ -43,7 +43,7 @@ def assess_correction(*, adaptive: bool) -> Procedure:
 
 
 class _Assessment:
-    """Builds the procedure; `turn` counts corrections from 0, and `since` those that the matrix has made."""
+    """Builds the procedure; `iteration` counts corrections from 0, and `since` those that the matrix has made."""
 
     def __init__(self, *, adaptive: bool) -> None:
         kind = "controlled" if adaptive else "equal"
@@ -52,14 +52,14 @@ class _Assessment:
         )
         self.adaptive = adaptive
         self.newton: Any = p.record("newton", NEWTON)
-        self.turn: Whole = p.given("turn", WHOLE)
+        self.iteration: Whole = p.given("iteration", WHOLE)
         self.norm: Real = p.given("norm", REAL)
         self.previous: Real = p.given("previous", REAL)
         self.since: Whole = p.given("since", WHOLE)
 
     def build(self) -> Procedure:
         p, newton = self.p, self.newton
-        first = self.turn.equals(0)
+        first = self.iteration.equals(0)
         measured = self.norm / self.previous
         rate = p.choose(first, newton.rate, measured)
         with p.when(self.converged(first, rate)):
@@ -92,9 +92,9 @@ class _Assessment:
         age = newton.age + 1
         newton.age = age
         if self.adaptive:
-            outdated = (self.turn > 0) & (rate > FRESH_RATE)
+            outdated = (self.iteration > 0) & (rate > FRESH_RATE)
         else:
-            outdated = ((self.turn >= FEW_CORRECTIONS) & (age >= MATRIX_AGE)) | (age >= LARGEST_MATRIX_AGE)
+            outdated = ((self.iteration >= FEW_CORRECTIONS) & (age >= MATRIX_AGE)) | (age >= LARGEST_MATRIX_AGE)
             newton.noise = p.larger(newton.noise * NOISE_DECAY, 1.0)
         with p.when(outdated):
             self.request_matrix()

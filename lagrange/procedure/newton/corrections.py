@@ -108,7 +108,7 @@ def _iterate(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure:
     unit = given.rtol if solve.adaptive else p.constant(UNIT_ROUND_OFF, REAL)
     previous, moved = p.variable(0.0, "previous"), p.variable(0.0, "moved")
     since = p.variable(MATRIX_AGE, "since")
-    with p.loop(0, MOST_CORRECTIONS_ADAPTIVE if solve.adaptive else MOST_CORRECTIONS) as turn:
+    with p.loop(0, MOST_CORRECTIONS_ADAPTIVE if solve.adaptive else MOST_CORRECTIONS) as iteration:
         singular = p.variable(p.false, "singular")
         for call in stated.calls:
             vectors.evaluate(call, singular)
@@ -128,7 +128,9 @@ def _iterate(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure:
         if not solve.adaptive:
             moved.value = p.fma(norm, unit, moved.value)
             p.leave_if(moved.value > LARGEST_DISTANCE, Outcome.DIVERGED)
-        assessment = p.call(assess_correction(adaptive=solve.adaptive), newton, turn, norm, previous.value, since.value)
+        assessment = p.call(
+            assess_correction(adaptive=solve.adaptive), newton, iteration, norm, previous.value, since.value
+        )
         p.leave_if(~assessment.equals(Outcome.PAUSED), assessment)
         previous.value = norm
         since.value = since.value + 1

@@ -18,7 +18,7 @@ from lagrange.procedure.outcome import Outcome
 from lagrange.procedure.step.memory import Layout, SolveLayout
 from lagrange.procedure.step.vectors import Given, Vectors
 from lagrange.procedure.values import Flag, Memory, Real, Whole
-from lagrange.program.actions import LAWS, Call, Combination, Solve
+from lagrange.program.actions import LAWS, Combination, LawCall, Solve
 
 
 def build_matrix(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure:
@@ -73,7 +73,7 @@ class _MatrixBuilder:
         self.layout, self.solve, self.law = layout, solve, LAWS[layout.step.law]
         self.given = Given(p, layout, solve)
         stated = solve.solve
-        self.point: Call | None = None if solve.adaptive else stated.calls[(len(stated.calls) - 1) // 2]
+        self.point: LawCall | None = None if solve.adaptive else stated.calls[(len(stated.calls) - 1) // 2]
         self.identity, self.factors = coefficients(layout, stated)
         self.shares = shares_of(layout, stated)
         combined = [*stated.residuals, *(self.point.arguments if self.point else ())]

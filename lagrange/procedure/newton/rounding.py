@@ -6,10 +6,10 @@ from lagrange.procedure.newton.constants import LEAST_ROUND_OFF, UNIT_ROUND_OFF
 from lagrange.procedure.step.memory import SolveLayout
 from lagrange.procedure.step.vectors import Vectors
 from lagrange.procedure.values import Memory
-from lagrange.program.actions import LAWS, Call
+from lagrange.program.actions import LAWS, LawCall
 
 
-def weigh_by_rounding(vectors: Vectors, solve: SolveLayout, point: Call, shares: Memory) -> None:
+def weigh_by_rounding(vectors: Vectors, solve: SolveLayout, point: LawCall, shares: Memory) -> None:
     """Weigh corrections against what rounding a residual and the arguments of its calls does to the unknowns.
 
     The sizes of the terms of a residual, and J times those of the arguments, are an error of one unit of round-off;

@@ -76,7 +76,7 @@ The sensitivity is the change of the acceleration when each entry of the state c
 from a relative perturbation by the second number, the square root of the unit of round-off.
 """
 
-PERTURBATION = 2.0**-26
+RELATIVE_PERTURBATION = 2.0**-26
 """What an expression owes to the entries of the state shows where each is moved by about this part of itself: half of
 the digits."""
 

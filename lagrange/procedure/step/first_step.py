@@ -22,7 +22,7 @@ from lagrange.procedure.step.constants import (
     FIRST_TRIAL,
     LEAST_FIRST,
     LEAST_SPACINGS,
-    PERTURBATION,
+    RELATIVE_PERTURBATION,
     SLOPE_NOISE,
     SPACING,
     perturbation_factors,
@@ -123,7 +123,7 @@ class _FirstStep:
             self.argument[i] = p.fma(h, self.slope[i], self.y[i])
         self.evaluate(self.t + h, self.argument, self.later)
         for k, factor in enumerate(perturbation_factors(self.layout.dimension).tolist()):
-            self.argument[k] = self.y[k] * (1 + PERTURBATION * factor)
+            self.argument[k] = self.y[k] * (1 + RELATIVE_PERTURBATION * factor)
         self.evaluate(self.t, self.argument, self.result)
 
     def squared_rate(self, trial: Real) -> Real:
@@ -134,7 +134,7 @@ class _FirstStep:
             below = i + half
             here = self.slope[below]
             force, place, speed = abs(here), self.size(i), self.size(below)
-            sensitivity = abs(self.result[below] - here) / PERTURBATION
+            sensitivity = abs(self.result[below] - here) / RELATIVE_PERTURBATION
             doubt = force < CANCELLATION * sensitivity
             jerk = p.choose(speed.some, abs(self.later[below] - here) / trial / speed.whole, 0.0)
             part = force / speed.whole

@@ -14,7 +14,7 @@ from lagrange.procedure.step.memory import EFFORT, Layout
 from lagrange.procedure.step.run import COUNTS, RUN
 from lagrange.procedure.step.vectors import Given, Laws, Sum, Vectors, floors_of, newton_records
 from lagrange.procedure.values import Flag, Memory, Real, Whole
-from lagrange.program.actions import Call, Damp
+from lagrange.program.actions import Damp, LawCall
 
 
 def take_step(layout: Layout, prefix: str = "") -> Procedure:
@@ -30,10 +30,10 @@ def take_step(layout: Layout, prefix: str = "") -> Procedure:
     singular = p.variable(p.false, "singular")
     solves = iter(zip(layout.solves, given.newtons, strict=True))
     for i, action in enumerate(step.actions):
-        if isinstance(action, Call) and i == 0 and step.starts_with_slope:
+        if isinstance(action, LawCall) and i == 0 and step.starts_with_slope:
             with p.when(~slope_known):
                 vectors.evaluate(action, singular)
-        elif isinstance(action, Call):
+        elif isinstance(action, LawCall):
             vectors.evaluate(action, singular, always=True)
         elif isinstance(action, Damp):
             _damp(vectors, action)

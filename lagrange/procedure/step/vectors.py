@@ -15,7 +15,7 @@ from lagrange.procedure.form import FLAG, REAL, Array, Callee
 from lagrange.procedure.outcome import Outcome
 from lagrange.procedure.step.memory import EFFORT, NEWTON, Layout, SolveLayout
 from lagrange.procedure.values import Flag, Memory, Real, Variable, Whole
-from lagrange.program.actions import LAWS, Call, Combination, in_doubles, parts
+from lagrange.program.actions import LAWS, Combination, LawCall, in_doubles, parts
 
 READ = Array(read=True)
 
@@ -176,7 +176,7 @@ class Vectors:
             block[i] = values[i] if i < len(values) else 0.0
         self.p.copy(block, target, self.layout.width)
 
-    def evaluate(self, call: Call, singular: Variable, *, always: bool = False) -> None:
+    def evaluate(self, call: LawCall, singular: Variable, *, always: bool = False) -> None:
         """Evaluate the law and keep its results as vectors; note whether a matrix is singular.
 
         What is computed `always` is known to all that follows.
@@ -184,13 +184,13 @@ class Vectors:
         failed = self._by_number(call, always=always) if self.layout.in_registers else self._by_place(call)
         singular.value = singular.value | failed
 
-    def arguments(self, call: Call) -> Memory:
+    def arguments(self, call: LawCall) -> Memory:
         """Write the arguments of a call one behind the other."""
         for i, argument in enumerate(call.arguments):
             self.combine(argument, self.work.at(self.layout.argument + i * self.layout.length))
         return self.work.at(self.layout.argument)
 
-    def _by_place(self, call: Call) -> Flag:
+    def _by_place(self, call: LawCall) -> Flag:
         layout, step, given = self.layout, self.layout.step, self.given
         where, out = self.arguments(call), self.work.at(layout.result)
         failed = given.laws.law(self.numbers[call.time], where, given.laws.parameters, out)
@@ -199,7 +199,7 @@ class Vectors:
             self.p.copy(self.work.at(first + i * layout.length), self.at(call.first + i), layout.width)
         return Flag.of(failed)
 
-    def _by_number(self, call: Call, *, always: bool) -> Flag:
+    def _by_number(self, call: LawCall, *, always: bool) -> Flag:
         layout, law, half = self.layout, LAWS[self.layout.step.law], self.layout.dimension // 2
         state = [value for argument in call.arguments for value in self.entries(argument)]
         zeros = [self.p.constant(0.0, REAL)] * (layout.dimension - len(state))

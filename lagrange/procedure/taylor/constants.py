@@ -60,7 +60,7 @@ PROBES, STEP_GROWTH = 32, 2.0
 If a step exceeds the second number times the previous step, its defect is tested at this many places along it.
 """
 
-ZERO, NEGLIGIBLE = -900.0, -800.0
+ZERO, ZERO_BOUND = -900.0, -800.0
 """Powers of two, relative to the tolerance: the stand-in for zero in a logarithm, and the bound below which a
 coefficient is zero.
 
@@ -81,7 +81,7 @@ At orders up to 32 they change the last coefficient by 2**640 and 2**-1280, whic
 and overflow: no change skips the scales that fit.
 """
 
-LARGEST_EXPONENT = 900.0
+LARGEST_STEP_EXPONENT = 900.0
 """log2 of the longest step in units of the scale.
 
 A series that terminates may allow a step beyond the range of doubles.

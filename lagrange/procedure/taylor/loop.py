@@ -31,7 +31,7 @@ def taylor_steps(layout: TaylorLayout) -> Procedure:
         _begin(given)
     p.note("Minus the binary logarithm of the relative tolerance.")
     digits = (-p.call(logarithm(), run.rtol)).called("digits")
-    p.note("The last turn does no more than prove the last step.")
+    p.note("The last iteration does no more than prove the last step.")
     with p.loop(0, budget + 1) as i:
         outcome = p.call(iteration(layout), *given.handed(i.equals(budget), digits))
         p.leave_if(~outcome.equals(Outcome.PAUSED), outcome, likely=False)
@@ -57,7 +57,7 @@ def _begin(given: Arguments) -> None:
 
 @cache
 def iteration(layout: TaylorLayout) -> Procedure:
-    """Return one turn of the loop."""
+    """Return one iteration of the loop."""
     p = Builder(
         "iteration", "Prove the last step, take the next one, and return an outcome: paused where the run goes on."
     )

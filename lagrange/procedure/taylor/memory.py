@@ -1,6 +1,6 @@
-"""Where the state and the series of a Taylor step stand in memory, and what procedures of such a step are made with.
+"""Memory layout of a Taylor step: the state, its compensation, and the rows of the series.
 
-A machine that computes on blocks of numbers pads each vector to whole ones; others have blocks of one.
+A machine that computes on blocks of numbers pads each vector to whole blocks; on other machines a block has one number.
 """
 
 from __future__ import annotations
@@ -22,13 +22,16 @@ from lagrange.procedure.values import Memory, Real, Whole
 READ = Array(read=True)
 
 JET = Callee((REAL, REAL, READ, READ, READ, Array(), WHOLE), (FLAG,))
-"""What computes a series: of a time, its scale, the state with what rounding lost of it behind, two arrays of numbers
-that the machine has prepared, the rows and the order; it says whether a matrix is singular."""
+"""The function that computes a series.
+
+Its arguments are the time, the scale of time, the state followed by its compensation, two arrays of numbers that the
+machine has prepared, the rows and the order. It returns whether a matrix is singular.
+"""
 
 TAYLOR = Record.of(
     "Taylor", low=REAL, scale=REAL, next_limit=REAL, limit=REAL, rescalings=WHOLE, failures=WHOLE, inspect=WHOLE
 )
-"""What a run by Taylor series knows beside where it stands.
+"""The state of a run by Taylor series, beside `RUN` and `COUNTS`.
 
     low          the part of the time that rounding lost (compensated summation)
     scale        the unit of time of the series, signed
@@ -54,10 +57,10 @@ The output times stand in the order of the run, and NaN stands behind the last."
 
 @dataclass(frozen=True)
 class TaylorLayout:
-    """Where things stand in the work memory: the state, what its rounding lost, what is held, and the rows.
+    """Offsets in the work array: the state, its compensation, the beginning of the step, and the rows.
 
-    `dimension` is 2n. `width` doubles lie between two rows; a row begins with q and v, and its coefficients of what
-    is watched begin at `watched_at`. With an order of 0 the code serves every order. Vectors are computed on `block`
+    `dimension` is 2n. Rows are `width` doubles apart. A row begins with q and v; its coefficients of the event
+    functions begin at `watched_at`. With an order of 0 the code serves every order. Vectors are computed on `block`
     entries at once. `scratch` doubles follow the rows.
     """
 
@@ -76,27 +79,27 @@ class TaylorLayout:
 
     @property
     def lost(self) -> int:
-        """Where what rounding lost of the state begins."""
+        """Offset of the compensation of the state: what rounding lost."""
         return self.padded
 
     @property
     def held(self) -> int:
-        """Where what is held of a step begins: the state before it, what rounding lost of that, and a derivative."""
+        """Offset of the beginning of the step: the state there, its compensation, and a derivative."""
         return 2 * self.padded
 
     @property
     def slope(self) -> int:
-        """Where the derivative begins that a series has at the end of its step."""
+        """Offset of the derivative of the series at the end of its step."""
         return 4 * self.padded
 
     @property
     def rows(self) -> int:
-        """Where the rows begin."""
+        """Offset of the rows."""
         return 5 * self.padded
 
     @property
     def moving(self) -> int:
-        """The first entry of the first block in which there are velocities."""
+        """The first entry of the first block that contains velocities."""
         return self.dimension // 2 // self.block * self.block
 
     def coefficients(self, work: NDArray[np.float64], order: int) -> NDArray[np.float64]:
@@ -106,16 +109,16 @@ class TaylorLayout:
         return np.concatenate([rows[:, : self.dimension], rows[:, watched]], axis=1)
 
     def ahead(self, order: Any) -> Any:
-        """Return where a state and its rows begin that a look ahead uses."""
+        """Return the offset of a second state and its rows, for evaluations along a step."""
         return (order + 1) * self.width + (self.rows + self.scratch)
 
     def size(self, order: int) -> int:
-        """Return the length of the work memory: a state and its rows twice."""
+        """Return the length of the work array: a state and its rows twice."""
         return 2 * int(self.ahead(order)) + 8
 
 
 class SeriesMemory:
-    """The work array of a procedure, with the order of the series in it: a number of Python, or the last argument."""
+    """The work array of a procedure, and the order of its series: a Python number, or the last argument."""
 
     def __init__(self, p: Builder, layout: TaylorLayout, work: Memory) -> None:
         self.p, self.layout, self.work = p, layout, work
@@ -127,7 +130,7 @@ class SeriesMemory:
         return (self.work,) if self.layout.order else (self.work, self.order)
 
     def less(self, count: int) -> Any:
-        """Return the order less some, at least 1."""
+        """Return the order minus a number, at least 1."""
         if self.layout.order:
             return max(self.order - count, 1)
         k: Whole = self.order - count
@@ -148,7 +151,7 @@ class SeriesMemory:
             yield i
 
     def ratio(self, k: Any, weights: Memory) -> Real:
-        """Return the largest coefficient of a row over its tolerance, NaN if one is not a number."""
+        """Return the largest coefficient of a row relative to its tolerance, NaN if one is not finite."""
         row = self.row(k)
         with self.entries() as i:
             largest = self.p.largest_magnitude(row[i] * weights[i])
@@ -156,7 +159,7 @@ class SeriesMemory:
 
 
 class Arguments:
-    """The arguments of the loop, of each of its turns and of a step: what all take, and what is a procedure's `own`."""
+    """The arguments of the loop, of its iterations and of a step: the common ones, and those `own` to a procedure."""
 
     def __init__(self, p: Builder, layout: TaylorLayout, **own: Kind | Array) -> None:
         self.p, self.layout = p, layout
@@ -190,7 +193,7 @@ class Arguments:
 
 @contextmanager
 def entries(p: Builder, layout: TaylorLayout, start: int = 0) -> Iterator[Whole]:
-    """Go through the entries of vectors behind a place in all of them, in blocks: written out where the order is."""
+    """Go through the entries of vectors from a place on, in blocks."""
     with p.each(layout.padded - start, width=layout.block, spill=True, unrolled=bool(layout.order)) as i:
         yield i
 

@@ -7,7 +7,7 @@ from functools import cache
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, Procedure
-from lagrange.procedure.taylor.constants import LARGEST_EXPONENT, ZERO
+from lagrange.procedure.taylor.constants import LARGEST_STEP_EXPONENT, ZERO
 from lagrange.procedure.values import Real
 
 LOG2 = (-1.6531240060861732, 1.9941811995403236, -0.33474901889029146)
@@ -30,12 +30,12 @@ def logarithm() -> Procedure:
 
 @cache
 def power() -> Procedure:
-    """Return a power of two, with the whole number next to its exponent, both at most 2**`LARGEST_EXPONENT`."""
+    """Return a power of two, with the whole number next to its exponent, both at most 2**`LARGEST_STEP_EXPONENT`."""
     p = Builder("power", "Return 2**x to two digits, and the whole number next to x, bounded above.")
     x: Real = p.given("x", REAL)
     whole = p.operation("round", x)
     fraction = _polynomial(p, x - whole, EXP2)
-    bounded = p.smaller(whole, LARGEST_EXPONENT)
+    bounded = p.smaller(whole, LARGEST_STEP_EXPONENT)
     p.leave(fraction * p.operation("two_to", p.whole(bounded)), bounded)
     return p.finish(REAL, REAL)
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, Procedure
-from lagrange.procedure.taylor.constants import GUARD, NEGLIGIBLE, RADIUS_FRACTION, ROW_DISTANCE, ROWS_USED
+from lagrange.procedure.taylor.constants import GUARD, RADIUS_FRACTION, ROW_DISTANCE, ROWS_USED, ZERO_BOUND
 from lagrange.procedure.taylor.memory import (
     SeriesMemory,
     TaylorLayout,
@@ -41,7 +41,7 @@ def weigh(layout: TaylorLayout) -> Procedure:
 
 def ends(run: SeriesMemory, exponent: Real) -> Flag:
     """Whether a series has no last coefficients: it terminates, or they are too small for doubles."""
-    found: Flag = exponent > NEGLIGIBLE * run.minus_one_over(run.order)
+    found: Flag = exponent > ZERO_BOUND * run.minus_one_over(run.order)
     return found
 
 
@@ -98,7 +98,7 @@ class _Exponent:
         early, late = self.sizes[less + ROW_DISTANCE], self.sizes[less]
         span = run.less(less) - run.less(less + ROW_DISTANCE)
         share = 1.0 / max(span, 1) if isinstance(span, int) else 1.0 / p.real(span)
-        none = p.choose(early < late, early, late) < NEGLIGIBLE
+        none = p.choose(early < late, early, late) < ZERO_BOUND
         found: Real = p.choose(none, math.inf, (early - late) * share)
         return found
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.machine.backend import Kernel
-from lagrange.procedure.step.constants import PERTURBATION, perturbation_factors
+from lagrange.procedure.step.constants import RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.trajectory.events.series_on_step import NOISE
 from lagrange.trajectory.paths.chebyshev import DEGREE, DENSE_ROUND_OFF, certain, evaluate, nodes, to_chebyshev
 from lagrange.trajectory.paths.step_paths import Places
@@ -90,9 +90,11 @@ class Burst:
         tilt = perturbation_factors(len(states) + 1)
         with np.errstate(all="ignore"):
             moved = kernel(
-                times * (1 + PERTURBATION * tilt[-1]), states * (1 + PERTURBATION * tilt[:-1, None]), parameters
+                times * (1 + RELATIVE_PERTURBATION * tilt[-1]),
+                states * (1 + RELATIVE_PERTURBATION * tilt[:-1, None]),
+                parameters,
             )
-            edge = np.abs(moved - ends) * (NOISE / PERTURBATION)
+            edge = np.abs(moved - ends) * (NOISE / RELATIVE_PERTURBATION)
         edge = np.where(np.isfinite(edge), edge, 0.0)
         steps: Places = np.arange(len(times) - 1)
         degree = DEGREE if len(steps) <= FEW else COARSE
@@ -101,8 +103,8 @@ class Burst:
         with np.errstate(all="ignore"):
             noise = np.maximum(edge[:, 1:], edge[:, :-1])
             # What the event owes to the motion of the state: x**2 + v**2 may stay as it is while x and v do not.
-            moves = states[:, :-1] + PERTURBATION * np.ptp(found, axis=-1) * tilt[:-1, None]
-            gain = np.abs(kernel(times[:-1], moves, parameters) - ends[:, :-1]) / PERTURBATION
+            moves = states[:, :-1] + RELATIVE_PERTURBATION * np.ptp(found, axis=-1) * tilt[:-1, None]
+            gain = np.abs(kernel(times[:-1], moves, parameters) - ends[:, :-1]) / RELATIVE_PERTURBATION
             spread = np.fmax(np.ptp(values, axis=-1), gain)
             owed = DENSE_ROUND_OFF * np.where(np.isfinite(spread), spread, 0.0)
             noise = noise + owed

@@ -11,7 +11,7 @@ import numpy as np
 
 from lagrange.machine.backend import Series, SingularMassMatrix
 from lagrange.machine.state import DriverState
-from lagrange.procedure.step.constants import PERTURBATION, perturbation_factors
+from lagrange.procedure.step.constants import RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.procedure.taylor.constants import RADIUS_FRACTION, ROW_DISTANCE
 from lagrange.program.recurrence import LARGEST_POWER
 from lagrange.program.series import SeriesProgram
@@ -54,13 +54,13 @@ class Look:
         size = len(y)
         rows = series.rows(order, t, y, scale, values)
         watched = rows[:, size:]
-        tilt = 1 + PERTURBATION * perturbation_factors(size + 1)
+        tilt = 1 + RELATIVE_PERTURBATION * perturbation_factors(size + 1)
         try:
             moved = series.rows(order, t * tilt[size], y * tilt[:size], scale, values)[0, size:]
         except SingularMassMatrix:
             moved = watched[0]
         with np.errstate(all="ignore"):
-            noise = np.abs(moved - watched[0]) * (NOISE / PERTURBATION)
+            noise = np.abs(moved - watched[0]) * (NOISE / RELATIVE_PERTURBATION)
         return cls(scale, unit(t, scale), rtol, rows, watched, np.where(noise < math.inf, noise, 0.0))
 
     def trusted(self, s: float, *, wary: bool = False) -> tuple[float, int]:

@@ -75,7 +75,7 @@ class Stepper(Protocol):
         """Return the path over the last step, which began at (t, y), or what reads it after further steps."""
 
 
-Start = Callable[[GuardedRhs, Tolerances, FloatArray, float, FloatArray, float], Stepper]
+StartSolver = Callable[[GuardedRhs, Tolerances, FloatArray, float, FloatArray, float], Stepper]
 """Makes a solver with absolute tolerances (2n,) that goes from a time and a state to the end of the law's problem, by a
 first step of a given length at most; where that is infinite, the solver chooses. The tolerances may rise as it goes, in
 place."""
@@ -95,7 +95,7 @@ def drive_stepwise(
     problem: Problem,
     name: str,
     package: str,
-    start: Start,
+    start: StartSolver,
     listening: AbstractContextManager[Sequence[Any]],
     first: int = 0,
 ) -> Trajectory:
@@ -116,7 +116,7 @@ class SolverPlan:
     problem: Problem
     tolerances: Tolerances
     package: str
-    start: Start
+    start: StartSolver
     said: Sequence[Any]
     writes_outputs = False
     first: int = 0

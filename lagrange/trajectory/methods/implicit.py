@@ -20,7 +20,7 @@ from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.settings import adaptive_settings, check_options, fixed_settings
 from lagrange.trajectory.paths.step_paths import StepPath, hermite_path
 from lagrange.trajectory.plan import StepPlan
-from lagrange.trajectory.tableaux.gauss import Real, collocation_tableau, gauss_tableau
+from lagrange.trajectory.tableaux.gauss import Abscissa, collocation_tableau, gauss_tableau
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 
@@ -132,9 +132,9 @@ def ImplicitMidpoint(step: float | None = None) -> ImplicitMethod:
 class Collocation:
     """The step function of an implicit Runge-Kutta method, whose unknowns are the slopes of its stages."""
 
-    A: tuple[tuple[Real, ...], ...]
-    b: tuple[Real, ...]
-    c: tuple[Real, ...]
+    A: tuple[tuple[Abscissa, ...], ...]
+    b: tuple[Abscissa, ...]
+    c: tuple[Abscissa, ...]
 
     def __call__(self, f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
         """Take a step."""
@@ -147,7 +147,7 @@ class Collocation:
         return y + weighted(self.b, slopes) * h
 
 
-def weighted(weights: Sequence[Real], vectors: Sequence[Any]) -> Any:
+def weighted(weights: Sequence[Abscissa], vectors: Sequence[Any]) -> Any:
     """Return the sum of weight * vector."""
     return sum(vector * weight for weight, vector in zip(weights, vectors, strict=True))
 

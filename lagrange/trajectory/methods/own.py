@@ -27,7 +27,7 @@ from lagrange.trajectory.methods.trial import TrialVector, kind_of, number, refu
 from lagrange.trajectory.paths.step_paths import hermite_path
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.tableaux.butcher import CONDITION_TOLERANCE, ButcherTableau
-from lagrange.trajectory.tableaux.rooted_trees import Number
+from lagrange.trajectory.tableaux.rooted_trees import Coefficient
 from lagrange.trajectory.trajectory import Trajectory
 
 TRIAL_POINTS = ((Fraction(0), Fraction(1)), (Fraction(2), Fraction(2)))
@@ -136,12 +136,12 @@ def _arguments(name: str, function: Callable[..., Any]) -> int:
 class _Tried:
     """What a step function did: (time, argument) of each call, and the vectors that it returned."""
 
-    calls: tuple[tuple[Number, dict[int, Number]], ...]
-    results: tuple[dict[int, Number], ...]
+    calls: tuple[tuple[Coefficient, dict[int, Coefficient]], ...]
+    results: tuple[dict[int, Coefficient], ...]
 
 
 def _tried(name: str, function: Callable[..., Any], states: int, t: Fraction, h: Fraction) -> _Tried:
-    calls: list[tuple[Number, dict[int, Number]]] = []
+    calls: list[tuple[Coefficient, dict[int, Coefficient]]] = []
     what = "f(t, y)" if states == 1 else "a(t, q)"
 
     def f(*arguments: Any) -> TrialVector:
@@ -209,7 +209,7 @@ def _check_recorded(name: str, function: Callable[..., Any], trials: tuple[_Trie
     for (t, h), tried in zip(TRIAL_POINTS, trials, strict=True):
         values = numbers_of(program, scalars, float(t), float(h), 1.0)
         same = len(tried.calls) == len(program.calls)
-        pairs: list[tuple[float, Number]] = []
+        pairs: list[tuple[float, Coefficient]] = []
         recorded = [*(call.argument for call in program.calls), *program.results]
         for combination, terms in zip(recorded, [*(one for _, one in tried.calls), *tried.results], strict=False):
             found = {i: values[factor] for i, factor in combination}
@@ -233,7 +233,7 @@ def _check_short(name: str, tried: _Tried, t: Fraction) -> None:
             raise refusal(name, f"where h is small, at t = {t}, a slope is taken at the time {float(at):g}")
 
 
-def _check_whole(name: str, what: str, terms: dict[int, Number]) -> None:
+def _check_whole(name: str, what: str, terms: dict[int, Coefficient]) -> None:
     if abs(float(terms.get(0, 0)) - 1) > CONDITION_TOLERANCE:
         raise refusal(name, f"{what} {float(terms.get(0, 0)):g} times the old state, which must be there once")
 
@@ -254,7 +254,7 @@ def _check_partitioned(name: str, order: int, tried: _Tried, t: Fraction, h: Fra
     """Hold a step in q and v to what every such step satisfies: q + h v + h^2 a/2 and v + h a for a constant a."""
     q, v = tried.results
     sums = [sum(float(c) for i, c in terms.items() if i > 1) for terms in (q, v)]
-    found: list[tuple[str, str, Number, Number]] = [
+    found: list[tuple[str, str, Coefficient, Coefficient]] = [
         ("the new q holds", "q", q.get(0, 0), 1),
         ("the new q holds", "h v", q.get(1, 0) / h, 1),
         ("the new v holds", "q", v.get(0, 0), 0),

@@ -28,7 +28,7 @@ from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.tableaux.splitting_conditions import check_words
 from lagrange.trajectory.trajectory import Trajectory
 
-Stages = tuple[tuple[float, float], ...]
+SplittingStages = tuple[tuple[float, float], ...]
 
 CUBE = 1 / (2 - 2 ** (1 / 3))
 """The outer part of the triple jump, in which the errors of h^3 cancel."""
@@ -59,7 +59,7 @@ class Splitting:
 
     name: str
     order: int
-    stages: Stages
+    stages: SplittingStages
     step: float | None = None
     source: str = field(default="", compare=False)
 
@@ -106,7 +106,7 @@ class Splitting:
         return drive(problem, self.plan(problem), self.name)
 
 
-def _pairs(name: str, stages: Any) -> Stages:
+def _pairs(name: str, stages: Any) -> SplittingStages:
     """Return the stages of a splitting as pairs of floats."""
     if isinstance(stages, tuple) and all(isinstance(x, tuple) and [*map(type, x)] == [float, float] for x in stages):
         return stages
@@ -136,7 +136,7 @@ def check_splits(name: str, problem: Problem) -> None:
 
 
 @lru_cache(maxsize=64)
-def splitting_step(name: str, stages: Stages) -> StepProgram:
+def splitting_step(name: str, stages: SplittingStages) -> StepProgram:
     """Return the step program of a splitting. Time moves with the coordinates."""
     last = max(i for i, (_, drift) in enumerate(stages) if drift)
 

@@ -12,7 +12,7 @@ from lagrange.errors import StatementError, shown
 from lagrange.graph.node import Node
 from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
 from lagrange.machine.model import Model
-from lagrange.machine.series.order import LOWEST
+from lagrange.machine.series.order import LOWEST_ORDER
 from lagrange.machine.state import DriverState
 from lagrange.trajectory.driver import drive
 from lagrange.trajectory.events.actions import Impact, impact, root_of
@@ -36,7 +36,7 @@ TIGHT_RTOL, LEAST_MARGIN = 1e-15, 0.01
 stay far below round-off for the error of the energy to grow like the square root of time: over 100,000 Kepler orbits
 (e = 0.6) it stays below 500 units of round-off then, and 2,900 at a tenth."""
 
-HIGHEST_ORDER = 64
+TOP_ORDER = 64
 """The highest order that may be asked for."""
 
 SMALLEST_RTOL = 2.0**-53
@@ -58,9 +58,9 @@ class Taylor:
     def __post_init__(self) -> None:
         check_options(None, self.rtol, self.atol)
         whole = isinstance(self.order, int) and not isinstance(self.order, bool)
-        if self.order is not None and not (whole and LOWEST <= self.order <= HIGHEST_ORDER):
+        if self.order is not None and not (whole and LOWEST_ORDER <= self.order <= TOP_ORDER):
             raise StatementError(
-                f"order = {shown(self.order)}: give a whole number from {LOWEST} to {HIGHEST_ORDER}, or leave it out."
+                f"order = {shown(self.order)}: give a whole number from {LOWEST_ORDER} to {TOP_ORDER}, or leave it out."
             )
 
     @property

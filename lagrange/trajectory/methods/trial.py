@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from lagrange.errors import StatementError, shown
-from lagrange.trajectory.tableaux.rooted_trees import Number
+from lagrange.trajectory.tableaux.rooted_trees import Coefficient
 
 ARITHMETIC = {
     "add": operator.add,
@@ -40,7 +40,7 @@ def kind_of(thing: object) -> str:
     return f"the number {shown(thing)}" if isinstance(thing, Real) else f"a {type(thing).__name__}"
 
 
-def number(value: Real) -> Number:
+def number(value: Real) -> Coefficient:
     """Return the number, exact where it is."""
     return Fraction(value) if isinstance(value, Rational) else float(value)
 
@@ -48,12 +48,12 @@ def number(value: Real) -> Number:
 class TrialVector:
     """A linear combination of the state and the slopes with plain numbers: what a step function is tried out on."""
 
-    def __init__(self, name: str, terms: Mapping[int, Number]) -> None:
+    def __init__(self, name: str, terms: Mapping[int, Coefficient]) -> None:
         self._name = name
         self._terms = dict(terms)
 
     @property
-    def terms(self) -> dict[int, Number]:
+    def terms(self) -> dict[int, Coefficient]:
         """The coefficients by the number of the vector, without those that are zero."""
         return {i: c for i, c in self._terms.items() if c}
 
@@ -93,7 +93,7 @@ class TrialVector:
             raise self._refused(f"it divides a vector by {'zero' if isinstance(divisor, Real) else kind_of(divisor)}")
         return self._made({i: c / number(divisor) for i, c in self._terms.items()})
 
-    def _made(self, terms: Mapping[int, Number]) -> TrialVector:
+    def _made(self, terms: Mapping[int, Coefficient]) -> TrialVector:
         return TrialVector(self._name, terms)
 
     def _refused(self, what: str) -> StatementError:

@@ -16,7 +16,7 @@ from typing import Any
 from lagrange.trajectory.integrator import Claims
 from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.implicit import ImplicitMethod, weighted
-from lagrange.trajectory.tableaux.gauss import Real, gauss_tableau
+from lagrange.trajectory.tableaux.gauss import Abscissa, gauss_tableau
 
 Momenta = Callable[..., tuple[Any, Any]]
 """The law p, f = g(t, q, v)."""
@@ -56,9 +56,9 @@ class Galerkin:
     With Gauss's points it is that of an action of polynomials of degree s, integrated in s points.
     """
 
-    A: tuple[tuple[Real, ...], ...]
-    b: tuple[Real, ...]
-    c: tuple[Real, ...]
+    A: tuple[tuple[Abscissa, ...], ...]
+    b: tuple[Abscissa, ...]
+    c: tuple[Abscissa, ...]
 
     def __call__(self, g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
         """Take a step."""

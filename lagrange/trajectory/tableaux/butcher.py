@@ -13,8 +13,8 @@ from lagrange.errors import StatementError, shown
 from lagrange.statement.choice import text
 from lagrange.statement.number import whole_number
 from lagrange.trajectory.tableaux.rooted_trees import (
+    Coefficient,
     Coefficients,
-    Number,
     Tree,
     density,
     dot,
@@ -169,7 +169,7 @@ class ButcherTableau:
             condition = f"the condition of order {size(tree)}, {what} {formula(tree)}".rstrip() + f" = {expected},"
             self._check(condition, given, expected, max(1.0, float(scale)))
 
-    def _check(self, condition: str, given: Number, expected: Number, scale: float = 1.0) -> None:
+    def _check(self, condition: str, given: Coefficient, expected: Coefficient, scale: float = 1.0) -> None:
         off = given - expected
         exact = isinstance(off, Fraction)
         if not abs(float(off)) <= (0.0 if exact else CONDITION_TOLERANCE * scale):

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-Real = float | Fraction
+Abscissa = float | Fraction
 Tableau = tuple[tuple[tuple[Any, ...], ...], tuple[Any, ...], tuple[Any, ...]]
 """A, b and c of a Runge-Kutta method."""
 
@@ -20,7 +20,7 @@ BITS = 200
 """Gauss's points and their coefficients are rounded to so many."""
 
 
-def lagrange_basis(points: Sequence[Real]) -> list[list[Any]]:
+def lagrange_basis(points: Sequence[Abscissa]) -> list[list[Any]]:
     """Return the polynomials that are 1 at one of the points and 0 at the others, by coefficients from that of 1 on."""
     basis = []
     for point in points:
@@ -33,7 +33,7 @@ def lagrange_basis(points: Sequence[Real]) -> list[list[Any]]:
     return basis
 
 
-def collocation_tableau(points: Sequence[Real]) -> Tableau:
+def collocation_tableau(points: Sequence[Abscissa]) -> Tableau:
     """Return A, b, c of collocation at points of [0, 1]: their Lagrange polynomials integrated to each and to 1."""
     basis = lagrange_basis(points)
 

@@ -12,8 +12,8 @@ from typing import Any
 Tree = tuple[Any, ...]
 """A tree is the sorted tuple of its root's subtrees; a leaf is the empty tuple."""
 
-Number = Fraction | float
-Coefficients = tuple[Number, ...]
+Coefficient = Fraction | float
+Coefficients = tuple[Coefficient, ...]
 
 
 @cache
@@ -50,7 +50,7 @@ def stage_weights(matrix: tuple[Coefficients, ...], order: int) -> Mapping[Tree,
     `matrix` is the lower triangle of a tableau, row i with at least i entries. Where an entry is a float, all are taken
     as floats: the weights of order 9 are then had in milliseconds.
     """
-    one: Number = Fraction(1)
+    one: Coefficient = Fraction(1)
     if any(isinstance(entry, float) for row in matrix for entry in row):
         matrix, one = tuple(tuple(map(float, row)) for row in matrix), 1.0
     known: dict[Tree, Coefficients] = {(): (one,) * len(matrix)}
@@ -63,7 +63,7 @@ def stage_weights(matrix: tuple[Coefficients, ...], order: int) -> Mapping[Tree,
     return known
 
 
-def dot(left: Coefficients, right: Coefficients) -> Number:
+def dot(left: Coefficients, right: Coefficients) -> Coefficient:
     """Return the sum of products over the shorter of two rows; exact when both are."""
     return sum((a * b for a, b in zip(left, right, strict=False) if a and b), Fraction(0))
 

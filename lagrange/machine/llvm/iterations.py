@@ -1,4 +1,4 @@
-"""Print the turns of an `each`, as many at once as a vector holds."""
+"""Print the iterations of an `each` loop, as many at once as a vector holds."""
 
 from __future__ import annotations
 
@@ -30,33 +30,33 @@ if TYPE_CHECKING:
     from lagrange.machine.llvm.procedures import Printer
 
 WRITTEN_OUT = 2
-"""Up to this many vectors the turns are written out."""
+"""Up to this many vectors the iterations are written out."""
 
 
 @dataclass(frozen=True)
-class Turns:
-    """Some turns of an `each` that are printed at once: from an offset on, but for those that the mask leaves out."""
+class IterationBlock:
+    """Iterations of an `each` that are printed at once: those from an offset on that the mask admits."""
 
     each: Each
     lanes: int
     offset: str
     mask: str
     places: str
-    """The indices of the turns, as an operand."""
+    """The indices of the iterations, as an operand."""
 
 
 class Lanes:
-    """Prints an `each`, so many turns at once."""
+    """Prints an `each`, so many iterations at once."""
 
     def __init__(self, printer: Printer, each: Each, lanes: int) -> None:
         self.printer, self.e, self.each, self.lanes = printer, printer.e, each, lanes
         self.stride = max(lanes, PARTIAL) if any(fold.op in SUMS for fold in each.folds) else lanes
-        """So many turns are one of the machine's loop: all partial sums have a part in it."""
+        """So many iterations are one of the machine's loop: all partial sums have a part in it."""
 
     def run(self) -> None:
-        """Print all turns, and define what they add up to."""
+        """Print all iterations, and define what they add up to."""
         printer, each = self.printer, self.each
-        count = printer.values[each.turns]
+        count = printer.values[each.iterations]
         for ref in self.outside():
             printer.spread[ref] = splat(self.e, printer.values[ref], printer.kinds[ref], self.lanes)
         start = [splat(self.e, literal(neutral(fold)), REAL, self.lanes) for fold in each.folds]
@@ -70,13 +70,13 @@ class Lanes:
             whole = known - known % self.stride
             self.looped(sums, str(whole))
             self.rest(sums, whole, known)
-        printer.turns = None
+        printer.current = None
         printer.spread.clear()
         for fold, found in zip(each.folds, sums, strict=True):
             printer.define(fold.ref, self.total(fold, found), REAL)
 
     def outside(self) -> list[int]:
-        """Return the numbers of single numbers from outside that turns compute with."""
+        """Return the numbers of single numbers from outside that iterations compute with."""
         if self.lanes == 1:
             return []
         wanted: dict[int, None] = {}
@@ -86,7 +86,7 @@ class Lanes:
         return list(wanted)
 
     def rest(self, sums: list[list[str]], begin: int, count: int) -> None:
-        """Write out the turns from one on."""
+        """Write out the iterations from one on."""
         for offset in range(begin, count, self.lanes):
             inside = [k < count - offset for k in range(self.lanes)]
             mask = "" if all(inside) else "<" + ", ".join(f"i1 {str(one).lower()}" for one in inside) + ">"
@@ -94,7 +94,7 @@ class Lanes:
             self.collect(sums, offset, mask)
 
     def looped(self, sums: list[list[str]], count: str) -> None:
-        """Print turns in a loop of the machine, a stride at once."""
+        """Print iterations in a loop of the machine, a stride at once."""
         e = self.e
         flat = [(i, k) for i, found in enumerate(sums) for k in range(len(found))]
         carried = [(type_of(REAL, self.lanes), sums[i][k]) for i, k in flat]
@@ -110,7 +110,7 @@ class Lanes:
             sums[i][k] = value
 
     def mask(self, index: str, count: str) -> str:
-        """Return which turns of a vector are below a count that is known when the procedure runs."""
+        """Return which iterations of a vector are below a count that is known when the procedure runs."""
         stores = not self.each.spill and any(isinstance(one, Store) for one in accesses(self.each.body))
         if self.lanes == 1 or not count.startswith("%") or not (stores or self.each.folds):
             return ""
@@ -118,7 +118,7 @@ class Lanes:
         return e.value(f"icmp slt {kind} {self.places(index)}, {splat(e, count, WHOLE, self.lanes)}")
 
     def places(self, offset: str) -> str:
-        """Return the indices of the turns from an offset on."""
+        """Return the indices of the iterations from an offset on."""
         if self.lanes == 1:
             return offset
         if not offset.startswith("%"):
@@ -128,16 +128,16 @@ class Lanes:
         return self.e.value(f"add nsw {kind} {splat(self.e, offset, WHOLE, self.lanes)}, {steps}")
 
     def take(self, offset: str, mask: str) -> None:
-        """Print the turns from an offset on."""
+        """Print the iterations from an offset on."""
         printer = self.printer
-        printer.turns = Turns(self.each, self.lanes, offset, mask, self.places(offset))
+        printer.current = IterationBlock(self.each, self.lanes, offset, mask, self.places(offset))
         printer.define(self.each.place, offset, WHOLE, wide=self.lanes > 1)
         outside = dict(printer.held)
         printer.block(self.each.body)
         printer.held = {variable: printer.held[variable] for variable in outside}
 
     def collect(self, sums: list[list[str]], begin: int, mask: str) -> None:
-        """Add what some turns give, but for those that the mask leaves out."""
+        """Add what some iterations give, but for those that the mask leaves out."""
         kind = type_of(REAL, self.lanes)
         for fold, found in zip(self.each.folds, sums, strict=True):
             slot = begin // self.lanes % len(found)
@@ -196,14 +196,14 @@ def eaches(block: Block) -> Iterator[Each]:
             yield from eaches(one)
 
 
-def roots(block: Block) -> dict[int, int]:
+def base_arrays(block: Block) -> dict[int, int]:
     """Return the arrays that the parts made in a block are of, by the number of the part."""
     found: dict[int, int] = {}
     for statement in block:
         if isinstance(statement, Part):
             found[statement.ref] = found.get(statement.array, statement.array)
         for one in inner(statement):
-            found |= {ref: found.get(array, array) for ref, array in roots(one).items()}
+            found |= {ref: found.get(array, array) for ref, array in base_arrays(one).items()}
     return found
 
 
