@@ -12,7 +12,10 @@ import pytest
 from tests.test_layering import ROOT, TREE, Modules, imports_of
 
 PLAIN: Mapping[str, tuple[str, ...]] = {
-    "machine records": ("backend", "calls", "copies", "parameters", "printed_run", "python_source", "state"),
+    "machine records": (
+        *("array_source", "backend", "calls", "copies"),
+        *("parameters", "printed_run", "python_source", "state"),
+    ),
     "machine entries": ("llvm_machine", "model", "numpy_machine"),
     "trajectory records": ("integrator", "options", "tolerances", "trajectory"),
     "trajectory runs": ("driver", "inertia", "limits", "messages", "plan", "sizes"),
@@ -25,12 +28,16 @@ MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
     "machine records": (),
     "machine/llvm": ("machine records",),
     "machine/kernel": ("machine records", "machine/llvm"),
+    "machine/dense": ("machine records", "machine/llvm", "machine/kernel"),
     "machine/steps": ("machine records", "machine/llvm", "machine/kernel"),
     "machine/series": ("machine records", "machine/llvm", "machine/kernel"),
-    "machine entries": ("machine records", "machine/llvm", "machine/kernel", "machine/steps", "machine/series"),
+    "machine entries": (
+        *("machine records", "machine/llvm", "machine/kernel"),
+        *("machine/dense", "machine/steps", "machine/series"),
+    ),
     "trajectory records": ("machine records", "machine entries"),
     "trajectory/tableaux": (),
-    "trajectory/paths": ("machine records", "trajectory records", "trajectory/tableaux"),
+    "trajectory/paths": ("machine records", "machine entries", "trajectory records", "trajectory/tableaux"),
     "trajectory/events": (
         *("machine records", "machine/kernel", "machine entries"),
         *("trajectory records", "trajectory/paths"),

@@ -14,7 +14,7 @@ from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.model import Model
 from lagrange.trajectory.messages import number
 from lagrange.trajectory.paths.series import SeriesPath
-from lagrange.trajectory.paths.step_paths import RungeKuttaPath
+from lagrange.trajectory.paths.step_paths import StepPath
 from lagrange.trajectory.tableaux.butcher import ButcherTableau
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
@@ -93,10 +93,15 @@ def stiffness(model: Model, trajectory: Trajectory, parameters: Mapping[Any, Any
     steps, and only if the solution moves little over most of them.
     """
     path = trajectory.dense
-    if not isinstance(path, (RungeKuttaPath, SeriesPath)) or len(path.times) <= 3 * SAMPLED_STEPS:
+    if isinstance(path, SeriesPath):
+        polynomial = taylor_polynomial(path.order)
+    elif isinstance(path, StepPath) and path.tableau is not None:
+        polynomial = stability_polynomial(path.tableau)
+    else:
+        return None
+    if len(path.times) <= 3 * SAMPLED_STEPS:
         return None
     steps = np.linspace(0, len(path.times) - 2, SAMPLED_STEPS + 2).astype(int)[1:-1]
-    polynomial = taylor_polynomial(path.order) if isinstance(path, SeriesPath) else stability_polynomial(path.tableau)
     values = model.parameter_array(dict(parameters))
     h = path.times[steps + 1] - path.times[steps]
     with np.errstate(all="ignore"):
@@ -129,9 +134,7 @@ def with_stiff_end(model: Model, trajectory: Trajectory, parameters: Mapping[Any
     )
 
 
-def _kernel(
-    model: Model, name: str, path: RungeKuttaPath | SeriesPath, steps: FloatArray, values: FloatArray
-) -> FloatArray:
+def _kernel(model: Model, name: str, path: StepPath | SeriesPath, steps: FloatArray, values: FloatArray) -> FloatArray:
     """Return a quantity at the begin of the steps, the step first; numpy needs no compiling for so few states."""
     states = path.states[steps].T
     kernel = model.interpreted(name)

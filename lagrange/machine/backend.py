@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from lagrange.errors import RunError
 from lagrange.graph.node import Node
 from lagrange.machine.state import DriverState, Outcome
+from lagrange.procedure.dense.block import StepPolynomial
 from lagrange.procedure.form import Procedure
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
@@ -19,6 +20,9 @@ from lagrange.program.switching import Switched
 from lagrange.statement.statement import Statement
 
 FloatArray = NDArray[np.float64]
+
+Places = NDArray[np.int64]
+"""Numbers of steps, (K,)."""
 
 
 class SingularMassMatrix(RunError):
@@ -108,6 +112,45 @@ class Series(Protocol):
         """
 
 
+class BlockPolynomial(NamedTuple):
+    """What writes the polynomials of a block of steps, for procedures that take it as `POLYNOMIAL` says.
+
+    `function` is an address or a function of Python, and `given` its first argument. A block has `columns` steps, which
+    the procedure `gather` writes, with those beside them if `both`. It works in so many doubles as `work` says. `kept`
+    must stay referenced while it is used.
+    """
+
+    function: Any
+    given: Any
+    columns: int
+    work: int
+    both: bool
+    kept: tuple[Any, ...]
+
+
+class DensePath(Protocol):
+    """The polynomials of a run's steps, for one kind of path, right-hand side and set of parameters.
+
+    A run is given by its accepted times (S+1,) and states (S+1, 2n), and step i leads from row i to the next.
+    """
+
+    @property
+    def degree(self) -> int:
+        """The degree of the polynomials."""
+
+    def polynomial(self) -> BlockPolynomial:
+        """Return what writes the polynomials of a block of steps. Raises SingularMassMatrix."""
+
+    def coefficients(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
+        """Return the polynomials of some steps (k,) in the fraction of the step, by powers, (degree + 1, 2n, k)."""
+
+    def at(self, times: FloatArray, states: FloatArray, found: Places, wanted: FloatArray) -> FloatArray:
+        """Return the states (2n, K) at times that lie in the order of the run, `found` being the step of each (K,).
+
+        At accepted times they are the accepted states, those of the later step where two are at one time.
+        """
+
+
 class Machine(Protocol):
     """Something that runs programs."""
 
@@ -129,6 +172,9 @@ class Machine(Protocol):
 
     def called(self, procedure: Procedure) -> Callable[..., Any]:
         """Return a procedure as a function of numbers and arrays: it returns nothing, a value or a tuple of values."""
+
+    def dense(self, kind: StepPolynomial, kernel: Any, parameters: FloatArray, jacobian: Any = None) -> DensePath:
+        """Make the dense output of a kind of path; the kernels are this machine's, that of the derivative if wanted."""
 
 
 @runtime_checkable

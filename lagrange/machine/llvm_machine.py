@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 from lagrange.errors import RunError
 from lagrange.machine.backend import FloatArray
+from lagrange.machine.dense.llvm_dense import LlvmDense
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
 from lagrange.machine.llvm.called import CompiledProcedure, compiled
 from lagrange.machine.series.llvm_driver import LlvmSeries
 from lagrange.machine.steps.llvm_driver import LlvmDriver
+from lagrange.procedure.dense.block import StepPolynomial
 from lagrange.procedure.form import Procedure
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
@@ -42,3 +44,9 @@ class LlvmMachine:
     def called(self, procedure: Procedure) -> CompiledProcedure:
         """Compile a procedure, once per process."""
         return compiled(procedure)
+
+    def dense(
+        self, kind: StepPolynomial, kernel: LlvmKernel, parameters: FloatArray, jacobian: LlvmKernel | None = None
+    ) -> LlvmDense:
+        """Return the dense output of a kind of path, which is compiled when it is first used."""
+        return LlvmDense(kind, kernel, parameters, jacobian)

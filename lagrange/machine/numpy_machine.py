@@ -7,12 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from lagrange.machine.backend import FloatArray, Kernel
+from lagrange.machine.dense.interpreted_dense import NumpyDense
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.python_kernel import PythonKernel
 from lagrange.machine.kernel.python_text import fits
 from lagrange.machine.printed_run import called
 from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.machine.steps.interpreted_driver import NumpyDriver
+from lagrange.procedure.dense.block import StepPolynomial
 from lagrange.procedure.form import Procedure
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
@@ -42,3 +44,9 @@ class NumpyMachine:
     def called(self, procedure: Procedure) -> Callable[..., Any]:
         """Print a procedure as Python, once per process."""
         return called(procedure)
+
+    def dense(
+        self, kind: StepPolynomial, kernel: Kernel, parameters: FloatArray, jacobian: Kernel | None = None
+    ) -> NumpyDense:
+        """Return the dense output of a kind of path, printed as Python on arrays."""
+        return NumpyDense(kind, kernel, parameters, jacobian)

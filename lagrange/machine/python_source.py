@@ -96,7 +96,7 @@ LONGEST_VALUE = 60
 
 def source(procedure: Procedure) -> str:
     """Return Python source of a procedure and of all that it calls: one function each, callees first."""
-    return "\n\n".join(_Printer(one).function() for one in (*procedure.callees, procedure))
+    return "\n\n".join(Printer(one).function() for one in (*procedure.callees, procedure))
 
 
 def loaded(procedure: Procedure) -> Callable[..., Any]:
@@ -142,7 +142,7 @@ def _wholes(count: int) -> memoryview:
     return memoryview(array("q", [0]) * count)
 
 
-class _Printer:
+class Printer:
     """Prints one procedure. A value that is used once stands where it is used, unless what it reads changes before."""
 
     def __init__(self, procedure: Procedure) -> None:
@@ -160,6 +160,7 @@ class _Printer:
         self.taken |= dict.fromkeys((*INDICES, *(callee.name for callee in procedure.callees)))
 
     def function(self) -> str:
+        """Return the function."""
         given = []
         for parameter in self.procedure.parameters:
             self.name(parameter.ref, parameter.name)
@@ -196,6 +197,7 @@ class _Printer:
         return found if level >= least else f"({found})"
 
     def block(self, block: Block) -> None:
+        """Print statements."""
         before = len(self.lines)
         for statement in block:
             self.statement(statement)
@@ -204,11 +206,13 @@ class _Printer:
             self.write("pass")
 
     def inside(self, block: Block) -> None:
+        """Print statements one level deeper."""
         self.depth += 1
         self.block(block)
         self.depth -= 1
 
     def statement(self, statement: Statement) -> None:
+        """Print a statement."""
         match statement:
             case Let():
                 self.let(statement)
@@ -235,6 +239,7 @@ class _Printer:
                 self.control(statement)
 
     def let(self, let: Let) -> None:
+        """Print or keep an operation."""
         if let.op == CONSTANT:
             self.constants[let.ref] = None
             self.texts[let.ref] = literal(let.kind, let.data)
@@ -255,6 +260,7 @@ class _Printer:
             self.lines.append("    " * self.depth + f"{self.name(ref)} = {text}")
 
     def memory(self, statement: Load | Store | Read | Write) -> None:
+        """Print what is read or written."""
         match statement:
             case Load(ref=ref, array=array, place=index):
                 self.made(ref, ATOM, f"{self.text(array)}[{self.text(index)}]")
@@ -266,12 +272,14 @@ class _Printer:
                 self.write(f"{self.text(record)}.{field} = {self.text(value)}")
 
     def call(self, call: Call) -> None:
+        """Print a call and name its results."""
         target = call.callee.name if isinstance(call.callee, Procedure) else self.text(call.callee)
         made = f"{target}({', '.join(self.text(arg) for arg in call.args)})"
         names = ", ".join(self.name(ref) for ref in call.refs)
         self.write(f"{names} = {made}" if names else made)
 
     def control(self, statement: When | Loop | Repeat | Each) -> None:
+        """Print a branch or a loop."""
         match statement:
             case When(condition=condition, then=then, otherwise=otherwise):
                 self.write(f"if {self.text(condition)}:")
@@ -312,6 +320,7 @@ class _Printer:
         self.loops -= 1
 
     def each(self, each: Each) -> None:
+        """Print an `each` as a loop."""
         for fold in each.folds:
             start = {"add": f"[0.0] * {PARTIAL}", "dot": f"[0.0] * {PARTIAL}", "magnitude": "0.0"}.get(fold.op, "-inf")
             self.write(f"{self.name(fold.ref)} = {start}")
@@ -326,6 +335,7 @@ class _Printer:
                 self.write(f"{name} = ({name}[0] + {name}[1]) + ({name}[2] + {name}[3])")
 
     def folded(self, fold: Fold, index: str) -> str:
+        """Return the line that takes one more value of a fold."""
         name = self.text(fold.ref)
         if fold.op in ("max", "magnitude"):
             return f"{name} = _{fold.op}({name}, {self.text(fold.value)})"

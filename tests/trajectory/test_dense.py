@@ -11,13 +11,14 @@ import pytest
 import sympy as sp
 
 from lagrange.machine.model import Model
+from lagrange.procedure.dense.hermite import hermite_polynomial
 from lagrange.statement.coordinate import t
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.explicit import RungeKutta
 from lagrange.trajectory.methods.radau import PATHS
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.methods.taylor import Taylor
-from lagrange.trajectory.paths.step_paths import HermitePath
+from lagrange.trajectory.paths.step_paths import StepPath, step_path
 from lagrange.trajectory.plan import Planned
 from lagrange.trajectory.tableaux.dopri5 import DOPRI5
 from lagrange.trajectory.trajectory import FloatArray, Status
@@ -33,8 +34,8 @@ def path_round_off(name: str) -> float:
     return 2e-12 if name == "verner9" else 1e-13
 
 
-def hermite(compiled: Model, times: FloatArray, states: FloatArray, order: int) -> HermitePath:
-    return HermitePath(compiled.kernel("rhs"), compiled.parameter_array(), times, states, order)
+def hermite(compiled: Model, times: FloatArray, states: FloatArray, order: int) -> StepPath:
+    return step_path(compiled, compiled.parameter_array(), hermite_polynomial(order), times, states)
 
 
 @pytest.mark.parametrize("name", STEPPED)

@@ -77,6 +77,12 @@ class LlvmKernel(Shared):
         name = self._program.name
         return self._module.address(f"{name}_registers") if llvm_calling.hold(self._program) else self._address
 
+    @property
+    def columns_address(self) -> int:
+        """Address of the kernel over columns: their number, times, inputs, `prepared` and results; see `columns`."""
+        module, _ = self._column_kernel
+        return module.address(f"{self._program.name}_columns")
+
     def prepare(self, parameters: FloatArray) -> FloatArray:
         """Return the parameters followed by everything that depends on them alone. Raises SingularMassMatrix."""
         key = parameters.tobytes()

@@ -9,11 +9,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.machine.backend import Kernel
+from lagrange.machine.backend import Kernel, Places
 from lagrange.procedure.step.constants import RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.trajectory.events.series_on_step import NOISE
 from lagrange.trajectory.paths.chebyshev import DEGREE, DENSE_ROUND_OFF, certain, evaluate, nodes, to_chebyshev
-from lagrange.trajectory.paths.step_paths import Places
 from lagrange.trajectory.trajectory import FloatArray
 
 COARSE = 8

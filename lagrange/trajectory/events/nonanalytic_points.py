@@ -15,7 +15,7 @@ import numpy as np
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.state import DriverState
 from lagrange.trajectory.integrator import Integrator, Problem
-from lagrange.trajectory.paths.step_paths import HermitePath
+from lagrange.trajectory.paths.step_paths import StepPath, hermite_path
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 SHARE = 1e-6
@@ -109,10 +109,9 @@ class Continuations:
         taylor.rescalings = taylor.failures = 0
         state.y[:] = y
 
-    def _path(self, state: DriverState, there: float, y: FloatArray) -> HermitePath:
+    def _path(self, state: DriverState, there: float, y: FloatArray) -> StepPath:
         """Return the path of a leap."""
-        kernel, parameters = self.problem.model.kernel("rhs"), self.problem.parameter_array
-        return HermitePath(kernel, parameters, np.array([state.t, there]), np.array([state.y, y]))
+        return hermite_path(4)(self.problem, np.array([state.t, there]), np.array([state.y, y]))
 
     def _steady(self, *points: tuple[float, FloatArray]) -> bool:
         """Return whether the accelerations at the ends of a leap are nearly the same, or grow from the first end.

@@ -21,7 +21,7 @@ from lagrange.trajectory.driver import drive
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.settings import adaptive_settings, check_options, fixed_settings
-from lagrange.trajectory.paths.step_paths import RungeKuttaPath, StepPath, hermite_path
+from lagrange.trajectory.paths.step_paths import StepPath, hermite_path, runge_kutta_path
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.tableaux import classical, dop853, dopri5, tsit5
 from lagrange.trajectory.tableaux.butcher import HIGHEST_CHECKED, ButcherTableau, ErrorEstimate
@@ -81,7 +81,7 @@ class RungeKutta:
         dense, order = self.tableau.dense, self.tableau.order
         if dense is None or dense.order < order - 1:
             return hermite_path(order)(problem, times, states)
-        return RungeKuttaPath(problem.model.kernel("rhs"), problem.parameter_array, times, states, self.tableau)
+        return runge_kutta_path(problem, times, states, self.tableau)
 
 
 @lru_cache(maxsize=64)

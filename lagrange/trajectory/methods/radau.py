@@ -14,11 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from lagrange.procedure.dense.collocation import collocation_polynomial
 from lagrange.program.step import Control
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.implicit import ImplicitMethod, weighted
-from lagrange.trajectory.paths.collocation import CollocationPath
+from lagrange.trajectory.paths.step_paths import StepPath, step_path
 from lagrange.trajectory.tableaux.gauss import collocation_tableau, lagrange_basis
 from lagrange.trajectory.trajectory import FloatArray
 
@@ -83,12 +84,10 @@ class RadauPath:
 
     stages: int
 
-    def __call__(self, problem: Problem, times: FloatArray, states: FloatArray) -> CollocationPath:
+    def __call__(self, problem: Problem, times: FloatArray, states: FloatArray) -> StepPath:
         """Return the path."""
         A, _, c = collocation_tableau(POINTS[self.stages])
-        basis = tuple(np.poly1d(line[::-1]) for line in lagrange_basis((0.0, *c))[1:])
-        slope, jacobian = problem.model.kernel("rhs"), problem.model.kernel("jacobian")
-        return CollocationPath(slope, problem.parameter_array, times, states, jacobian, A, c, basis)
+        return step_path(problem.model, problem.parameter_array, collocation_polynomial(A, c), times, states)
 
 
 PATHS = {stages: RadauPath(stages) for stages in POINTS}

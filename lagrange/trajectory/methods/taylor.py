@@ -24,7 +24,7 @@ from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.explicit import DOP853
 from lagrange.trajectory.methods.settings import adaptive_settings, check_options
 from lagrange.trajectory.paths.series import SeriesPath
-from lagrange.trajectory.paths.step_paths import HermitePath
+from lagrange.trajectory.paths.step_paths import hermite_path
 from lagrange.trajectory.tolerances import Tolerances
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
@@ -130,8 +130,7 @@ class TaylorPlan:
         parameters = problem.parameter_array
         if watch is None:
             return SeriesPath(self.series, self.order, ((0, parameters),), times, states)
-        rhs = problem.model.kernel("rhs")
-        paths = {i: HermitePath(rhs, parameters, times[i : i + 2], states[i : i + 2]) for i in watch.continuations.rows}
+        paths = {i: hermite_path(4)(problem, times[i : i + 2], states[i : i + 2]) for i in watch.continuations.rows}
         return SeriesPath(self.series, self.order, tuple(watch.epochs), times, states, paths)
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from lagrange.machine.backend import Places
 from lagrange.trajectory.paths.chebyshev import nodes
-from lagrange.trajectory.paths.step_paths import Places
 from lagrange.trajectory.trajectory import FloatArray
 
 FEWEST_SPACINGS = 256

@@ -1,0 +1,127 @@
+"""Dense output of the numpy machine: the procedures that machine code runs, printed as Python on NumPy's arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.polynomial.polynomial import polyval
+
+from lagrange.machine.array_source import arrays_loaded
+from lagrange.machine.backend import BlockPolynomial, FloatArray, Kernel, Places, SingularMassMatrix
+from lagrange.procedure.dense.block import LANES, StepPolynomial, block_size
+from lagrange.procedure.form import Procedure
+
+MOST_STEPS, MOST_TIMES = 1024, 16384
+"""So many steps make a block, and so many times are evaluated at once: their memory stays small."""
+
+
+@lru_cache(maxsize=64)
+def _loaded(procedure: Procedure) -> Callable[..., Any]:
+    return arrays_loaded(procedure)
+
+
+class NumpyDense:
+    """A kind of path for one right-hand side and one set of parameters; see `DensePath`."""
+
+    def __init__(
+        self, kind: StepPolynomial, kernel: Kernel, parameters: FloatArray, jacobian: Kernel | None = None
+    ) -> None:
+        self._kind, self._kernels, self._dimension = kind, (kernel, jacobian), kernel.program.states
+        self._parameters = parameters
+
+    @property
+    def degree(self) -> int:
+        """The degree of the polynomials."""
+        return self._kind.degree
+
+    def polynomial(self) -> BlockPolynomial:
+        """Return what writes the polynomials of a block of steps; see `DensePath`."""
+        kind, n = self._kind, self._dimension
+
+        def write(_: Any, columns: int, *arrays: Any) -> None:
+            self._write(
+                columns, *[array if isinstance(array, np.ndarray) else np.frombuffer(array) for array in arrays]
+            )
+
+        return BlockPolynomial(write, np.empty(0).data, LANES, kind.size(n, LANES), kind.derivative, ())
+
+    def coefficients(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
+        """Return the polynomials of some steps; see `DensePath`."""
+        found = np.empty((self.degree + 1, self._dimension, len(steps)))
+        for low in range(0, len(steps), MOST_STEPS):
+            part = slice(low, low + MOST_STEPS)
+            found[:, :, part] = self._block(times, states, steps[part])
+        return found
+
+    def at(self, times: FloatArray, states: FloatArray, found: Places, wanted: FloatArray) -> FloatArray:
+        """Return the states at sorted times; see `DensePath`."""
+        out = np.empty((self._dimension, len(wanted)))
+        for low in range(0, len(wanted), MOST_TIMES):
+            part = slice(low, low + MOST_TIMES)
+            steps, here = found[part], wanted[part]
+            used, which = np.unique(steps, return_inverse=True)
+            with np.errstate(all="ignore"):
+                theta = (here - times[steps]) / (times[steps + 1] - times[steps])
+                c = self.coefficients(times, states, used)
+                out[:, part] = polyval(theta, c[:, :, which], tensor=False)
+            for rows in (steps, steps + 1):
+                exact = times[rows] == here
+                out[:, part][:, exact] = states[rows[exact]].T
+        return out
+
+    def _block(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
+        """Return the polynomials of so many steps as make a block."""
+        n, count, kind = self._dimension, len(steps), self._kind
+        out = np.empty((kind.degree + 1) * n * count)
+        own, beside = _gathered(times, states, steps), np.empty(0)
+        if kind.derivative:
+            there = np.where(steps > 0, steps - 1, min(1, len(times) - 2))
+            alone = len(times) < 3
+            beside = _gathered(times, states, there, np.where(steps > 0, -1.0, 0.0 if alone else 1.0))
+        self._write(count, own, beside, np.empty(kind.size(n, count)), out)
+        return out.reshape(-1, n, count)
+
+    def _write(self, columns: int, own: FloatArray, beside: FloatArray, work: FloatArray, out: FloatArray) -> None:
+        """Write the polynomials of a block of so many steps."""
+        kind = self._kind
+        law, derivative = (None if kernel is None else self._by_columns(kernel) for kernel in self._kernels)
+        given = law, None, derivative, None, kind.table, kind.stages, kind.degree, self._dimension
+        with np.errstate(all="ignore"):
+            _loaded(kind.written.procedure)(*given, columns, own, beside, work, out)
+
+    def _by_columns(self, kernel: Kernel) -> Callable[..., int]:
+        """Return a kernel as procedures call it over columns; where a mass matrix is singular it gives NaN."""
+        half = self._dimension // 2
+
+        def evaluate(count: int, t: FloatArray, q: FloatArray, v: FloatArray, _: None, out: FloatArray) -> int:
+            parts = [part[: half * count].reshape(half, count) for part in (q, v)]
+            found = self._known(kernel, t[:count], np.concatenate(parts))
+            out[: found.size] = found.reshape(-1)
+            return -1
+
+        return evaluate
+
+    def _known(self, kernel: Kernel, t: FloatArray, y: FloatArray) -> FloatArray:
+        """Return the results of columns, NaN where the mass matrix is singular."""
+        try:
+            return kernel(t, y, self._parameters)
+        except SingularMassMatrix as error:
+            found = np.full((*kernel.program.shape, y.shape[1]), np.nan)
+            if error.column is not None and y.shape[1] > 1:
+                others = np.arange(y.shape[1]) != error.column
+                found[..., others] = self._known(kernel, t[others], y[:, others])
+            return found
+
+
+def _gathered(times: FloatArray, states: FloatArray, steps: Places, side: FloatArray | float = 0.0) -> FloatArray:
+    """Return some steps by columns, as `OwnStep` has them."""
+    count = len(steps)
+    block = np.empty(block_size(states.shape[1], count))
+    rows = block.reshape(-1, count)
+    rows[0], rows[1], rows[2] = times[steps], times[steps + 1] - times[steps], side
+    size = states.shape[1]
+    rows[3 : 3 + size], rows[3 + size :] = states[steps].T, states[steps + 1].T
+    return block

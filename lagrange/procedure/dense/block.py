@@ -1,0 +1,233 @@
+"""What the polynomials of steps are made with: laws over columns, and where the steps stand.
+
+Steps are taken in blocks of `columns`, and each vector of a block is by columns: entry j of step b stands at
+j * columns + b. So what is done for an entry of a step is done for many at once. Machine code has blocks of `LANES`
+steps, of which the last may stand there more than once; another machine has as many columns as there are steps.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import WHOLE, Array, Callee, Procedure
+from lagrange.procedure.values import Memory, Whole
+
+LANES = 8
+"""The steps of a block in machine code: the widest vectors of doubles that processors have."""
+
+READ = Array(read=True)
+
+COLUMNS = Callee((WHOLE, READ, READ, READ, READ, Array()), (WHOLE,))
+"""A law over columns: of how many there are, their times, coordinates and velocities, and the parameters, to the
+results. It gives the first column in the block in which a matrix is singular, or -1."""
+
+POLYNOMIAL = Callee((READ, WHOLE, READ, READ, Array(), Array()), ())
+"""What writes the polynomials of a block of steps, whatever the kind of path: of what the machine has prepared for the
+kind, the number of columns, the steps and those beside them (see `OwnStep`), the memory that it works in, and the
+coefficients: that of power k and entry j in the fraction of step b stands at (k * 2n + j) * columns + b."""
+
+
+@dataclass(frozen=True, eq=False)
+class StepPolynomial:
+    """A kind of path: what writes the polynomials of a block of steps, and with which numbers.
+
+    One `written` procedure serves all systems and all methods with this kind of path: of a method it is given `table`,
+    its numbers, and how many `stages` it has. The `degree` is at most 16. With `derivative` it is given the derivative
+    of the law as well, and the steps beside those of a block. `vectors` is how many of those it works in beside its
+    own, for states (2n,).
+    """
+
+    written: Written
+    degree: int
+    stages: int
+    table: NDArray[np.float64]
+    vectors: Callable[[int], int]
+    derivative: bool = False
+
+    def size(self, dimension: int, columns: int) -> int:
+        """Return how many doubles the procedure works in, for states (2n,)."""
+        vectors, rows = self.written.vectors + self.vectors(dimension), self.written.rows
+        return (vectors * dimension + rows) * columns + LANES
+
+
+@dataclass(frozen=True, eq=False)
+class Written:
+    """A procedure that writes polynomials, and how many vectors and rows of a block it has places for."""
+
+    procedure: Procedure
+    vectors: int
+    rows: int
+
+
+def block_size(dimension: int, columns: int) -> int:
+    """Return how many doubles the steps of a block take, as `gather` writes them."""
+    return (2 * dimension + 3) * columns
+
+
+class OwnStep:
+    """The steps of a block: their times t and lengths h, and the states y at their starts and `new` at their ends.
+
+    `side` says of a step beside another where it lies: -1.0 before, 1.0 behind; 0.0 where there is none.
+    """
+
+    def __init__(self, memory: Memory, dimension: Whole, columns: Whole) -> None:
+        self.t, self.h, self.side = memory, memory.at(columns), memory.at(2 * columns)
+        self.y = memory.at(3 * columns)
+        self.new = memory.at((dimension + 3) * columns)
+
+
+@cache
+def slopes() -> Procedure:
+    """Return what evaluates a law over columns; where a matrix is singular each column is tried by itself."""
+    p = Builder("slopes", "Write the right-hand side of each column, NaN where the mass matrix is singular.")
+    law, parameters = p.function("law", COLUMNS), p.array("parameters", read=True)
+    dimension, columns = p.given("dimension", WHOLE), p.given("columns", WHOLE)
+    t, y = p.array("t", read=True), p.array("y", read=True)
+    spare, out = p.array("spare"), p.array("out")
+    half = dimension // 2 * columns
+    with p.when(law(columns, t, y, y.at(half), parameters, out) >= 0, likely=False):
+        alone, found, time = spare, spare.at(dimension * columns), spare.at(2 * dimension * columns)
+        with p.loop(0, columns) as b:
+            with p.loop(0, columns) as other:
+                time[other] = t[b]
+                with p.loop(0, dimension) as j:
+                    alone[j * columns + other] = y[j * columns + b]
+            singular = law(columns, time, alone, alone.at(half), parameters, found) >= 0
+            with p.loop(0, dimension) as j:
+                out[j * columns + b] = p.choose(singular, math.nan, found[j * columns])
+    return p.finish()
+
+
+class Block:
+    """The arguments of a procedure that writes polynomials, and places in the memory that it works in.
+
+    The first are what a machine prepares for a path: the law by columns with its parameters, its derivative with its
+    own, the numbers of the method, its stages and the degree, and the length of a state. What follows is as in
+    `POLYNOMIAL`.
+    """
+
+    def __init__(self, p: Builder) -> None:
+        self.p = p
+        self.law, self.parameters = p.function("law", COLUMNS), p.array("parameters", read=True)
+        self.jacobian, self.constants = p.function("jacobian", COLUMNS), p.array("constants", read=True)
+        self.table = p.array("table", read=True)
+        self.stages: Whole = p.given("stages", WHOLE)
+        self.degree: Whole = p.given("degree", WHOLE)
+        self.dimension: Whole = p.given("dimension", WHOLE)
+        self.columns: Whole = p.given("columns", WHOLE)
+        own, beside = (p.array(name, read=True, room=LANES) for name in ("own", "beside"))
+        self.work, self.out = p.array("work", room=LANES), p.array("out", room=LANES)
+        self.total: Whole = (self.dimension * self.columns).called("total")
+        """The numbers of a vector of the block."""
+        self.spare = self.work
+        """Memory for what is done where a mass matrix is singular."""
+        self.own, self.beside = (OwnStep(memory, self.dimension, self.columns) for memory in (own, beside))
+        self._vectors, self._rows = 2, 1
+
+    def vector(self) -> Memory:
+        """Return memory for a vector of the block."""
+        self._vectors += 1
+        return self._behind(self._vectors - 1, self._rows)
+
+    def row(self) -> Memory:
+        """Return memory for a number of each column."""
+        self._rows += 1
+        return self._behind(self._vectors, self._rows - 1)
+
+    def _behind(self, vectors: int, rows: int) -> Memory:
+        return self.work.at(self.total * vectors + self.columns * rows)
+
+    def others(self) -> Memory:
+        """Return memory for as many vectors as the method wants, behind all others; see `nth`."""
+        return self._behind(self._vectors, self._rows)
+
+    def nth(self, vectors: Memory, place: Any) -> Memory:
+        """Return one of some vectors of the block that stand one behind the other."""
+        return vectors.at(self.total * place)
+
+    def coefficients(self, power: Any) -> Memory:
+        """Return where the coefficients of a power stand."""
+        return self.nth(self.out, power)
+
+    @contextmanager
+    def entries(self) -> Iterator[Whole]:
+        """Go through all numbers of a vector of the block."""
+        with self.p.each(self.total, width=LANES, spill=True) as x:
+            yield x
+
+    @contextmanager
+    def each_column(self) -> Iterator[Whole]:
+        """Go through the columns."""
+        with self.p.each(self.columns, width=LANES, spill=True) as b:
+            yield b
+
+    def spread(self, row: Memory, target: Memory) -> None:
+        """Write the number of each column as all entries of a vector."""
+        with self.p.loop(0, self.dimension) as j:
+            line = target.at(j * self.columns)
+            with self.each_column() as b:
+                line[b] = row[b]
+
+    def slopes(self, t: Memory, y: Memory, out: Memory) -> None:
+        """Write the right-hand side of each column, NaN where the mass matrix is singular."""
+        given = self.law, self.parameters, self.dimension, self.columns
+        self.p.call(slopes(), *given, t, y, self.spare, out)
+
+    def derive(self, t: Memory, y: Memory, out: Memory) -> None:
+        """Write the derivative of the law by columns, NaN in all of them where a mass matrix is singular."""
+        p, half = self.p, self.dimension // 2 * self.columns
+        singular = self.jacobian(self.columns, t, y, y.at(half), self.constants, out) >= 0
+        with p.when(singular, likely=False), p.loop(0, self.dimension * self.total) as place:
+            out[place] = math.nan
+
+    def finish(self) -> Written:
+        """Return the procedure with the memory that it takes."""
+        return Written(self.p.finish(), self._vectors, self._rows)
+
+
+def mend(block: Block, first: Memory) -> None:
+    """Write a parabola where a coefficient is not finite.
+
+    It has the slope `first` / h at the start. That is the last step of a run that ended for want of a slope: its end is
+    known, and the slope there is not.
+    """
+    p = block.p
+    nothing = p.variable(0.0, "nothing")
+    with p.loop(0, block.degree + 1) as power:
+        line = block.coefficients(power)
+        with block.entries() as x:
+            largest = p.largest_magnitude(line[x] * 0.0)
+        nothing.value = nothing.value + largest.value
+    with p.when(~nothing.value.equals(0.0), likely=False):
+        given = block.dimension, block.columns, block.degree, block.own.y, block.own.new
+        p.call(parabola(), *given, first, block.out)
+
+
+@cache
+def parabola() -> Procedure:
+    """Return what writes a parabola with the slope `first` / h at the start in columns that are not finite."""
+    p = Builder("parabola", "Write the parabola with the slope of the start where a coefficient is not finite.")
+    dimension, columns, degree = (p.given(name, WHOLE) for name in ("dimension", "columns", "degree"))
+    y, new = p.array("y", read=True), p.array("new", read=True)
+    first, out = p.array("first", read=True), p.array("out")
+    total = dimension * columns
+    with p.loop(0, columns) as b:
+        nothing = p.variable(0.0, "nothing")
+        with p.loop(0, (degree + 1) * dimension) as place:
+            nothing.value = p.fma(out[place * columns + b], 0.0, nothing.value)
+        with p.when(~nothing.value.equals(0.0)), p.loop(0, dimension) as j:
+            place = j * columns + b
+            out[place], out[total + place] = y[place], first[place]
+            out[total * 2 + place] = new[place] - y[place] - first[place]
+            with p.loop(3, degree + 1) as k:
+                out[k * total + place] = 0.0
+    return p.finish()

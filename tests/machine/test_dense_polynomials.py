@@ -1,0 +1,212 @@
+"""Polynomials of steps: each kind of path does the same on both machines and in the interpreter, and what it says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from lagrange.machine.backend import FloatArray
+from lagrange.machine.model import Model
+from lagrange.procedure.dense.block import StepPolynomial, block_size
+from lagrange.procedure.dense.collocation import collocation_polynomial
+from lagrange.procedure.dense.evaluate import polynomials
+from lagrange.procedure.dense.hermite import hermite_polynomial
+from lagrange.procedure.dense.runge_kutta import runge_kutta_polynomial
+from lagrange.procedure.interpreter import Span, run
+from lagrange.procedure.linear.columns import invert_columns
+from lagrange.statement.coordinate import t
+from lagrange.trajectory.methods.radau import POINTS
+from lagrange.trajectory.tableaux.butcher import ButcherTableau
+from lagrange.trajectory.tableaux.dop853 import DOP853
+from lagrange.trajectory.tableaux.gauss import collocation_tableau
+from tests.models import TARGETS, build, k, m, model, x, z
+from tests.trajectory.runs import exact
+
+GRID = np.array([0.0, 0.1, 0.25, 0.4, 0.6, 0.65, 0.9, 1.0, 1.2, 1.3])
+
+
+def of_tableau(tableau: ButcherTableau) -> tuple[StepPolynomial, FloatArray, FloatArray, FloatArray]:
+    """Return the path of a tableau, and its rows, abscissae and weights as they stand in it."""
+    assert tableau.dense is not None
+    rows = np.array([[*map(float, row), *[0.0] * (len(tableau.rows) - len(row))] for row in tableau.rows])
+    abscissae = np.array([float(c) for c in tableau.abscissae])
+    powers = max(map(len, tableau.dense.weights))
+    weights = np.array([[*map(float, line), *[0.0] * (powers - len(line))] for line in tableau.dense.weights])
+    return runge_kutta_polynomial(rows, abscissae, weights), rows, abscissae, weights
+
+
+def of_points(stages: int) -> StepPolynomial:
+    A, _, c = collocation_tableau(POINTS[stages])
+    return collocation_polynomial(A, c)
+
+
+KINDS: dict[str, StepPolynomial] = {
+    "dop853": of_tableau(DOP853)[0],
+    **{f"Hermite, order {order}": hermite_polynomial(order) for order in (3, 4, 7)},
+    **{f"collocation, {stages} stages": of_points(stages) for stages in POINTS},
+}
+
+
+def states_of(compiled: Model) -> FloatArray:
+    return np.ascontiguousarray(exact(compiled, GRID[-1], t_eval=GRID).y.T)
+
+
+def dense_of(compiled: Model, kind: StepPolynomial) -> Any:
+    derivative = compiled.kernel("jacobian") if kind.derivative else None
+    return compiled.machine.dense(kind, compiled.kernel("rhs"), compiled.parameter_array(), derivative)
+
+
+def interpreted(compiled: Model, kind: StepPolynomial, states: FloatArray, step: int) -> FloatArray:
+    """Return the polynomial of one step (degree + 1, 2n) by the interpreter."""
+    n = states.shape[1]
+
+    def law(name: str) -> Callable[..., int]:
+        def evaluate(count: int, time: Span, q: Span, v: Span, _: Span, out: Span) -> int:
+            y = np.array([part[i] for part in (q, v) for i in range(n // 2)])
+            for i, value in enumerate(compiled.kernel(name)(time[0], y, compiled.parameter_array()).ravel()):
+                out[i] = float(value)
+            return -1
+
+        return evaluate
+
+    def gathered(row: int, side: float) -> list[float]:
+        found = [GRID[row], GRID[row + 1] - GRID[row], side, *states[row], *states[row + 1]]
+        assert len(found) == block_size(n, 1)
+        return [float(value) for value in found]
+
+    own, beside = gathered(step, 0.0), gathered(step - 1 if step else 1, -1.0 if step else 1.0)
+    out, work = [0.0] * ((kind.degree + 1) * n + 8), [0.0] * kind.size(n, 1)
+    given: tuple[Any, ...] = law("rhs"), [], law("jacobian"), [], kind.table.tolist(), kind.stages, kind.degree, n
+    run(kind.written.procedure, *given, 1, own, beside, work, out)
+    return np.array(out[:-8]).reshape(kind.degree + 1, n)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", ["Henon-Heiles", "cart and pole"])
+def test_machines_write_what_the_interpreter_does(name: str, kind: str, target: str) -> None:
+    """The laws differ by round-off, which weights of a path up to 545 multiply."""
+    compiled = model(name, target)
+    states, path = states_of(compiled), KINDS[kind]
+    c = dense_of(compiled, path).coefficients(GRID, states, np.arange(len(GRID) - 1))
+    assert c.shape == (path.degree + 1, states.shape[1], len(GRID) - 1)
+    for step in (0, 4, len(GRID) - 2):
+        expected = interpreted(compiled, path, states, step)
+        assert c[:, :, step] == pytest.approx(expected, rel=1e-9, abs=3e-13)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_path_of_stages_is_the_formula_of_its_tableau(target: str) -> None:
+    compiled = model("cart and pole", target)
+    path, rows, abscissae, weights = of_tableau(DOP853)
+    states = states_of(compiled)
+    c = dense_of(compiled, path).coefficients(GRID, states, np.array([3]))[:, :, 0]
+    h, slopes = GRID[4] - GRID[3], np.zeros((len(rows), states.shape[1]))
+    for i, row in enumerate(rows):
+        slopes[i] = compiled.rhs(GRID[3] + abscissae[i] * h, states[3] + h * row @ slopes)
+    for theta in (0.0, 0.3, 0.77, 1.0):
+        share = weights @ theta ** np.arange(1, weights.shape[1] + 1)
+        found = np.polynomial.polynomial.polyval(theta, c)
+        # Weights up to 545 multiply what rounding does to 16 slopes near 1.
+        assert found == pytest.approx(states[3] + h * share @ slopes, abs=1e-12)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_one_step_gets_does_not_depend_on_the_steps_of_its_block(kind: str, target: str) -> None:
+    compiled = model("cart and pole", target)
+    dense, states = dense_of(compiled, KINDS[kind]), states_of(compiled)
+    together = dense.coefficients(GRID, states, np.arange(len(GRID) - 1))
+    for step in range(len(GRID) - 1):
+        assert (dense.coefficients(GRID, states, np.array([step]))[:, :, 0] == together[:, :, step]).all()
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_accepted_states_are_exact_forwards_and_back(kind: str, target: str) -> None:
+    compiled = model("cart and pole", target)
+    states = states_of(compiled)
+    for times, rows in ((GRID, states), (GRID[::-1].copy(), states[::-1].copy())):
+        wanted = np.sort(np.repeat(times, 3)) if times[0] < times[-1] else -np.sort(-np.repeat(times, 3))
+        found = np.clip(np.repeat(np.arange(len(times)), 3), 0, len(times) - 2)
+        assert (dense_of(compiled, KINDS[kind]).at(times, rows, found, wanted) == np.repeat(rows, 3, axis=0).T).all()
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("kind", ["dop853", "Hermite, order 3", "Hermite, order 7"])
+def test_a_step_into_a_singular_configuration_is_a_parabola_and_the_others_keep_their_path(
+    kind: str, target: str
+) -> None:
+    """The mass of z is round-off at t = 1: the slope at the start of that step is that of the parabola."""
+    compiled = build(
+        target,
+        kinetic=m * (x.dot + z.dot) ** 2 / 2 + sp.Max(sp.Float(4e-15), 1 - t) * m * z.dot**2 / 2,
+        potential=k * (x - z) ** 2 / 2,
+        coordinates=[x, z],
+        initial={x: 0.3},
+    )
+    times = np.array([0.0, 0.3, 0.6, 1.0])
+    states = np.array([[0.3, 0.1, 0.0, 0.2], [0.31, 0.15, 0.1, 0.2], [0.33, 0.22, 0.1, 0.25], [0.4, 0.3, 0.2, 0.3]])
+    dense = dense_of(compiled, KINDS[kind])
+    c = dense.coefficients(times, states, np.arange(3))
+    assert np.isfinite(c).all() and (np.abs(c[3, :, :2]) > 0).any()
+    first = 0.4 * compiled.rhs(0.6, states[2])
+    assert c[:3, :, 2] == pytest.approx(np.array([states[2], first, states[3] - states[2] - first]), rel=1e-12)
+    assert (c[3:, :, 2] == 0).all()
+    assert (dense.coefficients(times[:3], states[:3], np.arange(2)) == c[:, :, :2]).all()
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("stages", POINTS)
+def test_the_stages_of_a_step_alone_solve_their_equations(stages: int, target: str) -> None:
+    """Newton's corrections have settled: what is left is round-off. The last stage is the end of the step."""
+    compiled, h = model("double pendulum", target), 0.1
+    states = np.ascontiguousarray(exact(compiled, h, t_eval=[0.0, h]).y.T)
+    c = dense_of(compiled, of_points(stages)).coefficients(np.array([0.0, h]), states, np.array([0]))[:, :, 0]
+    points = POINTS[stages]
+    found = np.array([np.polynomial.polynomial.polyval(point, c) for point in points])
+    slopes = [compiled.rhs(h * point, state) for point, state in zip(points, found, strict=True)]
+    A, _, _ = collocation_tableau(points)
+    assert (found - states[0])[:-1] == pytest.approx((h * np.array(A) @ slopes)[:-1], abs=1e-14)
+    assert found[-1] == pytest.approx(states[1], abs=1e-14)
+
+
+def test_inverses_of_many_matrices_are_those_of_each() -> None:
+    rng, order, count = np.random.default_rng(4), 5, 6
+    matrices = rng.normal(size=(count, order, order))
+    matrices[1] = np.eye(order)[::-1]
+    matrices[2] = 0.0
+    a = np.zeros((order, 2 * order, count))
+    a[:, :order] = np.moveaxis(matrices, 0, -1)
+    flat = a.ravel().tolist()
+    run(invert_columns(), order, count, flat, [0.0] * count)
+    found = np.moveaxis(np.array(flat).reshape(a.shape)[:, order:], -1, 0)
+    for i in (0, 1, 3, 4, 5):
+        assert found[i] @ matrices[i] == pytest.approx(np.eye(order), abs=1e-12)
+    assert not np.isfinite(found[2]).all()
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_procedures_may_call_a_polynomial_themselves(kind: str, target: str) -> None:
+    """By its address or as a function: here the procedure that writes those of some blocks, on memory of its own."""
+    compiled = model("cart and pole", target)
+    dense, states = dense_of(compiled, KINDS[kind]), states_of(compiled)
+    written, n = dense.polynomial(), states.shape[1]
+    starts = np.minimum(np.arange(2 * written.columns), len(GRID) - 2)
+    out = np.zeros(2 * (dense.degree + 1) * n * written.columns + written.columns)
+    spare = [np.zeros(block_size(n, written.columns) + written.columns) for _ in range(2)]
+    arrays = [array.reshape(-1) for array in (GRID, states)]
+    numbers = n, dense.degree, written.columns, int(written.both), len(GRID) - 1
+    memory: list[Any] = [*arrays, starts, 2, *spare, np.zeros(written.work), out]
+    if target == "numpy":
+        memory = [one.data if isinstance(one, np.ndarray) else one for one in memory]
+    compiled.machine.called(polynomials())(written.function, written.given, *numbers, *memory)
+    blocks = out[: -written.columns].reshape(2, dense.degree + 1, n, written.columns)
+    expected = dense.coefficients(GRID, states, np.arange(len(GRID) - 1))
+    assert (blocks[0] == expected[:, :, : written.columns]).all()
+    assert (blocks[1, :, :, 0] == expected[:, :, written.columns]).all()
