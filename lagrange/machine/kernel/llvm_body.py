@@ -6,8 +6,9 @@ from collections.abc import Iterable
 
 from lagrange.machine.kernel import llvm_ldl
 from lagrange.machine.llvm.emitter import Emitter
+from lagrange.machine.llvm.operations import LIBRARY
 from lagrange.machine.llvm.sine_cosine import call_sine_and_cosine, sine_and_cosine
-from lagrange.machine.llvm.spelling import BOOLEAN, LIBRARY, c_name, element, flag_type, number, spell
+from lagrange.machine.llvm.spelling import BOOLEAN, element, flag_type, number, spell
 from lagrange.procedure.form import Procedure
 from lagrange.procedure.linear.dense import factor_size
 from lagrange.program.program import Instruction, Program
@@ -150,7 +151,7 @@ class Body:
         if self.lanes > 1:
             return self.vector_call(op, operands)
         typed = ", ".join(f"double {operand}" for operand in operands)
-        return self.e.value(f"call double @{c_name(op)}({typed})")
+        return self.e.value(f"call double @{LIBRARY[op]}({typed})")
 
     def angle(self, op: str, args: tuple[int, ...], x: str) -> str:
         """Return the sine or cosine of an angle, and keep the other if the program has it."""
@@ -171,7 +172,7 @@ class Body:
         for lane in range(self.lanes):
             picked = [self.e.value(f"extractelement {self.kind} {operand}, i64 {lane}") for operand in operands]
             typed = ", ".join(f"double {one}" for one in picked)
-            called = self.e.value(f"call double @{c_name(op)}({typed})")
+            called = self.e.value(f"call double @{LIBRARY[op]}({typed})")
             result = self.e.value(f"insertelement {self.kind} {result}, double {called}, i64 {lane}")
         return result
 

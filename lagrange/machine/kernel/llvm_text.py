@@ -19,9 +19,10 @@ from lagrange.machine.kernel import llvm_calling
 from lagrange.machine.kernel.llvm_body import UNROLLED, Body, shares_angle_function
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.engine import dense_solver
+from lagrange.machine.llvm.operations import declaration
 from lagrange.machine.llvm.procedures import declaration as announced
 from lagrange.machine.llvm.sine_cosine import angle_function
-from lagrange.machine.llvm.spelling import BOOLEAN, declaration, intrinsics, library_functions, number, spell
+from lagrange.machine.llvm.spelling import BOOLEAN, intrinsics, library_functions, number, spell
 from lagrange.procedure.linear.dense import factor_size
 from lagrange.program.program import SYSTEMS, Instruction, Program
 

@@ -11,8 +11,8 @@ from typing import Any
 import llvmlite.binding as llvm
 
 from lagrange.machine.copies import Shared
+from lagrange.machine.llvm.operations import LIBRARY
 from lagrange.machine.llvm.procedures import module
-from lagrange.machine.llvm.spelling import LIBRARY, c_name
 from lagrange.procedure.form import Procedure
 from lagrange.procedure.linear.dense import factor_dense, invert_dense, solve_factored, solve_lanes
 from lagrange.procedure.linear.inverse import invert
@@ -145,7 +145,7 @@ def vector_routines() -> dict[str, str]:
         return {}
     llvm.load_library_permanently("libmvec.so.1")
     prefix = {8: "_ZGVeN8", 4: "_ZGVdN4", 2: "_ZGVbN2"}[lanes()]
-    names = {op: f"{prefix}{'v' * (ARITY[op] or 0)}_{c_name(op)}" for op in sorted(LIBRARY)}
+    names = {op: f"{prefix}{'v' * (ARITY[op] or 0)}_{LIBRARY[op]}" for op in sorted(LIBRARY)}
     return {op: name for op, name in names.items() if hasattr(routines, name)}
 
 

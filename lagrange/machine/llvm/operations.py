@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from lagrange.machine.llvm.emitter import Emitter, literal, suffix
-from lagrange.procedure.form import FLAG, REAL, WHOLE, WIDTHS, Kind, Let
+from lagrange.procedure.form import FLAG, OPERATIONS, REAL, WHOLE, WIDTHS, Kind, Let
 
 KINDS = {REAL: "double", WHOLE: "i64", FLAG: "i1"}
 """LLVM's type of each kind."""
 
 _REALS = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
-_INTRINSICS = {
+INTRINSICS = {
     "fma": "fma",
     "min": "minimum",
     "max": "maximum",
@@ -23,10 +23,11 @@ _INTRINSICS = {
 _WHOLES = {"add": "add nsw", "sub": "sub nsw", "mul": "mul nsw", "quotient": "sdiv"}
 _WHOLE_INTRINSICS = {"min": "smin", "max": "smax"}
 _COMPARED = {"less": ("olt", "slt"), "less_equal": ("ole", "sle"), "equal": ("oeq", "eq")}
-_LIBRARY = {
-    name: {"power": "pow"}.get(name, name)
-    for name in ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "sinh", "cosh", "tanh", "power")
+LIBRARY = {
+    op: {"power": "pow"}.get(op, op)
+    for op in ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "sinh", "cosh", "tanh", "power")
 }
+"""What the C library calls an operation; many at once may have a vector routine there."""
 
 _CONVERTED = {
     ("real", WHOLE): "sitofp i64 {} to double",
@@ -45,20 +46,24 @@ def declarations() -> str:
     """Return the declarations of what procedures call from elsewhere."""
     lines = []
     for lanes in WIDTHS:
-        kind = "double" if lanes == 1 else f"<{lanes} x double>"
+        kind = type_of(REAL, lanes)
         if lanes > 1:
             lines.append(f"declare void @llvm.masked.store.v{lanes}f64.p0({kind}, ptr, i32, <{lanes} x i1>)")
-        for op, name in _INTRINSICS.items():
-            operands = ", ".join([kind] * {"fma": 3, "min": 2, "max": 2, "copysign": 2}.get(op, 1))
-            lines.append(f"declare {kind} @llvm.{name}.{suffix(kind)}({operands})")
+        for op, name in INTRINSICS.items():
+            lines.append(declaration(f"llvm.{name}.{suffix(kind)}", op, lanes))
     lines += [f"declare i64 @llvm.{name}.i64(i64, i64)" for name in (*_WHOLE_INTRINSICS.values(), "umax")]
     for lanes in WIDTHS[1:]:
         vector = type_of(WHOLE, lanes)
         lines.append(f"declare {vector} @llvm.umax.v{lanes}i64({vector}, {vector})")
         lines.append(f"declare i64 @llvm.vector.reduce.umax.v{lanes}i64({vector})")
-    for op, name in _LIBRARY.items():
-        lines.append(f"declare double @{name}({', '.join(['double'] * (2 if op in ('power', 'atan2') else 1))})")
+    lines += [declaration(name, op) for op, name in LIBRARY.items()]
     return "\n".join(lines)
+
+
+def declaration(name: str, op: str, lanes: int = 1) -> str:
+    """Return the declaration of the function that computes an operation of reals on that many lanes."""
+    kind = type_of(REAL, lanes)
+    return f"declare {kind} @{name}({', '.join([kind] * len(OPERATIONS[op][0][0]))})"
 
 
 def constant(let: Let) -> str:
@@ -88,20 +93,21 @@ def spell(e: Emitter, op: str, kinds: Sequence[Kind], args: Sequence[str], lanes
     if op in ("and", "or"):
         return e.value(f"{op} {kind} {args[0]}, {args[1]}")
     if op == "not":
-        every = "true" if lanes == 1 else "<" + ", ".join(["i1 true"] * lanes) + ">"
-        return e.value(f"xor {kind} {args[0]}, {every}")
+        return e.value(f"xor {typed}, {splat(e, 'true', FLAG, lanes)}")
     if op == "select":
         return e.value(f"select {typed}")
     if op == "neg":
-        return e.value(f"fneg {kind} {args[0]}" if real else f"sub nsw {kind} 0, {args[0]}")
+        return e.value(f"fneg {typed}" if real else f"sub nsw {kind} 0, {args[0]}")
     if op in _COMPARED:
         return e.value(f"{'fcmp' if real else 'icmp'} {_COMPARED[op][not real]} {kind} {args[0]}, {args[1]}")
     if real and op in _REALS:
         return e.value(f"{_REALS[op]} {kind} {args[0]}, {args[1]}")
-    if real and op in _INTRINSICS:
-        return e.value(f"call {kind} @llvm.{_INTRINSICS[op]}.{suffix(kind)}({typed})")
+    if real and op in INTRINSICS:
+        return e.value(f"call {kind} @llvm.{INTRINSICS[op]}.{suffix(kind)}({typed})")
     if op == "magnitude":
         return _magnitude(e, args, lanes)
+    if op == "sign":
+        return _sign(e, typed, lanes)
     if op in _WHOLES:
         return e.value(f"{_WHOLES[op]} {kind} {args[0]}, {args[1]}")
     if op in _WHOLE_INTRINSICS:
@@ -115,9 +121,18 @@ def _single(e: Emitter, op: str, kinds: Sequence[Kind], args: Sequence[str], lan
         raise NotImplementedError(f"{op} has no form for several iterations at once")
     if (op, kinds[0]) in _CONVERTED:
         return e.value(_CONVERTED[op, kinds[0]].format(args[0]))
-    if op in _LIBRARY:
-        return e.value(f"call double @{_LIBRARY[op]}({', '.join(f'double {arg}' for arg in args)})")
+    if op in LIBRARY:
+        return e.value(f"call double @{LIBRARY[op]}({', '.join(f'double {arg}' for arg in args)})")
     return _BITS[op](e, args[0])
+
+
+def _sign(e: Emitter, typed: str, lanes: int) -> str:
+    """Emit a for a zero or NaN, else 1 or -1."""
+    real, flag = type_of(REAL, lanes), type_of(FLAG, lanes)
+    zero, one, minus = (splat(e, literal(value), REAL, lanes) for value in (0.0, 1.0, -1.0))
+    above, below = (e.value(f"fcmp {how} {typed}, {zero}") for how in ("ogt", "olt"))
+    negative = e.value(f"select {flag} {below}, {real} {minus}, {typed}")
+    return e.value(f"select {flag} {above}, {real} {one}, {real} {negative}")
 
 
 def _magnitude(e: Emitter, args: Sequence[str], lanes: int) -> str:
@@ -139,12 +154,6 @@ def largest_magnitude(e: Emitter, vector: str, lanes: int) -> str:
     return e.value(f"bitcast i64 {largest} to double")
 
 
-def _sign(e: Emitter, x: str) -> str:
-    above, below = (e.value(f"fcmp {how} double {x}, {literal(0.0)}") for how in ("ogt", "olt"))
-    negative = e.choose(below, literal(-1.0), x)
-    return e.choose(above, literal(1.0), negative)
-
-
 def _two_to(e: Emitter, k: str) -> str:
     biased = e.value(f"add i64 {k}, 1023")
     return e.value(f"bitcast i64 {e.value(f'shl i64 {biased}, 52')} to double")
@@ -162,4 +171,4 @@ def _mantissa(e: Emitter, x: str) -> str:
     return e.value(f"bitcast i64 {kept} to double")
 
 
-_BITS = {"sign": _sign, "two_to": _two_to, "exponent": _exponent, "mantissa": _mantissa}
+_BITS = {"two_to": _two_to, "exponent": _exponent, "mantissa": _mantissa}
