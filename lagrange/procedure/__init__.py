@@ -1,1 +1,1 @@
-"""How a program is run: algorithms with loops and memory, stated once for every language."""
+"""Algorithms with loops and memory, stated once for every language."""

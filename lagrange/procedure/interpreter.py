@@ -1,8 +1,8 @@
-"""Run a procedure as it stands, statement by statement: the reference for every printer.
+"""Run a procedure statement by statement: the reference for every printer.
 
-Reals are Python floats, wholes and flags are its ints and bools. An array is anything with places, taken from an
-offset; a record is an object with its fields as attributes, such as its `Record.structure`. A function that a
-procedure is given is called with `Span`s for arrays; it returns nothing, a value or a tuple of values.
+Reals are Python floats, wholes and flags are its ints and bools. An array is any indexable object, used from an offset
+on; a record is an object with its fields as attributes, such as its `Record.structure`. A function that is a parameter
+is called with `Span`s for arrays; it returns None, a value or a tuple of values.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ Environment = dict[int, Any]
 
 @dataclass(frozen=True)
 class Span:
-    """An array from one of its places on."""
+    """The part of an array from an index on."""
 
     memory: Any
     start: int = 0
@@ -60,7 +60,7 @@ class Span:
         self.memory[self.start + index] = value
 
     def part(self, start: int) -> Span:
-        """Return the array from a place on."""
+        """Return the part of the array from an index on."""
         return Span(self.memory, self.start + start)
 
 
@@ -218,7 +218,7 @@ def _divide(a: float, b: float) -> float:
 
 
 def _max(a: Any, b: Any) -> Any:
-    """Return the larger number; of two zeros that above."""
+    """Return the larger number; of two zeros the positive one."""
     if a == b:
         return b if math.copysign(1.0, a) < 0 else a
     return a if a != a or a > b else b
@@ -270,7 +270,7 @@ def _power(a: float, b: float) -> float:
 
 
 def _total(function: Callable[[float], float], *, pole: float = math.nan) -> Callable[[float], float]:
-    """Return a function that gives NaN outside of its domain, infinity where it overflows, and `pole` at zero."""
+    """Return a function that is NaN outside its domain, infinite where it overflows, and `pole` at zero."""
 
     def value(x: float) -> float:
         try:

@@ -1,4 +1,4 @@
-"""Values of a procedure under construction: what an algorithm is written with, in plain Python operators."""
+"""Values of a procedure under construction, with Python operators."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ class Value:
         raise LagrangeError("a value of a procedure is known when it runs: use `with p.when(...)` and not `if`.")
 
     def called(self, name: str) -> Any:
-        """Return the value, and let listings and printed code call it by a name."""
+        """Return the value, and set its name in listings and printed code."""
         self.builder.names[self.ref] = name
         return self
 
 
 class _Ordered(Value):
-    """What the numbers share: reals and wholes."""
+    """Operations that reals and wholes share."""
 
     def _with(self, op: str, *others: Any) -> Any:
         return self.builder.operation(op, self, *others)
@@ -71,7 +71,7 @@ class _Ordered(Value):
         return Flag.of(self.builder.operation("less_equal", other, self))
 
     def equals(self, other: Any) -> Flag:
-        """Whether two numbers are the same; never where one is NaN."""
+        """Whether two numbers are the same; False if one is NaN."""
         return Flag.of(self._with("equal", other))
 
 
@@ -143,7 +143,7 @@ class Variable:
 
 
 class Memory:
-    """An array: read and written by place, and from a place on it is an array again."""
+    """An array: read and written by index; `at` is its part from an index on."""
 
     def __init__(self, builder: Builder, ref: int, array: Array) -> None:
         self.builder, self.ref, self.array = builder, ref, array
@@ -157,7 +157,7 @@ class Memory:
         self.builder.add(Store(self.ref, place, self.builder.operand(value, self.array.kind)))
 
     def at(self, start: Any) -> Memory:
-        """Return the array from a place on."""
+        """Return the part of the array from an index on."""
         return self.builder.part(self, start)
 
 

@@ -36,7 +36,7 @@ def _parts(factors: Memory, n: Whole) -> tuple[Memory, Memory, Memory]:
 
 @cache
 def factor_symmetric() -> Procedure:
-    """Return L D L^T of a matrix, which says whether every pivot can be trusted."""
+    """Return L D L^T of a matrix, and whether every pivot can be trusted."""
     p = Builder("factor_symmetric", "Factor A = L D L^T by columns, and say whether every pivot can be trusted.")
     n = p.given("n", WHOLE)
     a, factors = p.array("a", read=True), p.array("factors")
@@ -64,7 +64,7 @@ def factor_symmetric() -> Procedure:
 
 @cache
 def factor_pivoted() -> Procedure:
-    """Return P A = L U of a matrix, which says whether it is singular."""
+    """Return P A = L U of a matrix, and whether it is singular."""
     p = Builder("factor_pivoted", "Factor P A = L U with scaled pivots, and say whether A is singular to round-off.")
     n = p.given("n", WHOLE)
     a, factors = p.array("a", read=True), p.array("factors")
@@ -103,7 +103,7 @@ def factor_pivoted() -> Procedure:
 
 
 def _exchange(p: Builder, n: Whole, j: Whole, scales: Memory, permutation: Memory, columns: Memory) -> None:
-    """Bring the row with the largest scaled entry of column j to row j."""
+    """Move the row with the largest scaled entry of column j to row j."""
     best, row = p.variable(-1.0, "best"), p.variable(j, "row")
     with p.loop(j, n) as i:
         size = abs(columns[j * n + i]) * scales[i]
@@ -119,7 +119,7 @@ def _exchange(p: Builder, n: Whole, j: Whole, scales: Memory, permutation: Memor
 
 @cache
 def factor_dense() -> Procedure:
-    """Return the factorization of a symmetric matrix by either."""
+    """Return the factorization of a symmetric matrix by L D L^T, or with pivoting if that cannot be trusted."""
     p = Builder("factor_dense", "Factor a symmetric matrix, and say whether it is singular to round-off.")
     n = p.given("n", WHOLE)
     a, factors = p.array("a", read=True), p.array("factors")

@@ -1,7 +1,7 @@
 """The inverse of any matrix: Gauss-Jordan elimination in place, with pivots.
 
-The pivot of each column is the largest entry against the size of its row, with columns and rows measured in units of
-their own: of rows, of columns in those units, and of rows again.
+The pivot of each column is its largest entry relative to the size of the row. Rows, columns in units of the rows, and
+rows again are scaled first.
 Source: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., 2002, section 14.4.
 """
 
@@ -16,7 +16,7 @@ from lagrange.procedure.linear.dense import PIVOT
 from lagrange.procedure.values import Flag, Memory, Real, Whole
 
 WRITTEN_OUT = 16
-"""Up to this order the iterations over a row are written out, and the search for a pivot."""
+"""Largest order for which the loops over a row, and the search for a pivot, are written out."""
 
 
 def row_stride(n: int) -> int:
@@ -78,7 +78,7 @@ class _Inversion:
         self.measure_rows()
 
     def measure_rows(self) -> None:
-        """Find the reciprocal size of each row, its columns in their units."""
+        """Find the reciprocal size of each row, with columns in their units."""
         p = self.p
         with p.loop(0, self.n) as i:
             row = self.row(i)
@@ -87,7 +87,7 @@ class _Inversion:
             self.units[i] = 1.0 / largest.value
 
     def find_pivot(self, k: Whole) -> Whole:
-        """Return the row, from k on, in which column k is largest; k where nothing there is a number."""
+        """Return the row, from k on, in which column k is largest; k if no entry there is finite."""
         p = self.p
         if not self.unrolled:
             best, row = p.variable(-1.0, "best"), p.variable(k, "best_row")
@@ -113,23 +113,24 @@ class _Inversion:
         return self.p.choose(larger, b[0], a[0]), self.p.choose(larger, b[1], a[1])
 
     def is_round_off(self, row: Whole, k: Whole) -> Flag:
-        """Whether a pivot is too small, in units of its row and column; one that is no number says nothing."""
+        """Whether a pivot is round-off, in units of its row and column; False if it is not finite."""
         pivot: Real = self.row(row)[k]
         size = abs(pivot) * (self.units[row] * self.columns[k])
         small: Flag = size <= PIVOT
         return small | pivot.equals(0.0)
 
     def swap_rows(self, one: Whole, other: Whole) -> None:
-        """Exchange two rows; the unit of the second, where the pivot comes to stand, is not needed any more."""
+        """Exchange two rows; the unit of the second row, which becomes the pivot row, is not needed any more."""
         p, first, second = self.p, self.row(one), self.row(other)
         with p.each(self.n, unrolled=self.unrolled, spill=True) as j:
             first[j], second[j] = second[j], first[j]
         self.units[one] = self.units[other]
 
     def eliminate(self, k: Whole) -> None:
-        """Take multiples of row k from the others, and let column k become that of the inverse.
+        """Subtract multiples of row k from the others, and replace column k by that of the inverse.
 
-        Whole blocks are stored, its entry in them: a number stored alone would keep the next load of a block waiting.
+        Whole blocks are stored, with the entry of column k in them: a single store would delay the next load of its
+        block.
         """
         p, n, here = self.p, self.n, self.row(k)
         reciprocal = 1.0 / here[k]

@@ -1,8 +1,8 @@
-"""Whether a correction was the last one, and what it says about the matrix.
+"""Whether Newton's method has converged, and whether its matrix still serves.
 
-A step of equal length is solved to round-off, one that follows the error far below its tolerance. What is left after a
-correction is the rest of a geometric series: corrections shrink by the `rate` that the last two show, or those of the
-step before.
+An equal step is solved to round-off, a step with error control far below its tolerance. After a correction the error is
+estimated as the rest of a geometric series, with the contraction rate of the last two corrections, or that of the
+previous step.
 Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, IV.8.
 """
 
@@ -38,12 +38,12 @@ from lagrange.procedure.values import Flag, Real, Whole
 
 @cache
 def assess_correction(*, adaptive: bool) -> Procedure:
-    """Return the judgement of a correction: done, paused where another one is wanted, or diverged."""
+    """Return the assessment of a correction: done, paused if another one is needed, or diverged."""
     return _Assessment(adaptive=adaptive).build()
 
 
 class _Assessment:
-    """Builds the procedure; `iteration` counts corrections from 0, and `since` those that the matrix has made."""
+    """Builds the procedure; `iteration` counts corrections from 0, and `since` those made with the current matrix."""
 
     def __init__(self, *, adaptive: bool) -> None:
         kind = "controlled" if adaptive else "equal"
@@ -76,7 +76,7 @@ class _Assessment:
         return p.finish(WHOLE)
 
     def converged(self, first: Flag, rate: Real) -> Flag:
-        """Whether what is left is too small to matter, or two corrections in a row are round-off."""
+        """Whether the estimated error is small enough, or two corrections in a row are round-off."""
         p, norm = self.p, self.norm
         left, bound = norm * rate, TOLERANCE_FRACTION if self.adaptive else self.newton.noise * ROUND_OFF_FRACTION
         small: Flag = left <= (1.0 - rate) * bound
@@ -87,7 +87,7 @@ class _Assessment:
         return small | round_off
 
     def schedule_matrix(self, rate: Real) -> None:
-        """Have the next step begin with a new matrix where this one is outdated; forget noise slowly."""
+        """Let the next step begin with a new matrix if this one is outdated; reduce the noise estimate slowly."""
         p, newton = self.p, self.newton
         age = newton.age + 1
         newton.age = age
@@ -100,7 +100,7 @@ class _Assessment:
             self.request_matrix()
 
     def handle_stagnation(self, rate: Real) -> None:
-        """Take the unknowns where a new matrix no longer shrinks small corrections; give up where large ones grow."""
+        """With a new matrix, accept small corrections that do not shrink, and give up when large ones grow."""
         p, norm = self.p, self.norm
         old = self.since >= MATRIX_AGE
         fresh = (self.since >= 1) & ~old
@@ -112,6 +112,6 @@ class _Assessment:
             self.request_matrix()
 
     def request_matrix(self) -> None:
-        """Have the matrix and the derivative of the law made anew where they are needed next."""
+        """Let the matrix and the derivative of the law be computed anew when they are needed next."""
         self.newton.matrix_step = 0.0
         self.newton.differentiated = 0

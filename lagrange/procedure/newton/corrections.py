@@ -1,8 +1,8 @@
 """Newton's method for the unknowns of a step.
 
-They are predicted from the steps before and corrected with a matrix that is kept from step to step, until the
-corrections are lost in round-off (equal steps) or far below the tolerance (steps that follow the error). Where they
-shrink slowly the matrix is made anew.
+The unknowns are predicted from previous steps and corrected with a matrix that is kept from step to step, until the
+corrections are round-off (equal steps) or far below the tolerance (error control). The matrix is rebuilt when the
+corrections shrink slowly.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from lagrange.procedure.step.vectors import Given, Vectors
 from lagrange.procedure.values import Memory, Real, Variable, Whole
 
 UNROLLED_PRODUCT = 64
-"""A product of matrix and vector is written out up to this many blocks, or columns where rows are taken one by one."""
+"""Most blocks for which the product of a matrix and a vector is written out."""
 
 
 def solve_unknowns(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure:
-    """Return the solve: predict and iterate; where that fails, start again from the guess with a new matrix."""
+    """Return the solve: predict and iterate; if that fails, restart from the guess with a new matrix."""
     p = Builder(f"{prefix}solve{solve.index}", "Find the unknowns of a solve, and return an outcome.")
     given = Given(p, layout, solve)
     newton = given.newton
@@ -59,7 +59,7 @@ def solve_unknowns(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure
 
 
 def _start(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure:
-    """Return the setting of unknowns to their guesses."""
+    """Return the procedure that sets the unknowns to their guesses."""
     p = Builder(f"{prefix}start{solve.index}", "Set the unknowns to their guesses, and return an outcome.", apart=True)
     given, stated = Given(p, layout, solve), solve.solve
     arguments = [argument for call in stated.preparation for argument in call.arguments]
@@ -77,9 +77,9 @@ def _start(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure:
 
 
 def _weigh_by_tolerance(given: Given, solve: SolveLayout) -> None:
-    """Weigh corrections by what they move in the arguments of the calls, against the tolerances.
+    """Set the weights of corrections: their effect on the arguments of the calls, relative to the tolerances.
 
-    Where an entry begins at zero, the size that it has in the step is what its slope moves it by.
+    The size of an entry that begins at zero is that of its slope times the step.
     """
     p, reached = given.p, [solve.solve.reach(i) for i in range(solve.solve.count)]
     vectors = Vectors(given, [], [factor for factors, _ in reached for factor in factors])
@@ -98,7 +98,7 @@ def _weigh_by_tolerance(given: Given, solve: SolveLayout) -> None:
 
 
 def _iterate(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure:
-    """Return the iteration: correct the unknowns until what is left is too small to matter."""
+    """Return the iteration: correct the unknowns until the estimated error is negligible."""
     about = "Correct the unknowns until what is left is small; return an outcome."
     p = Builder(f"{prefix}iterate{solve.index}", about, apart=True)
     given, stated = Given(p, layout, solve), solve.solve
@@ -122,7 +122,7 @@ def _iterate(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure:
         norm = _correct(given, solve).called("norm")
         effort.residual = norm * unit
         with p.when(~(norm < LARGEST_CORRECTION)):
-            p.note("The law is no number there, unless a large correction before has gone astray.")
+            p.note("The law is not finite there, unless a large correction has led out of its domain.")
             p.leave_if(previous.value * unit < LARGE_CORRECTION, Outcome.NON_FINITE)
             p.leave(Outcome.DIVERGED)
         if not solve.adaptive:

@@ -1,8 +1,8 @@
-"""The matrix of Newton's method: built from the law's derivative, and inverted.
+"""The matrix of Newton's method: built from the derivative of the law, and inverted.
 
-With unknowns z_j and the calls c of a solve, the derivative of residual i in unknown j is beta_ij I + g_ij J, where J
-is the derivative of the law at one point and g_ij the sum over c of the factor of c in residual i times that of z_j in
-the argument of c. A law of momenta has J in four blocks, each with its own g.
+With unknowns z_j and the calls c of a solve, the derivative of residual i by unknown j is beta_ij I + g_ij J. J is the
+derivative of the law at one point, and g_ij is the sum over c of the factor of c in residual i times that of z_j in the
+argument of c. A law of momenta has J in four blocks, each with its own g.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from lagrange.program.actions import LAWS, Combination, LawCall, Solve
 
 
 def build_matrix(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure:
-    """Return the making of a matrix for the present step, with the derivative of the law that is known or a new one."""
+    """Return the construction of the matrix of a step, with the known derivative of the law or a new one."""
     return _MatrixBuilder(layout, solve, prefix).build()
 
 
 def factor_of(combination: Combination, vector: int) -> Node | None:
-    """Return the factor of a vector in a combination, if it is there."""
+    """Return the factor of a vector in a combination, or None."""
     return next((factor for i, factor in combination if i == vector), None)
 
 
@@ -62,7 +62,7 @@ def shares_of(layout: Layout, solve: Solve) -> list[Node]:
 
 
 class _MatrixBuilder:
-    """Builds the procedure. Matrices stand in the work array, the derivative by columns."""
+    """Builds the procedure. Matrices are in the work array, the derivative by columns."""
 
     def __init__(self, layout: Layout, solve: SolveLayout, prefix: str) -> None:
         self.p = p = Builder(
@@ -105,7 +105,7 @@ class _MatrixBuilder:
         return p.finish(WHOLE)
 
     def table(self, values: Sequence[Node], *, size: bool = False) -> Memory:
-        """Return numbers of the step, or their sizes, as an array."""
+        """Return numbers of the step, or their absolute values, as an array."""
         memory = self.p.reserve(len(values))
         for i, value in enumerate(values):
             number = self.vectors.numbers[value]
@@ -113,7 +113,7 @@ class _MatrixBuilder:
         return memory
 
     def differentiate(self) -> None:
-        """Evaluate the derivative of the law: at the middle call of the residuals, or else where the step starts."""
+        """Evaluate the derivative of the law: at the middle call of the residuals, or at the start of the step."""
         given, layout, n = self.given, self.layout, self.layout.dimension
         if self.point is None:
             time, where = given.t, given.work.at(layout.argument)
@@ -128,14 +128,14 @@ class _MatrixBuilder:
         given.newton.differentiated = 1
 
     def line(self, column: Whole, r: int, s: int) -> Memory:
-        """Return a column of a block of the derivative: of result r in argument s."""
+        """Return a column of a block of the derivative: of result r by argument s."""
         length = self.solve.length
         return self.derivative.at((column + s * length) * self.layout.dimension + r * length)
 
     def fill(self, identity: Memory, factors: Memory) -> None:
-        """Write the transposed matrix with the other sign by rows: those of its inverse are the columns to keep.
+        """Write the negative transposed matrix by rows; the rows of its inverse are the columns that are kept.
 
-        A last block of a part runs on over what is written after it.
+        The last block of a part may overwrite what follows, which is written later.
         """
         p, solve, count, length = self.p, self.solve, self.solve.solve.count, self.solve.length
         blocks = [(r, s) for r in range(self.law.results) for s in range(self.law.arguments)]
@@ -152,25 +152,25 @@ class _MatrixBuilder:
                 row[a] = value
 
     def invert(self, order: int) -> Flag:
-        """Invert the matrix in place, and say whether it is singular."""
+        """Invert the matrix in place; return whether it is singular."""
         singular = self.p.call(inversion(order), self.matrix, self.given.work.at(self.solve.pivots))
         return Flag.of(singular)
 
     def spread(self) -> None:
-        """Write the inverse by padded columns: a residual then gives its correction."""
+        """Write the inverse by padded columns: its product with a residual is the correction."""
         solve, inverse = self.solve, self.given.work.at(self.solve.inverse)
         with self.p.loop(0, solve.unknowns) as column, self.p.loop(0, solve.solve.count) as i:
             source = self.matrix.at(column * solve.stride + i * solve.length)
             self.keep_column(source, inverse.at(column * solve.all + i * solve.width))
 
     def keep_column(self, source: Memory, target: Memory) -> None:
-        """Copy as many numbers as a vector has, with zeros up to whole blocks."""
+        """Copy a column, padded with zeros to whole blocks."""
         p, solve = self.p, self.solve
         with p.each(solve.width, spill=True) as a:
             target[a] = source[a] if solve.width == solve.length else p.choose(a < solve.length, source[a], 0.0)
 
     def leave_if_mass_singular(self) -> None:
-        """Leave if it is the mass matrix dp/dv that has no inverse, and not what the step makes of it."""
+        """Leave if the mass matrix dp/dv is singular, and not only the matrix of the step."""
         length, n = self.solve.length, self.layout.dimension
         with self.p.loop(0, length) as a, self.p.loop(0, length) as b:
             self.matrix[a * row_stride(length) + b] = self.derivative[(b + length) * n + a]

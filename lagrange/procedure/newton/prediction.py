@@ -1,7 +1,7 @@
-"""What a solve keeps of former steps, and the guess that it makes of that for the next.
+"""What a solve keeps of previous steps, and the initial guess that it computes from them.
 
-Of equal steps these are backward differences of the unknowns, the last value first. The polynomial through k of them
-goes on with their sum, and the k-th difference at the next step is what that guess was off by: it says which k is best.
+For equal steps these are backward differences of the unknowns. The polynomial through k values is extrapolated by the
+sum of the differences; the k-th difference at the next step is the error of that guess, which selects the best k.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from lagrange.procedure.values import Memory, Real
 
 
 def predict(given: Given, solve: SolveLayout) -> None:
-    """Write the unknowns as they continue those of former steps: as the method states, or by a polynomial."""
+    """Write the initial guess of the unknowns: as the method states, or by extrapolation."""
     p, work = given.p, given.work
     unknowns = work.at(solve.first)
     if not solve.adaptive:
@@ -35,7 +35,7 @@ def predict(given: Given, solve: SolveLayout) -> None:
 
 
 def _extrapolate(given: Given, solve: SolveLayout, unknowns: Memory) -> None:
-    """Write the sum of as many differences as have served best, the smallest first."""
+    """Write the sum of the selected number of differences, the smallest first."""
     p, order = given.p, given.newton.order
     differences = [given.work.at(solve.history + i * solve.all) for i in range(HISTORY)]
     for k in reversed(ORDERS):
@@ -45,7 +45,7 @@ def _extrapolate(given: Given, solve: SolveLayout, unknowns: Memory) -> None:
 
 
 def keep(layout: Layout, solve: SolveLayout) -> Procedure:
-    """Return what accepting a step does with the unknowns of a solve."""
+    """Return the update of the stored unknowns when a step is accepted."""
     p = Builder(f"keep{solve.index}", "Keep the unknowns of an accepted step, to extrapolate from.")
     newton: Any = p.record("newton", NEWTON)
     work = p.array("work", size=layout.size, room=layout.block)
@@ -79,7 +79,7 @@ def _difference(p: Builder, solve: SolveLayout, work: Memory) -> dict[int, Real]
 
 
 def _choose_order(p: Builder, newton: Any, errors: dict[int, Real]) -> None:
-    """Set the order of the next guess: that of the least error, or one more that is possible only now."""
+    """Set the order of the next guess: that of the least error, or one more if it has just become available."""
     known = newton.known
     following = known + 1
     best, least = p.whole(ORDERS[0]), errors[ORDERS[0]]

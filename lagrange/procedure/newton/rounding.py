@@ -1,4 +1,4 @@
-"""What rounding does to the unknowns of a solve: corrections of equal steps are measured in units of it."""
+"""The effect of rounding on the unknowns of a solve: the unit in which corrections of equal steps are measured."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from lagrange.program.actions import LAWS, LawCall
 
 
 def weigh_by_rounding(vectors: Vectors, solve: SolveLayout, point: LawCall, shares: Memory) -> None:
-    """Weigh corrections against what rounding a residual and the arguments of its calls does to the unknowns.
+    """Set the weights of corrections: the effect of rounding a residual and the arguments of its calls on the unknowns.
 
-    The sizes of the terms of a residual, and J times those of the arguments, are an error of one unit of round-off;
-    the inverse takes it to the unknowns. Whatever the units of a system are, it is what no iteration can go below.
+    The sizes of the terms of a residual, and J times those of the arguments, are an error of one unit of round-off. The
+    inverse maps it to the unknowns. In any units, no iteration can reach a smaller error.
     """
     p, work, n = vectors.p, vectors.work, vectors.layout.dimension
     count, length, law = solve.solve.count, solve.length, LAWS[vectors.layout.step.law]

@@ -1,1 +1,1 @@
-"""A step program as procedures: where its vectors stand, what is done with them, and one whole step."""
+"""Steps of a step program as procedures: memory layout, operations on vectors, and one whole step."""

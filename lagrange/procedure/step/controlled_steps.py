@@ -1,4 +1,4 @@
-"""The loop over steps whose length follows the error.
+"""The loop over steps with error control.
 
 Source: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed., 1993, II.4.
 """
@@ -33,7 +33,7 @@ from lagrange.program.step import Control
 
 
 def controlled_steps(layout: Layout, control: Control) -> Procedure:
-    """Return the loop; it comes back at the end, after so many trials as `budget` says, or where no step is left."""
+    """Return the loop; it returns at the end, after `budget` trials, or when no step succeeds."""
     return _ControlledLoop(layout, control).build()
 
 
@@ -70,7 +70,9 @@ class _ControlledLoop:
             rejected = ~self.counts.after_reject.equals(0)
             p.leave_if(small & (~final | rejected), Outcome.STEP_TOO_SMALL)
             after = p.choose(final, end, t + h)
-            p.note("Far from time zero a step is as long as times allow; elsewhere a matrix made for it serves again.")
+            p.note(
+                "Far from time zero a step is a difference of times; elsewhere it is h, so that a matrix serves again."
+            )
             length = p.choose(final | (abs(h) < abs(t) * FAR_FROM_ZERO), after - t, h)
             self.trial(t, length, after, rejected, entries)
         leave_at_budget(self.given, end)
@@ -89,7 +91,7 @@ class _ControlledLoop:
         return direction
 
     def trial(self, t: Real, length: Real, after: Real, rejected: Flag, entries: Sequence[Memory]) -> None:
-        """Take a trial step; reject it where it fails or something in it is not a number, else judge its error."""
+        """Take a trial step; reject it if it fails or is not finite, else test its error."""
         p = self.p
         outcome = p.call(try_step(self.layout), *self.given.handed, t, length, *entries)
         done = outcome.equals(Outcome.DONE)
@@ -101,7 +103,7 @@ class _ControlledLoop:
             self.reject(cause, length * part, moved=False)
 
     def control_error(self, length: Real, after: Real, rejected: Flag, entries: Sequence[Memory]) -> None:
-        """Accept or reject a finite trial step by its error norm, and set the next step."""
+        """Accept or reject a finite trial step by its error norm, and choose the length of the next one."""
         p, run, control, given = self.p, self.run, self.control, self.given
         norm = p.call(error_norm(self.layout, control), run, given.floors, given.work).called("norm")
         exponent = -(1 / control.exponent - PI_SHARE * control.memory)
@@ -122,7 +124,7 @@ class _ControlledLoop:
             self.reject(float(Outcome.STEP_TOO_SMALL), length * shorter, moved=True)
 
     def reject(self, cause: Any, h: Real, *, moved: bool) -> None:
-        """Try again with a step of h; come back where somebody is to look how large the entries are."""
+        """Try again with a step of h; return to the caller if the sizes of the entries are needed."""
         p, given = self.p, self.given
         flag = p.true if moved else p.false
         asked = p.call(self.rejection, self.run, self.counts, given.floors, given.work, cause, h, flag)

@@ -1,4 +1,4 @@
-"""The loop over steps of equal length: times are multiples of the step, and the last step ends at the end."""
+"""The loop over equal steps: times are multiples of the step, and the last step ends at the end of the run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ WRITTEN_OUT = 2
 
 
 def equal_steps(layout: Layout) -> Procedure:
-    """Return the loop; it comes back at the end, after so many steps as `budget` says, or where a step fails."""
+    """Return the loop; it returns at the end, after `budget` steps, or when a step fails."""
     p = Builder("equal_steps", "Take equal steps towards the end, and return an outcome.")
     given = Running(p, layout)
     run, counts = given.run, given.counts
@@ -41,13 +41,13 @@ def equal_steps(layout: Layout) -> Procedure:
 
 
 def leave_at_budget(given: Running, end: Real) -> None:
-    """End a loop over steps where its budget is used up."""
+    """Return from a loop over steps when its budget is used up."""
     p = given.p
     p.leave(p.choose(given.run.t.equals(end), p.whole(Outcome.DONE), p.whole(Outcome.PAUSED)))
 
 
 def discard_history(given: Running) -> None:
-    """Clear what is kept from steps if it belongs to another run; a starter makes all anew at each step."""
+    """Clear the data of previous steps if it belongs to another run. A starter rebuilds its own at every step."""
     p, layout, work = given.p, given.layout, given.work
     if not layout.keeps_history:
         return
@@ -64,7 +64,7 @@ def discard_history(given: Running) -> None:
 
 
 def keep_entries(given: Running) -> list[Memory]:
-    """Return the array of the single numbers of the state, read from where it stands, if they are kept."""
+    """Return the array of the entries of the state, read from the work array, if they are kept in registers."""
     p, layout = given.p, given.layout
     if not layout.keeps_entries:
         return []
@@ -76,7 +76,7 @@ def keep_entries(given: Running) -> list[Memory]:
 
 
 def is_finite(given: Running, *, errors: bool = False) -> Flag:
-    """Whether all of the new state is finite, and of the `errors` behind it: 0 * x is NaN for all other numbers."""
+    """Whether the new state is finite, and with `errors` its error vectors: 0 * x is NaN for all other numbers."""
     p, layout = given.p, given.layout
     new, zero = given.work.at(layout.place(layout.new)), p.constant(0.0, REAL)
     vectors = layout.step.states + (len(layout.step.errors) if errors else 0)

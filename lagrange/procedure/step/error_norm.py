@@ -1,4 +1,4 @@
-"""What step control measures: the error of a step against its tolerances, and the floors of those."""
+"""The error norm of step control, and the floors of the tolerances."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lagrange.program.step import Control
 
 
 def error_norm(layout: Layout, control: Control) -> Procedure:
-    """Return the error of a step in units of its tolerance, with two error vectors as DOP853 takes them."""
+    """Return the error of a step relative to its tolerance; with two error vectors, the norm of DOP853."""
     p = Builder("error_norm", "Return the error of the trial step against its tolerances.")
     run: Any = p.record("run", RUN)
     floors = floors_of(p, layout)
@@ -38,10 +38,10 @@ def error_norm(layout: Layout, control: Control) -> Procedure:
 
 
 def reject(layout: Layout) -> Procedure:
-    """Return what is done with a step that does not count; it says whether to ask how large the entries are.
+    """Return the procedure for a rejected step; its result says whether to ask for the sizes of the entries.
 
-    That is where it is not the first try, or an entry has no size yet. Where the trial `moved` the state, an entry that
-    it left at zero does not count.
+    They are asked for after several consecutive rejections, or if an entry has no size yet. If the trial `moved` the
+    state, an entry that it left at zero does not count.
     """
     about = "Have a step tried again with another length, and say whether to ask how large the entries are."
     p = Builder("reject", about, apart=True)
@@ -73,5 +73,5 @@ def raise_floors(given: Running) -> None:
 
 
 def higher(p: Builder, value: Real, floor: Real) -> Any:
-    """Return a floor that is no lower than a value, if that is a number."""
+    """Return the larger of a value and a floor; the floor if the value is NaN."""
     return p.choose(value > floor, value, floor)

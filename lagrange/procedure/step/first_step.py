@@ -1,10 +1,10 @@
-"""The length of a first step, from how slopes change over a short one.
+"""The length of the first step, from the change of slopes over a short trial step.
 
-The jerk over the velocity is the square of a rate, whatever the units of entries and of time are and wherever
-coordinates begin; without either, the acceleration over the coordinate is, or over the velocity. What is small against
-its tolerance counts as what its floor is the tolerance of. A floor that is to follow the scale begins, where an entry
-is zero, with what the step reaches. An acceleration that may be round-off of what cancels, as at an equilibrium, is
-none to go by: what it owes to the coordinate is.
+The jerk divided by the velocity is the square of a rate, in any units of the entries and of time and for any origin of
+the coordinates. If it is not defined, the acceleration divided by the coordinate is used, or the one divided by the
+velocity, squared. The size of an entry is at least the size whose tolerance is its floor. If floors follow the scale,
+the floor of an entry that is zero begins at what the step adds to it. An acceleration that may be round-off of
+cancelling terms, as at an equilibrium, is replaced by its sensitivity to the coordinate.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ from lagrange.procedure.values import Flag, Memory, Real, Whole
 from lagrange.program.step import Control
 
 NEEDS_SIZES = -1.0
-"""The length of a first step where somebody is to look how large the entries are."""
+"""The result if the caller has to estimate the sizes of the entries first."""
 
 
 def first_step(layout: Layout, control: Control) -> Procedure:
-    """Return the choice of a first step within a span, by its size; negative where sizes of entries are asked for."""
+    """Return the procedure that chooses the size of the first step within a span; see `NEEDS_SIZES`."""
     return _FirstStep(layout, control).build()
 
 
 class _Size(NamedTuple):
-    """What counts as the size of an entry beside its floor, and whether it is not zero."""
+    """The size of an entry including its floor, and whether the entry is not zero."""
 
     whole: Real
     some: Flag
@@ -108,7 +108,7 @@ class _FirstStep:
         return _Size(size + self.floors[i] / self.run.rtol, size > 0.0)
 
     def trial_rate(self) -> Real:
-        """Return the rate by which the trial length is found, from accelerations alone."""
+        """Return the rate that gives the trial length, from accelerations alone."""
         p, rate = self.p, self.p.variable(0.0, "rate")
         with p.loop(0, self.half) as i:
             force, place, speed = abs(self.slope[i + self.half]), self.size(i), self.size(i + self.half)
@@ -117,7 +117,7 @@ class _FirstStep:
         return p.real(rate.value)
 
     def move(self, h: Real) -> None:
-        """Evaluate the right-hand side after an Euler step of h, and where each entry is tilted a little."""
+        """Evaluate the right-hand side after an Euler step of h, and at a slightly perturbed state."""
         p = self.p
         with p.each(self.layout.width, spill=True) as i:
             self.argument[i] = p.fma(h, self.slope[i], self.y[i])
@@ -127,7 +127,7 @@ class _FirstStep:
         self.evaluate(self.t, self.argument, self.result)
 
     def squared_rate(self, trial: Real) -> Real:
-        """Return the square of the rate that the first step follows; leave to ask for sizes where it says nothing."""
+        """Return the square of the rate for the first step; leave to ask for sizes if it is not determined."""
         p, half = self.p, self.half
         doubtful, others, moving, paired = (p.variable(0.0) for _ in range(4))
         with p.loop(0, half) as i:
@@ -156,7 +156,7 @@ class _FirstStep:
         return p.real(p.larger(p.larger(doubtful.value, others.value), paired.value))
 
     def first_floors(self, h: Real, longer: Real) -> None:
-        """Let the floors of entries that are zero begin with what a step of h reaches by its slopes."""
+        """Let the floors of entries that are zero begin at what a step of h adds by its slopes."""
         p = self.p
         factor = p.larger(self.run.share, LEAST_FIRST) * h
         with p.each(self.layout.width, spill=True) as i:
@@ -167,7 +167,7 @@ class _FirstStep:
             self.floors[i] = higher(p, p.choose(self.y[i].equals(0.0), reach, 0.0), self.floors[i])
 
     def noise_floors(self, period: Real) -> None:
-        """Let floors lie above round-off of accelerations that cancel, over a period."""
+        """Raise the floors above the round-off of accelerations that cancel, over a period."""
         p, floors = self.p, self.floors
         with p.loop(0, self.half) as i:
             below = i + self.half

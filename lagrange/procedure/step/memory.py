@@ -1,6 +1,6 @@
-"""Where the vectors of a step stand in one array, and behind them what its solves keep.
+"""Memory layout of a step: its vectors in one array, followed by the data of its solves.
 
-A machine that computes on blocks of numbers pads each vector to whole ones; others have blocks of one.
+A machine that computes on blocks of numbers pads each vector to whole blocks; on other machines a block has one number.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from lagrange.program.actions import Damp, Solve
 from lagrange.program.step import StepProgram
 
 EFFORT = Record.of("Effort", evaluations=WHOLE, residual=REAL)
-"""What a step took: evaluations of the law, and the size of the last correction of an unknown against its own."""
+"""Cost of a step: evaluations of the law; and the size of the last correction relative to the unknown."""
 
 NEWTON = Record.of(
     "Newton",
@@ -33,23 +33,23 @@ NEWTON = Record.of(
     known=WHOLE,
     order=WHOLE,
 )
-"""What a solve knows from step to step.
+"""The state of a solve, kept from step to step.
 
-    matrix_step      the length of the steps that its matrix was made for, 0 where the next step is to have a new one
-    differentiated   1 where the derivative of the law serves for the next matrix
-    rate             by which its corrections shrink
-    noise            how large corrections are that are round-off, in units of what was estimated
-    age              steps since the matrix was made
-    solved           1 where the step that is tried has its unknowns
-    tried_step       the length of that step, and `old_step` that of the one before
-    known            how many steps there are to extrapolate from, and `order` how many are used
+    matrix_step      the length of the steps that its matrix was built for, 0 if the next step builds a new one
+    differentiated   1 if the derivative of the law can be used for the next matrix
+    rate             contraction rate of the corrections
+    noise            size of corrections that are round-off, in units of the estimated round-off
+    age              steps since the matrix was built
+    solved           1 if the trial step has its unknowns
+    tried_step       the length of the trial step; `old_step` is that of the previous step
+    known            number of steps available for extrapolation; `order` is the number that is used
 """
 
 
 class Layout:
-    """Where each vector of a step stands in the work array, and behind them what its solves and its starter keep.
+    """Offsets of the vectors of a step in the work array, followed by the data of its solves and of its starter.
 
-    A step is `alone` if it is not the starter of another. The law takes and gives numbers `in_registers` or arrays.
+    A step is `alone` if it is not the starter of another. The law has its numbers `in_registers` or in arrays.
     """
 
     def __init__(
@@ -92,11 +92,11 @@ class Layout:
 
 
 class SolveLayout:
-    """What one solve keeps in the work array, from `start`: its record, vectors of all unknowns, and matrices.
+    """Offsets of the data of one solve in the work array, from `start`: record, vectors of unknowns, and matrices.
 
-    Vectors of unknowns are as wide as `count` padded vectors. The matrices are the inverse of the Newton matrix with
-    the other sign and those that damp, by columns of that width; the law's derivative (2n, 2n) by columns; and room for
-    a matrix that is being inverted, by rows `stride` apart.
+    A vector of unknowns is `count` padded vectors long. The matrices are the negative inverse of the Newton matrix and
+    those that damp, by columns of that length; the derivative of the law (2n, 2n) by columns; and room for a matrix to
+    be inverted, by rows `stride` apart.
     """
 
     def __init__(self, layout: Layout, start: int, index: int, solve: Solve, damped: list[Damp]) -> None:
@@ -122,17 +122,17 @@ class SolveLayout:
         self.end = self.pivots + 3 * self.stride
 
     def damper(self, damp: Damp) -> int:
-        """Return the offset of the matrix that damps."""
+        """Return the offset of the matrix of a damping."""
         return self.dampers + self.damped.index(damp) * self.length * self.width
 
 
 @dataclass(frozen=True)
 class Kept:
-    """What a driver keeps of Newton's method for one solve of m numbers, read from where its steps use it.
+    """The data of Newton's method for one solve of m numbers, read from the work array.
 
-    `inverse` (m, m) is that of the derivative of the residuals in the unknowns, made for steps of length `step`, which
-    is 0 where the next step is to have a new one. `derivative` is that of the law which it was made with, (2n, 2n);
-    `dampers` are the matrices that damp, (2n, 2n) each; `weights` (m,) measure corrections.
+    `inverse` (m, m) is that of the derivative of the residuals by the unknowns, for steps of length `step`; 0 means
+    that the next step builds a new one. `derivative` (2n, 2n) is that of the law. `dampers` are the damping matrices,
+    (2n, 2n) each; `weights` (m,) are those of the corrections.
     """
 
     step: float
@@ -143,10 +143,10 @@ class Kept:
 
 
 def kept(layout: Layout, matrix_step: float, solve: SolveLayout, work: NDArray[np.float64]) -> Kept:
-    """Return what a solve keeps, read from the work array of its steps."""
+    """Return the data of a solve, read from the work array of its steps."""
 
     def columns(place: int, vectors: int) -> NDArray[np.float64]:
-        """Return the square matrix that stands by columns of so many padded vectors."""
+        """Return the square matrix that is stored by columns of this many padded vectors."""
         order = vectors * solve.length
         padded = work[place : place + order * vectors * solve.width].reshape(order, vectors, solve.width)
         return np.array(padded[:, :, : solve.length].reshape(order, order).T)

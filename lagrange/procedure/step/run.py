@@ -1,4 +1,4 @@
-"""Where a run stands: the entries of `DriverState`, in its order, as records that procedures read and write."""
+"""The state of a run: the entries of `DriverState`, in its order, as records of the procedures."""
 
 from __future__ import annotations
 
@@ -32,4 +32,4 @@ COUNTS = Record.of(
     kept=WHOLE,
     surveyed=WHOLE,
 )
-"""What a run counts, and its flags."""
+"""The counts and flags of a run."""

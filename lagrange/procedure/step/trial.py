@@ -1,4 +1,4 @@
-"""One trial step of a step program, and what accepting it does."""
+"""One trial step of a step program, and its acceptance."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def take_step(layout: Layout, prefix: str = "") -> Procedure:
 
 
 def entries_of(p: Builder, layout: Layout) -> Memory | None:
-    """Return the array of the single numbers of the state and behind them those of the new state, if they are kept."""
+    """Return the array of the entries of the state and of the new state, if they are kept."""
     return p.array("entries", size=2 * layout.dimension) if layout.keeps_entries else None
 
 
@@ -65,7 +65,7 @@ def _damp(vectors: Vectors, damp: Damp) -> None:
 
 
 def _keep_result(vectors: Vectors, state: int, entries: Memory | None) -> None:
-    """Write a new state, as a compensated sum of what it was and what the step adds, where rounding is to be kept.
+    """Write a new state; as a compensated sum of the old state and the step if rounding errors are kept.
 
     Source: D. E. Knuth, The Art of Computer Programming, vol. 2, 3rd ed., 1997, 4.2.2, theorem B.
     """
@@ -94,7 +94,7 @@ def _keep_result(vectors: Vectors, state: int, entries: Memory | None) -> None:
 
 
 class Running:
-    """The arguments of a procedure that takes steps of a run: the laws, where it stands, and what its solves know."""
+    """The arguments of a procedure that takes steps of a run: laws, state of the run, and records of its solves."""
 
     def __init__(self, p: Builder, layout: Layout) -> None:
         self.p, self.layout, self.laws = p, layout, Laws(p, layout)
@@ -127,7 +127,7 @@ class Running:
         return self.p.whole(self.p.call(take_step(self.layout), *given, slope_known, *more))
 
     def start(self, t: Real, h: Real) -> Whole:
-        """Take a step of the starter, in memory of its own, and return the outcome."""
+        """Take a step of the starter, in its own memory, and return the outcome."""
         p, layout, starting = self.p, self.layout, self.layout.starting
         memory = self.work.at(layout.end)
 
@@ -144,7 +144,7 @@ class Running:
 
 
 def try_step(layout: Layout) -> Procedure:
-    """Return the trial of a step of a run, by its starter where the state one step back is not known."""
+    """Return the trial of a step of a run; the starter takes it if the state one step back is not known."""
     step = layout.step
     p = Builder("try_step", "Try a step of a run, count what it takes, and return an outcome.")
     given = Running(p, layout)
@@ -186,7 +186,7 @@ def _try_either(given: Running, t: Real, h: Real) -> Whole:
 
 
 def accept_step(layout: Layout) -> Procedure:
-    """Return what makes the trial step the state."""
+    """Return the procedure that makes the trial step the state."""
     step = layout.step
     p = Builder("accept_step", "Make the trial step the state at a time, and a row where rows are kept.")
     run: Any = p.record("run", RUN)

@@ -1,7 +1,7 @@
-"""What procedures of a step are made with: its arguments, its numbers, and combinations of its vectors.
+"""The parts of a procedure of a step: its arguments, its numbers, and combinations of its vectors.
 
-A vector stands at its place in the work array, and a combination of vectors is computed entry by entry: whole blocks
-are written, with anything behind the end of a vector.
+A vector has its place in the work array. A combination of vectors is computed entry by entry, in whole blocks; the
+entries beyond the end of a vector are arbitrary.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ BY_PLACE = Callee((REAL, READ, READ, Array()), (FLAG,))
 
 
 def in_registers(layout: Layout) -> Callee:
-    """Return the type of a law that takes the state as numbers and gives numbers, and whether a matrix is singular."""
+    """Return the type of a law that takes and returns numbers, and whether a matrix is singular."""
     results = LAWS[layout.step.law].results * (layout.dimension // 2)
     return Callee((REAL,) * (1 + layout.dimension) + (READ,), (REAL,) * results + (FLAG,))
 
@@ -35,12 +35,12 @@ def law_of(layout: Layout) -> Callee:
 
 
 def floors_of(p: Builder, layout: Layout, *, read: bool = True) -> Memory:
-    """Return how wrong each entry of the state may be beside its share of the relative tolerance, as a parameter."""
+    """Return the parameter with the absolute tolerance of each entry of the state."""
     return p.array("floors", size=layout.dimension, room=layout.block, read=read)
 
 
 def newton_records(p: Builder, layout: Layout, prefix: str = "") -> list[Any]:
-    """Return what the solves of a step know, as parameters."""
+    """Return the records of the solves of a step, as parameters."""
     return [p.record(f"{prefix}newton{solve.index}", NEWTON) for solve in layout.solves]
 
 
@@ -58,10 +58,10 @@ class Laws:
 
 
 class Given:
-    """The arguments of a procedure of a step, which it hands on to others of the same step.
+    """The arguments of a procedure of a step, which it passes on to other procedures of the same step.
 
-    These are the law and its derivative, each with its parameters; time, length of the step, the relative tolerance and
-    the floors of entries; what the step took; what each solve knows, or the one that the procedure is for; and the work
+    These are the law and its derivative, each with its parameters; time, length of the step, relative tolerance and
+    floors; the cost of the step; the records of all solves, or of the one that the procedure is for; and the work
     array.
     """
 
@@ -77,7 +77,7 @@ class Given:
 
     @property
     def newton(self) -> Any:
-        """What the solve knows that the procedure is for."""
+        """The record of the solve that the procedure is for."""
         return self.newtons[0]
 
     def handed(self, *newtons: Any) -> tuple[Any, ...]:
@@ -86,16 +86,16 @@ class Given:
         return (*self.laws.handed, *numbers, self.effort, *(newtons or self.newtons), self.work)
 
     def leave_unless_done(self, outcome: Whole) -> None:
-        """End the procedure with an outcome of another unless that is done."""
+        """Return an outcome of another procedure unless it is DONE."""
         self.p.leave_if(~outcome.equals(Outcome.DONE), outcome)
 
 
 class Vectors:
     """The vectors of a step in a procedure, and the numbers that they are combined with.
 
-    Numbers are made of t, h and the ratio of steps: those of `nodes` are known, and all in `combinations`. `state` has
-    the single numbers of the state, where they are kept, and `known` are those of vectors that have just been computed:
-    what comes back from memory is there some cycles later.
+    Numbers depend on t, h and the ratio of steps: those of `nodes` are known, and all in `combinations`. `state` has
+    the entries of the state, if they are kept. `known` has those of vectors that have just been computed: reading them
+    back from memory takes some cycles.
     """
 
     def __init__(
@@ -132,15 +132,16 @@ class Vectors:
         return self.work.at(self.layout.place(vector))
 
     def combine(self, combination: Combination, target: Memory, *, sizes: bool = False) -> None:
-        """Write a linear combination of vectors, or with `sizes` that of their sizes."""
+        """Write a linear combination of vectors, or with `sizes` that of their absolute values."""
         sum_ = Sum(self, combination, sizes=sizes)
         with self.p.each(self.layout.width, spill=True) as i:
             target[i] = sum_[i]
 
     def entries(self, combination: Combination) -> list[Real]:
-        """Return the numbers of a linear combination, each in a register of its own.
+        """Return the entries of a linear combination, each in a register of its own.
 
-        What was computed last is added last and number by number, so that nothing waits for what it does not need.
+        What was computed last is added last, entry by entry, so that no addition waits for a value that it does not
+        need.
         """
         step = self.layout.step
         known = [] if step.exact else [term for term in combination if term[0] in self.known]
@@ -158,7 +159,7 @@ class Vectors:
         return [self.p.fma(factor, value, total) for value, total in zip(values, totals, strict=True)]
 
     def _apart(self, combination: Combination) -> list[Real]:
-        """Return the numbers of a combination that is computed in blocks, or read where it is one vector."""
+        """Return the entries of a combination that is computed in blocks, or read if it is one vector."""
         length, one = self.layout.length, self.layout.step.graph.one
         if len(combination) == 1 and combination[0][1] is one:
             vector = combination[0][0]
@@ -170,22 +171,22 @@ class Vectors:
         return [found[i] for i in range(length)]
 
     def keep_entries(self, values: Sequence[Real], target: Memory) -> None:
-        """Write numbers in registers as a vector, filled up with zeros."""
+        """Write entries from registers as a vector, padded with zeros."""
         block = self.p.reserve(self.layout.width, room=self.layout.block)
         for i in range(self.layout.width):
             block[i] = values[i] if i < len(values) else 0.0
         self.p.copy(block, target, self.layout.width)
 
     def evaluate(self, call: LawCall, singular: Variable, *, always: bool = False) -> None:
-        """Evaluate the law and keep its results as vectors; note whether a matrix is singular.
+        """Evaluate the law, keep its results as vectors, and record whether a matrix is singular.
 
-        What is computed `always` is known to all that follows.
+        Results that are `always` computed can be used by all that follows.
         """
         failed = self._by_number(call, always=always) if self.layout.in_registers else self._by_place(call)
         singular.value = singular.value | failed
 
     def arguments(self, call: LawCall) -> Memory:
-        """Write the arguments of a call one behind the other."""
+        """Write the arguments of a call one after the other."""
         for i, argument in enumerate(call.arguments):
             self.combine(argument, self.work.at(self.layout.argument + i * self.layout.length))
         return self.work.at(self.layout.argument)
@@ -215,10 +216,10 @@ class Vectors:
 
 
 class Sum:
-    """A linear combination of vectors, taken entry by entry inside of an `each`.
+    """A linear combination of vectors, entry by entry inside an `each`.
 
-    Numbers with h are those of a step that is held to Brouwer's law: h multiplies their factors, in two doubles, at
-    once.
+    For a step that keeps its rounding errors random (Brouwer's law), h multiplies the sum of its terms once, in two
+    doubles.
     """
 
     def __init__(self, vectors: Vectors, combination: Combination, *, sizes: bool = False) -> None:
@@ -248,7 +249,7 @@ class Sum:
         return p.real(0.0 if total is None else total)
 
     def _slope(self, i: Whole) -> Real | None:
-        """Return the sum of what h multiplies."""
+        """Return the sum of the terms that h multiplies."""
         sums: list[Real | None] = [None, None]
         for memory, doubles in self.scaled:
             value = memory[i]

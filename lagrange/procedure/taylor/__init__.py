@@ -1,1 +1,1 @@
-"""Steps of Taylor series: their size, their proof, their sum, and the loop over them."""
+"""Steps of Taylor series: their size, defect test and sum, and the loop over them."""

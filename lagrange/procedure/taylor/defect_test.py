@@ -1,7 +1,7 @@
-"""What a Taylor step is held to: at its end the equations must say what its series says.
+"""The defect test of a Taylor step: at its end the derivative of its series must agree with the equations.
 
-A step is recorded when the series of the next one has proven it. Otherwise the run goes back to where it began, and
-tries a shorter one.
+A step is recorded when the series of the next step confirms it. Otherwise the run returns to the beginning of the step
+and tries a shorter one.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from lagrange.procedure.values import Flag, Real
 
 @cache
 def defect_is_small(layout: TaylorLayout) -> Procedure:
-    """Return what compares the derivative that is held with the first coefficients of some rows.
+    """Return the comparison of the stored derivative with the first coefficients of some rows.
 
     `length` is that of the step in units of the scale.
     """
@@ -58,7 +58,7 @@ def retries_exhausted(taylor: Any) -> Flag:
 
 @cache
 def retry_shorter() -> Procedure:
-    """Return what has a shorter step tried, and who watches look again."""
+    """Return the procedure that prepares a shorter step, with a new inspection of the event functions."""
     p = Builder("retry_shorter", "Try again with a shorter step.", apart=True)
     counts: Any = p.record("counts", COUNTS)
     taylor: Any = p.record("taylor", TAYLOR)
@@ -73,7 +73,7 @@ def retry_shorter() -> Procedure:
 
 @cache
 def reject_step(layout: TaylorLayout) -> Procedure:
-    """Return what goes back to where the step began that is not proven."""
+    """Return the procedure that goes back to the beginning of a step that failed the test."""
     p = Builder("reject_step", "Go back to where the last step began.", apart=True)
     run: Any = p.record("run", RUN)
     counts: Any = p.record("counts", COUNTS)
@@ -89,7 +89,7 @@ def reject_step(layout: TaylorLayout) -> Procedure:
 
 @cache
 def record_step(layout: TaylorLayout) -> Procedure:
-    """Return what counts the step that is proven and records it; one behind failures may be twice as long as that."""
+    """Return the procedure that counts and records a confirmed step; after failures the next step at most doubles."""
     p = Builder("record_step", "Count the step that is proven, and record it.")
     run: Any = p.record("run", RUN)
     counts: Any = p.record("counts", COUNTS)
@@ -115,7 +115,7 @@ def record_step(layout: TaylorLayout) -> Procedure:
 
 @cache
 def defect_along_step(layout: TaylorLayout) -> Procedure:
-    """Return what compares a series with the equations all along a step of length s in units of the scale."""
+    """Return the comparison of a series with the equations along a step of length s in units of the scale."""
     p = Builder("defect_along_step", "Whether the equations say what a series says, all along a step.", apart=True)
     jet, prepared, constants = p.function("jet", JET), p.array("prepared", read=True), p.array("constants", read=True)
     rtol, floors = p.given("rtol", REAL), floors_array(p, layout)

@@ -1,4 +1,4 @@
-"""The floors of entries, where they follow the scale: what may be wrong of an entry beside its own size."""
+"""The floors of the tolerances, if they follow the scale of the entries."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lagrange.procedure.taylor.memory import SeriesMemory, TaylorLayout, entries
 
 @cache
 def raise_floors(layout: TaylorLayout) -> Procedure:
-    """Return what raises the floors to their share of the state."""
+    """Return the procedure that raises the floors to their share of the state."""
     p = Builder("raise_floors", "Raise the floor of each entry to a share of its size.")
     share, floors, work = p.given("share", REAL), floors_array(p, layout, read=False), work_array(p, layout)
     with entries(p, layout) as i:
@@ -26,9 +26,9 @@ def raise_floors(layout: TaylorLayout) -> Procedure:
 
 @cache
 def first_floors(layout: TaylorLayout) -> Procedure:
-    """Return what gives floors a start where entries are zero: what the series reach in the scale of time.
+    """Return the procedure that sets the floors of entries that are zero: to what the series adds in the scale of time.
 
-    It says whether there are entries of which the series begin so late that they say no more than that.
+    It returns whether the series of some entry begins too late to show a size.
     """
     p = Builder("first_floors", "Begin floors of entries that are zero; return if some begin too late.", apart=True)
     share, floors = p.given("share", REAL), floors_array(p, layout, read=False)

@@ -1,4 +1,4 @@
-"""The loop over Taylor steps: look from where the run stands, prove the step that led there, take the next one."""
+"""The loop over Taylor steps: compute the series at the state, test the defect of the last step, take the next."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from lagrange.procedure.values import Flag, Memory, Real
 
 @cache
 def taylor_steps(layout: TaylorLayout) -> Procedure:
-    """Return the loop; it comes back at the end, after so many steps as `budget` says, or where a step fails."""
+    """Return the loop; it returns at the end, after `budget` steps, or when a step fails."""
     p = Builder("taylor_steps", "Take Taylor steps towards the end, and return an outcome.")
     given = Arguments(p, layout, budget=WHOLE)
     run, counts = given.run, given.counts
@@ -40,9 +40,9 @@ def taylor_steps(layout: TaylorLayout) -> Procedure:
 
 
 def _begin(given: Arguments) -> None:
-    """Nothing is lost yet, no step was taken, and the scale of time has the sign of the run's direction.
+    """Reset the compensation, the counters and the limits, and give the scale of time the sign of the run's direction.
 
-    Who watches may have asked for a look at the first step.
+    The caller may have asked for an inspection of the first step.
     """
     p, run, taylor, layout = given.p, given.run, given.taylor, given.layout
     given.counts.kept = 1
@@ -86,7 +86,7 @@ def iteration(layout: TaylorLayout) -> Procedure:
 
 
 def _test_defect(given: Arguments, weights: Memory, singular: Flag) -> None:
-    """Record the step that led here, or take it back; where steps fail again and again, ask how large entries are."""
+    """Record or reject the last step; after repeated rejections, ask for the sizes of the entries."""
     p, layout, counts, held, series = given.p, given.layout, given.counts, given.held, given.series
     length = abs(held.h) / abs(given.taylor.scale)
     first = layout.rows + layout.width
@@ -109,7 +109,7 @@ def _leave_unscaled(given: Arguments, asked: Flag) -> None:
 
 
 def _begin_floors(given: Arguments, weights: Memory) -> None:
-    """Begin floors that follow the scale where a run begins, or tries a scale of time, until it is surveyed."""
+    """Set the first floors at the start of a run, and after a change of the scale of time, until a survey."""
     p, layout, run, counts, taylor = given.p, given.layout, given.run, given.counts, given.taylor
     begins = (counts.steps.equals(0) | ~taylor.rescalings.equals(0)) & counts.surveyed.equals(0)
     with p.when(begins & (run.share > 0.0), likely=False):

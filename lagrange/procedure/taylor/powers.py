@@ -1,4 +1,4 @@
-"""Binary logarithms and powers of two of a few digits, which is what the size of a step needs."""
+"""Binary logarithms and powers of two to a few digits, which is enough for the size of a step."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ step size needs no more than two digits, and the C library's functions would tak
 
 @cache
 def logarithm() -> Procedure:
-    """Return the binary logarithm of a number that is not negative, at least `ZERO`; that of infinity is 1024."""
+    """Return the binary logarithm of a nonnegative number, at least `ZERO`; that of infinity is 1024."""
     p = Builder("logarithm", "Return the binary logarithm, to two digits; NaN for NaN.")
     x: Real = p.given("x", REAL)
     bounded = p.magnitude(x, 2.0**ZERO)
@@ -30,7 +30,7 @@ def logarithm() -> Procedure:
 
 @cache
 def power() -> Procedure:
-    """Return a power of two, with the whole number next to its exponent, both at most 2**`LARGEST_STEP_EXPONENT`."""
+    """Return a power of two, and its exponent rounded to a whole number, both at most 2**`LARGEST_STEP_EXPONENT`."""
     p = Builder("power", "Return 2**x to two digits, and the whole number next to x, bounded above.")
     x: Real = p.given("x", REAL)
     whole = p.operation("round", x)

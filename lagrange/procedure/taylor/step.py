@@ -1,4 +1,4 @@
-"""One Taylor step from a series: how long it is, whether its scale of time fits, and where it leads."""
+"""One Taylor step from its series: its length, the choice of the scale of time, and its end."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from lagrange.procedure.values import Flag, Real
 
 @cache
 def take_step(layout: TaylorLayout) -> Procedure:
-    """Return what takes a step, or tries another scale of time, or a shorter step; it pauses where the run goes on."""
+    """Return the procedure that takes a step, or changes its scale or limit; PAUSED if the run continues."""
     return _TaylorStep(layout).build()
 
 
@@ -77,8 +77,8 @@ class _TaylorStep:
     def fits(self, reach: Real) -> Flag:
         """Whether the step is near the scale of time, so that no coefficient has left the range of doubles.
 
-        A series without last coefficients fits when the scale is as long as any step may be; after some tries the
-        scale is as good as it gets.
+        A series without last coefficients fits if the scale is as long as any step may be. After `MOST_RESCALINGS`
+        changes any scale is taken.
         """
         p, exponent, tries = self.p, self.exponent, self.taylor.rescalings
         first = (self.counts.steps + tries).equals(0)
@@ -88,10 +88,10 @@ class _TaylorStep:
         return found
 
     def length(self) -> tuple[Real, Real, Flag]:
-        """Return the step in units of the scale, the whole number next to its natural exponent, and if it is the last.
+        """Return the step in units of the scale, its natural exponent rounded, and whether it is the last.
 
-        What does not depend on the coefficients comes first: processors have it done when the last coefficient
-        arrives.
+        What does not depend on the coefficients comes first: processors compute it while the last coefficient is on its
+        way.
         """
         p, run, taylor = self.p, self.run, self.taylor
         inverse = (1.0 / abs(self.scale)).called("inverse")
@@ -109,7 +109,7 @@ class _TaylorStep:
         return s, whole, final
 
     def probe(self, s: Real, h: Real) -> None:
-        """Try a shorter step where a series that terminates is not what the equations say all along a longer one."""
+        """Try a shorter step if a series that terminates does not satisfy the equations along a longer one."""
         p, run, series = self.p, self.run, self.series
         with p.when(
             self.ends & (abs(h) > STEP_GROWTH * abs(self.held.h)) & ~retries_exhausted(self.taylor), likely=False
@@ -133,7 +133,7 @@ class _TaylorStep:
         p.leave_if(near.value & self.taylor.next_limit.equals(math.inf), Outcome.WATCHED)
 
     def move_on(self, h: Real, final: Flag) -> None:
-        """Move on in time, compensated, and hold where the step began."""
+        """Advance the time, compensated, and store the beginning of the step."""
         p, run, taylor, held = self.p, self.run, self.taylor, self.held
         held.t, held.low, held.scale, held.h = self.t, self.low, self.scale, h
         held.unproven = 1
@@ -156,10 +156,10 @@ class _TaylorStep:
 
 @cache
 def rescale() -> Procedure:
-    """Return what has the series tried again with another scale of time: the step's own.
+    """Return the procedure that changes the scale of time to the step's own, for another series.
 
-    It is a shorter one if a coefficient overflowed, and a longer one, as far as a step may reach, if the last
-    coefficients are zero.
+    The scale becomes shorter if a coefficient overflowed, and longer, up to the longest step, if the last coefficients
+    are zero.
     """
     p = Builder("rescale", "Choose another scale of time, and return an outcome.", apart=True)
     taylor: Any = p.record("taylor", TAYLOR)

@@ -1,7 +1,7 @@
 """The size of a Taylor step from its last rows.
 
-The truncation error of a series of order p in units of its tolerance is near the size of its last rows: both stay below
-one, and the growth of the rows shows the radius of convergence.
+The truncation error of a series of order p, relative to its tolerance, is about the size of its last rows: the step
+keeps both below one. The growth of the rows gives the radius of convergence.
 Source: A. Jorba, M. Zou, A software package for the numerical integration of ODEs by means of high-order Taylor
 methods, Experimental Mathematics 14 (2005), 99-117.
 """
@@ -29,7 +29,7 @@ from lagrange.procedure.values import Flag, Real
 
 @cache
 def weigh(layout: TaylorLayout) -> Procedure:
-    """Return what writes one over the tolerance of each entry of the state."""
+    """Return the procedure that writes the weights, the reciprocals of the tolerances."""
     p = Builder("weigh", "Write one over the tolerance of each entry: of its size in the step, and its floor.")
     rtol, floors = p.given("rtol", REAL), floors_array(p, layout, read=True)
     weights, work = weights_array(p, layout, read=False), work_array(p, layout)
@@ -40,19 +40,19 @@ def weigh(layout: TaylorLayout) -> Procedure:
 
 
 def ends(run: SeriesMemory, exponent: Real) -> Flag:
-    """Whether a series has no last coefficients: it terminates, or they are too small for doubles."""
+    """Whether a series has no last coefficients: it terminates, or they underflow."""
     found: Flag = exponent > ZERO_BOUND * run.minus_one_over(run.order)
     return found
 
 
 @cache
 def choose_exponent(layout: TaylorLayout) -> Procedure:
-    """Return what finds the binary logarithm of the step in units of the scale: both last rows stay in bounds."""
+    """Return the procedure for the binary logarithm of the step in units of the scale."""
     return _Exponent(layout).build()
 
 
 class _Exponent:
-    """Builds the procedure; `sizes` are the binary logarithms of the last rows, by how far they are from the last."""
+    """Builds the procedure; `sizes` are the binary logarithms of the last rows, by their distance from the last."""
 
     def __init__(self, layout: TaylorLayout) -> None:
         self.p = p = Builder("choose_exponent", "Return the binary logarithm of the step in units of the scale.")
@@ -65,7 +65,7 @@ class _Exponent:
 
     def build(self) -> Procedure:
         p, run = self.p, self.run
-        # The earlier rows come first: they are known long before the last.
+        # The earlier rows come first: they are computed long before the last.
         for less in range(ROW_DISTANCE + 1, -1, -1):
             size = p.call(logarithm(), run.ratio(run.less(less), self.weights))
             self.sizes[less] = size.called(f"size_{less}")
@@ -81,11 +81,11 @@ class _Exponent:
         return p.finish(REAL)
 
     def lesser(self, a: Real, b: Real) -> Any:
-        """Return the lesser of two, the first where the second is NaN."""
+        """Return the lesser of two, the first if the second is NaN."""
         return self.p.choose(b < a, b, a)
 
     def guarded(self, less: int) -> Real:
-        """Return what an earlier row says of the step: the radius that it shows, at the last order; see `GUARD`."""
+        """Return the bound of the step from an earlier row: its radius, at the last order; see `GUARD`."""
         run, p = self.run, self.p
         share = run.minus_one_over(run.less(less))
         apart = run.minus_one_over(run.order) - share
@@ -93,7 +93,7 @@ class _Exponent:
         return found
 
     def radius(self, less: int) -> Real:
-        """Return the binary logarithm of the radius of convergence that two rows show; infinity if one is zero."""
+        """Return the binary logarithm of the radius of convergence from two rows; infinity if one is zero."""
         p, run = self.p, self.run
         early, late = self.sizes[less + ROW_DISTANCE], self.sizes[less]
         span = run.less(less) - run.less(less + ROW_DISTANCE)
@@ -105,9 +105,9 @@ class _Exponent:
 
 @cache
 def bound_by_earlier_rows(layout: TaylorLayout) -> Procedure:
-    """Return what lets the upper half of the other rows keep in bounds as well where both last ones are zero.
+    """Return the bound of the step by the upper half of the other rows, if the last two rows are zero.
 
-    They are zero too if the series terminates; a series in the fourth power of time has gaps of that size.
+    They are zero if the series terminates, or in the gaps of a series in the fourth power of time.
     """
     p = Builder(
         "bound_by_earlier_rows", "Return the step that the upper half of all rows but the last allow.", apart=True

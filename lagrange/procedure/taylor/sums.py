@@ -14,9 +14,10 @@ from lagrange.procedure.values import Real, Whole
 
 @cache
 def advance(layout: TaylorLayout) -> Procedure:
-    """Return what adds the series to the state, compensated; the state stays where the sum is not finite.
+    """Return the procedure that adds the series to the state, compensated.
 
-    The state before is held, and the derivative at the end, in units of the next scale.
+    The state is unchanged if the sum is not finite. The procedure stores the state before, and the derivative at the
+    end in units of the next scale.
     Source: D. E. Knuth, The Art of Computer Programming, vol. 2, 3rd ed., 1997, 4.2.2, theorem B.
     """
     p = Builder("advance", "Add the series to the state, and return whether it stays finite.")
@@ -51,7 +52,7 @@ def advance(layout: TaylorLayout) -> Procedure:
 
 
 class _Chains:
-    """Sums of a series whose order is known: four chains in s**4, which take a quarter of the time of one."""
+    """Sums of a series of known order: four chains in s**4, which take a quarter of the time of one."""
 
     def __init__(self, run: SeriesMemory, s: Real) -> None:
         self.run, self.p, self.s = run, run.p, s
@@ -77,7 +78,7 @@ class _Chains:
     def write_slopes(self, longer: Real) -> None:
         """Write the sums of k x[k] s**(k - 1), by Horner's rule for a polynomial and its derivative.
 
-        Only vectors with velocities in them are summed: what the equations say about coordinates is no news.
+        Only blocks with velocities are summed: the equations of the coordinates hold by construction.
         """
         run, p, begin = self.run, self.p, self.run.layout.moving
         slopes = run.work.at(run.layout.slope + begin)
