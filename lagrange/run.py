@@ -60,8 +60,11 @@ def integrate_since(
     began: float, model: Model, span: Sequence[float], initial: Any, options: RunOptions, *, progress: bool
 ) -> Solution:
     """Integrate as `integrate` does, for a request that was made at a time by `time.perf_counter`."""
-    with progress_bar(time_span(span), wanted=flag(progress, "progress")) as report:
-        trajectory, values = trajectory_of(model, span, initial, options, progress=report, began=began)
+    if flag(progress, "progress"):
+        with progress_bar(time_span(span), wanted=True) as report:
+            trajectory, values = trajectory_of(model, span, initial, options, progress=report, began=began)
+    else:
+        trajectory, values = trajectory_of(model, span, initial, options, began=began)
     return Solution(with_stiff_end(model, trajectory, values, float(span[1])), model, values)
 
 

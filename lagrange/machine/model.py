@@ -16,7 +16,7 @@ from lagrange.errors import RunError, StatementError, listing, shown
 from lagrange.graph.branches import either, read_when, where_read
 from lagrange.graph.node import Binding, Kind, Node, reachable
 from lagrange.machine.backend import FloatArray, Kernel, KernelProvider, Machine, Series, SingularMassMatrix
-from lagrange.machine.calls import Quick, one_state, scalar, surely_finite
+from lagrange.machine.calls import Quick, scalar, surely_finite
 from lagrange.machine.kernel.python_kernel import PythonKernel
 from lagrange.machine.parameters import Parameters, ParameterValues
 from lagrange.program.catalogue import QUANTITIES
@@ -312,14 +312,22 @@ class Model:
         """
         if not self._alone:
             return None
+        found = self._masses_of(t, q, v, parameters)
+        if found is not None:
+            return 0 if 0.0 in found.tolist() else None
         q, v = self._state(q, v)
         t, parameters = self._time(t, q), self.parameter_array(parameters)
-        if q.ndim == 1 and isinstance(t, float):
-            return 0 if 0.0 in one_state(self._masses, parameters)(t, np.concatenate((q, v))).tolist() else None
         q, v = q.reshape(self.dimension, -1), v.reshape(self.dimension, -1)
         masses = self._masses.columns(t, (q, v), parameters)
         none = (masses == 0.0).any(axis=0)
         return int(np.argmax(none)) if none.any() else None
+
+    def _masses_of(self, t: Any, q: Any, v: Any, parameters: FloatArray) -> FloatArray | None:
+        """Return the inertia of each coordinate of `_alone` at one plain state, or nothing."""
+        if not (type(q) is type(v) is np.ndarray and q.dtype is v.dtype is DOUBLE and type(t) is float):
+            return None
+        quick = self._masses.quick(self.parameter_array(parameters))
+        return None if quick is None else quick.parts(t, q, v)
 
     def singular_message(self, t: float | FloatArray, q: FloatArray, column: int | None = None) -> str:
         """Return a sentence that says at which configuration q, the first n rows, the mass matrix is singular."""

@@ -120,7 +120,6 @@ class DriverState:
         self.outputs = NO_OUTPUTS
         self.fault: Any = None
         self.kept = 0
-        self.addresses = (self.reals.ctypes.data, self.counts.ctypes.data)
 
     @property
     def t(self) -> float:

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from lagrange.machine.backend import Driver, SingularMassMatrix
+from lagrange.machine.calls import one_state, surely_finite
 from lagrange.machine.state import DriverState, Outcome, Outputs
 from lagrange.trajectory.events.ending import EventResult
 from lagrange.trajectory.inertia import lost_inertia
@@ -22,8 +23,12 @@ SECONDS_PER_CALL = 0.02
 """Seconds of steps between two looks at the clock, the step limit and Ctrl-C."""
 
 FIRST_STEPS_PER_CALL, MOST_STEPS_PER_CALL = 64, 16384
-"""Steps per call of the driver: doubled after a call shorter than `SECONDS_PER_CALL`, between these two. The first is
+"""Steps per call of the driver: more after a call shorter than `SECONDS_PER_CALL`, between these two. The first is
 small because a step may be slow; the largest bounds the memory for rows that may stay unused."""
+
+MOST_GROWTH = 16
+"""So many times as many steps after a call of which so many fit into `SECONDS_PER_CALL`, else twice as many: a call
+costs some 10 us, as much as 50 steps of a small system."""
 
 DOMAIN_PROBE = 1e-6
 """The part of a run beyond a step that shrank to nothing in which the equations may turn out to have no value."""
@@ -127,13 +132,13 @@ def _check_first_slope(problem: Problem, name: str, parameters: FloatArray) -> t
     q, v = model.layout.split(y0)
     singular, slope = model.column_without_inertia(problem.t0, q, v, parameters) is not None, y0
     try:
-        slope = model.kernel("rhs")(problem.t0, y0, parameters)
+        slope = one_state(model.kernel("rhs"), parameters)(problem.t0, y0)
     except SingularMassMatrix:
         singular = True
     if singular:
         detail = model.singular_message(problem.t0, y0)
         return Status.SINGULAR, message(Status.SINGULAR, problem, problem.t0, y0, name, detail=detail)
-    if not np.isfinite(slope).all():
+    if not surely_finite(slope) and not np.isfinite(slope).all():
         return Status.NON_FINITE, message(Status.NON_FINITE, problem, problem.t0, problem.y0, name, slope=slope)
     return None, ""
 
@@ -187,8 +192,10 @@ def _advance_to_end(
                 result = EventResult(_STATUS[cause], smooth=True)
             elif outcome is not Outcome.PAUSED:
                 result = EventResult(_STATUS[outcome], smooth=outcome is Outcome.NON_FINITE)
-            if time.perf_counter() - before < SECONDS_PER_CALL:
-                per_call = min(2 * per_call, MOST_STEPS_PER_CALL)
+            taken = time.perf_counter() - before
+            if taken < SECONDS_PER_CALL:
+                growth = MOST_GROWTH if MOST_GROWTH * taken < SECONDS_PER_CALL else 2
+                per_call = min(growth * per_call, MOST_STEPS_PER_CALL)
             if problem.progress is not None:
                 problem.progress(state.t)
     except KeyboardInterrupt:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from functools import cache
 
 from lagrange.trajectory.integrator import Problem
 
@@ -23,6 +24,7 @@ def memory_limit(problem: Problem) -> float:
     return machine_memory() / MEMORY_DIVISOR if problem.max_memory is None else problem.max_memory
 
 
+@cache
 def machine_memory() -> int:
     """Return the memory of this machine in bytes."""
     told = getattr(os, "sysconf_names", {})  # Windows has none

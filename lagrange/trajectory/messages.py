@@ -84,6 +84,8 @@ def message(
     singular mass matrix it is the model's report, and takes the place of ours. `cause` is the whole cause and the
     remedy, from who knows better. `rtol` is the relative tolerance, None for equal steps.
     """
+    if status.complete and not (detail or cause):
+        return f"{method} {_SENTENCES[status].format(t=number(t))}"
     where = f"at t = {number(t)} on the way from {number(problem.t0)} to {number(problem.t1)}"
     if cause:
         return f"{method} stopped {where}. {cause}"
@@ -161,8 +163,11 @@ def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tol
     """
     if not status.complete or not tolerances.rtol:
         return
+    least = tolerances.atol / (COARSE_ATOL * tolerances.rtol)
+    if all(max(abs(a), abs(b)) >= least for a, b in zip(states[0].tolist(), states[-1].tolist(), strict=True)):
+        return
     sizes = np.abs(states).max(axis=0)
-    short = sizes < tolerances.atol / (COARSE_ATOL * tolerances.rtol)
+    short = sizes < least
     if not short.any():
         return
     kinds = np.concatenate([np.full_like(part, part.max()) for part in problem.model.layout.split(sizes)])

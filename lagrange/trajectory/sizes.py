@@ -184,22 +184,23 @@ class _Response:
         self, slopes: Callable[[FloatArray], FloatArray], slope: FloatArray, y: FloatArray, layout: StateLayout
     ) -> None:
         self._slopes, self._slope, self._y, self._layout = slopes, slope, y, layout
+        self._factors, self._known, self._sizes = perturbation_factors(len(y)), y != 0, np.abs(y)
 
     def __call__(self, displacement: FloatArray) -> FloatArray:
         """Return the sizes of the changes (2n,) for a displacement (2n,), whatever its length."""
-        y, far = self._y, displacement > 0
+        far = displacement > 0
         if not far.any():
-            return np.zeros_like(y)
-        known = far & (y != 0)
-        shrunk = min(1.0, float(np.max(np.abs(y[known]) / displacement[known]))) if known.any() else 1.0
+            return np.zeros_like(self._y)
+        known = far & self._known
+        shrunk = min(1.0, float((self._sizes[known] / displacement[known]).max())) if known.any() else 1.0
         part = DISPLACEMENT * shrunk
-        ways = (part, WIDER * part)
-        near, wide = (
-            np.abs(self._slopes(y + way * perturbation_factors(len(y)) * displacement) - self._slope) for way in ways
-        )
-        jumps = 16 * near > wide
-        found = np.where(jumps, wide, np.fmin(near / part, wide / (WIDER * part)))
+        near, wide = self._change(part, displacement), self._change(WIDER * part, displacement)
+        found = np.where(16 * near > wide, wide, np.fmin(near / part, wide / (WIDER * part)))
         return np.where(np.isfinite(found), found, 0.0)
+
+    def _change(self, part: float, displacement: FloatArray) -> FloatArray:
+        moved = self._slopes(self._y + part * self._factors * displacement)
+        return np.asarray(abs(moved - self._slope))
 
     def rate(self, displacement: FloatArray) -> float:
         """Return the fastest rate of the motion near the state, 0 where nothing responds to a displacement (2n,).
@@ -226,4 +227,4 @@ class _Response:
 def _ratio(response: FloatArray, displacement: FloatArray, known: NDArray[np.bool_]) -> float:
     """Return how many times as long as a displacement the response is, at most, where the displacement is known."""
     both = known & (displacement > 0) & np.isfinite(response)
-    return float(np.max(response[both] / displacement[both], initial=0.0))
+    return float((response[both] / displacement[both]).max(initial=0.0))

@@ -48,13 +48,19 @@ class LlvmSeries(Shared):
         self._packing = pack(program, lanes())
         self._compiled: dict[int, CompiledJet] = {}
         self._orders: dict[float, int] = {}
+        self._large: dict[int, bool] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
         return LlvmSeries, (self.program,)
 
     def form(self, order: int) -> str:
         """Return how the series is computed."""
-        return "in loops" if is_large(self._packing, order) else "written out"
+        return "in loops" if self._is_large(order) else "written out"
+
+    def _is_large(self, order: int) -> bool:
+        if order not in self._large:
+            self._large[order] = is_large(self._packing, order)
+        return self._large[order]
 
     def order(self, tolerance: float) -> int:
         """Return the order by cost; see `Series`."""
@@ -64,7 +70,7 @@ class LlvmSeries(Shared):
 
     def compiled(self, order: int) -> CompiledJet:
         """Return the machine code for an order."""
-        key = 0 if is_large(self._packing, order) else order
+        key = 0 if self._is_large(order) else order
         if key not in self._compiled:
             with refused():
                 self._compiled[key] = CompiledJet(self._packing, key)
@@ -182,8 +188,9 @@ class LlvmTaylorDriver:
 
     def _give(self, **arguments: int) -> None:
         """Put arguments of the loop into their places."""
+        entries, places = self._entries, self._steps.places
         for name, value in arguments.items():
-            self._entries[self._steps.places[name]] = value
+            entries[places[name]] = value
 
     def use(self, parameters: FloatArray) -> None:
         """Go on with other numbers; see `TaylorDriver`."""
@@ -205,7 +212,7 @@ class LlvmTaylorDriver:
         """Advance a run; see `Driver`."""
         if state is not self._state:
             self._state = state
-            reals, counts = state.addresses
+            reals, counts = address(state.reals), address(state.counts)
             self._give(run=reals, counts=counts, floors=reals + 8 * DriverState.FLOORS)
             self._give(taylor=ctypes.addressof(state.taylor), outputs=ctypes.addressof(state.outputs.record))
             self._give(output_times=address(state.outputs.times), output_states=address(state.outputs.states))

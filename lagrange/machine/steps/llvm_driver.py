@@ -57,7 +57,8 @@ class LlvmDriver:
         """Advance a run; see `Driver`. `rows` needs one block of slack behind its last row."""
         self._work[self._places] = state.y
         recorded = (address(times), address(rows)) if state.counts[DriverState.RECORD] else (None, None)
-        outcome = self._drive(*self._fixed, *state.addresses, self._work_address, budget, *recorded)
+        records = address(state.reals), address(state.counts)
+        outcome = self._drive(*self._fixed, *records, self._work_address, budget, *recorded)
         state.y[:] = self._work[self._places]
         return Outcome(outcome)
 

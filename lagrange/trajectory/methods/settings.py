@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from typing import Any
 
 import numpy as np
@@ -68,11 +68,12 @@ def adaptive_settings(
     atol: float | None,
     *,
     least: float = LEAST_RTOL,
+    margin: Callable[[float], float] = lambda rtol: 1.0,
 ) -> Tolerances:
     """Return the tolerances of an adaptive method: the run's, else the method's own, else the defaults.
 
     The default absolute tolerance follows the scale of each entry; see `FLOOR_SHARE`. What both give must be the same.
-    `least` is the smallest relative tolerance that the method can use.
+    `least` is the smallest relative tolerance that the method can use, and `margin` what its steps aim at for one.
     """
     check_problem(name, problem)
     if problem.step is not None or step is not None:
@@ -89,7 +90,7 @@ def adaptive_settings(
     relative = max(relative, least)
     share = max(FLOOR_SHARE * relative, LEAST_SHARE) if absolute is None else 0.0
     begins = LEAST_FLOOR if absolute is None else max(absolute, LEAST_ATOL)
-    return Tolerances(relative, begins, share, longest=longest, notes=notes)
+    return Tolerances(relative, begins, share, longest=longest, margin=margin(relative), notes=notes)
 
 
 def fixed_settings(

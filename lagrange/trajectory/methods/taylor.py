@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
@@ -75,12 +75,13 @@ class Taylor:
 
     def plan(self, problem: Problem) -> TaylorPlan:
         """Return the plan; see `Planned`."""
-        tolerances = adaptive_settings(self.name, problem, None, self.rtol, self.atol, least=SMALLEST_RTOL)
+        tolerances = adaptive_settings(
+            self.name, problem, None, self.rtol, self.atol, least=SMALLEST_RTOL, margin=_margin
+        )
         parameters = problem.parameter_array if problem.events else np.empty(0)
         events = [impact(problem.model, event, parameters) for event in problem.events]
         impacts = (*events, *map(root_of, _square_roots(problem.model, tuple(event.node for event in events))))
         series, _ = problem.model.series(tuple(one.node for one in impacts))
-        tolerances = replace(tolerances, margin=MARGIN if tolerances.rtol >= TIGHT_RTOL else LEAST_MARGIN)
         return TaylorPlan(series, self.order or series.order(tolerances.rtol), tolerances, impacts)
 
     def integrate(self, problem: Problem) -> Trajectory:
@@ -111,8 +112,9 @@ class TaylorPlan:
 
     def driver(self, model: Model, parameters: FloatArray) -> TaylorDriver:
         """Return the driver, with the sides of surfaces, NaN, still to be found; see `Plan`."""
-        unknown = np.full(self.series.program.sides, np.nan)
-        return self.series.driver(self.order, np.concatenate([parameters, unknown]))
+        if sides := self.series.program.sides:
+            parameters = np.concatenate([parameters, np.full(sides, np.nan)])
+        return self.series.driver(self.order, parameters)
 
     def watch(self, problem: Problem, driver: TaylorDriver) -> Watch | None:
         """Return what watches events and surfaces; see `Plan`."""
@@ -147,6 +149,11 @@ class TaylorPlan:
         if not bad.any():
             return np.asarray(rows.sum(axis=0))
         return np.where(np.isfinite(rows[np.argmax(bad)]), state.y, rows[np.argmax(bad)])
+
+
+def _margin(rtol: float) -> float:
+    """Return the part of its tolerances that a step aims at."""
+    return MARGIN if rtol >= TIGHT_RTOL else LEAST_MARGIN
 
 
 def _square_roots(model: Model, events: tuple[Node, ...]) -> Mapping[Node, Node]:
