@@ -141,8 +141,7 @@ class _Inversion:
             factor = -row[k]
             with p.each(n, unrolled=self.unrolled, spill=True) as j:
                 row[j] = p.fma(factor, self.pivots[j], p.choose(j.equals(k), 0.0, row[j]))
-        with p.each(n, unrolled=self.unrolled, spill=True) as j:
-            here[j] = self.pivots[j]
+        p.copy(self.pivots, here, n, unrolled=self.unrolled)
 
     def swap_columns(self, one: Whole, other: Whole) -> None:
         """Exchange two columns."""
