@@ -17,7 +17,7 @@ from lagrange.graph.branches import either, read_when, where_read
 from lagrange.graph.node import Binding, Kind, Node, reachable
 from lagrange.machine.backend import FloatArray, Kernel, KernelProvider, Machine, Series, SingularMassMatrix
 from lagrange.machine.calls import Quick, scalar, surely_finite
-from lagrange.machine.kernel.python_kernel import PythonKernel
+from lagrange.machine.kernel.python_kernel import PythonKernel, printed
 from lagrange.machine.parameters import Parameters, ParameterValues
 from lagrange.program.catalogue import QUANTITIES
 from lagrange.program.switching import Switched
@@ -105,6 +105,13 @@ class Model:
         """Return the kernel of a quantity for a few states, for which compiling would take longer."""
         one_of(name, QUANTITIES, NO_QUANTITY)
         return self._made.interpreted(name)
+
+    def source(self, name: str) -> str:
+        """Return the Python that the numpy target runs for a quantity by name: one state, and columns of many.
+
+        It has our own names and exact literals. Raises StatementError where a linear system is too large to be printed.
+        """
+        return printed(self.interpreted(name).program)
 
     def function(self, name: str, nodes: tuple[Node, ...]) -> Kernel:
         """Return one or more nodes of the equations' graph as a function of t, q and v, interpreted."""

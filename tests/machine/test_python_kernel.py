@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import pickle
+import re
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,9 @@ import sympy as sp
 import lagrange as lg
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.kernel.interpreted import InterpretedKernel
-from lagrange.machine.kernel.python_kernel import PythonKernel
+from lagrange.machine.kernel.python_kernel import FUNCTIONS, PythonKernel
 from lagrange.machine.kernel.python_text import WRITTEN_OUT, fits, scalar_source
+from lagrange.machine.python_source import defined
 from lagrange.program.program import Instruction, Program, ProgramBlock
 
 x, y, z = lg.coordinates("x y z")
@@ -68,7 +70,7 @@ def test_printed_and_interpreted_are_the_same(name: str, quantity: str) -> None:
 
 def test_blocks_of_every_length_join(monkeypatch: pytest.MonkeyPatch) -> None:
     kernel = SYSTEMS["2 links"].compile(target="numpy").kernel("rhs")
-    monkeypatch.setattr("lagrange.machine.kernel.python_kernel.WIDEST", 64)
+    monkeypatch.setattr("lagrange.machine.kernel.python_kernel.MOST_COLUMNS", 64)
     states = np.random.default_rng(2).normal(size=(4, 200))
     for count in (0, 1, 63, 64, 65, 200):
         found = kernel(np.linspace(0, 1, count), states[:, :count], np.empty(0))
@@ -89,7 +91,7 @@ def test_what_has_no_value_is_infinite_or_nan(force: Any, value: float) -> None:
 
 
 def test_a_singular_matrix_is_named_by_its_column(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lagrange.machine.kernel.python_kernel.WIDEST", 64)
+    monkeypatch.setattr("lagrange.machine.kernel.python_kernel.MOST_COLUMNS", 64)
     moving = (x.dot**2 + y.dot**2 + 2 * sp.cos(x) * x.dot * y.dot) / 2
     kernel = lg.System(kinetic=moving, coordinates=[x, y], initial={x: 1.0}).compile(target="numpy").kernel("rhs")
     states = np.ones((4, 150))
@@ -150,3 +152,31 @@ def test_copies_compute_the_same() -> None:
     expected = kernel(0.0, state, parameters)
     for twin in (copy.deepcopy(kernel), pickle.loads(pickle.dumps(kernel))):
         assert np.array_equal(twin(0.0, state, parameters), expected)
+
+
+@pytest.mark.parametrize("target", ["llvm", "numpy"])
+@pytest.mark.parametrize("quantity", QUANTITIES)
+def test_the_source_is_what_runs(quantity: str, target: str) -> None:
+    """It is run as it stands, with nothing but the names that it speaks of."""
+    model = SYSTEMS["branches"].compile(target=target)
+    text = model.source(quantity)
+    assert text == SYSTEMS["branches"].compile(target="numpy").source(quantity)
+    one = defined(text, quantity, {**FUNCTIONS, "np": np})
+    many = defined(text, f"{quantity}_columns", {**FUNCTIONS, "np": np})
+    state, parameters = np.array([0.3, -0.4, 0.2, 0.6]), model.parameter_array()
+    expected = model.kernel(quantity)(0.25, state, parameters)
+    found = one(parameters.tolist())(0.25, state.tolist())
+    assert np.reshape(found, expected.shape) == pytest.approx(expected, rel=1e-13)
+    buffers = int(text.split(" rows b to work with")[0].rsplit(" ", 1)[1])
+    out, columns = np.empty((expected.size, 3)), np.tile(state[:, None], 3)
+    assert many(parameters.tolist())(np.full(3, 0.25), columns, out, np.empty((buffers, 3)))
+    assert out[:, 2] == pytest.approx(expected.ravel(), rel=1e-13)
+    assert "k" not in re.findall(r"[A-Za-z_]+", "".join(line for line in text.splitlines() if line[:1] != "#"))
+
+
+def test_a_source_that_is_not_there_is_told() -> None:
+    large = pendulums(WRITTEN_OUT + 1).compile(target="numpy")
+    with pytest.raises(lg.StatementError, match="rhs solves a linear system of 13 unknowns, which is not printed: 12"):
+        large.source("rhs")
+    with pytest.raises(lg.StatementError, match="'power' is no quantity of a model: they are rhs"):
+        large.source("power")

@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from lagrange.errors import StatementError
 from lagrange.machine.backend import FloatArray, QuickCalls, SingularMassMatrix
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.numpy_text import column_source
-from lagrange.machine.kernel.python_text import scalar_source
+from lagrange.machine.kernel.python_text import WRITTEN_OUT, fits, scalar_source
 from lagrange.machine.python_source import defined
 from lagrange.procedure.interpreter import OPERATIONS
 from lagrange.program.program import Program
@@ -38,7 +39,33 @@ FUNCTIONS: dict[str, Any] = {
 }
 """What printed operations are. Those of `math` raise where there is no finite value."""
 
+SOURCE_NOTE = """\
+# y = {inputs}, p = the parameters, in the statement's order; sin, exp and the like are those of math,
+# power is math.pow, and np is NumPy. None, or an error of math, sends a state to the interpreter.
+
+# One state: {name}(p)(t, y), with sequences of floats, returns a tuple of floats.
+"""
+
+COLUMNS_NOTE = "\n\n# Many states: rows y and out, (columns,) each, and {buffers} rows b to work with.\n"
+
 NO_VALUE = (ZeroDivisionError, ValueError, OverflowError)
+
+
+def printed(program: Program) -> str:
+    """Return what `PythonKernel` runs of a program: for one state, and for blocks of columns.
+
+    Raises StatementError where a linear system is too large to be printed.
+    """
+    if not fits(program):
+        orders = max(one.order for one in program.instructions if one.op in ("factor", "solve"))
+        raise StatementError(
+            f"{program.name} solves a linear system of {orders} unknowns, which is not printed: {WRITTEN_OUT} are the "
+            "most. Call the model, or take model.interpreted(name).program."
+        )
+    inputs = ", ".join(block.name for block in program.inputs)
+    columns, buffers = column_source(program)
+    note = SOURCE_NOTE.format(inputs=f"[{inputs}]", name=program.name)
+    return note + scalar_source(program) + COLUMNS_NOTE.format(buffers=buffers) + columns
 
 
 class _Prepared:
