@@ -1,4 +1,4 @@
-"""Whether a run kept the energy that the equations conserve: one that did not does not follow the motion."""
+"""Energy test of a run: a run that does not conserve the energy that the equations conserve is unreliable."""
 
 from __future__ import annotations
 
@@ -13,34 +13,43 @@ from lagrange.trajectory.methods.registry import DEFAULT
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 LARGEST_LOSS = 1.0
-"""Part of the kinetic energy at the mean speed whose loss or gain makes a run unreliable: a quarter of what a fall from
-rest ends with, two fifths of the largest in an oscillation. Jumps over a collision gain a hundred times of it."""
+"""A run is unreliable if the energy changes by more than this fraction of the kinetic energy at the mean speed.
+
+The change is a quarter of the kinetic energy at the end of a fall from rest, and two fifths of the largest kinetic
+energy of an oscillation. A jump over a collision gains a hundred times as much.
+"""
 
 NOTABLE_CHANGE, SMALL_CHANGE = 1e-5, 1e-2
-"""A change below the first part of the energy, or the second of the kinetic energy at either end, is looked into no
-further. A run at default tolerances changes the energy by 1e-12 to 1e-7, so that its test costs one evaluation; the
-first part is small because the energy may be large for its zero alone."""
+"""Changes of the energy that need no further test: relative to the energy, and to the kinetic energy at either end.
+
+A run at default tolerances changes the energy by 1e-12 to 1e-7, so its test costs one evaluation. The first number is
+small because the energy may be large only because of its zero.
+"""
 
 SPEED_SAMPLES = 64
-"""Equal parts of the time span at whose ends the speed is taken."""
+"""Number of equal parts of the time span at whose ends the speed is evaluated."""
 
 ROUND_OFF_DISPLACEMENT = 1e-10
-"""Displacements by this part of the state are round-off and what step control lets through: a body at rest in its
-equilibrium has energies of that size, which no method keeps."""
+"""Relative displacement that is round-off and error within the tolerance.
+
+A body at rest in equilibrium has energies of that size, which no method conserves.
+"""
 
 FIRST_DISPLACEMENT = 1e-3
-"""A displacement by this part of the state along the first acceleration is a motion that has only begun: after one step
-of Euler's method from rest the kinetic energy is wrong by all of it, and the state by a half of the step squared."""
+"""Relative displacement along the first acceleration for which the motion has only begun.
+
+After one Euler step from rest the kinetic energy has a relative error of 1, and the state one of half the step squared.
+"""
 
 DIRECTIONS = 8
-"""Displacements that are tried."""
+"""Number of displacements that are tried."""
 
 
 def verified(problem: Problem, trajectory: Trajectory, before: float, *, adaptive: bool) -> Trajectory:
-    """Return the trajectory of a run that began with the energy `before`, as unreliable if it lost the energy.
+    """Return the trajectory of a run that began with the energy `before`, as unreliable if the energy is not conserved.
 
-    Equal steps jump over a collision or through a singular configuration and know nothing of it. Where a reset set the
-    state, the run is held to the energy until then.
+    Equal steps may jump over a collision or a singular configuration without an error. If a reset set the state, the
+    test ends before it.
     """
     model = problem.model
     if not trajectory.status.complete or not model.conservative or not trajectory.y.size:
@@ -54,7 +63,7 @@ def verified(problem: Problem, trajectory: Trajectory, before: float, *, adaptiv
 
 
 def _kept(problem: Problem, trajectory: Trajectory, end: FloatArray, until: float, before: float, after: float) -> bool:
-    """Return whether the energy at `end`, at the time `until`, is that of the start; what is cheap is tried first."""
+    """Return whether the energy of `end`, at the time `until`, is that of the start; cheap tests come first."""
     change = abs(after - before)
     if change <= NOTABLE_CHANGE * abs(before):
         return True
@@ -87,8 +96,8 @@ def _last(problem: Problem, trajectory: Trajectory) -> tuple[FloatArray, float]:
 def _mean_kinetic_energy(problem: Problem, trajectory: Trajectory, until: float) -> float:
     """Return the kinetic energy at the mean speed from the start until a time.
 
-    Unlike the energy it does not depend on where the potential is zero; unlike the kinetic energy of one state it does
-    not vanish where the motion turns, and a moment close to a collision does not dominate it.
+    Unlike the energy it does not depend on the zero of the potential. Unlike the kinetic energy of one state it does
+    not vanish at a turning point, and a close encounter does not dominate it.
     """
     t, y = trajectory.t, trajectory.y
     times = np.linspace(problem.t0, until, SPEED_SAMPLES + 1)
@@ -109,7 +118,7 @@ def _kinetic(problem: Problem, y: FloatArray) -> FloatArray:
 
 
 def _noise(problem: Problem, before: float) -> float:
-    """Return by how much the energy of the start changes under displacements that are no motion yet."""
+    """Return by how much the energy of the start changes under displacements that are not yet motion."""
     n, y0 = problem.model.dimension, problem.y0
     sizes = np.repeat([np.abs(y0[:n]).max(), np.abs(y0[n:]).max()], n)
     ways = np.cos(np.outer(np.arange(1, 2 * n + 1), np.arange(1, DIRECTIONS + 1)))
@@ -125,7 +134,7 @@ def _finite(values: FloatArray) -> FloatArray:
 
 
 def _with_energy_loss(trajectory: Trajectory, before: float, after: float, adaptive: bool) -> str:
-    """Return the message of the run with what became of the energy, and what helps."""
+    """Return the message of the run with the change of the energy and the remedy."""
     note = (
         f"The energy, which the equations of motion conserve, went from {before:.6g} to {after:.6g}: the run does not "
         f"follow the motion. {_remedy(trajectory, adaptive)}"

@@ -1,4 +1,4 @@
-"""Run a plan from start to end: bursts of compiled steps, and a look around between them."""
+"""Run a plan from start to end: calls of a compiled driver, with limits, events and Ctrl-C between the calls."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from lagrange.trajectory.sizes import survey
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 SECONDS_PER_CALL = 0.02
-"""Seconds of steps between two looks at the clock, the step limit and Ctrl-C."""
+"""Seconds of steps between two checks of the clock, the step limit and Ctrl-C."""
 
 FIRST_STEPS_PER_CALL, MOST_STEPS_PER_CALL = 64, 16384
 """Steps per call of the driver: more after a call shorter than `SECONDS_PER_CALL`, between these two. The first is
@@ -31,7 +31,10 @@ MOST_GROWTH = 16
 costs some 10 us, as much as 50 steps of a small system."""
 
 DOMAIN_PROBE = 1e-6
-"""The part of a run beyond a step that shrank to nothing in which the equations may turn out to have no value."""
+"""Fraction of the run by which the right-hand side is evaluated ahead of a step that shrank to nothing.
+
+It shows whether the equations lose their value there.
+"""
 
 _STATUS = {
     Outcome.DONE: Status.SUCCESS,
@@ -43,21 +46,21 @@ _STATUS = {
 
 
 class _AcceptedStates:
-    """The accepted states so far, in the pieces in which the driver wrote them."""
+    """The accepted states so far, in the parts that the driver wrote."""
 
     def __init__(self, t: float, y: FloatArray) -> None:
         self.parts = [(np.array([t]), y[None].copy(), 0)]
         self.bytes = 0
 
     def add(self, t: float, y: FloatArray) -> None:
-        """Keep a state that no step led to: the state has jumped."""
+        """Append a state after a jump, without a step."""
         self.parts.append((np.array([t]), y[None].copy(), self.parts[-1][2]))
 
     def collect(self, state: DriverState, times: FloatArray, rows: FloatArray) -> None:
-        """Keep what the last burst wrote; calling it twice, as Ctrl-C may, keeps it once."""
+        """Append what the last call wrote. A second call, as Ctrl-C may cause, appends nothing."""
         written, steps = state.count(DriverState.ROWS), state.count(DriverState.STEPS)
         if written and self.parts[-1][2] < steps:
-            # As a view, a short piece would keep the memory of the whole burst.
+            # A view of few rows would keep the memory of all.
             short = 2 * written < len(times)
             t, y = times[:written], rows[:written]
             self.bytes += t.nbytes + y.nbytes if short else times.nbytes + rows.nbytes
@@ -70,7 +73,7 @@ class _AcceptedStates:
 
 
 def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
-    """Run a problem by a plan; see `Integrator.integrate` for what comes back."""
+    """Run a problem by a plan; see `Integrator.integrate` for the result."""
     began = time.perf_counter()
     tolerances, parameters = plan.tolerances, problem.parameter_array
     state = tolerances.begin(problem.t0, problem.t1, problem.y0)
@@ -87,7 +90,7 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
             watch = plan.watch(problem, driver)
             driver = driver if watch is None else watch.driver
             late = compiled_late(problem)
-            # Compiling, which comes once for many runs, is no part of a run.
+            # Compilation is done once for many runs and is not counted.
             began = time.perf_counter()
             status, detail = (
                 (Status.MAX_WALL, late) if late else _advance_to_end(problem, driver, watch, state, rows, began)
@@ -127,7 +130,7 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
 
 
 def _check_first_slope(problem: Problem, name: str, parameters: FloatArray) -> tuple[Status | None, str]:
-    """Return a status and its sentence if the run cannot even begin."""
+    """Return a status and its message if the first slope does not exist."""
     model, y0 = problem.model, problem.y0
     q, v = model.layout.split(y0)
     singular, slope = model.column_without_inertia(problem.t0, q, v, parameters) is not None, y0
@@ -146,7 +149,7 @@ def _check_first_slope(problem: Problem, name: str, parameters: FloatArray) -> t
 def _advance_to_end(
     problem: Problem, driver: Driver, watch: Watcher | None, state: DriverState, rows: _AcceptedStates, began: float
 ) -> tuple[Status, str]:
-    """Advance until something ends the run; return what did, and a sentence on it where there is more to say."""
+    """Advance until the run ends; return its status, and a detail for the message."""
     per_call, limit = FIRST_STEPS_PER_CALL, memory_limit(problem)
     times, states = np.empty(0), np.empty((0, len(problem.y0)))
     result = EventResult() if watch is None else watch.begin(state)
@@ -187,7 +190,7 @@ def _advance_to_end(
             elif outcome is Outcome.BROKEN:
                 return state.fault.status, ""
             elif outcome is Outcome.STEP_TOO_SMALL:
-                # A step may shrink below the spacing of times without a rejection: then no trial step is to blame.
+                # A step may shrink below the spacing of times without a rejection: then no trial step is the cause.
                 cause = state.cause if state.count(DriverState.AFTER_REJECT) else outcome
                 result = EventResult(_STATUS[cause], smooth=True)
             elif outcome is not Outcome.PAUSED:
@@ -204,7 +207,7 @@ def _advance_to_end(
 
 
 def _final_sentence(problem: Problem, plan: Plan, name: str, state: DriverState, status: Status, cause: str) -> str:
-    """Return the sentence for the end of a run, with the culprit found by taking the failed step again."""
+    """Return the message of the end of a run; the failed step is taken again to find the cause."""
     told = partial(message, status, problem, rtol=plan.tolerances.rtol or None)
     if status is Status.SINGULAR and cause:
         return told(state.t, state.y, name, detail=cause)
@@ -220,9 +223,9 @@ def _final_sentence(problem: Problem, plan: Plan, name: str, state: DriverState,
 
 
 def _slope_ahead(problem: Problem, state: DriverState) -> FloatArray:
-    """Return the right-hand side a little farther on, or ones if the mass matrix is singular there.
+    """Return the right-hand side a little ahead, or ones if the mass matrix is singular there.
 
-    Towards the end of what a root or a logarithm can take, steps shrink before anything is nan.
+    Near the edge of the domain of a root or a logarithm, steps shrink before anything is NaN.
     """
     kernel, parameters = problem.model.kernel("rhs"), problem.parameter_array
     h = DOMAIN_PROBE * (float(state.reals[DriverState.END]) - problem.t0)

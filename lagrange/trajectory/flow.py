@@ -29,7 +29,7 @@ _NO_TIMES, _NO_ROWS = np.empty(0), np.empty((0, 0))
 
 
 class _Prepared(threading.local):
-    """The driver and its record, one of each per thread."""
+    """The driver and its state, one of each per thread."""
 
     driver: Driver | None = None
     parameters: Mapping[Any, Any] | None = None
@@ -37,7 +37,7 @@ class _Prepared(threading.local):
 
 
 class Flow:
-    """Calls give the state at t1 of the run that starts from y0 at t0; threads may share a flow."""
+    """A call returns the state at t1 of the run from (t0, y0). Threads may share a flow."""
 
     def __init__(self, model: Model, options: RunOptions = DEFAULT_OPTIONS) -> None:
         if not isinstance(model, Model):
@@ -61,7 +61,7 @@ class Flow:
         )
         self._problem = unit
         plan = self._integrator.plan(unit) if isinstance(self._integrator, Planned) else None
-        # Where something is watched the driver comes back on the way, and a run is what deals with that.
+        # With events or surfaces the driver returns on the way, which only a run handles.
         self._plan: Plan | None = None if plan is None or plan.watched else plan
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -109,7 +109,7 @@ class Flow:
         return local.driver, local.state
 
     def _fresh(self, plan: Plan) -> DriverState:
-        """Return the record of a run from 0 to 1, from which every run of the flow begins."""
+        """Return the state of a run from 0 to 1; every run of the flow starts from a copy of it."""
         state = plan.tolerances.begin(0.0, 1.0, np.zeros(self._dimension))
         state.counts[:] = 0
         self._first = state.reals.copy()
@@ -121,7 +121,7 @@ class Flow:
         reals[DriverState.T] = reals[DriverState.START] = t0
         reals[DriverState.END] = t1
         if settings.step:
-            # Without a step of the user's, it is a part of the span, and was prepared for a span of 1.
+            # The default step is a fraction of the span, and was prepared for a span of 1.
             whole = abs(t1 - t0) if self._problem.step is None and settings.notes else 1.0
             size = settings.step * whole
             reals[DriverState.H] = reals[DriverState.STEP] = size if t1 >= t0 else -size
@@ -131,7 +131,7 @@ class Flow:
         state.y[:] = y0
 
     def _by_run(self, y0: FloatArray, t0: float, t1: float, parameters: Mapping[Any, Any] | None) -> FloatArray:
-        """Run the integrator as a run would, for its verdict in words or for an integrator without a step program."""
+        """Run the integrator, for its message or because it has no step program."""
         values = self._model.parameter_values(parameters)
         problem = replace(self._problem, t0=t0, t1=t1, y0=y0, parameters=values)
         trajectory = run_by(self._integrator, problem)

@@ -1,4 +1,4 @@
-"""A mass matrix that degenerates on the way: which motion loses its inertia, and whether that is what ends a run."""
+"""A mass matrix that becomes singular: which motion loses its inertia, and whether that ends a run."""
 
 from __future__ import annotations
 
@@ -12,19 +12,24 @@ from lagrange.trajectory.messages import number, row_names
 from lagrange.trajectory.trajectory import FloatArray
 
 LOST_INERTIA = 2.0**-20
-"""An inertia below this part of the least at the start is lost. Where accelerations grow without bounds because of it,
-steps become too short at 1e-8 to 1e-11, in eight systems by four methods."""
+"""A motion has lost its inertia if that is below this fraction of the smallest inertia at the start.
+
+Where accelerations grow without bound because of it, steps become too small at 1e-8 to 1e-11 (eight systems, four
+methods).
+"""
 
 DOMINANT_SHARE = 0.5
-"""The motion without inertia is what ends a run if it makes up so much of the accelerations. In a fall onto the centre
-of polar coordinates it is none of them."""
+"""The loss of inertia ends the run if the motion without inertia is at least this share of the accelerations.
+
+In a fall to the centre of polar coordinates its share is zero.
+"""
 
 MOST_NAMED = 8
-"""So many entries of a state, or velocities, are named in a sentence."""
+"""Most entries of a state, or velocities, that a message names."""
 
 
 def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
-    """Return what to say of a run that ends at a state (2n,) because a motion has lost its inertia, else nothing."""
+    """Return the message for a run that ends at a state (2n,) because a motion has lost its inertia, else ""."""
     model, parameters = problem.model, problem.parameter_array
     kernel = model.kernel("mass_matrix")
     before, here = kernel(problem.t0, problem.y0, parameters), kernel(t, y, parameters)
@@ -58,9 +63,9 @@ def _moves_along(problem: Problem, t: float, y: FloatArray, null: FloatArray, me
 
 
 def motion_along(names: Sequence[str], null: FloatArray) -> str:
-    """Return a combination of velocities in words, such as ``x.dot = 1, y.dot = -0.5``."""
+    """Return a combination of velocities as text, such as ``x.dot = 1, y.dot = -0.5``."""
     size = np.abs(null)
-    # The first of the largest is 1, not what round-off makes of them.
+    # The first of the largest entries is exactly 1.
     null = null / null[np.argmax(size > 0.999 * size.max())]
     return _few([f"{name}.dot = {x:.4g}" for name, x in zip(names, null, strict=True) if abs(x) > 1e-9])
 

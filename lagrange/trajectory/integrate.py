@@ -1,4 +1,4 @@
-"""From a model and a request to a trajectory: the request is checked here, once, for every method."""
+"""From a model and a request to a trajectory; the request is checked here for every method."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from lagrange.trajectory.plan import promises
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 SPAN_ROUND_OFF = 1e-12
-"""Output times beyond an end by less than this part of the span are that end, written with other round-off."""
+"""Output times beyond an end of the span by less than this relative amount are set to that end."""
 
 
 def integrate(
@@ -78,7 +78,7 @@ def _check_events(problem: Problem, integrator: Integrator) -> None:
 
 
 def _check_start(problem: Problem) -> float:
-    """Return the energy of the initial state; refuse one at which it is no finite number."""
+    """Return the energy of the initial state; refuse a state whose energy is not finite."""
     model, y0 = problem.model, problem.y0
     value = energy(problem, y0)
     if math.isfinite(value):
@@ -92,7 +92,7 @@ def _check_start(problem: Problem) -> float:
 
 
 def time_span(span: Sequence[float]) -> tuple[float, float]:
-    """Return the first and the last time. Raises StatementError for what is no pair of them."""
+    """Return the first and the last time. Raises StatementError if these are not two numbers."""
     many = span.ndim == 1 if isinstance(span, np.ndarray) else isinstance(span, Sequence)
     if not many or isinstance(span, (str, bytes)) or len(span) != 2:
         raise StatementError(f"the time span is {shown(span)}: give two times, such as (0.0, 10.0).")

@@ -1,4 +1,4 @@
-"""The one protocol that every integrator satisfies, ours, SciPy's or a user's."""
+"""The protocol of all integrators: those of this package, SciPy's and a user's."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 @dataclass(frozen=True)
 class Claims:
-    """What a method promises; tests hold every registered method to it.
+    """The properties that a method claims; tests check them for every registered method.
 
-    `symplectic` holds for systems with a constant mass matrix, and for a method of the law of momenta for all;
-    `symmetric` means that a step of -h undoes a step of h; `energy` that the energy of a conservative system is
-    conserved to round-off; `events` that it locates events; `dense` is the order of the path between the steps.
+    `symplectic` holds for systems with a constant mass matrix, and for methods of the law of momenta for all systems.
+    `symmetric`: a step of -h undoes a step of h. `energy`: the energy of a conservative system is conserved to
+    round-off. `events`: the method locates events. `dense` is the order of the dense output.
     """
 
     order: int

@@ -1,4 +1,4 @@
-"""What a run may take before it ends early: the seconds to compile it, and the memory of what it keeps."""
+"""Limits of a run: seconds of compilation, and the memory of its results."""
 
 from __future__ import annotations
 
@@ -9,14 +9,16 @@ from functools import cache
 from lagrange.trajectory.integrator import Problem
 
 COMPILE_SECONDS = 5.0
-"""Seconds that compiling may take however small `max_wall` is: it comes once for many runs."""
+"""Seconds that compilation may take, however small `max_wall` is; it is done once for many runs."""
 
 MEMORY_DIVISOR = 4
-"""A run keeps a quarter of the machine's memory at most, if nobody says otherwise. At its end its states are joined to
-one array, and what is made of them, such as the energy, takes the like again."""
+"""The default memory limit of a run is the memory of the machine divided by this.
+
+At the end the states are joined to one array, and derived quantities, such as the energy, need as much again.
+"""
 
 ASSUMED_MEMORY = 8 * 2**30
-"""The memory of a machine that does not tell, in bytes."""
+"""Bytes of memory that are assumed if the machine does not report it."""
 
 
 def memory_limit(problem: Problem) -> float:
@@ -35,7 +37,7 @@ def machine_memory() -> int:
 
 
 def compiled_late(problem: Problem) -> str:
-    """Return in a sentence by how much compiling has passed the limit of the run, with the remedy; else nothing."""
+    """Return a sentence with the remedy if compilation has exceeded the time limit of the run, else ""."""
     taken = time.perf_counter() - problem.began
     if problem.max_wall is None or taken <= max(problem.max_wall, COMPILE_SECONDS):
         return ""

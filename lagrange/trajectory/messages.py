@@ -1,4 +1,4 @@
-"""The sentence with which a run ends: where it got to, which coordinate is to blame, why, and what to do."""
+"""The message at the end of a run: how far it got, which coordinate failed, why, and the remedy."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _SENTENCES: dict[Status, str] = {
 }
 
 _GIVEN_UP = "Raise {limit}, {other}{events}; a stiff system wants an implicit method such as radau5."
-"""The remedy for a run that used up its limit."""
+"""The remedy for a run that reached a limit."""
 
 _DOMAIN = (
     "Look for a division by zero, an overflow, or a sqrt, log or power outside its domain in the energies and forces "
@@ -42,22 +42,25 @@ _SINGULARITY = "The solution probably has a singularity there: end the run befor
 _JUMPS = "where forces jump, as with sign(v), a step may have no solution: smooth the jump, such as by tanh(v/0.001)."
 
 LOOSE_RTOL = 1e-5
-"""From this rtol on a run may stray into a singularity that the motion does not reach."""
+"""From this rtol on, errors may lead a run into a singularity that the motion does not reach."""
 
 BLOW_UP_GROWTH = 1e6
-"""A state that became so many times larger than it was blows up: finer steps may show that the motion does not."""
+"""A state that grew by this factor has blown up; smaller steps may show that the motion does not."""
 
 SLOW_RESIDUAL = 1e-6
-"""A last correction below this part of the unknowns is no sign of a far solution: the corrections shrink too slowly."""
+"""If the last correction is below this fraction of the unknowns, Newton's method converges too slowly.
+
+A larger one means that the solution is far away.
+"""
 
 COARSE_ATOL = 1e3
-"""An absolute tolerance so many times above rtol times an entry is spoken of: three of its digits are not looked at."""
+"""Mention an absolute tolerance that exceeds rtol times an entry by this factor: it ignores three digits."""
 
 CANCELLATION_NOISE = 2.0**-40
-"""An entry below this part of the largest of its kind, coordinates or velocities, may be round-off of what cancels."""
+"""An entry below this fraction of the largest coordinate, or velocity, may be round-off."""
 
 UNITS = "choose units in which its numbers are larger"
-"""The remedy where a tolerance for the state would be below the doubles that have all their digits."""
+"""The remedy if a tolerance would be below the smallest normal numbers."""
 
 _SINGULAR = (
     "the mass matrix is singular there, so the accelerations are not determined. Start elsewhere, or choose "
@@ -77,12 +80,11 @@ def message(
     cause: str = "",
     rtol: float | None = None,
 ) -> str:
-    """Return the sentence for a run of `method` that ended with `status` at time t.
+    """Return the message for a run of `method` that ended with `status` at time t.
 
-    `y` (2n,) is the state to talk about: the one with entries that are not finite, else the last accepted one. `slope`
-    (2n,) is its derivative, where that is what went wrong. `detail` is a further cause in a sentence of its own; for a
-    singular mass matrix it is the model's report, and takes the place of ours. `cause` is the whole cause and the
-    remedy, from who knows better. `rtol` is the relative tolerance, None for equal steps.
+    `y` (2n,) is the state with entries that are not finite, else the last accepted state. `slope` (2n,) is its
+    derivative, if that failed. `detail` is a further cause in a sentence of its own; for a singular mass matrix it
+    replaces the message. `cause` replaces cause and remedy. `rtol` is the relative tolerance, None for equal steps.
     """
     if status.complete and not (detail or cause):
         return f"{method} {_SENTENCES[status].format(t=number(t))}"
@@ -110,7 +112,7 @@ def message(
 
 
 def _remedy(status: Status, problem: Problem, y: FloatArray, method: str, rtol: float | None) -> str:
-    """Return what to do about an end of a run, if anything."""
+    """Return the remedy for an end of a run, or ""."""
     if status.at_end or status is Status.INTERRUPTED:
         return ""
     finer = "shorten the step" if rtol is None else f"lower rtol (now {rtol:g}) and atol"
@@ -138,13 +140,13 @@ def _remedy(status: Status, problem: Problem, y: FloatArray, method: str, rtol: 
 
 
 def _grown(problem: Problem, y: FloatArray) -> bool:
-    """Return whether a state is one that has blown up, as far as it is finite."""
+    """Return whether the finite entries of a state have blown up."""
     sizes = np.abs(y[np.isfinite(y)])
     return bool(sizes.max(initial=0.0) > BLOW_UP_GROWTH * (float(np.abs(problem.y0).max()) or 1.0))
 
 
 def unsolved(residual: float) -> str:
-    """Return how far the equations of an implicit step were from being solved, as a sentence."""
+    """Return a sentence with the residual of the equations of an implicit step."""
     if residual < SLOW_RESIDUAL:
         return (
             f"The corrections of its unknowns shrink too slowly: the last was {residual:.2g} of their size, and "
@@ -157,9 +159,9 @@ def unsolved(residual: float) -> str:
 
 
 def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tolerances) -> Iterator[str]:
-    """Yield a note if the absolute tolerance of a complete run leaves an entry fewer digits than rtol asks for.
+    """Yield a note if the absolute tolerance of a complete run gives an entry fewer digits than rtol.
 
-    `states` are (S+1, 2n). An entry that is round-off of the others of its kind needs no digits.
+    `states` are (S+1, 2n). An entry that is round-off of the others of its kind is ignored.
     """
     if not status.complete or not tolerances.rtol:
         return

@@ -1,4 +1,4 @@
-"""What a user may ask of a run beside its model, its span and its initial state, as one record."""
+"""The options of a run beside its model, its span and its initial state, as one record."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from lagrange.errors import StatementError
 from lagrange.statement.number import real_number, whole_number
 
 MAX_STEPS = 10_000_000
-"""Steps tried, accepted or not, before a run gives up: the states of a double pendulum then take 0.4 GB."""
+"""Most trial steps of a run, accepted or not; the states of a double pendulum then take 0.4 GB."""
 
 
 @dataclass(frozen=True, eq=False)
 class RunOptions:
-    """The options of `lagrange.integrate` as they were given; None leaves the choice to the method or the scene."""
+    """The options of `lagrange.integrate` as given; None leaves the choice to the method or the scene."""
 
     method: Any = None
     rtol: float | None = None
@@ -32,22 +32,22 @@ class RunOptions:
 
     @property
     def step_limit(self) -> int:
-        """How many steps may be tried. Raises StatementError for what is no whole number of at least 1."""
+        """The most trial steps. Raises StatementError if it is not a whole number of at least 1."""
         return MAX_STEPS if self.max_steps is None else whole_number(self.max_steps, "max_steps", 1)
 
     @property
     def wall_limit(self) -> float | None:
-        """How many seconds the run may take. Raises StatementError for what is no positive number."""
+        """The most seconds of the run. Raises StatementError if it is not a positive number."""
         return _positive(self.max_wall, "max_wall", "seconds")
 
     @property
     def memory_limit(self) -> float | None:
-        """How many bytes the run may keep. Raises StatementError for what is no positive number."""
+        """The most bytes that the run may keep. Raises StatementError if it is not a positive number."""
         return _positive(self.max_memory, "max_memory", "bytes")
 
 
 DEFAULT_OPTIONS = RunOptions()
-"""Nothing is asked for."""
+"""No option is given."""
 
 
 def _positive(limit: float | None, name: str, unit: str) -> float | None:

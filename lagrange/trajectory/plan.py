@@ -28,15 +28,15 @@ DensePath = Callable[[FloatArray], FloatArray]
 
 
 class Watcher(Protocol):
-    """What finds events along a run, and does what happens there."""
+    """Finds events along a run, and handles them."""
 
     @property
     def driver(self) -> Driver:
-        """What advances the run, and comes back where there is something to do."""
+        """The driver that advances the run; it returns where an event is to be handled."""
 
     @property
     def occurrences(self) -> Sequence[Sequence[Any]]:
-        """What happened so far, for each thing that is watched."""
+        """The occurrences so far of each event."""
 
     @property
     def t_events(self) -> tuple[FloatArray, ...]:
@@ -50,35 +50,35 @@ class Watcher(Protocol):
         """Begin at the start of a run."""
 
     def process(self, state: DriverState) -> EventResult:
-        """Do what there is to do at the state, where the driver came back for it."""
+        """Handle the event at which the driver returned."""
 
     def end(self, state: DriverState) -> EventResult:
-        """Do what there is to do at the end of the run."""
+        """Handle the events at the end of the run."""
 
     def is_due(self, state: DriverState) -> bool:
-        """Whether something is to happen at the state although the driver found no step from there."""
+        """Whether an event is to be handled at the state although the driver found no step from there."""
 
     def continue_past(self, state: DriverState) -> EventResult | None:
-        """Go on behind a point from which the driver finds no step; return how, or None where there is no way.
+        """Continue past a point from which the driver finds no step; return the result, or None if that is impossible.
 
-        The state has jumped then, or the verdict says in other words why the run ends.
+        The state has then jumped, or the result has another reason for the end of the run.
         """
 
 
 class Plan(Protocol):
-    """A method made ready for a model."""
+    """A method prepared for a model."""
 
     @property
     def tolerances(self) -> Tolerances:
-        """What the driver is told."""
+        """The tolerances and step lengths of the driver."""
 
     @property
     def form(self) -> str:
-        """How a step is computed, in a few words for the status card; nothing where there is no choice."""
+        """How a step is computed, for the status card; "" if there is no choice."""
 
     @property
     def watched(self) -> bool:
-        """Whether a run by this plan has anything to watch."""
+        """Whether a run by this plan has events or switching surfaces."""
 
     @property
     def writes_outputs(self) -> bool:
@@ -88,13 +88,13 @@ class Plan(Protocol):
         """Return a driver for parameters (k,)."""
 
     def watch(self, problem: Problem, driver: Any) -> Watcher | None:
-        """Return what watches events and switching surfaces for the plan's driver, or None where there is nothing."""
+        """Return the watcher of events and switching surfaces for the plan's driver, or None if there are none."""
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: Any) -> DensePath:
-        """Return the dense output from the accepted times (S+1,) and states (S+1, 2n), and what was watched."""
+        """Return the dense output from the accepted times (S+1,) and states (S+1, 2n), and the watcher."""
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
-        """Return the state that the step from the last accepted one leads to, with its entries that are not finite."""
+        """Return the end of the step from the last accepted state, with its entries that are not finite."""
 
 
 @runtime_checkable
@@ -115,7 +115,7 @@ class Stepped(Protocol):
 
 
 def promises(integrator: Integrator) -> Claims:
-    """Return what a method promises: one with a plan has the events of the driver, whatever it says of itself."""
+    """Return the claims of a method; a method with a plan has the events of the driver."""
     claims = integrator.claims
     return replace(claims, events=True) if isinstance(integrator, Planned) else claims
 
@@ -192,7 +192,7 @@ class StepPlan:
 
 
 def _state_moved_by_slope(f: Callable[[float, FloatArray], FloatArray], state: DriverState, h: float) -> FloatArray:
-    """Return the state moved by the first slope ahead that is no number; the search goes a few steps far."""
+    """Return the state moved by the first slope ahead that is not finite; the search goes a few steps ahead."""
     first = f(state.t, state.y)
     for reach in (1, 2, 4, 8):
         slope = f(state.t + reach * h, state.y + reach * h * first)

@@ -1,11 +1,11 @@
-"""Estimates of the size of each entry of a state, where neither its value nor its derivative tells.
+"""Estimates of the size of an entry of a state, if neither its value nor its derivative determines it.
 
-An entry that is zero, and stays so for many derivatives, has no size of its own yet: the far end of a chain that is
-plucked at the other end is one. An entry that is round-off of terms that cancel has none worth following. Both get
-theirs from the entries that they are coupled to: the state is displaced by a small part of all sizes, and what the
-derivative of an entry changes by, over the natural period of the motion, is a size.
+An entry that is zero, and stays zero for many derivatives, has no size of its own: for example the far end of a chain
+that is plucked at the other end. An entry that is round-off of cancelling terms has none to follow. Their sizes are
+estimated from the entries that they are coupled to: the state is displaced by a small fraction of all sizes, and the
+change of the derivative of an entry, over the natural period of the motion, is a size.
 
-Entries and time may have any units. Every comparison is of an entry with itself, or of two rates.
+Entries and time may have any units. Only an entry with itself, or two rates, are compared.
 """
 
 from __future__ import annotations
@@ -31,33 +31,41 @@ from lagrange.procedure.step.constants import (
 from lagrange.trajectory.trajectory import FloatArray
 
 DISPLACEMENT, WIDER = 2.0**-26, 2.0**8
-"""The state is displaced by the first part of its size, half of the digits, and by the second number times as much. If
-both change a derivative alike it jumps, as where a contact ends, and the size of the jump is what is used."""
+"""Relative displacements of the state: the square root of the unit of round-off, and a multiple of it.
+
+If both change a derivative equally it jumps, as where a contact ends; then the size of the jump is used.
+"""
 
 NEAR_REST = 2.0**-40
-"""Where the whole state is zero, this part of what forces reach in the time left is tried as a size as well."""
+"""If the whole state is zero, sizes of this fraction of what forces reach in the remaining time are tried too."""
 
 RATE_ITERATIONS = 3
-"""Iterations of the estimate of the fastest rate. Each applies the response twice: the largest factor by which an entry
-grows is the square of a rate."""
+"""Iterations of the estimate of the fastest rate.
+
+Each applies the response twice: the largest factor by which an entry grows is the square of a rate.
+"""
 
 SETTLED = 8.0
-"""The period is shortened where a size that came from coupled entries would change by more than this factor in it."""
+"""The period is shortened if the size of a coupled entry would change by more than this factor in it."""
 
 MOST_ROUNDS = 256
-"""Most rounds in which sizes spread from one entry of a chain to the next, two rounds a link."""
+"""Most rounds in which sizes spread along a chain, two rounds per link."""
 
 FORCE_STEPS = (0.0, 1.0, 4.0, 16.0, 64.0)
-"""Steps ahead at which forces are evaluated. Of a system at rest, a force that depends on time may be all there is.
-From one survey of a run to the next these times are as many times as far as the last number."""
+"""Steps ahead at which forces are evaluated: a system at rest may have only forces that depend on time.
+
+From one survey of a run to the next these times are multiplied by the last number.
+"""
 
 DRIFT_STEPS, DRIFT_GROWTH = (1.0, 4.0), 8.0
-"""Steps ahead at which forces are evaluated where the state comes to if nothing stops it. A step that was rejected,
-where it met what had not moved yet, was one to five times as long as the next. From one survey to the next these times
-are so many times as far."""
+"""Steps ahead at which forces are evaluated on the free motion of the state.
+
+A rejected step that met something at rest was one to five times as long as the next. From one survey to the next these
+times are multiplied by the second number.
+"""
 
 REST_HALVINGS = 52
-"""At rest, forces are also evaluated at the time left, its half, its quarter and so on."""
+"""At rest, forces are also evaluated at the remaining time, its half, its quarter and so on."""
 
 FORCE_SAMPLES = 64
 """Times along a run at which forces are evaluated before a solver of another package starts."""
@@ -66,7 +74,7 @@ Slopes = Callable[[float, FloatArray], FloatArray]
 
 
 def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
-    """Raise the floors of a run that came back as UNSCALED; see `Outcome`."""
+    """Raise the floors of a run that returned as UNSCALED; see `Outcome`."""
     reals, before = state.reals, state.count(DriverState.SURVEYED)
     t, left, share = state.t, float(reals[DriverState.END]) - state.t, float(reals[DriverState.SHARE])
     h = float(reals[DriverState.H]) or DEFAULT_FIRST * left
@@ -77,7 +85,7 @@ def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
     if not state.y.any():
         times += [t + left * 2.0**-k for k in range(REST_HALVINGS)]
     force_points = [(when, state.y) for when in times]
-    # What is at rest may be pushed by what comes to it in the step.
+    # An entry at rest may be pushed by one that reaches it in the step.
     force_points += [(t + part * drift, state.y + part * drift * slope) for part in DRIFT_STEPS]
     sizes, coupled, _ = entry_sizes(law, layout, t, state.y, left, force_points)
     unknown = state.floors <= np.maximum(LEAST_FLOOR, share * SLOPE_NOISE * np.maximum(coupled, sizes))
@@ -91,8 +99,8 @@ def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
 def _floors_of_others(layout: StateLayout, floors: FloatArray) -> FloatArray:
     """Return floors (2n,) for entries that are round-off of others of their kind, 0 for the rest.
 
-    It is the last answer to a run that gets nowhere, as where 1 + tanh(u) is rounded to zero and its slope is not: no
-    displacement of the state shows that what such a force brings about is below its noise.
+    It is the last attempt for a run whose steps keep shrinking. For example 1 + tanh(u) is rounded to zero and its
+    slope is not: no displacement shows that the effect of such a force is below its round-off.
     """
     kinds = np.concatenate([np.full(len(half), half.max(initial=0.0)) for half in layout.split(floors)])
     return np.where(floors < SLOPE_NOISE * kinds, kinds, 0.0)
@@ -101,14 +109,14 @@ def _floors_of_others(layout: StateLayout, floors: FloatArray) -> FloatArray:
 def first_floors(
     slopes: Slopes, layout: StateLayout, t: float, y: FloatArray, left: float, share: float
 ) -> tuple[FloatArray, float]:
-    """Return floors (2n,) for a solver that cannot ask for them, a share of the sizes at its start, and the period."""
+    """Return floors (2n,) for a solver that cannot ask for them, a share of the sizes, and the period."""
     force_points = [(t + left * k / FORCE_SAMPLES, y) for k in range(FORCE_SAMPLES + 1)]
     sizes, coupled, period = entry_sizes(slopes, layout, t, y, left, force_points)
     return np.maximum(np.maximum(share * sizes, SLOPE_NOISE * coupled), LEAST_FLOOR), period
 
 
 def _within(step: float, left: float) -> float:
-    """Return a step, or all that is left if that is shorter."""
+    """Return a step, bounded by the remaining time."""
     return step if abs(step) < abs(left) else left
 
 
@@ -136,10 +144,10 @@ def entry_sizes(
     left: float,
     force_points: Sequence[tuple[float, FloatArray]],
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Return the sizes (2n,) of entries, what each gets from the others over the natural period, and that period.
+    """Return the sizes (2n,) of entries, their sizes by coupling over the natural period, and that period.
 
-    `left` is the time that the run has to go, signed; `force_points` are
-    times and states (2n,) at which forces may act.
+    `left` is the remaining time of the run, signed; `force_points` are times and states (2n,) at which forces are
+    evaluated.
     """
     with np.errstate(all="ignore"):
         slope = slopes(t, y)
@@ -147,7 +155,7 @@ def entry_sizes(
         own = partial(_own_sizes, layout, y)
         forces = np.abs([slopes(*point)[layout.v] for point in force_points])
         ahead = np.max(forces, axis=0, initial=0.0, where=np.isfinite(forces))
-        # What moves has its size from where it is: a force ahead may be that of a pole.
+        # An entry that moves has its size from its position: a force ahead may be that of a pole.
         force = np.where(layout.split(y)[1] == 0, ahead, np.nan_to_num(np.abs(slope[layout.v]), posinf=0.0))
         period = abs(left)
         noise = SLOPE_NOISE * response(own(np.zeros_like(force), period))[layout.v]
@@ -171,14 +179,14 @@ def entry_sizes(
 
 
 def _own_sizes(layout: StateLayout, y: FloatArray, force: FloatArray, period: float) -> FloatArray:
-    """Return the sizes (2n,) that entries have by themselves: what they are, and what they become in a period."""
+    """Return the sizes (2n,) of entries by themselves: their values, and their changes in a period."""
     q, v = layout.split(np.abs(y))
     v = np.maximum(v, period * force)
     return np.concatenate([np.maximum(q, period * v), v])
 
 
 class _Response:
-    """The change of slopes where the state is displaced, as if they were linear in it."""
+    """The change of slopes under a displacement of the state, as a linear map."""
 
     def __init__(
         self, slopes: Callable[[FloatArray], FloatArray], slope: FloatArray, y: FloatArray, layout: StateLayout
@@ -203,13 +211,13 @@ class _Response:
         return np.asarray(abs(moved - self._slope))
 
     def rate(self, displacement: FloatArray) -> float:
-        """Return the fastest rate of the motion near the state, 0 where nothing responds to a displacement (2n,).
+        """Return the fastest rate of the motion near the state, 0 if nothing responds to a displacement (2n,).
 
-        Only entries with a displacement of their own count: what others get is round-off at first.
+        Only entries with a displacement of their own count: the response of others is round-off at first.
         """
         known, found = displacement > 0, np.inf
         for _ in range(RATE_ITERATIONS):
-            # A response is a displacement per time: in slow units of time it would be lost in round-off.
+            # A response is a displacement per time, which in slow units of time would be round-off.
             first = self(displacement)
             once = _ratio(first, displacement, known) or self._from_rest(first, displacement)
             then = self(first / once if once > 0 else first)
@@ -225,6 +233,6 @@ class _Response:
 
 
 def _ratio(response: FloatArray, displacement: FloatArray, known: NDArray[np.bool_]) -> float:
-    """Return how many times as long as a displacement the response is, at most, where the displacement is known."""
+    """Return the largest ratio of response to displacement, where the displacement is known."""
     both = known & (displacement > 0) & np.isfinite(response)
     return float((response[both] / displacement[both]).max(initial=0.0))

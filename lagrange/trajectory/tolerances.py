@@ -1,4 +1,4 @@
-"""What a driver is told of accuracy and of the lengths of steps."""
+"""Tolerances and step lengths of a driver."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from lagrange.trajectory.trajectory import FloatArray
 
 @dataclass(frozen=True)
 class Tolerances:
-    """What a driver is told, and notes for the user.
+    """Tolerances and step lengths of a driver, and notes for the user.
 
-    That is the relative and absolute tolerance and the longest step, or the size of equal steps. With a `share` the
-    absolute tolerance of an entry is at least so many times its largest size so far: it follows the scale, and `atol`
-    is what it begins with. A driver aims at `margin` times the tolerances.
+    These are the relative and absolute tolerance and the longest step, or the size of equal steps. With a `share` the
+    absolute tolerance of an entry is at least that share of its largest size so far: it follows the scale, and `atol`
+    is its first value. A driver uses `margin` times the tolerances.
     """
 
     rtol: float = 0.0
@@ -28,7 +28,7 @@ class Tolerances:
     notes: tuple[str, ...] = ()
 
     def begin(self, t0: float, t1: float, y0: FloatArray) -> DriverState:
-        """Return the record of a run that begins at (t0, y0) towards t1."""
+        """Return the state of a run from (t0, y0) towards t1."""
         h = self.step if t1 >= t0 else -self.step
         aim = self.margin
         floor = max(aim * self.atol, LEAST_FLOOR)

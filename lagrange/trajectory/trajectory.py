@@ -1,4 +1,4 @@
-"""What a run leaves: the states, how it ended, and the path between the steps."""
+"""The result of a run: the states, its status, and the dense output."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 class Status(enum.Enum):
     """How a run ended.
 
-    UNRELIABLE is a run that reached its end and broke a law that the motion obeys: it does not follow the motion.
+    UNRELIABLE: the run reached its end but violated a conservation law, so it does not follow the motion.
     """
 
     SUCCESS = "success"
@@ -35,12 +35,12 @@ class Status(enum.Enum):
 
     @property
     def complete(self) -> bool:
-        """Whether the run reached what was asked for, and nothing speaks against what it has."""
+        """Whether the run reached its end or event, and passed all tests."""
         return self in (Status.SUCCESS, Status.EVENT)
 
     @property
     def at_end(self) -> bool:
-        """Whether the run reached its end, followed the motion or not."""
+        """Whether the run reached its end, reliable or not."""
         return self.complete or self is Status.UNRELIABLE
 
 
@@ -50,7 +50,7 @@ class Trajectory:
 
     `t` has shape (N,), `y` (2n, N) with rows as in the right-hand side, [q, v]. `span` is the first and the last
     accepted time, and `dense` maps times (K,) between them to states (2n, K). `steps` were accepted and `rejected`
-    tried in vain; `evaluations` are those of the right-hand side, or of the series. `wall` is in seconds, what is
+    were not; `evaluations` are those of the right-hand side, or of the series. `wall` is in seconds, what is
     compiled once for many runs apart. `form` says how the method computed its steps, where it has a choice. For
     each event, `t_events` has its times (k,) and `y_events` the states there, (k, 2n), before any reset. `step` is the
     length of equal steps, `rtol` and `atol` are the tolerances of the others; what a method does not have is None.

@@ -1,4 +1,4 @@
-"""Solvers of other packages, driven step by step so that none of them can run for ever or end in silence."""
+"""Solvers of other packages, driven step by step so that none runs for ever or fails without a message."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 S = DriverState
 
 FIRST_STEP_SPACINGS = 64
-"""A first step is not shorter than so many spacings of floating-point times: SciPy gives up below ten of them."""
+"""Least first step in spacings of floating-point times; SciPy fails below ten."""
 
 MOST_UNMOVED = 20
-"""Steps in a row that may leave the time where it is; LSODA begins with two of them at t = 1e9."""
+"""Most consecutive steps that leave the time unchanged; LSODA begins with two at t = 1e9."""
 
 INTERPOLANT_BYTES = 300
 """Bytes that the path over a step takes beside its values, as measured."""
@@ -231,9 +231,9 @@ class SolverDriver:
         return self._solver if law.fault is None else None
 
     def _asks(self, state: DriverState, fault: Fault) -> bool:
-        """Whether steps vanish where an entry may have no size yet: ask for one, and start the solver anew with it.
+        """Whether steps vanish because of an entry without a size; a survey then raises the floors.
 
-        What is round-off so far has none worth its name; where the last answer changed nothing, that is not the cause.
+        An entry that is round-off so far has no size. If the last survey changed nothing, that is not the cause.
         """
         vanished = fault.status is Status.STEP_TOO_SMALL and state.reals[S.SHARE] > 0
         if not vanished or state.count(S.SURVEYED) >= MOST_SURVEYS or np.array_equal(state.floors, self._asked):
@@ -242,7 +242,7 @@ class SolverDriver:
         return True
 
     def _unanswered(self, state: DriverState) -> Fault | None:
-        """Return why the solver gave up where it asked for sizes, if the answer changed nothing."""
+        """Return why the solver failed when it asked for sizes, if the survey changed nothing."""
         fault, self._vanished = self._vanished, None
         return fault if np.array_equal(state.floors, self._asked) else None
 

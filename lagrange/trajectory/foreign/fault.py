@@ -1,4 +1,4 @@
-"""What went wrong on a step of a solver that says so itself."""
+"""The failure of a step of a solver of another package."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from lagrange.trajectory.trajectory import FloatArray, Status
 
 @dataclass(frozen=True, eq=False)
 class Fault:
-    """Why a run ends, and the state (2n,) to speak of, with its derivative where that is what went wrong."""
+    """Why a run ends, the state (2n,) for the message, and its derivative if that failed."""
 
     status: Status
     t: float

@@ -16,9 +16,9 @@ from lagrange.trajectory.sizes import Slopes
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 EVALUATIONS_PER_STEP = 5_000
-"""A step that takes more right-hand sides is taken for an endless loop.
+"""A step with more evaluations of the right-hand side counts as an endless loop.
 
-The most measured was 136: DOP853 started with a step 1e6 times too long, before a right-hand side that turns NaN.
+The largest measured number is 136: DOP853 started with a step 1e6 times too long before a right-hand side that is NaN.
 """
 
 
@@ -61,12 +61,12 @@ class GuardedRhs:
         return self.evaluations - self._step_began
 
     def forget(self) -> None:
-        """Forget what the law said on another motion."""
+        """Forget the faults of another motion."""
         self.last_fault = None
         self.begin_step()
 
     def begin_step(self) -> None:
-        """Forget the last step's faults and count anew."""
+        """Forget the faults of the last step, and restart the count."""
         self._step_began = self.evaluations
         self._most = self._step_began + EVALUATIONS_PER_STEP
         self.fault = None

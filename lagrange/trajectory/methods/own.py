@@ -1,7 +1,7 @@
-"""Methods of a user's own: a step as a plain Python function, tried out before it is compiled.
+"""User-defined methods: a step as a plain Python function, tested before it is compiled.
 
-The function runs first on combinations with plain numbers, which tell in words what it does besides combining. They
-also give the tableau of a Runge-Kutta step, whose order is then held by its conditions.
+The function runs first on combinations with plain numbers, which report any operation other than combining. They also
+give the tableau of a Runge-Kutta step, whose order conditions are then checked.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ from lagrange.trajectory.tableaux.rooted_trees import Coefficient
 from lagrange.trajectory.trajectory import Trajectory
 
 TRIAL_POINTS = ((Fraction(0), Fraction(1)), (Fraction(2), Fraction(2)))
-"""Where a step function is tried out, (t, h): not at one place alone, where h**2 would pass for h."""
+"""Values of (t, h) for the test: two, so that h**2 is not taken for h."""
 
 SHORT_STEP = Fraction(1, 4096)
-"""A step so short that its slopes must add up to h, but for a part that is itself of the size of h."""
+"""A step so short that its slopes must add up to h, up to terms of relative size h."""
 
 SHORT_STEP_TOLERANCE = 1 / 16
-"""What a short step may be off by."""
+"""Relative tolerance of the test with a short step."""
 
 FORMS = "step(f, t, y, h), or step(a, t, q, v, h) to move coordinates and velocities in turn"
 
@@ -173,7 +173,7 @@ def _tried(name: str, function: Callable[..., Any], states: int, t: Fraction, h:
 
 
 def check_consistent(name: str, function: Callable[..., Any], order: int) -> tuple[_Tried, _Tried]:
-    """Refuse a step function that is not one, or not of the order; see `step_method`. Return what it did on trial."""
+    """Refuse a step function that is inconsistent, or not of the order; see `step_method`. Return its two trials."""
     states = 2 if _arguments(name, function) == 5 else 1
     both = tried, doubled = (
         _tried(name, function, states, *TRIAL_POINTS[0]),
@@ -203,7 +203,7 @@ def check_consistent(name: str, function: Callable[..., Any], order: int) -> tup
 
 
 def _check_recorded(name: str, function: Callable[..., Any], trials: tuple[_Tried, _Tried]) -> None:
-    """Refuse a step function that leaves another record than it left on trial: that record is all that will run."""
+    """Refuse a step function whose record differs from its trial: only the record will run."""
     program = _program(name, function)
     scalars = program.scalars(program.numbers)
     for (t, h), tried in zip(TRIAL_POINTS, trials, strict=True):
@@ -222,7 +222,7 @@ def _check_recorded(name: str, function: Callable[..., Any], trials: tuple[_Trie
 
 
 def _check_short(name: str, tried: _Tried, t: Fraction) -> None:
-    """Hold a step whose numbers are not in proportion to h to what makes it a step at all."""
+    """Check the consistency of a step whose coefficients are not proportional to h."""
     _check_whole(name, "the new state holds", tried.results[0])
     slopes = sum(float(c) for i, c in tried.results[0].items() if i) / float(SHORT_STEP)
     if not abs(slopes - 1) <= SHORT_STEP_TOLERANCE:
@@ -251,7 +251,7 @@ def _scales(tried: _Tried, doubled: _Tried) -> bool:
 
 
 def _check_partitioned(name: str, order: int, tried: _Tried, t: Fraction, h: Fraction) -> None:
-    """Hold a step in q and v to what every such step satisfies: q + h v + h^2 a/2 and v + h a for a constant a."""
+    """Check the condition of every step in q and v: q + h v + h^2 a/2 and v + h a for a constant a."""
     q, v = tried.results
     sums = [sum(float(c) for i, c in terms.items() if i > 1) for terms in (q, v)]
     found: list[tuple[str, str, Coefficient, Coefficient]] = [

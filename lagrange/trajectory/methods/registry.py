@@ -1,4 +1,4 @@
-"""Every method by name: ours, and those that installed packages offer by entry point."""
+"""All methods by name: those of this package, and those of installed packages by entry point."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ FOREIGN_NAMES = {
     "stormer-verlet": "verlet",
     "runge-kutta": "rk4",
 }
-"""What other packages call a method, or one of its family: for the hint where there is none of a name."""
+"""Names of methods in other packages, for the hint after an unknown name."""
 
 FAMILIES = (explicit, splitting, implicit, radau, variational, taylor)
 """The modules that define methods, in the order of the table."""
@@ -56,7 +56,7 @@ BUILT_IN: dict[str, Callable[..., Integrator]] = {
 """What makes each method of this package, called without arguments or with its options."""
 
 _registered: dict[str, Callable[[], Integrator]] = {}
-"""What `register` was given, by name, in order."""
+"""The methods given to `register`, by name, in order."""
 
 NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
 
@@ -81,7 +81,7 @@ def register(name: str, method: Any, *, order: int | None = None, replaces: bool
 
 
 def _maker(name: str, method: Any, order: int | None) -> Callable[[], Integrator]:
-    """Return what makes the integrator, once it is known to be one."""
+    """Return the function that makes the integrator, after checking its result."""
     if order is not None:
         if isinstance(method, ButcherTableau) or callable(getattr(method, "integrate", None)):
             raise StatementError(f"{name} is not a step function and has its order already: leave out order.")
@@ -108,7 +108,7 @@ def _maker(name: str, method: Any, order: int | None) -> Callable[[], Integrator
 
 
 def _needed(method: Callable[..., Any]) -> list[str]:
-    """Return the names of the arguments without which it cannot be called."""
+    """Return the names of the required arguments."""
     try:
         parameters = inspect.signature(method).parameters.values()
     except (TypeError, ValueError):
@@ -159,7 +159,7 @@ MARKS: tuple[tuple[str, Callable[[Claims], bool]], ...] = (
     ("energy", lambda claims: claims.energy),
     ("A-stable", lambda claims: claims.a_stable),
 )
-"""The columns that say yes or nothing, and which claim each shows."""
+"""The columns with yes or nothing, and the claim of each."""
 
 
 def _kind(claims: Claims) -> str:
@@ -167,12 +167,12 @@ def _kind(claims: Claims) -> str:
 
 
 def names() -> list[str]:
-    """Return the name of every method that is here."""
+    """Return the names of all methods."""
     return [*BUILT_IN, *(name for name in sorted(_offered()) if name not in BUILT_IN), *_registered]
 
 
 def find(method: Any) -> Integrator:
-    """Return the integrator of a registered name, or the instance itself. Raises StatementError for another."""
+    """Return the integrator of a registered name, or the instance itself. Raises StatementError for anything else."""
     if isinstance(method, ButcherTableau):
         return RungeKutta(method)
     if not isinstance(method, str):
@@ -201,7 +201,7 @@ def find(method: Any) -> Integrator:
 
 @cache
 def _built_in(name: str) -> Integrator:
-    """Return a method of ours with its own settings; it holds nothing of a run, so one serves all."""
+    """Return a built-in method with default settings; it has no state, so one instance serves all runs."""
     return BUILT_IN[name]()
 
 
@@ -212,7 +212,7 @@ def table() -> MethodTable:
 
 
 def _about(name: str, integrator: Integrator) -> str:
-    """Return what a method is, in a line."""
+    """Return a description of a method in one line."""
     described: Any = BUILT_IN[name] if name in BUILT_IN else type(integrator)
     match integrator:
         case StepMethod():

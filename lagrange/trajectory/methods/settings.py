@@ -15,36 +15,41 @@ from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.tolerances import Tolerances
 
 RTOL = 1e-9
-"""The default relative tolerance. On the double pendulum over 20 s (started at 30 degrees each) DOP853 then ends within
-5e-9 of a run at 1e-13, in 0.5 ms; at 1e-6, SciPy's habit of 1e-3 left far behind, it would be 1e-5."""
+"""The default relative tolerance.
+
+On the double pendulum over 20 s, started at 30 degrees each, DOP853 then ends within 5e-9 of a run at 1e-13, in 0.5 ms.
+At 1e-6 the difference would be 1e-5; SciPy's default is 1e-3.
+"""
 
 FLOOR_SHARE = 1e-3
-"""Without an absolute tolerance an entry may be wrong in a step by RTOL times its own size, and by this part of RTOL
-times the largest size that it has had in the run: so much of it counts as zero where it fades or is small for a while.
-So each entry, in whatever units, is measured by itself, and the same motion in other units has the same steps. A part
-of 1 would leave a comet that comes a thousand times nearer to the sun than it was a thousandth of its digits there;
-without any, what has faded to round-off would be followed for ever. Of a system of sizes near 1 the tolerances are
-those of RTOL = 1e-9 and an absolute 1e-12."""
+"""Without an absolute tolerance, that of an entry is RTOL times this share of its largest size in the run.
+
+It is added to RTOL times the present size. So each entry has its own scale, and the same motion in other units has the
+same steps. A share of 1 would lose three digits of a comet that comes a thousand times nearer to the sun; a share of 0
+would follow entries that have decayed to round-off. For sizes near 1 the default is an absolute tolerance of 1e-12.
+"""
 
 LEAST_SHARE = 2.0**-52
-"""The absolute tolerance that follows the scale is never below the spacing of doubles at the largest size."""
+"""The absolute tolerance that follows the scale is at least the spacing of doubles at the largest size."""
 
 EQUAL_STEPS = 1000
-"""How many equal steps a run is divided into where no step is given; the status card says so."""
+"""Number of equal steps of a run if no step is given; the status card says so."""
 
 STEPS_UNDER_BRIEF_FORCE = 1000
-"""No adaptive step is longer than this part of the run where a force may act for a moment only (`Structure.brief`): a
-system at rest would step over it, and there is no error to see it by."""
+"""Least number of adaptive steps of a run if a force may act for a short time (`Structure.brief`).
+
+A system at rest would step over it without an error.
+"""
 
 LEAST_RTOL = 100 * 2.0**-52
-"""A relative tolerance below this asks for more than doubles hold."""
+"""A smaller relative tolerance exceeds the precision of doubles."""
 
 LEAST_ATOL = 1e-300
-"""Added in place of an absolute tolerance of zero, so that a coordinate that is exactly zero can have an error."""
+"""Replaces an absolute tolerance of zero, so that a coordinate that is exactly zero has a finite error ratio."""
 
 
 def step_size(value: Any) -> float:
-    """Return the size of equal steps. Raises StatementError for what is no positive number."""
+    """Return the size of equal steps. Raises StatementError if it is not a positive number."""
     size = real_number(value, "step")
     if size <= 0:
         raise StatementError(f"step = {size:g}: give a positive size; the direction follows from the time span.")
@@ -119,7 +124,7 @@ def fixed_settings(
 
 
 def check_problem(name: str, problem: Problem) -> None:
-    """Refuse what is no problem."""
+    """Refuse an argument that is not a problem."""
     if not isinstance(problem, Problem):
         raise StatementError(f"{name} cannot run {shown(problem)}: give an lg.Problem, or call lg.integrate().")
 
@@ -135,7 +140,7 @@ def _tolerance(name: str, what: str, asked: Any, own: Any) -> float | None:
 
 
 def _number(what: str, value: Any) -> float:
-    """Return a tolerance. Raises StatementError for what is none, in words."""
+    """Return a tolerance. Raises StatementError if it is not a number."""
     if type(value) is float and 0 < value < 1:
         return value
     single = isinstance(value, (str, bytes)) or (isinstance(value, np.ndarray) and value.ndim == 0)

@@ -29,18 +29,21 @@ from lagrange.trajectory.tolerances import Tolerances
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 MARGIN = 0.1
-"""Steps aim at a tenth of the tolerance: their errors add up along a run."""
+"""Steps are chosen for a tenth of the tolerance: errors add up along a run."""
 
 TIGHT_RTOL, LEAST_MARGIN = 1e-15, 0.01
-"""At tolerances below the first they aim at a hundredth. What a step leaves out has the same sign every time, and must
-stay far below round-off for the error of the energy to grow like the square root of time: over 100,000 Kepler orbits
-(e = 0.6) it stays below 500 units of round-off then, and 2,900 at a tenth."""
+"""Below this tolerance steps are chosen for a hundredth of it.
+
+The truncation error has the same sign at every step. It must be far below round-off for the energy error to grow like
+the square root of time: over 100,000 Kepler orbits (e = 0.6) it stays below 500 units of round-off, and reaches 2,900
+with a tenth.
+"""
 
 TOP_ORDER = 64
-"""The highest order that may be asked for."""
+"""The highest order that a user may request."""
 
 SMALLEST_RTOL = 2.0**-53
-"""A relative tolerance below this asks for more than doubles hold."""
+"""A smaller relative tolerance exceeds the precision of doubles."""
 
 
 @built_in("taylor")
@@ -157,7 +160,7 @@ def _margin(rtol: float) -> float:
 
 
 def _square_roots(model: Model, events: tuple[Node, ...]) -> Mapping[Node, Node]:
-    """Return the square roots to be watched, those of the equations and of the events, with what is under each.
+    """Return the square roots to be watched, of the equations and of the events, with their arguments.
 
     An event that is a root itself is watched as the event.
     """
@@ -168,7 +171,7 @@ def _square_roots(model: Model, events: tuple[Node, ...]) -> Mapping[Node, Node]
 
 
 def watched_names(problem: Problem) -> list[str]:
-    """Return what is watched in the user's symbols: the surfaces, then the events."""
+    """Return the names of surfaces and events in the user's symbols: the surfaces first."""
     model = problem.model
     events = tuple(model.equations.translate(event.expression) for event in problem.events)
     square_roots = _square_roots(model, events)

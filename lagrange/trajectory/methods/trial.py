@@ -1,4 +1,4 @@
-"""What a step function is tried out on before it is compiled: a state that can be combined and nothing else."""
+"""Test vectors for a step function: a state that can be combined and nothing else."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ARITHMETIC = {
     "divide": operator.truediv,
     "true_divide": operator.truediv,
 }
-"""What a NumPy number does to a vector, by NumPy's name for it."""
+"""Operations of a NumPy number with a vector, by their NumPy names."""
 
 BRANCH = "it compares a vector: a step cannot branch on the state"
 
@@ -46,7 +46,7 @@ def number(value: Real) -> Coefficient:
 
 
 class TrialVector:
-    """A linear combination of the state and the slopes with plain numbers: what a step function is tried out on."""
+    """A linear combination of the state and the slopes with plain numbers."""
 
     def __init__(self, name: str, terms: Mapping[int, Coefficient]) -> None:
         self._name = name

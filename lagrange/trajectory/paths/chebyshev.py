@@ -1,6 +1,6 @@
-"""A function on a step as a polynomial: sampled at Chebyshev's points, and the step halved until it is one.
+"""A function on a step as polynomials: sampled at Chebyshev points of subintervals, halved until it is resolved.
 
-The coefficients of Chebyshev's polynomials show how far a function is resolved: its last ones are at round-off then.
+A function is resolved if its last Chebyshev coefficients are at round-off.
 Source: L. N. Trefethen, Approximation Theory and Approximation Practice, 2013, chapters 3, 4 and 8.
 """
 
@@ -19,34 +19,39 @@ from lagrange.trajectory.trajectory import FloatArray
 EPSILON = 2.0**-52
 
 DEGREE = 16
-"""The degree at which a function is resolved, or its step halved; a path of a degree up to this is exact."""
+"""Degree at which a function is resolved, or its subinterval halved; a path of at most this degree is exact."""
 
 DENSE_ROUND_OFF = 64 * EPSILON
-"""Times how much a function varies on a step: what the weights of a dense output make of rounding. Those of DOP853
-leave 5e-14 where the state moves by 1 (a pendulum, h = 1)."""
+"""Round-off of a dense output relative to the variation of the function on a step.
+
+The weights of DOP853 leave 5e-14 where the state moves by 1 (a pendulum, h = 1).
+"""
 
 DEEPEST = 50
-"""Halvings, at most: what is narrower is a single place, a jump or a pole."""
+"""Most halvings of a subinterval; what is narrower is a point, a jump or a pole."""
 
 MOST_HALVINGS = 5000
-"""Halvings of one step, together: some hundreds of roots. What is not resolved then is noise between two steps."""
+"""Most halvings of one step in total: some hundreds of roots. What is not resolved then is noise."""
 
 LARGEST_NOISE = 1e-8
-"""Noise above this part of a function is taken for the function itself."""
+"""Noise above this fraction of a function is treated as the function itself."""
 
 TINY = 64 * 2.0**-1074
 """Some spacings of the smallest doubles."""
 
 POLE_LEVELS = 26
-"""A function that grows by a thousand over so many halvings has a pole; a jump stays as it is, a pole doubles."""
+"""A function that grows by a factor of 1000 over this many halvings has a pole.
+
+A jump stays constant under halving, a pole doubles.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class LocalPolynomial:
-    """A part of a step, from `start` over `width`, in units of the step.
+    """A polynomial on a part of a step, from `start` over `width`, in units of the step.
 
-    `coefficients` are powers of the time since its start in units of its width; `noise` is by how much they may be
-    wrong. None stands for a part in which the function has no value, or a pole.
+    `coefficients` are those of powers of the time since its start in units of its width; `noise` bounds their error.
+    None stands for a part on which the function has no value, or a pole.
     """
 
     start: float
@@ -97,9 +102,9 @@ def evaluate(chebyshev: FloatArray, s: FloatArray) -> FloatArray:
 
 
 def certain(chebyshev: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
-    """Return which functions (..., degree + 1) are certain to keep their sign, as far as their coefficients show.
+    """Return which functions (..., degree + 1) certainly keep their sign, judged by their coefficients.
 
-    What is not resolved yet is taken for eight times the last coefficients.
+    The truncated part is taken as eight times the last coefficients.
     """
     sizes = np.abs(chebyshev)
     others = sizes[..., 1:].sum(axis=-1) + 8 * sizes[..., -2:].max(axis=-1) + 4 * noise
@@ -109,10 +114,10 @@ def certain(chebyshev: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
 def local_polynomials(
     g: Callable[[FloatArray], FloatArray], values: FloatArray, noise: float, *, smooth: bool = False
 ) -> Iterator[LocalPolynomial]:
-    """Yield the parts of a step in order on which g is resolved, or certain to keep its sign.
+    """Yield the parts of a step in order on which g is resolved, or certainly keeps its sign.
 
-    `g` takes places (K,) in [0, 1], `values` are those at the nodes of the whole step. Where g has no value the parts
-    end. `smooth` leaves out the coefficients below the noise, for derivatives where g starts.
+    `g` takes places (K,) in [0, 1]; `values` are those at the nodes of the whole step. The parts end where g has no
+    value. `smooth` omits coefficients below the noise, for derivatives at the start of g.
     """
     stack = [(0.0, 0, values, math.inf, 0.0)]
     halvings = 0
@@ -121,7 +126,7 @@ def local_polynomials(
         width, finite = 0.5**depth, bool(np.isfinite(found).all())
         chebyshev = to_chebyshev() @ np.where(np.isfinite(found), found, 0.0)
         tail = float(np.abs(chebyshev[-2:]).max())
-        # What halving does not make smaller is noise that was not known of: so the number of parts stays small.
+        # A remainder that halving does not reduce is noise; this bounds the number of parts.
         grain = 8 * tail if tail > before / 4 and tail <= LARGEST_NOISE * _size(found) else TINY
         least = noise if smooth and start == 0 else 0.0
         piece = _polynomial(start, width, chebyshev, _size(found), noise + grain, least) if finite else None
@@ -142,10 +147,10 @@ def local_polynomials(
 def _polynomial(
     start: float, width: float, chebyshev: FloatArray, size: float, noise: float, least: float = 0.0
 ) -> LocalPolynomial | None:
-    """Return a part if it is resolved or leaves no doubt of its sign, which is all it keeps then.
+    """Return a part if it is resolved, or if its sign is certain; then only the first coefficient is kept.
 
-    Coefficients below round-off or the `least` are left out, and counted as noise; so are those beyond, which at a kink
-    fall so slowly that they add up to the last one times some degrees.
+    Coefficients below round-off or the `least` are omitted and counted as noise. So is the truncated part: at a kink
+    the coefficients fall so slowly that it is the last one times some degrees.
     """
     sizes = np.abs(chebyshev)
     floor = noise + 8 * EPSILON * size
@@ -159,7 +164,7 @@ def _polynomial(
 
 
 def powers(chebyshev: FloatArray, least: float) -> FloatArray:
-    """Return the coefficients of powers (k,), without the last of Chebyshev's that are below the least."""
+    """Return the coefficients of powers (k,), without trailing Chebyshev coefficients below the least."""
     above = np.flatnonzero(np.abs(chebyshev) > least)
     count = int(above[-1]) + 1 if len(above) else 1
     return np.asarray(_to_powers(len(chebyshev) - 1)[:count, :count] @ chebyshev[:count])

@@ -12,10 +12,10 @@ from lagrange.trajectory.trajectory import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class PiecewisePath:
-    """The path through a run's steps: times (K,) between its ends to states (2n, K).
+    """Dense output of a run with one interpolant per step: from times (K,) to states (2n, K).
 
-    `edges` (steps + 1,) are the times of the accepted states, rising or falling, `start` (2n,) the first of them, and
-    `interpolants` the interpolants between, each from times (k,) to states (2n, k). At a joint the later one counts.
+    `edges` (steps + 1,) are the times of the accepted states, rising or falling, `start` (2n,) the first state, and
+    `interpolants` the functions between, from times (k,) to states (2n, k). At a joint the later one is used.
     """
 
     edges: FloatArray

@@ -1,4 +1,4 @@
-"""The path of a solver of another package: its interpolant over a step, read while the step is there."""
+"""Dense output of a solver of another package: its interpolant over a step, sampled while the step is available."""
 
 from __future__ import annotations
 
@@ -14,8 +14,10 @@ from lagrange.trajectory.paths.chebyshev import nodes
 from lagrange.trajectory.trajectory import FloatArray
 
 FEWEST_SPACINGS = 256
-"""A step of fewer spacings of the solver's times is a straight line: a polynomial through states at rounded times, of
-degree 12 at most, would swing to and fro."""
+"""A step of fewer spacings of the solver's times is a straight line.
+
+A polynomial of degree up to 12 through states at rounded times would oscillate.
+"""
 
 
 @dataclass(frozen=True, eq=False)

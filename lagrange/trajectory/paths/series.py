@@ -1,4 +1,4 @@
-"""The path between Taylor steps: the series themselves, computed again for the steps that are asked for."""
+"""Dense output of Taylor steps: the series, computed again for the steps that are requested."""
 
 from __future__ import annotations
 

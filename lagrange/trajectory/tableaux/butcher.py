@@ -24,11 +24,11 @@ from lagrange.trajectory.tableaux.rooted_trees import (
 )
 
 CONDITION_TOLERANCE = 1e-12
-"""By how much a sum may miss, per size of its terms, when a coefficient is a float; exact ones must not miss."""
+"""Relative tolerance of a condition with float coefficients; with exact ones it must hold exactly."""
 
 
 HIGHEST_CHECKED = 10
-"""The highest order that is checked: it has 1205 conditions, and each further one nearly three times as many."""
+"""Highest order that is checked: it has 1205 conditions, and each further order nearly three times as many."""
 
 
 def row(text: str) -> Coefficients:

@@ -14,7 +14,7 @@ from math import factorial
 from lagrange.errors import StatementError
 
 WORD_TOLERANCE = 1e-13
-"""By how much a coefficient may miss, per size of the terms that it is the sum of."""
+"""Tolerance of a coefficient relative to the size of its terms."""
 
 HIGHEST_CHECKED = 10
 """The highest order that is checked: there are 2046 words up to it."""
