@@ -30,7 +30,7 @@ MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
     "machine/kernel": ("machine records", "machine/llvm"),
     "machine/dense": ("machine records", "machine/llvm", "machine/kernel"),
     "machine/steps": ("machine records", "machine/llvm", "machine/kernel"),
-    "machine/series": ("machine records", "machine/llvm", "machine/kernel"),
+    "machine/series": ("machine records", "machine/llvm", "machine/kernel", "machine/dense"),
     "machine entries": (
         *("machine records", "machine/llvm", "machine/kernel"),
         *("machine/dense", "machine/steps", "machine/series"),

@@ -89,29 +89,6 @@ class TaylorDriver(Driver, Protocol):
         """Forget what rounding lost: the state has jumped."""
 
 
-class Series(Protocol):
-    """A series program ready to run. `parameters` are (k + sides,): the sides of the switching surfaces come last."""
-
-    @property
-    def program(self) -> SeriesProgram:
-        """What it computes."""
-
-    def form(self, order: int) -> str:
-        """Return in a word how the series of an order is computed, for the status card."""
-
-    def order(self, tolerance: float) -> int:
-        """Return the order that reaches a relative tolerance at the least cost."""
-
-    def driver(self, order: int, parameters: FloatArray) -> TaylorDriver:
-        """Return a driver of Taylor steps. Raises SingularMassMatrix if a constant mass matrix has no inverse."""
-
-    def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
-        """Return the series at a state (2n,): row k has the coefficients of order k times scale**k.
-
-        The result has shape (order + 1, 2n + watched). Raises SingularMassMatrix.
-        """
-
-
 class BlockPolynomial(NamedTuple):
     """What writes the polynomials of a block of steps, for procedures that take it as `POLYNOMIAL` says.
 
@@ -148,6 +125,32 @@ class DensePath(Protocol):
         """Return the states (2n, K) at times that lie in the order of the run, `found` being the step of each (K,).
 
         At accepted times they are the accepted states, those of the later step where two are at one time.
+        """
+
+
+class Series(Protocol):
+    """A series program ready to run. `parameters` are (k + sides,): the sides of the switching surfaces come last."""
+
+    @property
+    def program(self) -> SeriesProgram:
+        """What it computes."""
+
+    def form(self, order: int) -> str:
+        """Return in a word how the series of an order is computed, for the status card."""
+
+    def order(self, tolerance: float) -> int:
+        """Return the order that reaches a relative tolerance at the least cost."""
+
+    def driver(self, order: int, parameters: FloatArray) -> TaylorDriver:
+        """Return a driver of Taylor steps. Raises SingularMassMatrix if a constant mass matrix has no inverse."""
+
+    def dense(self, order: int, parameters: FloatArray) -> DensePath:
+        """Return the dense output of steps by the series of an order."""
+
+    def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
+        """Return the series at a state (2n,): row k has the coefficients of order k times scale**k.
+
+        The result has shape (order + 1, 2n + watched). Raises SingularMassMatrix.
         """
 
 

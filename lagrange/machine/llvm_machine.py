@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from lagrange.errors import RunError
 from lagrange.machine.backend import FloatArray
-from lagrange.machine.dense.llvm_dense import LlvmDense
+from lagrange.machine.dense.llvm_dense import LlvmStepDense
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
 from lagrange.machine.llvm.called import CompiledProcedure, compiled
 from lagrange.machine.series.llvm_driver import LlvmSeries
@@ -47,6 +47,6 @@ class LlvmMachine:
 
     def dense(
         self, kind: StepPolynomial, kernel: LlvmKernel, parameters: FloatArray, jacobian: LlvmKernel | None = None
-    ) -> LlvmDense:
+    ) -> LlvmStepDense:
         """Return the dense output of a kind of path, which is compiled when it is first used."""
-        return LlvmDense(kind, kernel, parameters, jacobian)
+        return LlvmStepDense(kind, kernel, parameters, jacobian)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from lagrange.machine.backend import FloatArray, Kernel
-from lagrange.machine.dense.interpreted_dense import NumpyDense
+from lagrange.machine.dense.interpreted_dense import NumpyStepDense
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.python_kernel import PythonKernel
 from lagrange.machine.kernel.python_text import fits
@@ -47,6 +47,6 @@ class NumpyMachine:
 
     def dense(
         self, kind: StepPolynomial, kernel: Kernel, parameters: FloatArray, jacobian: Kernel | None = None
-    ) -> NumpyDense:
+    ) -> NumpyStepDense:
         """Return the dense output of a kind of path, printed as Python on arrays."""
-        return NumpyDense(kind, kernel, parameters, jacobian)
+        return NumpyStepDense(kind, kernel, parameters, jacobian)

@@ -81,7 +81,7 @@ def interpreted(compiled: Model, kind: StepPolynomial, states: FloatArray, step:
     own, beside = gathered(step, 0.0), gathered(step - 1 if step else 1, -1.0 if step else 1.0)
     out, work = [0.0] * ((kind.degree + 1) * n + 8), [0.0] * kind.size(n, 1)
     given: tuple[Any, ...] = law("rhs"), [], law("jacobian"), [], kind.table.tolist(), kind.stages, kind.degree, n
-    run(kind.written.procedure, *given, 1, own, beside, work, out)
+    run(kind.procedure, *given, 1, own, beside, work, out)
     return np.array(out[:-8]).reshape(kind.degree + 1, n)
 
 
@@ -210,3 +210,27 @@ def test_procedures_may_call_a_polynomial_themselves(kind: str, target: str) -> 
     expected = dense.coefficients(GRID, states, np.arange(len(GRID) - 1))
     assert (blocks[0] == expected[:, :, : written.columns]).all()
     assert (blocks[1, :, :, 0] == expected[:, :, written.columns]).all()
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("order", [4, 11, 20])
+@pytest.mark.parametrize("span", [0.3, -0.7, 1e-5, 3.0])
+def test_the_polynomial_of_a_taylor_step_is_its_series(span: float, order: int, target: str) -> None:
+    """In the fraction of the step, whatever the step is beside the scale of time of the series, a power of two."""
+    compiled = model("cart and pole", target)
+    series, _ = compiled.series()
+    start, parameters = np.array(compiled.statement.initial), compiled.parameter_array()
+    times, states = np.array([0.5, 0.5 + span]), np.array([start, start + 1.0])
+    c = series.dense(order, parameters).coefficients(times, states, np.array([0]))[:, :, 0]
+    rows = series.rows(order, 0.5, start, 1.0, parameters)[:, : len(start)]
+    h = times[1] - times[0]
+    assert c == pytest.approx(rows * h ** np.arange(order + 1)[:, None], rel=1e-13)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_taylor_step_from_a_singular_configuration_has_no_polynomial(target: str) -> None:
+    compiled = build(target, kinetic=m * x**2 * x.dot**2 / 2, potential=k * x**2 / 2, initial={x: 0.3})
+    series, _ = compiled.series()
+    times, states = np.array([0.0, 0.1, 0.2]), np.array([[0.3, 0.1], [0.0, 0.1], [0.3, 0.1]])
+    c = series.dense(8, compiled.parameter_array()).coefficients(times, states, np.arange(2))
+    assert np.isfinite(c[:, :, 0]).all() and not np.isfinite(c[1:, :, 1]).all()

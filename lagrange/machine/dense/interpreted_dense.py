@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -12,6 +14,7 @@ from numpy.polynomial.polynomial import polyval
 from lagrange.machine.array_source import arrays_loaded
 from lagrange.machine.backend import BlockPolynomial, FloatArray, Kernel, Places, SingularMassMatrix
 from lagrange.procedure.dense.block import LANES, StepPolynomial, block_size
+from lagrange.procedure.dense.series import series_polynomial
 from lagrange.procedure.form import Procedure
 
 MOST_STEPS, MOST_TIMES = 1024, 16384
@@ -23,34 +26,44 @@ def _loaded(procedure: Procedure) -> Callable[..., Any]:
     return arrays_loaded(procedure)
 
 
-class NumpyDense:
-    """A kind of path for one right-hand side and one set of parameters; see `DensePath`."""
-
-    def __init__(
-        self, kind: StepPolynomial, kernel: Kernel, parameters: FloatArray, jacobian: Kernel | None = None
-    ) -> None:
-        self._kind, self._kernels, self._dimension = kind, (kernel, jacobian), kernel.program.states
-        self._parameters = parameters
+class NumpyDense(ABC):
+    """What all dense output shares: how polynomials are written for many steps, and evaluated; see `DensePath`."""
 
     @property
+    @abstractmethod
+    def dimension(self) -> int:
+        """The length 2n of a state."""
+
+    @property
+    @abstractmethod
     def degree(self) -> int:
         """The degree of the polynomials."""
-        return self._kind.degree
+
+    @property
+    @abstractmethod
+    def both(self) -> bool:
+        """Whether the steps beside those of a block are wanted."""
+
+    @abstractmethod
+    def size(self, columns: int) -> int:
+        """Return in how many doubles the polynomials of a block are written."""
+
+    @abstractmethod
+    def write(self, columns: int, own: FloatArray, beside: FloatArray, work: FloatArray, out: FloatArray) -> None:
+        """Write the polynomials of a block of so many columns; see `POLYNOMIAL`."""
 
     def polynomial(self) -> BlockPolynomial:
         """Return what writes the polynomials of a block of steps; see `DensePath`."""
-        kind, n = self._kind, self._dimension
 
         def write(_: Any, columns: int, *arrays: Any) -> None:
-            self._write(
-                columns, *[array if isinstance(array, np.ndarray) else np.frombuffer(array) for array in arrays]
-            )
+            own, beside, work, out = (one if isinstance(one, np.ndarray) else np.frombuffer(one) for one in arrays)
+            self.write(columns, own, beside, work, out)
 
-        return BlockPolynomial(write, np.empty(0).data, LANES, kind.size(n, LANES), kind.derivative, ())
+        return BlockPolynomial(write, np.empty(0).data, LANES, self.size(LANES), self.both, ())
 
     def coefficients(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
         """Return the polynomials of some steps; see `DensePath`."""
-        found = np.empty((self.degree + 1, self._dimension, len(steps)))
+        found = np.empty((self.degree + 1, self.dimension, len(steps)))
         for low in range(0, len(steps), MOST_STEPS):
             part = slice(low, low + MOST_STEPS)
             found[:, :, part] = self._block(times, states, steps[part])
@@ -58,7 +71,7 @@ class NumpyDense:
 
     def at(self, times: FloatArray, states: FloatArray, found: Places, wanted: FloatArray) -> FloatArray:
         """Return the states at sorted times; see `DensePath`."""
-        out = np.empty((self._dimension, len(wanted)))
+        out = np.empty((self.dimension, len(wanted)))
         for low in range(0, len(wanted), MOST_TIMES):
             part = slice(low, low + MOST_TIMES)
             steps, here = found[part], wanted[part]
@@ -74,46 +87,83 @@ class NumpyDense:
 
     def _block(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
         """Return the polynomials of so many steps as make a block."""
-        n, count, kind = self._dimension, len(steps), self._kind
-        out = np.empty((kind.degree + 1) * n * count)
+        n, count = self.dimension, len(steps)
+        out = np.empty((self.degree + 1) * n * count)
         own, beside = _gathered(times, states, steps), np.empty(0)
-        if kind.derivative:
+        if self.both:
             there = np.where(steps > 0, steps - 1, min(1, len(times) - 2))
             alone = len(times) < 3
             beside = _gathered(times, states, there, np.where(steps > 0, -1.0, 0.0 if alone else 1.0))
-        self._write(count, own, beside, np.empty(kind.size(n, count)), out)
+        with np.errstate(all="ignore"):
+            self.write(count, own, beside, np.empty(self.size(count)), out)
         return out.reshape(-1, n, count)
 
-    def _write(self, columns: int, own: FloatArray, beside: FloatArray, work: FloatArray, out: FloatArray) -> None:
-        """Write the polynomials of a block of so many steps."""
-        kind = self._kind
-        law, derivative = (None if kernel is None else self._by_columns(kernel) for kernel in self._kernels)
-        given = law, None, derivative, None, kind.table, kind.stages, kind.degree, self._dimension
-        with np.errstate(all="ignore"):
-            _loaded(kind.written.procedure)(*given, columns, own, beside, work, out)
 
-    def _by_columns(self, kernel: Kernel) -> Callable[..., int]:
-        """Return a kernel as procedures call it over columns; where a mass matrix is singular it gives NaN."""
-        half = self._dimension // 2
+@dataclass(frozen=True, eq=False)
+class NumpyStepDense(NumpyDense):
+    """The dense output of a kind of path for one right-hand side and one set of parameters."""
 
-        def evaluate(count: int, t: FloatArray, q: FloatArray, v: FloatArray, _: None, out: FloatArray) -> int:
-            parts = [part[: half * count].reshape(half, count) for part in (q, v)]
-            found = self._known(kernel, t[:count], np.concatenate(parts))
-            out[: found.size] = found.reshape(-1)
-            return -1
+    kind: StepPolynomial
+    kernel: Kernel
+    parameters: FloatArray
+    jacobian: Kernel | None = None
 
-        return evaluate
+    @property
+    def dimension(self) -> int:
+        """The length of a state."""
+        return self.kernel.program.states
 
-    def _known(self, kernel: Kernel, t: FloatArray, y: FloatArray) -> FloatArray:
-        """Return the results of columns, NaN where the mass matrix is singular."""
-        try:
-            return kernel(t, y, self._parameters)
-        except SingularMassMatrix as error:
-            found = np.full((*kernel.program.shape, y.shape[1]), np.nan)
-            if error.column is not None and y.shape[1] > 1:
-                others = np.arange(y.shape[1]) != error.column
-                found[..., others] = self._known(kernel, t[others], y[:, others])
-            return found
+    @property
+    def degree(self) -> int:
+        """The degree of the kind."""
+        return self.kind.degree
+
+    @property
+    def both(self) -> bool:
+        """Whether the kind of path joins slopes."""
+        return self.kind.derivative
+
+    def size(self, columns: int) -> int:
+        """Return what the kind of path works in."""
+        return self.kind.size(self.dimension, columns)
+
+    def write(self, columns: int, own: FloatArray, beside: FloatArray, work: FloatArray, out: FloatArray) -> None:
+        """Write the polynomials by the printed procedure; see `NumpyDense`."""
+        kind, jacobian = self.kind, self.jacobian
+        law = _by_columns(self.kernel, self.parameters)
+        derivative = None if jacobian is None else _by_columns(jacobian, self.parameters)
+        given = law, None, derivative, None, kind.table, kind.stages, kind.degree, self.dimension
+        _loaded(kind.procedure)(*given, columns, own, beside, work, out)
+
+
+def write_series(jet: Callable[..., bool], dimension: int, width: int, order: int, *arrays: Any) -> None:
+    """Write the polynomials of a block of Taylor steps by a series with rows of some width; see `NumpyDense.write`."""
+    _loaded(series_polynomial())(jet, None, None, order, width, dimension, dimension, *arrays)
+
+
+def _by_columns(kernel: Kernel, parameters: FloatArray) -> Callable[..., int]:
+    """Return a kernel as procedures call it over columns; where a mass matrix is singular it gives NaN."""
+    half = kernel.program.states // 2
+
+    def evaluate(count: int, t: FloatArray, q: FloatArray, v: FloatArray, _: None, out: FloatArray) -> int:
+        parts = [part[: half * count].reshape(half, count) for part in (q, v)]
+        found = _known(kernel, t[:count], np.concatenate(parts), parameters)
+        out[: found.size] = found.reshape(-1)
+        return -1
+
+    return evaluate
+
+
+def _known(kernel: Kernel, t: FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
+    """Return the results of columns, NaN where the mass matrix is singular."""
+    try:
+        return kernel(t, y, parameters)
+    except SingularMassMatrix as error:
+        found = np.full((*kernel.program.shape, y.shape[1]), np.nan)
+        if error.column is not None and y.shape[1] > 1:
+            others = np.arange(y.shape[1]) != error.column
+            found[..., others] = _known(kernel, t[others], y[:, others], parameters)
+        return found
 
 
 def _gathered(times: FloatArray, states: FloatArray, steps: Places, side: FloatArray | float = 0.0) -> FloatArray:

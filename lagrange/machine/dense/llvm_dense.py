@@ -8,6 +8,8 @@ path wants beside. What evaluates is one function for all of them, which takes t
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -23,7 +25,9 @@ from lagrange.machine.llvm.operations import declarations
 from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA, argument_type, function
 from lagrange.procedure.dense.block import LANES, POLYNOMIAL, StepPolynomial, block_size
 from lagrange.procedure.dense.evaluate import outputs, polynomials
+from lagrange.procedure.dense.series import series_polynomial
 from lagrange.procedure.form import Procedure
+from lagrange.procedure.taylor.memory import TaylorLayout
 
 
 @lru_cache(maxsize=64)
@@ -45,74 +49,114 @@ def _module(procedure: Procedure, entry: str) -> Module:
     return Module("\n".join([declarations(), *functions, entry, METADATA, ATTRIBUTES]), merge=True)
 
 
-class LlvmDense:
-    """A kind of path for one right-hand side and one set of parameters; see `DensePath`."""
-
-    def __init__(
-        self, kind: StepPolynomial, kernel: LlvmKernel, parameters: FloatArray, jacobian: LlvmKernel | None = None
-    ) -> None:
-        self._kind, self._kernels, self._parameters = kind, (kernel, jacobian), parameters
-        self._dimension = kernel.program.states
+class LlvmDense(ABC):
+    """What all dense output shares: how polynomials are written for many steps, and evaluated; see `DensePath`."""
 
     @property
+    @abstractmethod
+    def dimension(self) -> int:
+        """The length 2n of a state."""
+
+    @property
+    @abstractmethod
     def degree(self) -> int:
         """The degree of the polynomials."""
-        return self._kind.degree
 
+    @abstractmethod
     def polynomial(self) -> BlockPolynomial:
-        """Return what writes the polynomials of a block of steps; see `DensePath`."""
-        kind, n = self._kind, self._dimension
-        module = compiled_polynomial(kind.written.procedure)
-        kept: list[Any] = [module, kind.table]
-        places = []
-        for kernel in self._kernels:
-            prepared = None if kernel is None else kernel.prepare(self._parameters)
-            kept.append(prepared)
-            places += [0, 0] if kernel is None or prepared is None else [kernel.columns_address, address(prepared)]
-        given = np.array([*places, address(kind.table), kind.stages, kind.degree, n], dtype=np.int64)
-        function = module.address("polynomial")
-        return BlockPolynomial(function, given, LANES, kind.size(n, LANES), kind.derivative, tuple(kept))
+        """Return what writes the polynomials of a block of steps. Raises SingularMassMatrix."""
 
-    def _run(self, procedure: Procedure, times: FloatArray, states: FloatArray, **own: Any) -> bool:
-        """Run a procedure with what writes polynomials, and its own arguments; return whether there are any."""
-        n = self._dimension
+    def coefficients(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
+        """Return the polynomials of some steps; see `DensePath`."""
+        n, count = self.dimension, len(steps)
+        if (written := self._written()) is None:
+            return np.full((self.degree + 1, n, count), np.nan)
+        columns = written.columns
+        blocks = -(-count // columns)
+        starts = np.concatenate([steps, np.repeat(steps[-1:], blocks * columns - count)]).astype(np.int64)
+        out = np.empty(blocks * (self.degree + 1) * n * columns + LANES)
+        self._run(polynomials(), written, times, states, starts=starts, blocks=blocks, out=out)
+        c = out[:-LANES].reshape(blocks, self.degree + 1, n, columns)
+        return np.moveaxis(c, 0, 2).reshape(self.degree + 1, n, -1)[:, :, :count]
+
+    def at(self, times: FloatArray, states: FloatArray, found: Places, wanted: FloatArray) -> FloatArray:
+        """Return the states at sorted times; see `DensePath`."""
+        n, count = self.dimension, len(wanted)
+        if (written := self._written()) is None:
+            return np.full((n, count), np.nan)
+        out, c = np.empty((n, count)), np.empty((self.degree + 1) * n * written.columns + LANES)
+        places = {"found": np.append(found, -1), "wanted": np.append(wanted, np.zeros(LANES)), "count": count}
+        self._run(outputs(), written, times, states, **places, c=c, out=out, stride=count)
+        return out
+
+    def _written(self) -> BlockPolynomial | None:
+        """Return what writes polynomials, None where a constant mass matrix is singular."""
         try:
-            written = self.polynomial()
+            return self.polynomial()
         except SingularMassMatrix:
-            return False
+            return None
+
+    def _run(
+        self, procedure: Procedure, written: BlockPolynomial, times: FloatArray, states: FloatArray, **own: Any
+    ) -> None:
+        """Run a procedure that serves all kinds of paths, compiled once per process, with its own arguments."""
+        n = self.dimension
         given = {
             "polynomial": written.function,
             "given": written.given,
             "dimension": n,
             "degree": self.degree,
-            "columns": LANES,
+            "columns": written.columns,
             "both": int(written.both),
             "steps": len(times) - 1,
-            "times": times,
-            "states": states,
-            **{name: np.zeros(block_size(n, LANES) + LANES) for name in ("own", "beside")},
+            "times": np.ascontiguousarray(times),
+            "states": np.ascontiguousarray(states),
+            "own": np.zeros(block_size(n, written.columns) + LANES),
+            "beside": np.zeros(block_size(n, written.columns) + LANES),
             "work": workspace(written.work),
             **own,
         }
         run = compiled(procedure)
         run(*[given[name] for name in run.places])
-        return True
 
-    def coefficients(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
-        """Return the polynomials of some steps; see `DensePath`."""
-        n, count, blocks = self._dimension, len(steps), -(-len(steps) // LANES)
-        starts = np.concatenate([steps, np.repeat(steps[-1:], blocks * LANES - count)]).astype(np.int64)
-        out = np.full(blocks * (self.degree + 1) * n * LANES + LANES, np.nan)
-        self._run(polynomials(), times, states, starts=starts, blocks=blocks, out=out)
-        c = out[:-LANES].reshape(blocks, self.degree + 1, n, LANES)
-        return np.moveaxis(c, 0, 2).reshape(self.degree + 1, n, -1)[:, :, :count]
 
-    def at(self, times: FloatArray, states: FloatArray, found: Places, wanted: FloatArray) -> FloatArray:
-        """Return the states at sorted times; see `DensePath`."""
-        n, count = self._dimension, len(wanted)
-        out = np.empty((n, count))
-        places = {"found": np.append(found, -1), "wanted": np.append(wanted, np.zeros(LANES)), "count": count}
-        c = np.empty((self.degree + 1) * n * LANES + LANES)
-        if not self._run(outputs(), times, states, **places, c=c, out=out, stride=count):
-            out[:] = np.nan
-        return out
+@dataclass(frozen=True, eq=False)
+class LlvmStepDense(LlvmDense):
+    """The dense output of a kind of path for one right-hand side and one set of parameters."""
+
+    kind: StepPolynomial
+    kernel: LlvmKernel
+    parameters: FloatArray
+    jacobian: LlvmKernel | None = None
+
+    @property
+    def dimension(self) -> int:
+        """The length of a state."""
+        return self.kernel.program.states
+
+    @property
+    def degree(self) -> int:
+        """The degree of the kind."""
+        return self.kind.degree
+
+    def polynomial(self) -> BlockPolynomial:
+        """Return what writes the polynomials, with the kernels' addresses; see `LlvmDense`."""
+        kind, n = self.kind, self.dimension
+        module = compiled_polynomial(kind.procedure)
+        kept: list[Any] = [module, kind.table]
+        places = []
+        for one in (self.kernel, self.jacobian):
+            prepared = None if one is None else one.prepare(self.parameters)
+            kept.append(prepared)
+            places += [0, 0] if one is None or prepared is None else [one.columns_address, address(prepared)]
+        given = np.array([*places, address(kind.table), kind.stages, kind.degree, n], dtype=np.int64)
+        function = module.address("polynomial")
+        return BlockPolynomial(function, given, LANES, kind.size(n, LANES), kind.derivative, tuple(kept))
+
+
+def of_series(jet: int, numbers: tuple[FloatArray, FloatArray], layout: TaylorLayout, order: int) -> BlockPolynomial:
+    """Return what writes the polynomials of Taylor steps by a series at an address with its numbers."""
+    module, padded = compiled_polynomial(series_polynomial()), layout.padded
+    places = [jet, *map(address, numbers), order, layout.width, padded, layout.dimension]
+    given, work = np.array(places, dtype=np.int64), 2 * padded + layout.size(order)
+    return BlockPolynomial(module.address("polynomial"), given, 1, work, both=False, kept=(module, numbers))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.copies import Shared
+from lagrange.machine.dense.interpreted_dense import NumpyDense, write_series
 from lagrange.machine.printed_run import EMPTY, Recorded, Records, advance
 from lagrange.machine.python_source import loaded
 from lagrange.machine.series.interpreted_jet import Jet
@@ -48,6 +50,10 @@ class NumpySeries(Shared):
         """Return a driver; see `Series`."""
         return NumpyTaylorDriver(self, order, parameters)
 
+    def dense(self, order: int, parameters: FloatArray) -> NumpySeriesDense:
+        """Return the dense output of steps; see `Series`."""
+        return NumpySeriesDense(self, order, parameters)
+
     def rows(
         self,
         order: int,
@@ -72,6 +78,40 @@ class NumpySeries(Shared):
         if known is None or known[0] != key:
             known = self._prepared = key, Jet(self.program, parameters.copy())
         return known[1]
+
+
+@dataclass(frozen=True, eq=False)
+class NumpySeriesDense(NumpyDense):
+    """The dense output of steps by a series at one order, for one set of parameters and sides."""
+
+    series: NumpySeries
+    order: int
+    parameters: FloatArray
+    both = False
+
+    @property
+    def dimension(self) -> int:
+        """The length of a state."""
+        return 2 * self.series.program.dimension
+
+    @property
+    def degree(self) -> int:
+        """The order."""
+        return self.order
+
+    @property
+    def width(self) -> int:
+        """The length of a row of the series."""
+        return self.dimension + len(self.series.program.watched)
+
+    def size(self, columns: int) -> int:
+        """Return the length of a state, of what is lost of it, and of the rows, however many the columns."""
+        return 2 * self.dimension + (self.order + 1) * self.width
+
+    def write(self, columns: int, own: FloatArray, beside: FloatArray, work: FloatArray, out: FloatArray) -> None:
+        """Write the polynomials by the series; see `NumpyDense`."""
+        jet = _between_arrays(self.series, self.parameters)
+        write_series(jet, self.dimension, self.width, self.order, columns, own, beside, work, out)
 
 
 class NumpyTaylorDriver:
@@ -99,19 +139,29 @@ class NumpyTaylorDriver:
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Advance a run; see `Driver`."""
         outputs = state.outputs.record, state.outputs.times.data, state.outputs.states.reshape(-1).data
-        series, kept = (self._jet, EMPTY, EMPTY), (state.taylor, state.floors.data, self._held, *outputs)
+        jet = _between_arrays(self._series, self._parameters)
+        series, kept = (jet, EMPTY, EMPTY), (state.taylor, state.floors.data, self._held, *outputs)
 
         def steps(records: Records, recorded: Recorded) -> int:
             return _steps(self._layout)(*series, *records, *kept, *recorded, budget, self._work.data, self._order)
 
         return advance(state, self._work, times, rows, steps)
 
-    def _jet(self, t: float, scale: float, y: Any, prepared: Any, constants: Any, rows: memoryview, order: int) -> bool:
-        """Write the series at a state, with what rounding lost of it behind it; return whether a matrix is singular."""
-        state = np.frombuffer(y, count=2 * self._layout.dimension).reshape(2, -1)
+
+def _between_arrays(series: NumpySeries, parameters: FloatArray) -> Callable[..., bool]:
+    """Return a series as procedures call it, between arrays: it says whether a matrix is singular.
+
+    What rounding lost of a state stands behind it.
+    """
+    dimension = 2 * series.program.dimension
+
+    def jet(t: float, scale: float, y: Any, _: Any, __: Any, rows: Any, order: int) -> bool:
+        state = np.frombuffer(y, count=2 * dimension).reshape(2, -1)
         try:
-            found = self._series.rows(order, t, state[0], scale, self._parameters, state[1])
+            found = series.rows(order, t, state[0], scale, parameters, state[1])
         except SingularMassMatrix:
             return True
         rows[: found.size] = found.reshape(-1).data
         return False
+
+    return jet

@@ -9,13 +9,15 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from lagrange.errors import RunError
-from lagrange.machine.backend import FloatArray, SingularMassMatrix
+from lagrange.machine.backend import BlockPolynomial, FloatArray, SingularMassMatrix
 from lagrange.machine.copies import Shared
+from lagrange.machine.dense.llvm_dense import LlvmDense, of_series
 from lagrange.machine.kernel.llvm_body import prepared_size, shares_angle_function
 from lagrange.machine.kernel.llvm_text import ATTRIBUTES, METADATA, QUICKLY, prepare_function
 from lagrange.machine.llvm.address import address, workspace
@@ -82,9 +84,37 @@ class LlvmSeries(Shared):
         with refused():
             return LlvmTaylorDriver(compiled, order, parameters)
 
+    def dense(self, order: int, parameters: FloatArray) -> LlvmSeriesDense:
+        """Return the dense output of steps; see `Series`."""
+        return LlvmSeriesDense(self, order, parameters)
+
     def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
         """Return the series at a state; see `Series`."""
         return self.compiled(order).rows(order, t, y, scale, parameters)
+
+
+@dataclass(frozen=True, eq=False)
+class LlvmSeriesDense(LlvmDense):
+    """The dense output of steps by a series at one order, for one set of parameters and sides."""
+
+    series: LlvmSeries
+    order: int
+    parameters: FloatArray
+
+    @property
+    def dimension(self) -> int:
+        """The length of a state."""
+        return 2 * self.series.program.dimension
+
+    @property
+    def degree(self) -> int:
+        """The order."""
+        return self.order
+
+    def polynomial(self) -> BlockPolynomial:
+        """Return what writes the polynomials, with the address of the series; see `LlvmDense`."""
+        compiled = self.series.compiled(self.order)
+        return of_series(compiled.address, compiled.numbers(self.parameters), compiled.layout, self.order)
 
 
 @contextmanager

@@ -40,23 +40,30 @@ coefficients: that of power k and entry j in the fraction of step b stands at (k
 class StepPolynomial:
     """A kind of path: what writes the polynomials of a block of steps, and with which numbers.
 
-    One `written` procedure serves all systems and all methods with this kind of path: of a method it is given `table`,
-    its numbers, and how many `stages` it has. The `degree` is at most 16. With `derivative` it is given the derivative
-    of the law as well, and the steps beside those of a block. `vectors` is how many of those it works in beside its
-    own, for states (2n,).
+    One procedure, which `write` returns, serves all systems and all methods with this kind of path: of a method it is
+    given `table`, its numbers, and how many `stages` it has. The `degree` is at most 16. With `derivative` it is given
+    the derivative of the law as well, and the steps beside those of a block. It works in so many `vectors` beside its
+    own, and in `matrices` times 2n more.
     """
 
-    written: Written
+    write: Callable[[], Written]
     degree: int
     stages: int
     table: NDArray[np.float64]
-    vectors: Callable[[int], int]
+    vectors: int
+    matrices: int = 0
     derivative: bool = False
+
+    @property
+    def procedure(self) -> Procedure:
+        """What writes the polynomials; its arguments are those of `Block`."""
+        return self.write().procedure
 
     def size(self, dimension: int, columns: int) -> int:
         """Return how many doubles the procedure works in, for states (2n,)."""
-        vectors, rows = self.written.vectors + self.vectors(dimension), self.written.rows
-        return (vectors * dimension + rows) * columns + LANES
+        written = self.write()
+        vectors = written.vectors + self.vectors + self.matrices * dimension
+        return (vectors * dimension + written.rows) * columns + LANES
 
 
 @dataclass(frozen=True, eq=False)

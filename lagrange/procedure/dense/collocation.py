@@ -46,14 +46,8 @@ def collocation_polynomial(A: Sequence[Sequence[float]], c: Sequence[float]) -> 
         powers[: s + 1, i] = one.coef
     powers[:, s] = zero.integ().coef
     table = np.concatenate([part.ravel() for part in (*parts, powers)])
-    return StepPolynomial(
-        collocation(),
-        s + 1,
-        s,
-        table,
-        vectors=lambda dimension: 4 * s + dimension + 2 * (s - 1) ** 2 * dimension,
-        derivative=True,
-    )
+    matrices = 1 + 2 * (s - 1) ** 2
+    return StepPolynomial(collocation, s + 1, s, table, vectors=4 * s, matrices=matrices, derivative=True)
 
 
 def _lagrange(points: NDArray[np.float64], which: int) -> Polynomial:

@@ -30,12 +30,10 @@ def hermite_polynomial(order: int) -> StepPolynomial:
     what a change of each slope adds to the path.
     """
     if order == 3:
-        return StepPolynomial(hermite(), 3, 0, np.zeros(1), vectors=lambda dimension: 0)
+        return StepPolynomial(hermite, 3, 0, np.zeros(1), vectors=0)
     inner = slice(1, -1)
     parts = nodes(order)[inner], integrals(order)[inner, inner].ravel(), weights(order)[inner].T.ravel()
-    return StepPolynomial(
-        hermite(), order + 1, order - 2, np.concatenate(parts), vectors=lambda dimension: 2 * (order - 2)
-    )
+    return StepPolynomial(hermite, order + 1, order - 2, np.concatenate(parts), vectors=2 * (order - 2))
 
 
 @cache

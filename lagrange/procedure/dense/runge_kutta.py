@@ -25,7 +25,7 @@ def runge_kutta_polynomial(rows: FloatArray, abscissae: FloatArray, weights: Flo
     padded = np.zeros((stages, degree))
     padded[:, :powers] = weights
     table = np.concatenate([abscissae, rows.ravel(), padded.T.ravel()])
-    return StepPolynomial(runge_kutta(), degree, stages, table, vectors=lambda dimension: stages)
+    return StepPolynomial(runge_kutta, degree, stages, table, vectors=stages)
 
 
 @cache

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from lagrange.machine.backend import Series, SingularMassMatrix
+from lagrange.machine.backend import Places, Series
+from lagrange.trajectory.paths.step_paths import in_order
 from lagrange.trajectory.trajectory import FloatArray
 
 
@@ -29,38 +29,25 @@ class SeriesPath:
 
     def __call__(self, times: FloatArray) -> FloatArray:
         """Return the states at the times, in any order, (2n, K)."""
-        states = np.repeat(self.states[:1].T, len(times), axis=1)
-        if len(self.times) < 2:
-            return states
-        forward = 1.0 if self.times[-1] >= self.times[0] else -1.0
-        found = np.searchsorted(forward * self.times, forward * times, side="right") - 1
-        found = np.clip(found, 0, len(self.times) - 2)
-        order = np.argsort(found, kind="stable")
-        for group in np.split(order, np.flatnonzero(np.diff(found[order])) + 1):
-            if len(group):
-                states[:, group] = self._piece(int(found[group[0]]), times[group])
-        exact = self.times[found + 1] == times
-        states[:, exact] = self.states[found[exact] + 1].T
+        if len(self.times) < 2 or not len(times):
+            return np.repeat(self.states[:1].T, len(times), axis=1)
+        return in_order(self.times, times, self._at)
+
+    def _at(self, found: Places, wanted: FloatArray) -> FloatArray:
+        """Return the states at times in the order of the run, `found` being the step of each."""
+        states = np.empty((self.states.shape[1], len(wanted)))
+        for values, part in self._parts(found):
+            dense = self.series.dense(self.order, values)
+            states[:, part] = dense.at(self.times, self.states, found[part], wanted[part])
+        for step, path in self.continuations.items():
+            first, last = np.searchsorted(found, [step, step + 1])
+            if first < last:
+                states[:, first:last] = path(wanted[first:last])
         return states
 
-    def _values(self, step: int) -> FloatArray:
-        """Return the parameters and sides of a step."""
-        return next(values for begin, values in reversed(self.epochs) if begin <= step)
-
-    def _piece(self, step: int, times: FloatArray) -> FloatArray:
-        """Return the states (2n, k) at times within one step."""
-        if step in self.continuations:
-            return self.continuations[step](times)
-        t, y = float(self.times[step]), self.states[step]
-        span = float(self.times[step + 1]) - t
-        scale = math.copysign(2.0 ** round(math.log2(abs(span))), span) if span else 1.0
-        try:
-            rows = self.series.rows(self.order, t, y, scale, self._values(step))
-        except SingularMassMatrix:
-            return np.full((len(y), len(times)), np.nan)
-        s = (times - t) / scale
-        total: FloatArray = np.zeros((len(y), len(times)))
-        for row in rows[:0:-1, : len(y)]:
-            total = (total + row[:, None]) * s
-        total += y[:, None]
-        return total
+    def _parts(self, found: Places) -> Iterator[tuple[FloatArray, slice]]:
+        """Yield parameters and sides with the times at which they hold."""
+        begins = np.searchsorted(found, [begin for begin, _ in self.epochs]).tolist()
+        for (_, values), first, last in zip(self.epochs, begins, [*begins[1:], len(found)], strict=True):
+            if first < last:
+                yield values, slice(first, last)

@@ -68,7 +68,7 @@ def step_path(
     """Return the path of a kind through accepted times (S+1,) and states (S+1, 2n)."""
     derivative = model.kernel("jacobian") if kind.derivative else None
     dense = model.machine.dense(kind, model.kernel("rhs"), parameters, derivative)
-    return StepPath(dense, np.ascontiguousarray(times), np.ascontiguousarray(states))
+    return StepPath(dense, times, states)
 
 
 def runge_kutta_path(problem: Problem, times: FloatArray, states: FloatArray, tableau: ButcherTableau) -> StepPath:
