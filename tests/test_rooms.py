@@ -13,7 +13,7 @@ from tests.test_layering import ROOT, TREE, Modules, imports_of
 
 PLAIN: Mapping[str, tuple[str, ...]] = {
     "machine records": (
-        *("array_source", "backend", "calls", "copies"),
+        *("array_source", "backend", "calls", "copies", "event_memory"),
         *("parameters", "printed_run", "python_source", "state"),
     ),
     "machine entries": ("llvm_machine", "model", "numpy_machine"),

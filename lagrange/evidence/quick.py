@@ -1,13 +1,15 @@
-"""`quick_check`: one test of a newly compiled model, cheap enough for every compilation.
+"""`quick_check`: one look at what was just compiled, cheap enough for every compile.
 
-The compiled accelerations are inserted into the Euler-Lagrange equations as stated, projected on a random direction w:
+The accelerations that were compiled are put into the Euler-Lagrange equations as they were stated, projected on a
+random direction w:
 
     w . (d/dt dL/dv - dL/dq - Q + dD/dv) = 0    along    q + v s + a s^2/2
 
-With a random direction, a fault in any entry shows with probability one. The derivatives are central differences of the
-stated L at 50 digits: four evaluations of L for the first term, two for the second. If the left-hand side is not small
-relative to its terms, the evaluation is repeated with every intermediate number slightly perturbed, which estimates
-rounding (see `lagrange.evidence.reference`). If it is larger than that, the accelerations are checked one by one.
+With the direction random, a fault in any entry shows with probability one. The derivatives are central differences
+of the stated L at 50 digits: four evaluations of L for the first term, two for the second. Where the left-hand side
+is not small beside its terms, the same is done again with every intermediate number put off a little, which tells
+how large it may honestly be (see `lagrange.evidence.reference`), and where it is larger, the accelerations are looked
+at one by one.
 """
 
 from __future__ import annotations
@@ -34,17 +36,17 @@ SUSPICIOUS = 1e-12
 """Residual, relative to its size, from which the accelerations are looked at one by one."""
 
 MOST_DRAWS = 24
-"""Random points before the initial state, which comes last because terms vanish at rest and upright."""
+"""Random points to try before the initial state itself, which comes last: at rest and upright, terms vanish."""
 
 CONFIRMATIONS = 3
-"""Full tests of suspicious points before giving up; each costs as much as a point of `check`."""
+"""Suspicions to look into before giving up; each costs as much as a point of `check`."""
 
 
 def quick_check(model: Model) -> None:
-    """Check the compiled accelerations against the stated energies at one random point, in one random direction.
+    """Hold the compiled accelerations against the stated energies at one random point, in one random direction.
 
-    Raises RunError, with the entry, the place and the two values, if they disagree. A system without a usable point,
-    even at its initial state, passes.
+    Raises RunError, with the entry, the place and the two values, if they disagree. A system without a usable point
+    even at its initial state is let pass: nothing is known to be wrong with it.
     """
     probe = _Probe(model.statement)
     sampler = Sampler(model.statement, seed=0)
@@ -56,13 +58,13 @@ def quick_check(model: Model) -> None:
             return
         if not probe.has_value(point):
             continue
-        # This is not yet a fault: the mass matrix may be singular here, a number too large, or a kink too near.
+        # That is not yet a fault: the mass matrix may be singular here, a number too large, a kink too near.
         if _confirm(model, point, a) or (confirmations := confirmations + 1) == CONFIRMATIONS:
             return
 
 
 def _accelerations(model: Model, point: Point) -> list[float]:
-    """Return the compiled accelerations from the kernel of a run; NaN where the model refuses."""
+    """Return what was compiled, through the kernel that a run uses; not numbers where the model refuses."""
     try:
         return [float(x) for x in model.accelerations(point.q, point.v, point.t, point.parameters)]
     except RunError:
@@ -70,7 +72,7 @@ def _accelerations(model: Model, point: Point) -> list[float]:
 
 
 def _confirm(model: Model, point: Point, a: Sequence[float]) -> bool:
-    """Return True if the accelerations are right after all, False if the point cannot be used.
+    """Return True if the accelerations are right after all, False if the point is of no use.
 
     Raises RunError if they are wrong.
     """
@@ -91,7 +93,7 @@ def _confirm(model: Model, point: Point, a: Sequence[float]) -> bool:
 
 
 class _Probe:
-    """The projected Euler-Lagrange equation of a statement, as stated and slightly perturbed."""
+    """The projected Euler-Lagrange equation of a statement, as stated and with its numbers put off a little."""
 
     def __init__(self, statement: Statement) -> None:
         self.plain = Precise([statement.lagrangian], statement, DIGITS)
@@ -113,7 +115,7 @@ class _Probe:
         return True
 
     def suspects(self, point: Point, a: Sequence[float]) -> bool:
-        """Return whether the residual exceeds rounding, or cannot be evaluated."""
+        """Return whether the residual is larger than rounding explains, or cannot be had."""
         try:
             q, v, exact = [[self.number(x) for x in numbers] for numbers in (point.q, point.v, a)]
             residual, largest = self._residual(self.plain, self.plain, point, q, v, exact)

@@ -1,4 +1,4 @@
-"""Whether the mass matrix is singular by construction; tested when a system is stated, in the user's symbols."""
+"""Is the mass matrix singular by construction? Asked when a system is stated, answered in the user's symbols."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The result of a check: a table for a person, a truth value for a program."""
+"""What a check found: a table for a person, a verdict for a program."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""The time until which a run is accurate, from comparison with more accurate runs.
+"""How long the digits of a run hold, found by holding it against twins that do better.
 
-The comparison runs are two other methods at their tightest tolerance, and a third run from a start perturbed by a few
-units in the last place. A difference from any of them is an error of the run, or grown rounding. All three must agree:
-two runs may end close to each other by chance along an unstable direction.
+The twins are two other methods at their tightest, and a third run from a start that is put off by a few units in the
+last place: what the run has in common with none of them is its error, or what rounding has grown to. All three must
+agree with it: two runs that end near each other by chance are likely along an unstable direction, four are not.
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ def _compiled(system: Any) -> Model:
 
 
 def _comparison_times(marks: FloatArray) -> FloatArray:
-    """Return times (K,) that divide each of the steps, or fewer steps, including the first and the last time."""
+    """Return times (K,) that divide each of the steps, or fewer of them, the first and the last among them."""
     parts = np.arange(1, TIMES_PER_STEP + 1) / TIMES_PER_STEP
     inner = marks[:-1, None] + np.diff(marks)[:, None] * parts
     inner[:, -1] = marks[1:]
@@ -143,7 +143,7 @@ def _comparison_times(marks: FloatArray) -> FloatArray:
 def _comparison_runs(
     model: Model, found: Trajectory, values: Mapping[Any, float], size: FloatArray
 ) -> Iterator[tuple[str, Trajectory]]:
-    """Yield the comparison runs that succeed, each with a name; `size` (2n,) is that of the first states."""
+    """Yield the twins that run at all, each with a name; `size` (2n,) is that of the states soon after the start."""
     rows = model.layout.names()
     start = found.dense(found.t[:1])[:, 0]
     moving = np.where(start == 0, size, np.abs(start))

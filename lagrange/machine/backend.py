@@ -82,6 +82,9 @@ class Driver(Protocol):
 class TaylorDriver(Driver, Protocol):
     """A driver of Taylor steps, whose numbers may change on the way."""
 
+    def watch(self, memory: Any) -> None:
+        """Deal with what is watched by an `EventMemory` from now on, as far as it is enabled there."""
+
     def use(self, parameters: FloatArray) -> None:
         """Go on with other parameters or sides, (k + sides,)."""
 
@@ -146,6 +149,10 @@ class Series(Protocol):
 
     def dense(self, order: int, parameters: FloatArray) -> DensePath:
         """Return the dense output of steps by the series of an order."""
+
+    @property
+    def values(self) -> Kernel:
+        """What is watched as a function of the state; its parameters are those of the series."""
 
     def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
         """Return the series at a state (2n,): row k has the coefficients of order k times scale**k.

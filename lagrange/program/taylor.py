@@ -85,6 +85,7 @@ class _Assembly:
         self.known: dict[Node, int | None] = {}
         self.momenta = [self.momentum(node) if self.plan.moving else None for node in form.momenta]
         self.forces = [self.force(terms) for terms in form.forces]
+        self.seen = tuple(watched)
         self.watched = [self.builder.value(node) for node in watched]
         self.rates = tuple(self.builder.value(rate) for rate in equations.rate)
 
@@ -172,6 +173,7 @@ class _Assembly:
             rates=self.rates,
             stages=(Stage(tuple(range(n, 2 * n)), tuple(self.momenta), tuple(self.forces), self.plan),),
             watched=tuple(self.watched),
+            values=lower(f"{name}_values", {"values": self.seen or (e.graph.zero,)}, e.state, e.time, symbols),
         )
 
 

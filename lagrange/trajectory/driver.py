@@ -56,15 +56,15 @@ class _AcceptedStates:
         """Append a state after a jump, without a step."""
         self.parts.append((np.array([t]), y[None].copy(), self.parts[-1][2]))
 
-    def collect(self, state: DriverState, times: FloatArray, rows: FloatArray) -> None:
-        """Append what the last call wrote. A second call, as Ctrl-C may cause, appends nothing."""
-        written, steps = state.count(DriverState.ROWS), state.count(DriverState.STEPS)
-        if written and self.parts[-1][2] < steps:
+    def collect(self, state: DriverState, times: FloatArray, rows: FloatArray, call: int) -> None:
+        """Keep what the driver wrote at a call, by its number; doing so twice, as Ctrl-C may, keeps it once."""
+        written = state.count(DriverState.ROWS)
+        if written and self.parts[-1][2] < call:
             # A view of few rows would keep the memory of all.
             short = 2 * written < len(times)
             t, y = times[:written], rows[:written]
             self.bytes += t.nbytes + y.nbytes if short else times.nbytes + rows.nbytes
-            self.parts.append((t.copy() if short else t, y.copy() if short else y, steps))
+            self.parts.append((t.copy() if short else t, y.copy() if short else y, call))
 
     def joined(self) -> tuple[FloatArray, FloatArray]:
         """Return the times (S+1,) and states (S+1, 2n)."""
@@ -151,7 +151,7 @@ def _advance_to_end(
 ) -> tuple[Status, str]:
     """Advance until the run ends; return its status, and a detail for the message."""
     per_call, limit = FIRST_STEPS_PER_CALL, memory_limit(problem)
-    times, states = np.empty(0), np.empty((0, len(problem.y0)))
+    times, states, call = np.empty(0), np.empty((0, len(problem.y0))), 0
     result = EventResult() if watch is None else watch.begin(state)
     try:
         while True:
@@ -176,11 +176,13 @@ def _advance_to_end(
             if state.t != problem.t1 and room <= 0:
                 return Status.MAX_MEMORY, ""
             budget = min(per_call, left, room) if left > 0 and room > 0 else 1
-            times, states = np.empty(budget), np.empty((budget + 4, len(problem.y0)))
+            # A reset is written as a row too: steps and resets are one for each turn of the loop, and the last step.
+            times, states = np.empty(budget + 1), np.empty((budget + 5, len(problem.y0)))
             state.counts[DriverState.ROWS] = 0
+            call += 1
             before = time.perf_counter()
             outcome = driver.advance(state, budget, times, states)
-            rows.collect(state, times, states)
+            rows.collect(state, times, states, call)
             if watch is not None and (outcome in (Outcome.WATCHED, Outcome.DONE) or watch.is_due(state)):
                 result = watch.end(state) if outcome is Outcome.DONE else watch.process(state)
                 if result.jumped:
@@ -202,7 +204,7 @@ def _advance_to_end(
             if problem.progress is not None:
                 problem.progress(state.t)
     except KeyboardInterrupt:
-        rows.collect(state, times, states)
+        rows.collect(state, times, states, call)
         return Status.INTERRUPTED, ""
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Sized
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Protocol, runtime_checkable
@@ -35,7 +35,7 @@ class Watcher(Protocol):
         """The driver that advances the run; it returns where an event is to be handled."""
 
     @property
-    def occurrences(self) -> Sequence[Sequence[Any]]:
+    def occurrences(self) -> Sequence[Sized]:
         """The occurrences so far of each event."""
 
     @property

@@ -113,7 +113,9 @@ def test_no_event_hides_behind_another(events: list[Any], target: str) -> None:
     times = [time for row in found.t_events for time in row]
     places = [-1.0, 0.0, 1.0] if events[0] == x**3 - x else [1.0, 1.001]
     assert found.status is Status.SUCCESS
-    assert times == pytest.approx([2.0 + place for place in places], rel=1e-13)
+    # On a step of 6 a term of the product is 36, and its slope at a root 1e-3: four roundings of that are 1.6e-11.
+    precision = 1.6e-11 if len(events) == 1 and len(places) == 2 else 1e-13
+    assert times == pytest.approx([2.0 + place for place in places], rel=precision)
 
 
 @pytest.mark.parametrize("events", [[sp.nan], lambda t, y: math.nan, [sp.Integer(0)]])

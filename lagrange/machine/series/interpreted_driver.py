@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 
-from lagrange.machine.backend import FloatArray, SingularMassMatrix
+from lagrange.machine.backend import FloatArray, Kernel, SingularMassMatrix
 from lagrange.machine.copies import Shared
 from lagrange.machine.dense.interpreted_dense import NumpyDense, write_series
+from lagrange.machine.event_memory import EventMemory, idle
+from lagrange.machine.kernel.interpreted import InterpretedKernel
+from lagrange.machine.kernel.python_kernel import PythonKernel
+from lagrange.machine.kernel.python_text import fits
 from lagrange.machine.printed_run import EMPTY, Recorded, Records, advance
 from lagrange.machine.python_source import loaded
 from lagrange.machine.series.interpreted_jet import Jet
@@ -45,6 +49,12 @@ class NumpySeries(Shared):
     def order(self, tolerance: float) -> int:
         """Return the order by cost; see `Series`. Interpreting costs as much at every order."""
         return best_order(Cost(fixed=2.0, each=1.0, pairs=0.0), tolerance)
+
+    @cached_property
+    def values(self) -> Kernel:
+        """What is watched as a function of the state; see `Series`."""
+        program = self.program.values
+        return PythonKernel(program) if fits(program) else InterpretedKernel(program)
 
     def driver(self, order: int, parameters: FloatArray) -> NumpyTaylorDriver:
         """Return a driver; see `Series`."""
@@ -123,6 +133,11 @@ class NumpyTaylorDriver:
         self._layout = TaylorLayout(dimension, 0, dimension + watched, watched, dimension, block=1)
         self._work = np.zeros(self._layout.size(order))
         self._held = HELD.structure()
+        self._memory = idle(series.program)
+
+    def watch(self, memory: EventMemory) -> None:
+        """Deal with what is watched; see `TaylorDriver`."""
+        self._memory = memory
 
     def use(self, parameters: FloatArray) -> None:
         """Go on with other numbers; see `TaylorDriver`."""
@@ -142,10 +157,34 @@ class NumpyTaylorDriver:
         jet = _between_arrays(self._series, self._parameters)
         series, kept = (jet, EMPTY, EMPTY), (state.taylor, state.floors.data, self._held, *outputs)
 
+        watched = self._watched() if self._layout.watched else ()
+
         def steps(records: Records, recorded: Recorded) -> int:
-            return _steps(self._layout)(*series, *records, *kept, *recorded, budget, self._work.data, self._order)
+            given = *series, *records, *kept, *recorded, *watched
+            return _steps(self._layout)(*given, budget, self._work.data, self._order)
 
         return advance(state, self._work, times, rows, steps)
+
+    def _watched(self) -> tuple[Any, ...]:
+        """Return the arguments of the loop for what is watched."""
+        memory = self._memory
+        functions = self._function(memory.values, self._parameters), self._function(memory.resets, memory.parameters)
+        arrays = memory.tilts, memory.sides, memory.settings, memory.times, memory.states, memory.places
+        return memory.record, *functions, EMPTY, EMPTY, *(array.data for array in arrays)
+
+    def _function(self, kernel: Kernel | None, parameters: FloatArray) -> Callable[..., bool]:
+        """Return a kernel as a procedure calls it, which says whether it has no value."""
+
+        def called(t: float, y: memoryview, _: memoryview, out: memoryview) -> bool:
+            try:
+                found = kernel(t, np.frombuffer(y, count=self._layout.dimension), parameters) if kernel else None
+            except SingularMassMatrix:
+                return True
+            if found is not None:
+                out[: found.size] = found.reshape(-1).data
+            return found is None
+
+        return called
 
 
 def _between_arrays(series: NumpySeries, parameters: FloatArray) -> Callable[..., bool]:

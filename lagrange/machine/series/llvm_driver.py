@@ -10,6 +10,7 @@ import ctypes
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,9 @@ from lagrange.errors import RunError
 from lagrange.machine.backend import BlockPolynomial, FloatArray, SingularMassMatrix
 from lagrange.machine.copies import Shared
 from lagrange.machine.dense.llvm_dense import LlvmDense, of_series
+from lagrange.machine.event_memory import EventMemory, idle
 from lagrange.machine.kernel.llvm_body import prepared_size, shares_angle_function
+from lagrange.machine.kernel.llvm_kernel import LlvmKernel
 from lagrange.machine.kernel.llvm_text import ATTRIBUTES, METADATA, QUICKLY, prepare_function
 from lagrange.machine.llvm.address import address, workspace
 from lagrange.machine.llvm.engine import Module, inversion, lanes, linear_solver
@@ -36,6 +39,7 @@ from lagrange.machine.series.packing import Packing, pack
 from lagrange.machine.state import OUTCOMES, DriverState, Outcome
 from lagrange.procedure.form import Procedure
 from lagrange.procedure.taylor.memory import HELD
+from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
 
 _PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
@@ -78,6 +82,11 @@ class LlvmSeries(Shared):
                 self._compiled[key] = CompiledJet(self._packing, key)
         return self._compiled[key]
 
+    @cached_property
+    def values(self) -> LlvmKernel:
+        """What is watched as a function of the state; see `Series`."""
+        return function(self.program.values)
+
     def driver(self, order: int, parameters: FloatArray) -> LlvmTaylorDriver:
         """Return a driver; see `Series`."""
         compiled = self.compiled(order)
@@ -115,6 +124,13 @@ class LlvmSeriesDense(LlvmDense):
         """Return what writes the polynomials, with the address of the series; see `LlvmDense`."""
         compiled = self.series.compiled(self.order)
         return of_series(compiled.address, compiled.numbers(self.parameters), compiled.layout, self.order)
+
+
+@lru_cache(maxsize=64)
+def function(program: Program) -> LlvmKernel:
+    """Return a program in machine code, to be called by the loop over steps."""
+    with refused():
+        return LlvmKernel(program)
 
 
 @contextmanager
@@ -214,6 +230,9 @@ class LlvmTaylorDriver:
             self._give(order=order)
         self._place, self._budget = address(self._arguments), self._steps.places["budget"]
         self._state: DriverState | None = None
+        self._memory: EventMemory | None = None
+        if compiled.layout.watched:
+            self.watch(idle(compiled.program))
         self.use(parameters)
 
     def _give(self, **arguments: int) -> None:
@@ -227,6 +246,22 @@ class LlvmTaylorDriver:
         self._numbers = self._compiled.numbers(parameters)
         prepared, constants = self._numbers
         self._give(prepared=address(prepared), constants=address(constants))
+        if self._memory is not None and isinstance(self._memory.values, LlvmKernel):
+            self._value_numbers = self._memory.values.prepare(parameters)
+            self._give(value_numbers=address(self._value_numbers))
+
+    def watch(self, memory: EventMemory) -> None:
+        """Deal with what is watched; see `TaylorDriver`."""
+        self._memory = memory
+        arrays = {name: getattr(memory, name) for name in ("tilts", "sides", "settings")}
+        arrays |= {f"event_{name}": getattr(memory, name) for name in ("times", "states", "places")}
+        self._give(watch=ctypes.addressof(memory.record), **{name: address(array) for name, array in arrays.items()})
+        if isinstance(memory.values, LlvmKernel):
+            self._give(values=memory.values.address)
+        if memory.resets is not None:
+            self._resets = function(memory.resets.program)
+            self._reset_numbers = self._resets.prepare(memory.parameters)
+            self._give(resets=self._resets.address, reset_numbers=address(self._reset_numbers))
 
     def restart(self, state: DriverState) -> None:
         """Forget what rounding lost; see `TaylorDriver`."""

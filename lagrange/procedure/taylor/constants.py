@@ -96,3 +96,29 @@ MOST_RESCALINGS = 120
 From a scale of 1, 24 changes by `SHORTER_SCALE` lead below `SHORTEST_SCALE`, to 1e-289, and 96 by `LONGER_SCALE` from
 there to 1e289.
 """
+
+EVENT_NOISE = 4 * 2.0**-52 / 2.0**-26
+"""Rounding of the state, here and where the step before ended, over the part by which it is moved to see how much an
+event function owes to it: half of the digits."""
+
+EVENT_SLACK = 64.0
+"""The series of an event function may end so many tolerances above the end of the state's: it is a sum of products."""
+
+JUMP = 1e-4
+"""What is watched is not zero where it is larger than this part of its largest term."""
+
+BALANCE = 256.0
+"""A step without a length of its own ends where what grows with the square of time is this much larger than the rest:
+two digits of the roots are lost to it, and a run of any length takes a few steps more."""
+
+DOUBT = 64 * 2.0**-52
+"""A coefficient of an event function below this part of the sum of all counts as zero."""
+
+TOGETHER = 4 * 2.0**-52
+"""Zeros closer than this part of the time happen at once."""
+
+CLOSEST = 64 * 2.0**-52
+"""Changes of the motion closer than this part of the time may accumulate."""
+
+LEAST_PART = 2.0**-70
+"""A step shorter than this part of what is left of the run does not get on."""

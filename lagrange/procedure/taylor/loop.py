@@ -9,12 +9,14 @@ from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
 from lagrange.procedure.outcome import Outcome
 from lagrange.procedure.step.constants import MOST_SURVEYS
+from lagrange.procedure.taylor.arguments import Arguments
 from lagrange.procedure.taylor.defect_test import defect_is_small, record_step, reject_step, retries_exhausted
 from lagrange.procedure.taylor.floors import first_floors
-from lagrange.procedure.taylor.memory import Arguments, TaylorLayout
+from lagrange.procedure.taylor.memory import TaylorLayout
 from lagrange.procedure.taylor.powers import logarithm
 from lagrange.procedure.taylor.step import take_step
 from lagrange.procedure.taylor.step_size import choose_exponent, weigh
+from lagrange.procedure.taylor.watching import prove_sides, restore_sides
 from lagrange.procedure.values import Flag, Memory, Real
 
 
@@ -93,13 +95,16 @@ def _test_defect(given: Arguments, weights: Memory, singular: Flag) -> None:
     good = p.call(defect_is_small(layout), length, series.order, first, weights, series.work).called("good")
     with p.when(~((good & ~singular) | retries_exhausted(given.taylor)), likely=False):
         p.call(reject_step(layout), given.run, counts, given.taylor, held, series.work)
+        if given.watched:
+            restore_sides(given.watched)
         failed = p.real(counts.rejected)
         power_of_two = p.operation("mantissa", failed).equals(1.0)
         _leave_unscaled(given, (failed > 1.0) & power_of_two)
         p.leave(Outcome.PAUSED)
-    p.call(
-        record_step(layout), given.run, counts, given.taylor, held, given.outputs, series.work, given.times, given.rows
-    )
+    kept = given.run, counts, given.taylor, held, given.outputs, series.work
+    p.call(record_step(layout), *kept, given.times, given.rows)
+    if given.watched:
+        prove_sides(given.watched)
 
 
 def _leave_unscaled(given: Arguments, asked: Flag) -> None:

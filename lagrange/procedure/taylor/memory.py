@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from lagrange.procedure.blocks import whole_blocks
 from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Callee, Kind, Record
-from lagrange.procedure.step.run import COUNTS, RUN
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Callee, Record
 from lagrange.procedure.values import Memory, Real, Whole
 
 READ = Array(read=True)
@@ -156,39 +155,6 @@ class SeriesMemory:
         with self.entries() as i:
             largest = self.p.largest_magnitude(row[i] * weights[i])
         return largest.value
-
-
-class Arguments:
-    """The arguments of the loop, of its iterations and of a step: the common ones, and those `own` to a procedure."""
-
-    def __init__(self, p: Builder, layout: TaylorLayout, **own: Kind | Array) -> None:
-        self.p, self.layout = p, layout
-        self.jet = p.function("jet", JET)
-        self.prepared, self.constants = p.array("prepared", read=True), p.array("constants", read=True)
-        self.run: Any = p.record("run", RUN)
-        self.counts: Any = p.record("counts", COUNTS)
-        self.taylor: Any = p.record("taylor", TAYLOR)
-        self.floors = floors_array(p, layout, read=False)
-        self.held: Any = p.record("held", HELD)
-        self.outputs: Any = p.record("outputs", OUTPUTS)
-        self.output_times, self.output_states = (
-            p.array("output_times", read=True),
-            p.array("output_states", room=layout.block),
-        )
-        self.times, self.rows = p.array("times"), p.array("rows", room=layout.block)
-        self.own = [p.given(name, kind) for name, kind in own.items()]
-        self.series = SeriesMemory(p, layout, work_array(p, layout))
-
-    def handed(self, *own: Any) -> tuple[Any, ...]:
-        """Return the arguments for another procedure, with those of its own."""
-        records = self.run, self.counts, self.taylor, self.floors, self.held
-        written = *self.output, self.times, self.rows
-        return (self.jet, self.prepared, self.constants, *records, *written, *own, *self.series.handed)
-
-    @property
-    def output(self) -> tuple[Any, ...]:
-        """The arguments for a procedure that writes states at output times."""
-        return self.outputs, self.output_times, self.output_states
 
 
 @contextmanager

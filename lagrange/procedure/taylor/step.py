@@ -10,6 +10,7 @@ from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
 from lagrange.procedure.outcome import Outcome
 from lagrange.procedure.step.constants import EARLIEST, NEAR_END, SPACING
+from lagrange.procedure.taylor.arguments import Arguments
 from lagrange.procedure.taylor.constants import (
     FIRST_SCALE_RATIO,
     LARGEST_SCALE_RATIO,
@@ -21,12 +22,15 @@ from lagrange.procedure.taylor.constants import (
     STEP_GROWTH,
 )
 from lagrange.procedure.taylor.defect_test import defect_along_step, retries_exhausted, retry_shorter
+from lagrange.procedure.taylor.events_on_step import GO_ON, WAIT, inspect_step
 from lagrange.procedure.taylor.floors import raise_floors
-from lagrange.procedure.taylor.memory import TAYLOR, Arguments, TaylorLayout
+from lagrange.procedure.taylor.memory import TAYLOR, TaylorLayout
 from lagrange.procedure.taylor.outputs import outstanding, write_outputs
 from lagrange.procedure.taylor.powers import logarithm, power
+from lagrange.procedure.taylor.resets import reset_state
 from lagrange.procedure.taylor.step_size import ends
 from lagrange.procedure.taylor.sums import advance
+from lagrange.procedure.taylor.watching import Watched
 from lagrange.procedure.values import Flag, Real
 
 
@@ -53,6 +57,8 @@ class _TaylorStep:
 
     def build(self) -> Procedure:
         p = self.p
+        if self.given.watched:
+            self.reset(self.given.watched)
         longest = p.smaller(abs(self.left), self.run.longest)
         reach = p.call(logarithm(), longest / abs(self.scale)).called("reach")
         with p.when(~self.fits(reach), likely=False):
@@ -61,8 +67,8 @@ class _TaylorStep:
         h = p.choose(final, self.left, s * self.scale).called("h")
         self.run.h = h
         self.probe(s, h)
-        if self.layout.watched:
-            self.watch(s)
+        if self.given.watched:
+            s, h, final = self.inspect(self.given.watched, s, h, final)
         p.call(raise_floors(self.layout), self.run.share, self.given.floors, self.series.work)
         # A series that terminates says nothing about the next one.
         whole = p.choose(whole > LARGEST_SCALE_RATIO, 0.0, whole)
@@ -120,17 +126,42 @@ class _TaylorStep:
                 p.call(retry_shorter(), self.counts, self.taylor, h)
                 p.leave(Outcome.PAUSED)
 
-    def watch(self, s: Real) -> None:
-        """Come back before a step on which something that is watched may vanish, unless told to take it once."""
+    def reset(self, watched: Watched) -> None:
+        """Do what is due at the state, if that can be done here."""
+        p, given, record = self.p, self.given, watched.record
+        with p.when(~record.due.equals(0) & ~record.enabled.equals(0), likely=False):
+            jet = given.jet, given.prepared, given.constants
+            records = self.t, self.run.rtol, self.counts, self.taylor, given.times, given.rows
+            done = p.call(reset_state(self.layout), *jet, *records, *watched.handed, *self.series.handed)
+            p.leave_if(done, Outcome.PAUSED)
+
+    def inspect(self, watched: Watched, s: Real, h: Real, final: Flag) -> tuple[Real, Real, Flag]:
+        """Find what vanishes on the step; return how long it may be, in both units, and whether it is the last.
+
+        Come back where that is not to be decided here.
+        """
         p, series, work = self.p, self.series, self.series.work
-        near = p.variable(~self.taylor.inspect.equals(0), "near")
+        doubtful = p.variable(~self.taylor.inspect.equals(0), "doubtful")
         for i in range(self.layout.watched):
             first = self.layout.rows + self.layout.watched_at + i
             total = p.variable(0.0)
             with p.loop(0, series.order) as j:
                 total.value = (total.value + abs(work[(series.order - j) * self.layout.width + first])) * s
-            near.value = near.value | ~(abs(work[first]) > total.value)
-        p.leave_if(near.value & self.taylor.next_limit.equals(math.inf), Outcome.WATCHED)
+            doubtful.value = doubtful.value | ~(abs(work[first]) > total.value)
+        taken = p.variable(s, "taken")
+        with p.when(doubtful.value & self.taylor.next_limit.equals(math.inf), likely=False):
+            record = watched.record
+            here = ~record.enabled.equals(0) & record.due.equals(0) & (record.planned <= self.counts.steps)
+            p.leave_if(~here, Outcome.WATCHED)
+            numbers = self.t, self.low, self.scale, self.run.rtol, s, self.left, final
+            answer, shorter = p.call(inspect_step(self.layout), *numbers, self.taylor, *watched.handed, *series.handed)
+            p.leave_if(answer.equals(WAIT), Outcome.PAUSED)
+            p.leave_if(~answer.equals(GO_ON), Outcome.WATCHED)
+            taken.value = shorter
+        whole: Flag = taken.value.equals(s)
+        length = p.choose(whole, h, taken.value * self.scale)
+        self.run.h = length
+        return taken.value, length, final & whole
 
     def move_on(self, h: Real, final: Flag) -> None:
         """Advance the time, compensated, and store the beginning of the step."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,9 +20,10 @@ ALIKE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Impact:
-    """An event of a model: `node` is its expression; `rows` of the state are reset to what `kernel` gives.
+    """An event of a model, whose expression is `node`.
 
-    A `root` is none of the user's: it is a square root in the equations of motion, whose series ends where it is zero.
+    The `rows` of the state are reset to what `kernel` gives, from `first` on. A `root` is none of the user's: it is a
+    square root in the equations of motion, whose series ends where it is zero.
     """
 
     node: Node
@@ -30,6 +32,7 @@ class Impact:
     rows: tuple[int, ...]
     kernel: Kernel | None
     parameters: FloatArray
+    first: int = 0
     root: bool = False
 
     @property
@@ -49,7 +52,7 @@ class Impact:
         if self.kernel is not None:
             rows = list(self.rows)
             with np.errstate(all="ignore"):
-                given = self.kernel(t, before, self.parameters)
+                given = self.kernel(t, before, self.parameters)[self.first : self.first + len(rows)]
             agreed = np.isclose(given, state[rows], rtol=ALIKE, atol=0.0)
             state[rows] = np.where((state[rows] == before[rows]) | agreed, given, np.nan)
 
@@ -59,11 +62,16 @@ def root_of(node: Node) -> Impact:
     return Impact(node, 0, 1, (), None, np.empty(0), root=True)
 
 
-def impact(model: Model, event: Event, parameters: FloatArray) -> Impact:
-    """Return an event of a model."""
-    equations = model.equations
-    rows = state_rows(model.statement.coordinates)
-    nodes = tuple(equations.translate(value) for value in event.reset.values())
-    kernel = model.function("reset", nodes) if nodes else None
-    places = tuple(rows[key] for key in event.reset)
-    return Impact(equations.translate(event.expression), event.direction, event.terminal, places, kernel, parameters)
+def impacts(model: Model, events: Sequence[Event], parameters: FloatArray) -> tuple[Impact, ...]:
+    """Return the events of a model; one kernel computes all resets."""
+    equations, rows = model.equations, state_rows(model.statement.coordinates)
+    values = [value for event in events for value in event.reset.values()]
+    kernel = model.function("reset", tuple(map(equations.translate, values))) if values else None
+    found, first = [], 0
+    for event in events:
+        places = tuple(rows[key] for key in event.reset)
+        own = kernel if places else None
+        node = equations.translate(event.expression)
+        found.append(Impact(node, event.direction, event.terminal, places, own, parameters, first))
+        first += len(places)
+    return tuple(found)

@@ -35,27 +35,57 @@ class Occurrence:
     steps: int
 
 
+class Occurrences:
+    """What happened at one event, in order, for states of a `size`: single occurrences, and arrays of many."""
+
+    def __init__(self, size: int) -> None:
+        self._parts: list[tuple[FloatArray, FloatArray, int]] = [(np.empty(0), np.empty((0, size)), 0)]
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def append(self, one: Occurrence) -> None:
+        """Add an occurrence."""
+        self.extend(np.array([one.t]), one.y[None], one.steps)
+
+    def extend(self, t: FloatArray, y: FloatArray, steps: int) -> None:
+        """Add many, times (k,) and states (k, 2n), that have happened with the number of accepted steps given."""
+        if len(t):
+            self._parts.append((t, y, steps))
+            self._count += len(t)
+
+    def cut(self, count: int) -> None:
+        """Keep the first so many; what is left out was added one by one."""
+        while self._count > count:
+            self._count -= len(self._parts.pop()[0])
+
+    def until(self, steps: int) -> tuple[FloatArray, FloatArray]:
+        """Return the times (k,) and states (k, 2n) of all that has happened with so many accepted steps."""
+        times, states, _ = zip(*(part for part in self._parts if part[2] <= steps), strict=True)
+        return np.concatenate(times), np.concatenate(states)
+
+
 class Record:
     """What happened at each of some events along the run of one state of a `size`; `state` is where it stands."""
 
     def __init__(self, events: int, size: int) -> None:
-        self.occurrences: list[list[Occurrence]] = [[] for _ in range(events)]
+        self.occurrences = [Occurrences(size) for _ in range(events)]
         self.state: DriverState | None = None
-        self._size = size
 
     @property
     def t_events(self) -> tuple[FloatArray, ...]:
         """The times of each event, (k,), up to the last accepted step."""
-        return tuple(np.array([one.t for one in found]) for found in self._happened())
+        return tuple(found.until(self._steps)[0] for found in self.occurrences)
 
     @property
     def y_events(self) -> tuple[FloatArray, ...]:
         """The states at each event, (k, 2n)."""
-        return tuple(np.array([one.y for one in found]).reshape(-1, self._size) for found in self._happened())
+        return tuple(found.until(self._steps)[1] for found in self.occurrences)
 
-    def _happened(self) -> list[list[Occurrence]]:
-        steps = 0 if self.state is None else self.state.count(DriverState.STEPS)
-        return [[one for one in found if one.steps <= steps] for found in self.occurrences]
+    @property
+    def _steps(self) -> int:
+        return 0 if self.state is None else self.state.count(DriverState.STEPS)
 
 
 class Crowd:
@@ -64,6 +94,11 @@ class Crowd:
     def __init__(self) -> None:
         self.last = -math.inf
         self.counts: Counter[int] = Counter()
+
+    def begin(self, t: float, which: int) -> None:
+        """Note a change at a time that is far from others."""
+        self.counts = Counter([which])
+        self.last = t
 
     def accumulates(self, t: float, which: Iterable[int]) -> bool:
         """Count changes of what is watched, by number, at a time."""

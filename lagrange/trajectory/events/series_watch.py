@@ -28,16 +28,17 @@ from lagrange.trajectory.events.ending import (
     without_series,
 )
 from lagrange.trajectory.events.nonanalytic_points import SHARE, Continuations
-from lagrange.trajectory.events.occurrence import TOGETHER, Crowd, Occurrence, Record
+from lagrange.trajectory.events.occurrence import TOGETHER, Occurrence
 from lagrange.trajectory.events.roots import Root, Side, roots
 from lagrange.trajectory.events.series_on_step import Look, degree, hides, near, signed_scale, state_at, unit
+from lagrange.trajectory.events.shared_watch import SharedWatch
 from lagrange.trajectory.events.surfaces import Sliding, clear, is_zero, leaving, settled_sides, stated_sides
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 S = DriverState
 
 
-class Watch(Record):
+class Watch(SharedWatch):
     """Watches the surfaces, then the events, along the run of one state."""
 
     def __init__(
@@ -50,20 +51,13 @@ class Watch(Record):
         names: Callable[[], Sequence[str]],
         continuations: Continuations,
     ) -> None:
-        super().__init__(len(impacts), 2 * series.program.dimension)
-        self.series, self.order, self.driver, self.parameters = series, order, driver, parameters
-        self.impacts, self.names, self.continuations = tuple(impacts), names, continuations
-        self.surfaces = series.program.sides
         self.steep, self.hidden = degree(series.program) > order, hides(series.program)
+        super().__init__(series, driver, parameters, impacts, enabled=not (self.steep or self.hidden))
+        self.series, self.order, self.driver, self.parameters = series, order, driver, parameters
+        self.names, self.continuations = names, continuations
         self.sides = np.zeros(self.surfaces)
-        self.relay = [Side()] * (self.surfaces + len(self.impacts))
         self.epochs: list[tuple[int, FloatArray]] = []
-        self.pending: list[Meeting] = []
-        self.planned = PlannedStep()
-        self.starting: frozenset[int] = frozenset()
         self._last: tuple[object, Look] | None = None
-        self.jumps = 0
-        self.crowd = Crowd()
 
     @property
     def values(self) -> FloatArray:
@@ -76,12 +70,20 @@ class Watch(Record):
         verdict = self._start(state, {})
         if verdict.status is None:
             self.pending = self._impacts_at_once(state)
+        self.write(state)
         return verdict
 
     def process(self, state: DriverState) -> EventResult:
         """Decide on the step that the driver proposes: set its length, or do what happens at its start."""
+        self.read(state)
+        try:
+            return self._process(state)
+        finally:
+            self.write(state)
+
+    def _process(self, state: DriverState) -> EventResult:
         if state.count(S.STEPS) < self.planned.steps:
-            self._forget()
+            self.forget()
         if self.pending:
             return self._finish(state)
         look = self._look(state)
@@ -104,7 +106,7 @@ class Watch(Record):
         cut = self._first_change(found)
         if cut is not None:
             return self._shorten(cut.root.time, found, look, state)
-        self._remember(state)
+        self.remember(state)
         self._record(found, look, state)
         self.relay, self.starting = after, frozenset()
         state.taylor.next_limit = abs(h if whole else s * look.scale)
@@ -113,16 +115,19 @@ class Watch(Record):
 
     def end(self, state: DriverState) -> EventResult:
         """Do what is pending at the end of the run; how the motion would go on from there is no matter."""
+        self.read(state)
         verdict = self._finish(state) if self.pending else EventResult()
         ended = verdict.status in (Status.EVENT, Status.NON_FINITE) and not verdict.smooth
         return verdict if ended else EventResult(Status.SUCCESS, jumped=verdict.jumped)
 
     def is_due(self, state: DriverState) -> bool:
         """Whether the state is where something pending is to happen, though no series may begin there."""
+        self.read(state)
         return bool(self.pending) and state.count(S.STEPS) == self.planned.steps
 
     def continue_past(self, state: DriverState) -> EventResult | None:
         """Leap over a point without a series; return how the run goes on from there, or ends at a root; or None."""
+        self.read(state)
         events = [self.surfaces + i for i, impact in enumerate(self.impacts) if not impact.root]
         for there in self.continuations.ahead(state):
             y = self.continuations.landing(state, there, switched=lambda soon: self._switches(self._look(state), soon))
@@ -137,7 +142,7 @@ class Watch(Record):
                 for i, a, b in zip(events, sides, ends, strict=True)
             ):
                 self.continuations.land(state, there, y, state.count(S.STEPS) + self.jumps)
-                self.jumps += 1
+                self.jump()
                 self.driver.restart(state)
                 done = there == state.reals[S.END]
                 return replace(EventResult(Status.SUCCESS) if done else self.begin(state), jumped=True)
@@ -275,7 +280,7 @@ class Watch(Record):
             s = first.root.time
         waiting = {m.which for m in pending}
         late = [m for m in found if m.root.time >= s - close]
-        self._remember(state)
+        self.remember(state)
         self.pending = pending + [m for m in late if m.which not in waiting]
         if any(self._is_root(m.which) for m in self.pending):
             # Forces may have a kink there, and its other side be what the state, rounded, is on: no step proves itself.
@@ -285,18 +290,6 @@ class Watch(Record):
         state.taylor.next_limit = s * abs(look.scale)
         state.taylor.inspect = 1
         return EventResult()
-
-    def _remember(self, state: DriverState) -> None:
-        """Keep what holds before a step: the driver takes back a step that does not prove itself."""
-        counts = tuple(map(len, self.occurrences))
-        self.planned = PlannedStep(state.count(S.STEPS) + 1, tuple(self.relay), self.starting, counts)
-
-    def _forget(self) -> None:
-        """Let what was planned for a step that was taken back not have happened."""
-        self.pending, self.relay, self.starting = [], list(self.planned.relay), self.planned.starting
-        for found, count in zip(self.occurrences, self.planned.counts, strict=True):
-            del found[count:]
-        self.planned = PlannedStep()
 
     def _record(self, found: Iterable[Meeting], look: Look, state: DriverState) -> None:
         """Keep the events among some roots on the next step."""
@@ -368,7 +361,7 @@ class Watch(Record):
         if not np.isfinite(after).all():
             return nowhere(self.names()[met[0].which])
         state.y[:] = after
-        self.jumps += 1
+        self.jump()
         self.driver.restart(state)
         if ends:
             return EventResult(Status.EVENT, jumped=True)

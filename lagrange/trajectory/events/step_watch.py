@@ -19,7 +19,7 @@ from lagrange.graph.node import Node
 from lagrange.machine.backend import Driver, Kernel
 from lagrange.machine.state import DriverState
 from lagrange.procedure.events.roots import roots
-from lagrange.trajectory.events.actions import impact
+from lagrange.trajectory.events.actions import impacts as impacts_of
 from lagrange.trajectory.events.crossing import Meeting
 from lagrange.trajectory.events.ending import (
     EventResult,
@@ -81,7 +81,7 @@ class StepWatch(Record):
     ) -> None:
         super().__init__(len(problem.events), len(problem.y0))
         model, self.problem, self.parameters = problem.model, problem, problem.parameter_array
-        impacts = tuple(impact(model, event, self.parameters) for event in problem.events)
+        impacts = impacts_of(model, problem.events, self.parameters)
         self.kernel, self.impacts = model.function("events", tuple(one.node for one in impacts)), impacts
         self.path_of = path_of
         self.driver = EventDriver(driver, self, fixed=fixed)

@@ -15,7 +15,8 @@ from lagrange.machine.model import Model
 from lagrange.machine.series.order import LOWEST_ORDER
 from lagrange.machine.state import DriverState
 from lagrange.trajectory.driver import drive
-from lagrange.trajectory.events.actions import Impact, impact, root_of
+from lagrange.trajectory.events.actions import Impact, root_of
+from lagrange.trajectory.events.actions import impacts as impacts_of
 from lagrange.trajectory.events.nonanalytic_points import Continuations
 from lagrange.trajectory.events.series_watch import Watch
 from lagrange.trajectory.events.surfaces import stated_sides
@@ -82,7 +83,7 @@ class Taylor:
             self.name, problem, None, self.rtol, self.atol, least=SMALLEST_RTOL, margin=_margin
         )
         parameters = problem.parameter_array if problem.events else np.empty(0)
-        events = [impact(problem.model, event, parameters) for event in problem.events]
+        events = impacts_of(problem.model, problem.events, parameters)
         impacts = (*events, *map(root_of, _square_roots(problem.model, tuple(event.node for event in events))))
         series, _ = problem.model.series(tuple(one.node for one in impacts))
         return TaylorPlan(series, self.order or series.order(tolerances.rtol), tolerances, impacts)

@@ -1,0 +1,106 @@
+"""The memory of a Taylor run that watches events and surfaces: what the loop over steps reads and writes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lagrange.machine.backend import FloatArray, Kernel
+from lagrange.machine.state import MOST_LANES
+from lagrange.procedure.step.constants import RELATIVE_PERTURBATION, perturbation_factors
+from lagrange.procedure.taylor.watching import COUNT, NEAR, SETTINGS, SIDES, SIGN, STARTING, WATCH
+from lagrange.program.series import SeriesProgram
+
+ROOM = 4096
+"""So many events are written before the loop comes back."""
+
+
+class Reaction(NamedTuple):
+    """What is to happen at zeros of something that is watched; see `lagrange.procedure.taylor.watching`.
+
+    `first` is where its resets begin among all, and `entries` are those of the state that they are for.
+    """
+
+    direction: int = 0
+    terminal: int = 0
+    first: int = 0
+    entries: tuple[int, ...] = ()
+    root: bool = False
+
+
+def idle(program: SeriesProgram) -> EventMemory:
+    """Return the memory of a run for which nobody watches: the driver comes back before each doubtful step."""
+    events = len(program.watched) - program.sides
+    return EventMemory(2 * program.dimension, program.sides, [Reaction()] * events)
+
+
+class EventMemory:
+    """What a run watches, `surfaces` first, then events, and what has happened at them since it was last asked.
+
+    `values` is what is watched as a function of the state, of the parameters and the sides; `resets` gives the new
+    entries of all resets from the state and the parameters (k,).
+    """
+
+    def __init__(
+        self,
+        dimension: int,
+        surfaces: int,
+        reactions: Sequence[Reaction],
+        values: Kernel | None = None,
+        resets: Kernel | None = None,
+        parameters: FloatArray | None = None,
+    ) -> None:
+        self.count, self._dimension = surfaces + len(reactions), dimension
+        self.values, self.resets, self.parameters = values, resets, np.empty(0) if parameters is None else parameters
+        self.record: Any = WATCH.structure(surfaces=surfaces, room=ROOM, changed=-np.inf)
+        self.tilts = 1 + RELATIVE_PERTURBATION * perturbation_factors(dimension + 1)
+        self.sides = np.zeros(2 * SIDES * self.count, dtype=np.int64)
+        rows = [Reaction()] * surfaces + [*reactions]
+        blocks = [[getattr(one, name) for one in rows] for name in ("direction", "terminal", "first")]
+        blocks += [[len(one.entries) for one in rows], [int(one.root) for one in rows]]
+        if len(blocks) != SETTINGS:
+            raise AssertionError("there is a block for each setting")
+        entries = [entry for one in rows for entry in one.entries]
+        self.settings = np.array([*(x for block in blocks for x in block), *entries, 0], dtype=np.int64)
+        self.times = np.empty(ROOM)
+        self.states = np.empty(ROOM * dimension + MOST_LANES)
+        self.places = np.empty(ROOM, dtype=np.int64)
+
+    def _block(self, which: int, *, before: bool = False) -> NDArray[np.int64]:
+        start = (which + SIDES * before) * self.count
+        return self.sides[start : start + self.count]
+
+    @property
+    def signs(self) -> NDArray[np.int64]:
+        """The side of each before the next step; see `roots`."""
+        return self._block(SIGN)
+
+    @property
+    def nears(self) -> NDArray[np.int64]:
+        """Whether each has come near to zero."""
+        return self._block(NEAR)
+
+    @property
+    def starting(self) -> NDArray[np.int64]:
+        """Which start at zero."""
+        return self._block(STARTING)
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """How often each event has counted."""
+        return self._block(COUNT)
+
+    def keep(self) -> None:
+        """Let what is there now be what holds before the next step, too."""
+        half = len(self.sides) // 2
+        self.sides[half:] = self.sides[:half]
+
+    def taken(self) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
+        """Return the times (k,), states (k, 2n) and places (k,) of the events since the last call."""
+        count, size = self.record.done, self._dimension
+        self.record.done = self.record.ahead = 0
+        states = self.states[: count * size].reshape(count, size)
+        return self.times[:count].copy(), states.copy(), self.places[:count].copy()

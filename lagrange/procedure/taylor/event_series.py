@@ -1,0 +1,149 @@
+"""The series of what is watched: how much of it is round-off, how far it reaches, and with which sign it begins."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import Any
+
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.events.constants import MOST_COEFFICIENTS
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Procedure
+from lagrange.procedure.taylor.constants import BALANCE, DOUBT, EVENT_NOISE, JUMP
+from lagrange.procedure.taylor.memory import TaylorLayout
+from lagrange.procedure.taylor.watching import FUNCTION
+from lagrange.procedure.values import Flag, Memory, Real
+
+READ = Array(read=True)
+
+
+@cache
+def event_noise(layout: TaylorLayout) -> Procedure:
+    """Return what finds how wrong the values that are watched may be: by rounding the state, here and a step before.
+
+    Time and state are moved by about the square root of the round-off, each entry by another part: else the difference
+    of two equal entries would seem to owe nothing to either.
+    """
+    p = Builder("event_noise", "Write how wrong what is watched may be; `values` is what it is.", apart=True)
+    function = p.function("function", FUNCTION)
+    numbers, tilts = p.array("numbers", read=True), p.array("tilts", read=True)
+    t = p.given("t", REAL)
+    y, values = p.array("y", read=True), p.array("values", read=True)
+    noise = p.array("noise", room=layout.block)
+    size = layout.dimension
+    moved = p.reserve(layout.padded + layout.block, room=layout.block, name="moved")
+    with p.loop(0, size) as i:
+        moved[i] = y[i] * tilts[i]
+    function(t * tilts[size], moved, numbers, noise)
+    with p.loop(0, layout.watched) as i:
+        found = abs(noise[i] - values[i]) * EVENT_NOISE
+        noise[i] = p.choose(found < math.inf, found, 0.0)
+    return p.finish()
+
+
+@cache
+def reach() -> Procedure:
+    """Return how far a series reaches with its accuracy or noise, at most to s, as far as one that terminates.
+
+    The series of an expression may end above the end of the state's: it is a sum of products.
+    """
+    p = Builder("reach", "Return how far a series can be trusted.", apart=True)
+    c, count = p.array("c", read=True), p.given("count", WHOLE)
+    s, tolerance, noise = (p.given(name, REAL) for name in ("s", "tolerance", "noise"))
+    far, ratio = p.variable(s, "far"), p.variable(math.inf, "ratio")
+    tries = p.variable(0, "tries")
+    share = -1.0 / p.real(count - 1)
+    with p.when(c[count - 1].equals(0.0) & c[count - 2].equals(0.0)):
+        p.leave(s)
+    with p.repeat(lambda: (ratio.value > 1.0) & (tries.value < 60)):
+        tries.value = tries.value + 1
+        early, late = p.variable(0.0), p.variable(0.0)
+        power: Any = p.variable(1.0)
+        with p.loop(0, count) as k:
+            term = abs(c[k]) * power.value
+            early.value = p.choose(k <= (count - 1) // 2, p.larger(early.value, term), early.value)
+            late.value = p.choose(k >= count - 2, p.larger(late.value, term), late.value)
+            power.value = power.value * far.value
+        found = late.value / p.fma(tolerance, early.value, noise)
+        ratio.value = p.choose(found >= 0.0, found, math.inf)
+        with p.when(ratio.value > 1.0):
+            shorter = p.real(ratio.value) ** share
+            far.value = far.value * p.smaller(p.larger(shorter, 0.05), 0.9)
+    p.leave(far.value)
+    return p.finish(REAL)
+
+
+@cache
+def is_balanced() -> Procedure:
+    """Return whether the high powers of a series on a step leave the low ones their digits; see `BALANCE`."""
+    p = Builder("is_balanced", "Whether high powers do not drown low ones in round-off.", apart=True)
+    c, count, s = p.array("c", read=True), p.given("count", WHOLE), p.given("s", REAL)
+    low = p.larger(abs(c[0]), abs(c[1]) * s)
+    high, power = p.variable(0.0), p.variable(s * s)
+    with p.loop(2, count) as k:
+        high.value = p.larger(high.value, abs(c[k]) * power.value)
+        power.value = power.value * s
+    p.leave(~((low > 0.0) & (high.value > BALANCE * low)))
+    return p.finish(FLAG)
+
+
+@cache
+def largest_term() -> Procedure:
+    """Return the largest |c[k]| s**k."""
+    p = Builder("largest_term", "Return the largest term of a series on a step.", apart=True)
+    c, count, s = p.array("c", read=True), p.given("count", WHOLE), p.given("s", REAL)
+    most, power = p.variable(0.0), p.variable(1.0)
+    with p.loop(0, count) as k:
+        most.value = p.larger(most.value, abs(c[k]) * power.value)
+        power.value = power.value * s
+    p.leave(most.value)
+    return p.finish(REAL)
+
+
+@cache
+def start_of_series() -> Procedure:
+    """Return on which side of zero something that is watched goes on from a start: a sign, and an order.
+
+    The order is 0 where the series is not zero at its start, within its `margin` and the round-off of its terms in a
+    time in which they compare; else it is that of the term which tells, and the sign is that of this term; -1 where
+    none does.
+    """
+    p = Builder("start_of_series", "Return the sign with which a series begins, and the order that tells.", apart=True)
+    c, count = p.array("c", read=True), p.given("count", WHOLE)
+    unit, tolerance, noise, margin = (p.given(name, REAL) for name in ("unit", "tolerance", "noise", "margin"))
+    far: Real = p.call(reach(), c, count, unit, tolerance, noise)
+    near = p.reserve(MOST_COEFFICIENTS, name="near")
+    total, power = p.variable(0.0), p.variable(1.0)
+    with p.loop(0, count) as k:
+        near[k] = c[k] * power.value
+        total.value = total.value + p.choose(k.equals(0), 0.0, abs(near[k]))
+        power.value = power.value * far
+    doubt = p.choose(total.value < math.inf, DOUBT * total.value, 0.0)
+    with p.when(~(abs(near[0]) <= margin + doubt)):
+        p.leave(_sign(p, near[0]), 0)
+    with p.loop(1, count) as k, p.when(abs(near[k]) > DOUBT * total.value):
+        p.leave(_sign(p, near[k]), k)
+    p.leave(0, -1)
+    return p.finish(WHOLE, WHOLE)
+
+
+def _sign(p: Builder, value: Real) -> Any:
+    return p.whole(value > 0.0) - p.whole(value < 0.0)
+
+
+def comparable_unit(p: Builder, t: Real, scale: Real) -> Real:
+    """Return the time, in units of the scale, in which a velocity beside an acceleration counts as zero or not.
+
+    Motions of polynomials have a scale without a meaning. What takes less than some spacings of floating-point times
+    cannot be told apart anyway.
+    """
+    part = p.larger(p.smaller(abs(t / scale) * (1.0 / 64), 1.0), 2.0**-40)
+    found: Real = p.choose(t.equals(0.0), 1.0, part)
+    return found
+
+
+def has_jumped(p: Builder, c: Memory, count: Any, s: Real, sign: Any) -> Flag:
+    """Whether something changed its sign since the step before without a zero: an angle behind the cut of atan2."""
+    changed: Flag = p.real(sign) * c[0] < 0.0
+    found: Flag = changed & (abs(c[0]) > JUMP * p.call(largest_term(), c, count, s))
+    return found

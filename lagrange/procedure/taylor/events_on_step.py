@@ -1,0 +1,327 @@
+"""Zeros of what is watched on a Taylor step that is about to be taken, and where the first of them ends the step."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from typing import Any
+
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.events.constants import MOST_COEFFICIENTS
+from lagrange.procedure.events.roots import roots
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
+from lagrange.procedure.taylor.constants import EVENT_SLACK, LEAST_PART, TOGETHER
+from lagrange.procedure.taylor.event_series import event_noise, has_jumped, is_balanced, reach
+from lagrange.procedure.taylor.memory import TAYLOR, SeriesMemory, TaylorLayout, work_array
+from lagrange.procedure.taylor.watching import (
+    COUNT,
+    NEAR,
+    RESET_SIZE,
+    ROOT,
+    SIDES,
+    SIGN,
+    STARTING,
+    Watched,
+    column,
+    write_event,
+)
+from lagrange.procedure.values import Flag, Memory, Real, Whole
+
+MOST_ZEROS = 64
+"""So many zeros on one step are dealt with here."""
+
+GO_ON, LEAVE, WAIT = range(3)
+"""What is to follow: the step, a return to who watches, or a return because there is no room for more events."""
+
+
+@cache
+def inspect_step(layout: TaylorLayout) -> Procedure:
+    """Return what decides on a step of length s in units of the scale: what is to follow, and how long it may be.
+
+    `final` says that it ends at the end of the run, which is `left` away. Where the step is to follow, its events are
+    written, and the sides are those at its end. Otherwise nothing has changed.
+    """
+    return _Inspection(layout).build()
+
+
+class _Zeros:
+    """The zeros on a step: their times in units of the scale, places and directions, and the sides at its end."""
+
+    def __init__(self, p: Builder, layout: TaylorLayout, name: str) -> None:
+        room = layout.watched * MOST_ZEROS
+        self.times = p.reserve(room, name=f"{name}_times")
+        self.places, self.directions = (p.reserve(room, WHOLE, name=f"{name}_{of}") for of in ("places", "directions"))
+        self.signs, self.nears = (p.reserve(layout.watched, WHOLE, name=f"{name}_{of}") for of in ("signs", "nears"))
+
+    @property
+    def handed(self) -> tuple[Memory, ...]:
+        return self.times, self.places, self.directions, self.signs, self.nears
+
+
+@cache
+def zeros_on_step(layout: TaylorLayout) -> Procedure:
+    """Return what finds the zeros of all that is watched on a step, in order; it returns how many, or -1."""
+    p = Builder("zeros_on_step", "Find the zeros of what is watched on a step, in order.", apart=True)
+    s, last = p.given("s", REAL), p.given("last", FLAG)
+    noise = p.array("noise", read=True)
+    before, came_near, starting = (p.array(name, WHOLE, read=True) for name in ("before", "came_near", "starting"))
+    times, places, directions = p.array("times"), p.array("places", WHOLE), p.array("directions", WHOLE)
+    signs, nears = p.array("signs", WHOLE), p.array("nears", WHOLE)
+    memory = SeriesMemory(p, layout, work_array(p, layout))
+    rows, count = memory.work.at(layout.rows), memory.order + 1
+    c = p.reserve(MOST_COEFFICIENTS + 1, name="c")
+    found = p.variable(0, "found")
+    with p.loop(0, layout.watched) as i:
+        column(p, layout, rows, i, count, c)
+        sign, near = before[i], ~came_near[i].equals(0)
+        signs[i], nears[i] = sign, came_near[i]
+        others, power = p.variable(noise[i]), p.variable(s)
+        with p.loop(1, count) as k:
+            others.value = others.value + abs(c[k]) * power.value
+            power.value = power.value * s
+        begins: Flag = ~starting[i].equals(0)
+        clear = (p.real(sign) * c[0] > others.value) & ~near & ~begins
+        with p.when(~clear):
+            # What starts at zero is divided by time: its root there is known, and the next may be close.
+            first = p.whole(begins)
+            allowed = p.choose(begins, 0.0, noise[i])
+            to = found.value
+            given = c.at(first), count - first, s, allowed, sign, near, last
+            more, signs[i], after = p.call(roots(), *given, times.at(to), directions.at(to), MOST_ZEROS)
+            nears[i] = p.whole(after)
+            with p.when(more < 0, likely=False):
+                p.leave(-1)
+            with p.loop(to, to + more) as j:
+                places[j] = i
+            found.value = to + more
+    with _sorted(p, found.value, times) as (a, b):
+        t, place, direction = times[a], places[a], directions[a]
+        times[a], places[a], directions[a] = times[b], places[b], directions[b]
+        times[b], places[b], directions[b] = t, place, direction
+    p.leave(found.value)
+    return p.finish(WHOLE)
+
+
+@contextmanager
+def _sorted(p: Builder, count: Whole, keys: Memory) -> Iterator[tuple[Whole, Whole]]:
+    """Exchange neighbours, in the body, until their keys rise; equal ones stay in their order."""
+    with p.loop(1, count) as i:
+        j = p.variable(i)
+        with p.repeat(lambda: (j.value > 0) & (keys[j.value] < keys[p.larger(j.value - 1, 0)])):
+            yield j.value - 1, j.value
+            j.value = j.value - 1
+
+
+class _Inspection:
+    """Builds the procedure."""
+
+    def __init__(self, layout: TaylorLayout) -> None:
+        self.p = p = Builder("inspect_step", "Decide on a step on which something watched may vanish.", apart=True)
+        self.layout = layout
+        self.t, self.low, self.scale, self.rtol = (p.given(name, REAL) for name in ("t", "low", "scale", "rtol"))
+        self.s, self.left, self.final = p.given("s", REAL), p.given("left", REAL), p.given("final", FLAG)
+        self.taylor: Any = p.record("taylor", TAYLOR)
+        self.watched = Watched(p, layout)
+        self.memory = SeriesMemory(p, layout, work_array(p, layout))
+        self.rows, self.count = self.memory.work.at(layout.rows), self.memory.order + 1
+
+    def build(self) -> Procedure:
+        p, layout, watched = self.p, self.layout, self.watched
+        self.c = p.reserve(MOST_COEFFICIENTS + 1, name="c")
+        self.noise = p.reserve(layout.watched + layout.block, room=layout.block, name="noise")
+        values = p.reserve(layout.watched + layout.block, name="values")
+        self.leave_unless_finite(values)
+        numbers = watched.value_numbers, watched.tilts, self.t, self.memory.work, values, self.noise
+        p.call(event_noise(layout), watched.values, *numbers)
+        ends = self.terminates()
+        s = self.trusted(ends)
+        whole = s.equals(self.s)
+        shortest = TOGETHER * abs(self.t) + LEAST_PART * abs(self.left)
+        with p.when(~whole & (abs(s * self.scale) < shortest)):
+            p.leave(LEAVE, s)
+        self.signs, self.nears = self.sides_now(s)
+        found, zeros = _Zeros(p, layout, "found"), _Zeros(p, layout, "shorter")
+        count = self.find(found, s, whole & self.final)
+        change = self.first_change(found, count, p.constant(math.inf, REAL))
+        with p.when(change >= 0) as ways:
+            self.shorten(found, count, change, zeros)
+        with ways.otherwise():
+            self.accept(found, count, p.constant(math.inf, REAL), ends)
+            p.leave(GO_ON, s)
+        return p.finish(WHOLE, REAL)
+
+    def leave_unless_finite(self, values: Memory) -> None:
+        """Leave where a series of what is watched is not finite; keep its values."""
+        p = self.p
+        with p.loop(0, self.layout.watched) as i:
+            total = p.variable(0.0)
+            column(p, self.layout, self.rows, i, self.count, self.c)
+            with p.loop(0, self.count) as k:
+                total.value = total.value + self.c[k] * 0.0
+            with p.when(~total.value.equals(0.0)):
+                p.leave(LEAVE, self.s)
+            values[i] = self.c[0]
+
+    def terminates(self) -> Flag:
+        """Whether the series of the state terminate, and say nothing about the length of a step."""
+        p, most = self.p, self.p.variable(0.0)
+        with p.loop(0, self.layout.dimension) as i:
+            for less in (0, 1):
+                row = self.rows.at((self.memory.order - less) * self.layout.width)
+                most.value = p.larger(most.value, abs(row[i]))
+        found: Flag = most.value.equals(0.0)
+        return found
+
+    def trusted(self, ends: Flag) -> Real:
+        """Return how much of the step the series of all that is watched reach."""
+        p, s = self.p, self.p.variable(self.s, "trusted")
+        tolerance = p.larger(self.rtol, 2.0**-52) * EVENT_SLACK
+        with p.loop(0, self.layout.watched) as i:
+            column(p, self.layout, self.rows, i, self.count, self.c)
+            s.value = p.smaller(s.value, p.call(reach(), self.c, self.count, self.s, tolerance, self.noise[i]))
+        with p.when(ends):
+            halvings, balanced = p.variable(0), p.variable(p.false)
+            with p.repeat(lambda: ~balanced.value & (halvings.value < 200)):
+                balanced.value = p.true
+                with p.loop(0, self.layout.watched) as i:
+                    column(p, self.layout, self.rows, i, self.count, self.c)
+                    balanced.value = balanced.value & p.call(is_balanced(), self.c, self.count, s.value)
+                halvings.value = halvings.value + 1
+                s.value = p.choose(balanced.value, s.value, s.value * 0.5)
+        found: Real = s.value
+        return found
+
+    def sides_now(self, s: Real) -> tuple[Memory, Memory]:
+        """Return the sides before the step: what has jumped over zero since the step before is on the other."""
+        p, count = self.p, self.layout.watched
+        signs, nears = (p.reserve(count, WHOLE, name=name) for name in ("signs", "nears"))
+        with p.loop(0, count) as i:
+            column(p, self.layout, self.rows, i, self.count, self.c)
+            sign = self.watched.side(SIGN)[i]
+            jumped = has_jumped(p, self.c, self.count, s, sign)
+            signs[i] = p.choose(jumped, -sign, sign)
+            nears[i] = p.choose(jumped, 0, self.watched.side(NEAR)[i])
+        return signs, nears
+
+    def find(self, zeros: _Zeros, s: Real, last: Flag) -> Whole:
+        """Find the zeros on a step of length s; leave where they are not to be found here."""
+        p = self.p
+        given = self.noise, self.signs, self.nears, self.watched.side(STARTING)
+        count: Whole = p.call(zeros_on_step(self.layout), s, last, *given, *zeros.handed, *self.memory.handed)
+        with p.when(count < 0):
+            p.leave(LEAVE, s)
+        return count
+
+    def first_change(self, zeros: _Zeros, count: Whole, before: Real) -> Whole:
+        """Return the number of the first zero before a time that changes the motion, -1 if none does."""
+        p, watched = self.p, self.watched
+        seen = p.reserve(self.layout.watched, WHOLE)
+        with p.loop(0, self.layout.watched) as i:
+            seen[i] = watched.side(COUNT)[i]
+        found, j = p.variable(-1), p.variable(0)
+        with p.repeat(lambda: (j.value < count) & (found.value < 0)):
+            place, direction = zeros.places[j.value], zeros.directions[j.value]
+            is_event = watched.is_event(place)
+            counts = is_event & watched.counts(place, direction)
+            number = seen[place] + 1
+            seen[place] = p.choose(counts, number, seen[place])
+            stops = (watched.setting(RESET_SIZE, place) > 0) | watched.is_last(place, number)
+            changes = p.choose(is_event, counts & stops, ~direction.equals(0))
+            found.value = p.choose(changes & (zeros.times[j.value] < before), j.value, -1)
+            j.value = j.value + 1
+        result: Whole = found.value
+        return result
+
+    def shorten(self, zeros: _Zeros, count: Whole, change: Whole, shorter: _Zeros) -> None:
+        """End the step at the first change; leave where it is at the start, or more than one thing happens there.
+
+        The shorter step tells more zeros apart: what it has is what is kept, and a change may come out earlier.
+        """
+        p = self.p
+        at = p.variable(zeros.times[change], "at")
+        together = p.variable(self.together(zeros, count, at.value), "together")
+        found, place = p.variable(0, "count"), p.variable(zeros.places[change], "place")
+        direction = p.variable(zeros.directions[change], "direction")
+        again = p.variable(p.true, "again")
+        with p.repeat(lambda: again.value):
+            with p.when((at.value <= 0.0) | ~together.value.equals(1)):
+                p.leave(LEAVE, self.s)
+            found.value = self.find(shorter, at.value, p.false)
+            earlier = self.first_change(shorter, found.value, at.value - self.close(at.value))
+            again.value = earlier >= 0
+            with p.when(again.value):
+                # The zeros of the longer step count no more, and which happen at once is to be seen anew.
+                at.value = shorter.times[earlier]
+                place.value, direction.value = shorter.places[earlier], shorter.directions[earlier]
+                together.value = self.together(shorter, found.value, at.value)
+        self.leave_unless_alone(shorter, found.value, at.value, place.value)
+        is_event = self.watched.is_event(place.value)
+        with p.when(~is_event | ~self.watched.setting(ROOT, place.value).equals(0)):
+            p.leave(LEAVE, self.s)
+        self.accept(shorter, found.value, at.value - self.close(at.value), p.true)
+        self.watched.record.due, self.watched.record.direction = place.value + 1, direction.value
+        p.leave(GO_ON, at.value)
+
+    def close(self, at: Real) -> Real:
+        """Return how far from a zero others happen at once with it."""
+        found: Real = TOGETHER * self.p.larger(abs(self.t / self.scale), at)
+        return found
+
+    def together(self, zeros: _Zeros, count: Whole, at: Real) -> Whole:
+        """Return how many zeros happen at once at a time."""
+        p, number = self.p, self.p.variable(0)
+        close = self.close(at)
+        with p.loop(0, count) as j:
+            number.value = number.value + p.whole(abs(zeros.times[j] - at) <= close)
+        found: Whole = number.value
+        return found
+
+    def leave_unless_alone(self, zeros: _Zeros, count: Whole, at: Real, place: Whole) -> None:
+        """Leave where something else has its zero at the end of the shorter step."""
+        p, late = self.p, at - self.close(at)
+        with p.loop(0, count) as j, p.when((zeros.times[j] >= late) & ~zeros.places[j].equals(place)):
+            p.leave(LEAVE, self.s)
+
+    def accept(self, zeros: _Zeros, count: Whole, before: Real, again: Flag) -> None:
+        """Write the events before a time on the step, and the sides at its end; keep what held before it.
+
+        `again` says that the next step is to be inspected whatever its bounds say.
+        """
+        p, watched, record = self.p, self.watched, self.watched.record
+        slot = p.variable(record.done, "slot")
+        with p.when(slot.value + count > record.room):
+            p.leave(WAIT, self.s)
+        size = self.layout.watched
+        kept = watched.sides.at(SIDES * size)
+        with p.loop(0, SIDES * size) as i:
+            kept[i] = watched.sides[i]
+        sides = [watched.side(block) for block in (SIGN, NEAR, STARTING)]
+        with p.loop(0, size) as i:
+            kept[i], kept[i + size] = self.signs[i], self.nears[i]
+            for side, value in zip(sides, (zeros.signs[i], zeros.nears[i], 0), strict=True):
+                side[i] = value
+        with p.loop(0, count) as j:
+            place, time = zeros.places[j], zeros.times[j]
+            counts = watched.is_event(place) & watched.counts(place, zeros.directions[j])
+            with p.when(counts & (time < before)):
+                watched.side(COUNT)[place] = watched.side(COUNT)[place] + 1
+                state = write_event(watched, slot.value, (self.t + self.low) + time * self.scale, place)
+                self.write_state(time, state)
+                slot.value = slot.value + 1
+        record.ahead, record.due, record.unproven = slot.value, 0, 1
+        inspect = p.variable(again, "inspect")
+        with p.loop(0, size) as i:
+            inspect.value = inspect.value | zeros.signs[i].equals(0) | ~zeros.nears[i].equals(0)
+        self.taylor.inspect = p.whole(inspect.value)
+
+    def write_state(self, s: Real, to: Memory) -> None:
+        """Write the state at a time on the step."""
+        p, layout, work = self.p, self.layout, self.memory.work
+        with p.loop(0, layout.dimension) as i:
+            total = p.variable(0.0)
+            with p.loop(0, self.memory.order) as j:
+                row = self.rows.at((self.memory.order - j) * layout.width)
+                total.value = (total.value + row[i]) * s
+            to[i] = work[i] + total.value

@@ -1,0 +1,145 @@
+"""What happens at an event to which a Taylor step has led: the state is reset, and the motion starts anew."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import Any
+
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.events.constants import MOST_COEFFICIENTS
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
+from lagrange.procedure.step.constants import EARLIEST
+from lagrange.procedure.step.run import COUNTS
+from lagrange.procedure.taylor.constants import CLOSEST, EVENT_SLACK
+from lagrange.procedure.taylor.event_series import comparable_unit, event_noise, start_of_series
+from lagrange.procedure.taylor.memory import JET, TAYLOR, SeriesMemory, TaylorLayout, work_array
+from lagrange.procedure.taylor.watching import (
+    COUNT,
+    NEAR,
+    RESET_AT,
+    RESET_SIZE,
+    SETTINGS,
+    SIGN,
+    STARTING,
+    Watched,
+    column,
+    write_event,
+)
+from lagrange.procedure.values import Flag, Memory, Whole
+
+AT_REST = 4.0
+"""An event function may be this many times as far from zero behind a reset as before, and counts as zero."""
+
+
+@cache
+def reset_state(layout: TaylorLayout) -> Procedure:
+    """Return what does what is due at the state, if that is a reset behind which the motion leaves zero at once.
+
+    It returns whether that was done; otherwise nothing has changed.
+    """
+    return _Reset(layout).build()
+
+
+class _Reset:
+    """Builds the procedure."""
+
+    def __init__(self, layout: TaylorLayout) -> None:
+        self.p = p = Builder("reset_state", "Reset the state at an event; return if that was done.", apart=True)
+        self.layout = layout
+        self.jet = p.function("jet", JET)
+        self.prepared, self.constants = p.array("prepared", read=True), p.array("constants", read=True)
+        self.t, self.rtol = p.given("t", REAL), p.given("rtol", REAL)
+        self.counts: Any = p.record("counts", COUNTS)
+        self.taylor: Any = p.record("taylor", TAYLOR)
+        self.times, self.rows = p.array("times"), p.array("rows", room=layout.block)
+        self.watched = Watched(p, layout)
+        self.memory = SeriesMemory(p, layout, work_array(p, layout))
+        self.work, self.count = self.memory.work, self.memory.order + 1
+
+    def build(self) -> Procedure:
+        p, layout, record = self.p, self.layout, self.watched.record
+        place = (record.due - 1).called("place")
+        number = (self.watched.side(COUNT)[place] + 1).called("number")
+        since = abs(self.t - record.changed)
+        self.leave_if((record.surfaces > 0) | ~(since > CLOSEST * p.larger(abs(self.t), EARLIEST)))
+        self.leave_if(self.watched.setting(RESET_SIZE, place).equals(0) | self.watched.is_last(place, number))
+        self.leave_if(record.done >= record.room)
+        there = self.work.at(p.whole(layout.ahead(self.memory.order)))
+        self.write_new_state(place, there)
+        series = there.at(layout.rows)
+        numbers = self.prepared, self.constants
+        self.leave_if(self.jet(self.t, self.taylor.scale, there, *numbers, series, self.memory.order))
+        signs, starting = self.sides_behind(place, there, series)
+        self.commit(place, number, there, signs, starting)
+        p.leave(p.true)
+        return p.finish(FLAG)
+
+    def leave_if(self, condition: Flag) -> None:
+        """Leave what is due to who watches on a condition."""
+        self.p.leave_if(condition, self.p.false)
+
+    def write_new_state(self, place: Whole, there: Memory) -> None:
+        """Write the state behind the reset; of it nothing is lost to rounding."""
+        p, layout, watched = self.p, self.layout, self.watched
+        with p.loop(0, layout.padded) as i:
+            there[i], there[i + layout.lost] = self.work[i], 0.0
+        given = p.reserve(layout.padded * layout.watched + layout.block, room=layout.block, name="given")
+        self.leave_if(watched.resets(self.t, self.work, watched.reset_numbers, given))
+        first, size = watched.setting(RESET_AT, place), watched.setting(RESET_SIZE, place)
+        entries = watched.settings.at(SETTINGS * layout.watched)
+        with p.loop(first, first + size) as j:
+            there[entries[j]] = given[j]
+            self.leave_if(~(abs(given[j]) < math.inf))
+
+    def sides_behind(self, place: Whole, there: Memory, series: Memory) -> tuple[Memory, Memory]:
+        """Return the sides behind the reset, and what starts at zero there: nothing else than the event may."""
+        p, layout, watched = self.p, self.layout, self.watched
+        c, size = p.reserve(MOST_COEFFICIENTS + 1, name="c"), layout.watched
+        values, noise = (p.reserve(size + layout.block, room=layout.block, name=name) for name in ("values", "noise"))
+        signs, starting = (p.reserve(size, WHOLE, name=name) for name in ("signs", "starting"))
+        with p.loop(0, size) as i:
+            values[i] = series[i + layout.watched_at]
+        numbers = watched.value_numbers, watched.tilts, self.t, there, values, noise
+        p.call(event_noise(layout), watched.values, *numbers)
+        unit = comparable_unit(p, self.t, self.taylor.scale)
+        tolerance = p.larger(self.rtol, 2.0**-52) * EVENT_SLACK
+        with p.loop(0, size) as i:
+            total = p.variable(0.0)
+            column(p, layout, series, i, self.count, c)
+            with p.loop(0, self.count) as k:
+                total.value = total.value + c[k] * 0.0
+            self.leave_if(~total.value.equals(0.0))
+            mine = i.equals(place)
+            before = abs(self.work[i + (layout.rows + layout.watched_at)]) * AT_REST
+            margin = p.choose(mine, p.larger(noise[i], before), noise[i])
+            sign, order = p.call(start_of_series(), c, self.count, unit, tolerance, noise[i], margin)
+            self.leave_if(~order.equals(0) & (~mine | ~order.equals(1)))
+            signs[i], starting[i] = sign, order
+        return signs, starting
+
+    def commit(self, place: Whole, number: Whole, there: Memory, signs: Memory, starting: Memory) -> None:
+        """Write the event and the new state, and begin a motion there."""
+        p, layout, watched, record = self.p, self.layout, self.watched, self.watched.record
+        state = write_event(watched, record.done, self.t, place)
+        with p.loop(0, layout.dimension) as i:
+            state[i] = self.work[i]
+        record.done = record.done + 1
+        record.ahead, record.due = record.done, 0
+        record.changed, record.changed_at = self.t, place
+        record.jumps = record.jumps + 1
+        watched.side(COUNT)[place] = number
+        sides = [watched.side(block) for block in (SIGN, NEAR, STARTING)]
+        with p.loop(0, layout.watched) as i:
+            for side, value in zip(sides, (signs[i], 0, starting[i]), strict=True):
+                side[i] = value
+        with p.loop(0, 2 * layout.padded) as i:
+            self.work[i] = there[i]
+        self.taylor.low, self.taylor.next_limit, self.taylor.inspect = 0.0, math.inf, 1
+        with p.when(~self.counts.record.equals(0)):
+            row = self.counts.rows
+            self.times[row] = self.t
+            target = self.rows.at(row * layout.dimension)
+            with p.loop(0, layout.dimension) as i:
+                target[i] = there[i]
+            self.counts.rows = row + 1

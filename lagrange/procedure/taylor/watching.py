@@ -1,0 +1,140 @@
+"""What a Taylor run watches: surfaces on which the equations switch, then event functions; and what happened at them.
+
+The series of what is watched stand behind those of the state in each row. What is regular is dealt with here; the
+driver comes back for the rest, with nothing changed.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Callee, Record
+from lagrange.procedure.taylor.memory import TaylorLayout
+from lagrange.procedure.values import Flag, Memory, Real, Whole
+
+READ = Array(read=True)
+
+FUNCTION = Callee((REAL, READ, READ, Array()), (FLAG,))
+"""A function of a time, a state and numbers that the machine has prepared; it says whether it has no value."""
+
+WATCH = Record.of(
+    "Watch",
+    enabled=WHOLE,
+    surfaces=WHOLE,
+    room=WHOLE,
+    done=WHOLE,
+    ahead=WHOLE,
+    due=WHOLE,
+    direction=WHOLE,
+    jumps=WHOLE,
+    planned=WHOLE,
+    unproven=WHOLE,
+    changed=REAL,
+    changed_at=WHOLE,
+)
+"""What a run knows of what it watches.
+
+    enabled      1 where steps are inspected here, 0 where the driver is to come back for each
+    surfaces     how many of what is watched are surfaces
+    room         how many events there is room for
+    done         how many events are written, and `ahead` with those on the step that is not proven yet
+    due          what vanishes at the end of the last step and changes the motion there: its place and 1; 0 for nothing
+    direction    the direction in which it passes through zero
+    jumps        how often the state was reset
+    planned      the number of accepted steps behind which a step planned elsewhere is proven
+    unproven     1 where the sides before the step that is not proven are kept: others are at its end
+    changed      when the motion changed last, and `changed_at` what vanished then, by its place
+"""
+
+SIGN, NEAR, STARTING, COUNT = range(4)
+"""For each thing that is watched: the side before the present step (see `roots`), whether it starts at zero there, and
+how often it counted. Behind them the same as before the step that is not proven."""
+
+DIRECTION, TERMINAL, RESET_AT, RESET_SIZE, ROOT = range(5)
+"""For each thing that is watched: the direction that counts, after how many times the run ends, or 0; where among the
+results of all resets its own begin, and how many there are; and 1 for a square root. Behind them stand the entries of
+the state that are reset."""
+
+SIDES, SETTINGS = 4, 5
+"""How many blocks of these there are."""
+
+
+class Watched:
+    """What is watched, as arguments of a procedure."""
+
+    def __init__(self, p: Builder, layout: TaylorLayout) -> None:
+        self.p, self.layout, self.count = p, layout, layout.watched
+        self.record: Any = p.record("watch", WATCH)
+        self.values, self.resets = p.function("values", FUNCTION), p.function("resets", FUNCTION)
+        self.value_numbers, self.reset_numbers = (p.array(f"{name}_numbers", read=True) for name in ("value", "reset"))
+        self.tilts = p.array("tilts", read=True)
+        self.sides = p.array("sides", WHOLE)
+        self.settings = p.array("settings", WHOLE, read=True)
+        self.event_times, self.event_states = p.array("event_times"), p.array("event_states", room=layout.block)
+        self.event_places = p.array("event_places", WHOLE)
+
+    @property
+    def handed(self) -> tuple[Any, ...]:
+        """The arguments for another procedure."""
+        functions = self.values, self.resets, self.value_numbers, self.reset_numbers, self.tilts
+        return (self.record, *functions, self.sides, self.settings, *self.events)
+
+    @property
+    def events(self) -> tuple[Memory, ...]:
+        """Where events are written to."""
+        return self.event_times, self.event_states, self.event_places
+
+    def side(self, block: int) -> Memory:
+        """Return one of `SIGN`, `NEAR`, `STARTING` and `COUNT` of all that is watched."""
+        return self.sides.at(block * self.count)
+
+    def setting(self, block: int, place: Whole) -> Whole:
+        """Return one of the settings of one thing that is watched."""
+        found: Whole = self.settings[place + block * self.count]
+        return found
+
+    def is_event(self, place: Whole) -> Flag:
+        """Whether something that is watched is no surface."""
+        found: Flag = place >= self.record.surfaces
+        return found
+
+    def counts(self, place: Whole, direction: Whole) -> Flag:
+        """Whether a zero of an event function in a direction is an event."""
+        wanted = self.setting(DIRECTION, place)
+        found: Flag = wanted.equals(0) | wanted.equals(direction)
+        return found
+
+    def is_last(self, place: Whole, count: Whole) -> Flag:
+        """Whether the run ends when an event has counted so often."""
+        terminal = self.setting(TERMINAL, place)
+        found: Flag = (terminal > 0) & (terminal <= count)
+        return found
+
+
+def column(p: Builder, layout: TaylorLayout, rows: Memory, place: Whole, count: Any, to: Memory) -> None:
+    """Copy the series of something that is watched from the rows."""
+    first = rows.at(place + layout.watched_at)
+    with p.loop(0, count) as k:
+        to[k] = first[k * layout.width]
+
+
+def restore_sides(watched: Watched) -> None:
+    """Go back to what held before a step that is not proven; its events have not happened."""
+    p, record, size = watched.p, watched.record, SIDES * watched.count
+    with p.when(~record.unproven.equals(0)):
+        with p.loop(0, size) as i:
+            watched.sides[i] = watched.sides[i + size]
+        record.ahead, record.due, record.unproven = record.done, 0, 0
+
+
+def prove_sides(watched: Watched) -> None:
+    """Let the events on the last step have happened."""
+    watched.record.done, watched.record.unproven = watched.record.ahead, 0
+
+
+def write_event(watched: Watched, slot: Whole, t: Real, place: Whole) -> Memory:
+    """Write the time and the place of an event; return where its state belongs."""
+    watched.event_times[slot] = t
+    watched.event_places[slot] = place
+    return watched.event_states.at(slot * watched.layout.dimension)

@@ -1,0 +1,103 @@
+"""What a watch shares with the loop over Taylor steps, which deals with what is regular by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lagrange.machine.backend import Series, TaylorDriver
+from lagrange.machine.event_memory import EventMemory, Reaction
+from lagrange.machine.state import DriverState
+from lagrange.trajectory.events.actions import Impact
+from lagrange.trajectory.events.crossing import Meeting, PlannedStep
+from lagrange.trajectory.events.occurrence import Crowd, Record
+from lagrange.trajectory.events.roots import Root, Side
+from lagrange.trajectory.trajectory import FloatArray
+
+
+class SharedWatch(Record):
+    """Where everything watched stands, for the watch and for the loop: between them it is read and written as a whole.
+
+    `relay` are the sides of zero before the next step, `starting` has what starts at zero there, `pending` what is to
+    happen at the state, and `planned` what holds before the step that the watch has planned.
+    """
+
+    def __init__(
+        self, series: Series, driver: TaylorDriver, parameters: FloatArray, impacts: Sequence[Impact], *, enabled: bool
+    ) -> None:
+        super().__init__(len(impacts), 2 * series.program.dimension)
+        self.impacts, self.surfaces = tuple(impacts), series.program.sides
+        self.relay = [Side()] * (self.surfaces + len(self.impacts))
+        self.starting: frozenset[int] = frozenset()
+        self.pending: list[Meeting] = []
+        self.planned = PlannedStep()
+        self.crowd = Crowd()
+        reactions = [Reaction(one.direction, one.terminal, one.first, one.rows, one.root) for one in self.impacts]
+        resets = next((one.kernel for one in self.impacts if one.kernel is not None), None)
+        values, size = series.values if enabled else None, 2 * series.program.dimension
+        self._memory = EventMemory(size, self.surfaces, reactions, values, resets, parameters)
+        self._enabled = enabled
+        driver.watch(self._memory)
+
+    @property
+    def jumps(self) -> int:
+        """How often the state has jumped."""
+        return int(self._memory.record.jumps)
+
+    def jump(self) -> None:
+        """Count a jump of the state."""
+        self._memory.record.jumps += 1
+
+    def remember(self, state: DriverState) -> None:
+        """Keep what holds before a step: the driver takes back a step that does not prove itself."""
+        counts = tuple(map(len, self.occurrences))
+        self.planned = PlannedStep(state.count(DriverState.STEPS) + 1, tuple(self.relay), self.starting, counts)
+
+    def forget(self) -> None:
+        """Let what was planned for a step that was taken back not have happened."""
+        self.pending, self.relay, self.starting = [], list(self.planned.relay), self.planned.starting
+        for found, count in zip(self.occurrences, self.planned.counts, strict=True):
+            found.cut(count)
+        self.planned = PlannedStep()
+
+    def read(self, state: DriverState) -> None:
+        """Take over what the loop has left: events that have happened, and where everything watched stands."""
+        memory, record = self._memory, self._memory.record
+        times, states, places = memory.taken()
+        state.kept += times.nbytes + states.nbytes
+        for place, found in enumerate(self.occurrences, self.surfaces):
+            mine = places == place
+            if mine.any():
+                found.extend(times[mine], states[mine], state.count(DriverState.STEPS))
+        signs, nears = memory.signs.tolist(), memory.nears.tolist()
+        self.relay = [Side(sign, bool(near)) for sign, near in zip(signs, nears, strict=True)]
+        self.starting = frozenset(np.flatnonzero(memory.starting).tolist())
+        if record.due:
+            self.pending = [Meeting(record.due - 1, Root(0.0, record.direction))]
+            self.planned = PlannedStep(state.count(DriverState.STEPS))
+            record.due = 0
+        if record.changed != self.crowd.last:
+            self.crowd.begin(record.changed, record.changed_at)
+
+    def write(self, state: DriverState) -> None:
+        """Leave where everything watched stands to the loop, which does nothing where something is pending."""
+        memory, record, planned = self._memory, self._memory.record, self.planned
+        record.unproven = int(planned.steps > state.count(DriverState.STEPS))
+        if record.unproven:
+            self._put(planned.relay, planned.starting)
+            memory.keep()
+        self._put(self.relay, self.starting)
+        record.planned, record.changed = planned.steps, self.crowd.last
+        record.enabled = int(self._enabled and not self.pending)
+
+    def leave_all_to_the_watch(self) -> None:
+        """Have the loop come back before each step on which something may vanish."""
+        self._memory.record.enabled = 0
+
+    def _put(self, relay: Sequence[Side], starting: frozenset[int]) -> None:
+        memory = self._memory
+        memory.signs[:] = [side.sign for side in relay]
+        memory.nears[:] = [side.near for side in relay]
+        memory.starting[:] = [place in starting for place in range(memory.count)]
+        memory.counts[self.surfaces :] = [len(found) for found in self.occurrences]

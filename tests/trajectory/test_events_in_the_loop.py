@@ -1,0 +1,100 @@
+"""Events that the loop over Taylor steps deals with by itself are those that the watch finds in Python."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from sympy import Rational, cos, sin
+
+from lagrange.machine.model import Model
+from lagrange.machine.state import DriverState
+from lagrange.statement.coordinate import t
+from lagrange.statement.event import event
+from lagrange.trajectory.events.shared_watch import SharedWatch
+from lagrange.trajectory.trajectory import Status, Trajectory
+from tests.covering import share
+from tests.models import TARGETS, build, x, y
+from tests.trajectory.runs import run
+
+SEEDS = range(share(40))
+
+
+def random_model(chance: np.random.Generator, target: str) -> Model:
+    """Return two masses in a well with random terms of low order."""
+    a, b, c, d = (Rational(int(k), 10) for k in chance.integers(-5, 6, 4))
+    well = (x**2 + y**2) / 2 + x**4 / 4 + y**4 / 4
+    return build(
+        target,
+        kinetic=(x.dot**2 + (2 + cos(x)) * y.dot**2) / 2,
+        potential=well + a * x * y + b * x**2 * y + c * x * y**2 + d * x,
+        initial=dict(zip((x, y, x.dot, y.dot), chance.uniform(-0.6, 0.6, 4).tolist(), strict=True)),
+    )
+
+
+def random_events(chance: np.random.Generator) -> list[Any]:
+    """Return one to four events: sections, curves and times, some with resets, at times with an end."""
+    level = Rational(int(chance.integers(-3, 4)), 10)
+    functions = [y - level, x - y, x.dot, x**2 + y**2 - Rational(1, 10), sin(3 * t), x * y.dot - y * x.dot, x + level]
+    found = []
+    for k in chance.permutation(len(functions))[: chance.integers(1, 5)]:
+        options: dict[str, Any] = {"direction": int(chance.integers(-1, 2))}
+        if chance.random() < 0.3:
+            options["reset"] = {x.dot: -x.dot * Rational(9, 10), y.dot: y.dot + level / 4}
+        if chance.random() < 0.2:
+            options["terminal"] = int(chance.integers(2, 9))
+        found.append(event(functions[k], **options))
+    return found
+
+
+def in_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the loop come back for everything that is watched."""
+    write = SharedWatch.write
+
+    def disabled(self: SharedWatch, state: DriverState) -> None:
+        write(self, state)
+        self.leave_all_to_the_watch()
+
+    monkeypatch.setattr(SharedWatch, "write", disabled)
+
+
+def assert_same(ours: Trajectory, theirs: Trajectory) -> None:
+    assert ours.status is theirs.status and ours.message == theirs.message
+    assert [len(times) for times in ours.t_events] == [len(times) for times in theirs.t_events]
+    # Both take the same steps; what differs is the round-off of how much is round-off.
+    for one, other in zip((*ours.t_events, *ours.y_events), (*theirs.t_events, *theirs.y_events), strict=True):
+        assert one == pytest.approx(other, rel=1e-11, abs=1e-11)
+    assert ours.t == pytest.approx(theirs.t, rel=1e-11, abs=1e-11)
+    assert ours.y == pytest.approx(theirs.y, rel=1e-10, abs=1e-10)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("target", TARGETS)
+def test_random_events(seed: int, target: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    chance = np.random.default_rng(seed)
+    compiled, events = random_model(chance, target), random_events(chance)
+    end = float(chance.choice([12.0, -12.0]))
+    times = np.sort(chance.uniform(0, abs(end), 20)) * np.sign(end)
+    ours = run(compiled, end, "taylor", events=events)
+    shown = run(compiled, end, "taylor", events=events, t_eval=times)
+    in_python(monkeypatch)
+    assert_same(ours, run(compiled, end, "taylor", events=events))
+    assert_same(shown, run(compiled, end, "taylor", events=events, t_eval=times))
+
+
+def test_the_loop_comes_back_for_nothing_that_is_regular(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A section and a wall that throws back: Python is called where the run begins and ends."""
+    calls: list[float] = []
+    process = SharedWatch.read
+
+    def counted(self: SharedWatch, state: DriverState) -> None:
+        calls.append(state.t)
+        process(self, state)
+
+    monkeypatch.setattr(SharedWatch, "read", counted)
+    wall = event(x - Rational(1, 2), direction=1, reset={x.dot: -x.dot})
+    well = build(kinetic=(x.dot**2 + y.dot**2) / 2, potential=x**2 / 2 + y**2, initial={x: 0.4, x.dot: 1.0, y: 0.3})
+    found = run(well, 300.0, "taylor", events=[wall, event(y)])
+    assert found.status is Status.SUCCESS and sum(map(len, found.t_events)) > 150
+    assert len(calls) < 40
