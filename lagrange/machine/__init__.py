@@ -1,1 +1,1 @@
-"""Who runs it: numpy, or machine code through LLVM."""
+"""The machines: numpy, and machine code through LLVM."""

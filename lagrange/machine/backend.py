@@ -1,4 +1,4 @@
-"""What a machine is: it loads a program and gives back a kernel."""
+"""The protocols of a machine: it loads programs and returns kernels, series and drivers."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ class SingularMassMatrix(RunError):
 
 
 class QuickCalls(NamedTuple):
-    """Functions of (t, y) and of (t, q, v) that return the result for one state, or None to ask for the other way.
+    """Functions of (t, y) and of (t, q, v) that return the result for one state, or None if `Kernel` must be called.
 
-    They are quick because they leave the telling of what is wrong to `Kernel`. `t` must be a float, and arrays must be
-    plain NumPy arrays of doubles: the caller sees to that. A result is finite.
+    They are quick because they leave error reports to `Kernel`. The caller ensures that `t` is a float and that arrays
+    are plain NumPy arrays of doubles. A result is finite.
     """
 
     whole: Callable[..., FloatArray | None]
@@ -49,7 +49,7 @@ class Kernel(Protocol):
 
     @property
     def program(self) -> Program:
-        """What it computes."""
+        """The program."""
 
     def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
         """Return the program's result for a state (2n,), shape `program.shape`, or for columns (2n, batch).
@@ -62,14 +62,14 @@ class Kernel(Protocol):
         """Return the result for columns of each of the program's inputs, (size, batch), without joining them."""
 
     def quick(self, parameters: FloatArray) -> QuickCalls | None:
-        """Return quick calls for one state with some parameters, if there are any. Raises SingularMassMatrix."""
+        """Return quick calls for one state with these parameters, or None. Raises SingularMassMatrix."""
 
 
 class Driver(Protocol):
-    """Advances a run by many steps without going through Python for each where the machine can."""
+    """Advances a run by many steps, without Python code for each step if the machine can."""
 
     def adopt(self, state: DriverState) -> None:
-        """Let the state's y live in the driver's memory if that saves copying it; its entries are lost."""
+        """Let the state's y use the driver's memory if that saves a copy; its entries are lost."""
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Try up to `budget` steps and record each accepted one in `times` (c,) and `rows` (c, 2n) from the first on.
@@ -80,16 +80,16 @@ class Driver(Protocol):
 
 
 class TaylorDriver(Driver, Protocol):
-    """A driver of Taylor steps, whose numbers may change on the way."""
+    """A driver of Taylor steps, whose parameters may change during a run."""
 
     def watch(self, memory: Any) -> None:
         """Deal with what is watched by an `EventMemory` from now on, as far as it is enabled there."""
 
     def use(self, parameters: FloatArray) -> None:
-        """Go on with other parameters or sides, (k + sides,)."""
+        """Continue with other parameters or sides, (k + sides,)."""
 
     def restart(self, state: DriverState) -> None:
-        """Forget what rounding lost: the state has jumped."""
+        """Reset the compensation: the state has jumped."""
 
 
 class BlockPolynomial(NamedTuple):
@@ -162,7 +162,7 @@ class Series(Protocol):
 
 
 class Machine(Protocol):
-    """Something that runs programs."""
+    """A target that runs programs."""
 
     @property
     def name(self) -> str:
@@ -189,17 +189,17 @@ class Machine(Protocol):
 
 @runtime_checkable
 class KernelProvider(Protocol):
-    """What makes the kernels of a model, on a machine, from its equations."""
+    """Makes the kernels of a model, on a machine, from its equations."""
 
     @property
     def machine(self) -> Machine:
-        """What the kernels run on."""
+        """The machine of the kernels."""
 
     def kernel(self, name: str) -> Kernel:
         """Return the kernel of a quantity of `QUANTITIES`."""
 
     def interpreted(self, name: str) -> Kernel:
-        """Return such a kernel for a few states, for which compiling would take longer."""
+        """Return such a kernel for a few states, for which compilation would take longer."""
 
     def function(self, name: str, nodes: tuple[Node, ...]) -> Kernel:
         """Return nodes of the equations' graph as a function of t, q and v."""
@@ -209,4 +209,4 @@ class KernelProvider(Protocol):
 
     @property
     def again(self) -> Callable[[Statement], Any]:
-        """What makes the model of a statement on the same machine, as a pickle does."""
+        """The function that makes the model of a statement on the same machine, for pickles."""

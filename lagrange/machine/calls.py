@@ -1,4 +1,4 @@
-"""How a model calls its kernels: quickly where it can, and with a look at what comes back."""
+"""Calls of kernels by a model: the quick ones if possible, with a test of the result."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from lagrange.machine.backend import FloatArray, Kernel, QuickCalls, SingularMas
 
 
 class Quick(dict[str, QuickCalls]):
-    """The quick calls of a model by quantity, with the parameters of its statement, made when they are first asked for.
+    """The quick calls of a model by quantity, with the parameters of its statement, made on first use.
 
-    Where there are none they are calls that return None.
+    If there are none, they are calls that return None.
     """
 
     def __init__(self, kernel: Callable[[str], Kernel], parameters: Callable[[], FloatArray]) -> None:
@@ -52,13 +52,13 @@ def nothing(*_: Any) -> None:
 
 
 FEW_ENTRIES = 64
-"""Up to so many entries Python adds them in less time than NumPy takes for two calls, 1 us."""
+"""Up to this many entries Python adds them in less time than NumPy needs for two calls, 1 us."""
 
 
 def surely_finite(array: FloatArray) -> bool:
-    """Return whether every entry is finite; False too where a sum of them overflows.
+    """Return whether every entry is finite; False also if their sum overflows.
 
-    NumPy is not asked for a sum: it warns of one that overflows, and what is public passes no warning on.
+    NumPy does not compute the sum: it would warn of an overflow, and public functions give no warnings.
     """
     if array.size <= FEW_ENTRIES:
         return math.isfinite(sum(array.ravel().tolist()))

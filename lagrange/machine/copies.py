@@ -1,4 +1,4 @@
-"""How compiled things are copied: a copy is the thing itself, and a pickle is the program, compiled when first used."""
+"""Copies of compiled objects: a copy is the object itself, and a pickle is the program, compiled on first use."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lagrange.program.program import Program
 
 
 class Shared:
-    """What never changes: a copy is the thing itself, for machine code cannot be copied and need not be."""
+    """Immutable objects: a copy is the object itself, because machine code cannot be copied."""
 
     def __copy__(self) -> Any:
         return self
@@ -21,7 +21,7 @@ class Shared:
 
 
 class UnpickledKernel(Shared):
-    """A kernel that came out of a pickle: its program, compiled when it is first used."""
+    """A kernel from a pickle: its program, compiled on first use."""
 
     def __init__(self, load: Callable[[Program], Kernel], program: Program) -> None:
         self._load, self.program = load, program
@@ -44,4 +44,4 @@ class UnpickledKernel(Shared):
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
             raise AttributeError(name)
-        return getattr(self._kernel, name)  # what a machine's kernels have beside the protocol, such as an address
+        return getattr(self._kernel, name)  # attributes of a machine's kernels beyond the protocol, such as an address

@@ -31,10 +31,10 @@ State = tuple[FloatArray, FloatArray]
 """Coordinates and velocities, (n,) each or (n, batch)."""
 
 FUNCTIONS_KEPT = 64
-"""So many functions of events and expressions are kept."""
+"""Number of functions of events and expressions that are cached."""
 
 SERIES_KEPT = 16
-"""So many series with events are kept beside the one without: each takes some 2 MB of machine code."""
+"""Number of series with events that are cached, beside the one without; each takes some 2 MB of machine code."""
 
 
 NO_QUANTITY = "{given} is no quantity of a model: they are {known}."

@@ -16,7 +16,7 @@ from lagrange.procedure.form import Procedure
 from lagrange.procedure.step.run import COUNTS, RUN
 
 EMPTY = memoryview(array("d"))
-"""The place of an array that is not used."""
+"""Stands for an array that is not used."""
 
 Records = tuple[Any, Any]
 Recorded = tuple[memoryview, memoryview]

@@ -64,7 +64,7 @@ SPELLED: Mapping[str, tuple[int, str]] = {
     "real": (9, "float({0})"),
     "whole": (9, "int({0})"),
 }
-"""Operations that Python spells: how tightly each binds, and how it is written. The others are functions."""
+"""Python operators: their precedence and their text. The other operations are functions."""
 
 OPERANDS: Mapping[str, tuple[int, ...]] = {
     "select": (2, 2, 1),
@@ -80,18 +80,18 @@ OPERANDS: Mapping[str, tuple[int, ...]] = {
     "mul": (7, 8),
     "neg": (8,),
 }
-"""How tightly each operand must bind to stand without parentheses."""
+"""The least precedence of each operand that needs no parentheses."""
 
 TURNED = {"less": ">", "less_equal": ">="}
-"""Comparisons as they read where the constant comes first."""
+"""Comparisons with the operands exchanged, for a constant that comes first."""
 
 ATOM = 10
 
 INDICES = ("i", "j", "k", "l", "i5", "i6", "i7", "i8")
-"""What the indices of loops are called, from the outermost on."""
+"""Names of loop indices, from the outermost on."""
 
 LONGEST_VALUE = 60
-"""A value of so many characters gets a name."""
+"""A value of this many characters gets a name."""
 
 
 def source(procedure: Procedure) -> str:
@@ -184,7 +184,7 @@ class Printer:
         self.lines.append("    " * self.depth + line)
 
     def settle(self) -> None:
-        """Give every value that waits a name here."""
+        """Assign every pending value to a name here."""
         for ref in list(self.waiting):
             _, text = self.texts[ref]
             self.lines.append("    " * self.depth + f"{self.name(ref)} = {text}")

@@ -1,4 +1,4 @@
-"""The record that a driver advances: where a run stands, and what it counts."""
+"""The state of a run as a driver advances it, with its counts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lagrange.procedure.taylor.memory import OUTPUTS, TAYLOR
 __all__ = ["MOST_LANES", "OUTCOMES", "DriverState", "Outcome", "Outputs"]
 
 MOST_LANES = 8
-"""The entries of the state that a machine handles at once, at most."""
+"""Most entries of the state that a machine computes at once."""
 
 OUTCOMES = tuple(Outcome)
 """The outcomes by number."""

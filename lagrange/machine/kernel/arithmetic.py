@@ -49,9 +49,9 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
 
 @dataclass(frozen=True)
 class Arithmetic:
-    """What numbers are: their spelling of each operation of a program, and the number that a double is.
+    """A number type: its function for each operation of a program, and the conversion from a double.
 
-    `systems` spells factor and solve, on the order and the operands, where there are any.
+    `systems` has factor and solve, as functions of the order and the operands, if there are any.
     """
 
     operations: Mapping[str, Callable[..., Any]]

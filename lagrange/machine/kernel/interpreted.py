@@ -26,7 +26,7 @@ class InterpretedKernel:
         return self._rows(t, y, y.shape[1:], parameters)
 
     def quick(self, parameters: FloatArray) -> None:
-        """Return nothing: no call of it is quick; see `Kernel`."""
+        """Return None: no call is quick; see `Kernel`."""
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
         """Evaluate every column; see `Kernel`."""
@@ -88,11 +88,11 @@ def _scale(a: FloatArray) -> FloatArray:
 
 
 def _check_pivot(pivot: FloatArray, largest: FloatArray, finite: NDArray[np.bool_], columns: tuple[int, ...]) -> None:
-    """Refuse a pivot that is zero to round-off, but in matrices with an entry that is not finite: no verdict."""
+    """Refuse a pivot that is zero to round-off; matrices with entries that are not finite are not judged."""
     singular = finite & ((np.abs(pivot) <= PIVOT * largest) | (pivot == 0.0))
     if singular.any():
         raise SingularMassMatrix(int(np.argmax(singular)) if columns else None)
 
 
 WITH_SYSTEMS = replace(FLOATS, systems={"factor": _matrix, "solve": _solve})
-"""Doubles, and the linear systems of the mass matrix in them."""
+"""Doubles, with the linear systems of the mass matrix."""

@@ -26,7 +26,7 @@ from lagrange.machine.llvm.engine import Module
 
 HEADER = object.__basicsize__
 DATA, DIMENSIONS, SHAPE, STRIDES = HEADER, HEADER + 8, HEADER + 16, HEADER + 24
-"""Where the fields of an array stand behind its address."""
+"""Offsets of the fields of an array from its address."""
 
 REFUSED, NOT_FINITE = 2, 3
 
@@ -127,7 +127,7 @@ declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)
 """
 
 MOST_STATE = 4096
-"""Up to so many inputs a call of two arrays joins them on the stack."""
+"""Most inputs that a call of two arrays joins on the stack."""
 
 
 class _Call(ctypes.Structure):
@@ -178,7 +178,7 @@ def _functions() -> tuple[Any, Any] | None:
 
 
 def _as_documented(one: Any) -> bool:
-    """Return whether shapes and strides are read right: what does not fit must be refused."""
+    """Return whether shapes and strides are read correctly: arrays that do not fit must be refused."""
     record = _Call(0, 0, 3, 3)
     odd = [np.zeros(2), np.zeros((3, 3)), np.zeros(6)[::2], np.zeros((3, 1)), np.zeros(())]
     return all(one(ctypes.addressof(record), 0.0, each, np.zeros(3)) == REFUSED for each in odd)

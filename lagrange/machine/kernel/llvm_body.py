@@ -1,4 +1,4 @@
-"""Emit a stretch of a program's instructions, for one state or for a vector of them."""
+"""Emit a part of the instructions of a program, for one state or for a vector of states."""
 
 from __future__ import annotations
 
@@ -19,8 +19,10 @@ UNROLLED = 6
 ANGLES = ("sin", "cos")
 
 INLINE_ANGLES = 8
-"""Up to this many different angles, sine and cosine are written out at each; beyond it they are a function, which
-keeps the time to compile a long chain in bounds."""
+"""Up to this many different angles, sine and cosine are written out for each.
+
+Beyond it they are a function, which bounds the compile time of a long chain.
+"""
 
 
 def shares_angle_function(program: Program) -> bool:
@@ -29,7 +31,7 @@ def shares_angle_function(program: Program) -> bool:
 
 
 def angles(program: Program) -> list[int]:
-    """Return the results of which a sine or a cosine is taken, each once."""
+    """Return the results whose sine or cosine is computed, each once."""
     return list(dict.fromkeys(i.args[0] for i in program.instructions if i.op in ANGLES))
 
 
@@ -58,7 +60,7 @@ def width_of(program: Program, ref: int) -> int:
 
 
 class Body:
-    """Emits a stretch of a program's instructions over `lanes` lanes."""
+    """Emits a part of the instructions of a program over `lanes` lanes."""
 
     def __init__(self, program: Program, lanes: int, vector_names: dict[str, str]) -> None:
         self.program = program
@@ -77,7 +79,7 @@ class Body:
         self.by_code = {instruction: i for i, instruction in enumerate(program.instructions)}
 
     def ref(self, i: int) -> str:
-        """Return the value of an instruction, bringing in constants and parameters where they are first read."""
+        """Return the value of an instruction; constants and parameters are loaded on first use."""
         if i not in self.values:
             one = self.program.instructions[i]
             if one.op == "constant":
@@ -177,7 +179,7 @@ class Body:
         return result
 
     def scratch(self, purpose: str, kind: str, count: int) -> str:
-        """Return memory for one purpose, written before every use: the stack does not hold one for every solve."""
+        """Return memory for one purpose, written before every use: the stack has no room for one per solve."""
         key = (purpose, kind, count)
         if key not in self.reserved:
             self.reserved[key] = self.e.reserve(kind, count)
@@ -253,7 +255,7 @@ class Body:
         before = e.block
         e.do(f"br i1 {every}, label %{name}.join, label %{name}.cold, !prof !0")
         e.label(f"{name}.cold")
-        known = dict(self.values)  # what the cold path brings in does not reach the other path
+        known = dict(self.values)  # values loaded on the cold path are not known on the other
         matrix, memory = self.matrix(factor), self.scratch("right", kind, n)
         for k, value in enumerate(right):
             e.put(value, memory, k, kind)

@@ -17,10 +17,10 @@ from lagrange.machine.llvm.emitter import Emitter
 from lagrange.program.program import Program
 
 BLOCK = 4
-"""Doubles that are loaded and stored at once, by kernels and by the steps around them."""
+"""Doubles that kernels and steps load and store at once."""
 
 MOST_IN_REGISTERS = 8
-"""Up to so many numbers of a state, and results, are passed in registers."""
+"""Most numbers of a state, and most results, that are passed in registers."""
 
 _CONVENTION = "swiftcc"
 """A calling convention that returns four doubles in registers, where C has two, and saves none that hold doubles."""
@@ -32,7 +32,7 @@ def fit(dimension: int) -> bool:
 
 
 def hold(program: Program) -> bool:
-    """Whether a program is what steps call, of few enough numbers."""
+    """Whether a program is called by steps, and has few enough numbers."""
     return bool(program.returned) and fit(program.states)
 
 

@@ -23,7 +23,7 @@ from lagrange.procedure.blocks import whole_blocks
 from lagrange.program.program import Program
 
 SHORT_PROGRAM = 4096
-"""Instructions up to which a call of one state does not release the interpreter's lock: that takes as long."""
+"""Up to this many instructions a call of one state holds the interpreter's lock: releasing it takes as long."""
 
 _PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 _SCALAR = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
@@ -118,7 +118,7 @@ class LlvmKernel(Shared):
         return known[1]
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Evaluate every column; see `Kernel`. An incomplete last block is filled up with copies of the last column."""
+        """Evaluate every column; see `Kernel`. An incomplete last block is padded with copies of the last column."""
         prepared = self.prepare(parameters)
         batch = inputs[0].shape[1]
         if batch == 0:
@@ -159,7 +159,7 @@ class LlvmKernel(Shared):
 
     @cached_property
     def _column_kernel(self) -> tuple[Module, ctypes._CFunctionType]:
-        """The module and its function as one value: threads that compile it at once each keep their own pair."""
+        """The module and its function as one value: threads that compile it concurrently each keep their own pair."""
         module = Module(column_module(self._program, self._lanes, vector_routines() if self._lanes > 1 else {}))
         pointers = [ctypes.c_void_p] * (3 + len(self._program.inputs))
         columns = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, *pointers)

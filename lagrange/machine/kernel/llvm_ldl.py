@@ -13,8 +13,8 @@ Entries = dict[tuple[int, int], str]
 def factor(e: Emitter, lanes: int, n: int, a: Entries, negative: int = 0) -> list[str]:
     """Return L by rows with 1/d on its diagonal, then whether every pivot can be trusted.
 
-    The last so many pivots are below zero. A pivot vanishes against its diagonal entry, or, of a multiplier, which has
-    none, against what is subtracted: G M^-1 G^T of the constraint.
+    The last `negative` pivots are negative. A pivot is compared with its diagonal entry, or, for a multiplier, which
+    has none, with what is subtracted: G M^-1 G^T of the constraint.
     """
     kind, zero = element(lanes), number(0.0, lanes)
     lower: Entries = {}

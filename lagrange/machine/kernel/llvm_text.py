@@ -27,18 +27,21 @@ from lagrange.procedure.linear.dense import factor_size
 from lagrange.program.program import SYSTEMS, Instruction, Program
 
 FEW_RESULTS = 16
-"""Up to so many results of a scalar kernel are stored four or two at a time. A step loads them four at a time, and a
-processor hands a value on from a store to a load only if one store has it all: it doubles the time of a small step."""
+"""Up to this many results of a scalar kernel are stored four or two at a time.
+
+A step loads them four at a time, and a processor forwards a value from a store to a load only if one store has all of
+it: that would double the time of a small step.
+"""
 
 MANY_ZEROS = 32
-"""From this many outputs that are always zero they are cleared in a loop; LLVM takes long over so many stores."""
+"""From this many zero outputs on they are cleared in a loop; LLVM takes long to compile so many stores."""
 
 ZERO = Instruction("constant")
 
 METADATA = '!0 = !{!"branch_weights", i32 2000, i32 1}'
 ATTRIBUTES = 'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" }'
 QUICKLY = "attributes #1 = { nounwind noinline optnone }"
-"""What runs once per set of parameters is compiled quickly, not well."""
+"""What runs once per set of parameters is compiled quickly, without optimization."""
 
 
 def solves(program: Program) -> bool:
@@ -176,7 +179,7 @@ def _store_together(e: Emitter, values: Sequence[str]) -> None:
 
 
 def _block_widths(length: int) -> Iterator[tuple[int, int]]:
-    """Yield (first, width) of the blocks of a vector and of the pieces of two and one that are left."""
+    """Yield (first, width) of the blocks of a vector, then of two and of one entry for the rest."""
     begin = 0
     for width in (llvm_calling.BLOCK, 2, 1):
         while begin + width <= length:

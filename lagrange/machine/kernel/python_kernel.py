@@ -23,7 +23,7 @@ from lagrange.procedure.interpreter import OPERATIONS
 from lagrange.program.program import Program
 
 CACHED = 2**16
-"""So many doubles of a block of columns are worked with at once: they fit a second-level cache."""
+"""Doubles of a block of columns: they fit a second-level cache."""
 
 LEAST_COLUMNS, MOST_COLUMNS = 64, 4096
 """The least and the largest number of columns of a block."""
@@ -37,7 +37,7 @@ FUNCTIONS: dict[str, Any] = {
     "nan": math.nan,
     "inf": math.inf,
 }
-"""What printed operations are. Those of `math` raise where there is no finite value."""
+"""The functions of printed operations. Those of `math` raise if there is no finite value."""
 
 SOURCE_NOTE = """\
 # y = {inputs}, p = the parameters, in the statement's order; sin, exp and the like are those of math,
@@ -69,9 +69,9 @@ def printed(program: Program) -> str:
 
 
 class _Prepared:
-    """A printed function of parameters, which computes what they alone need, with what it gave for the last ones.
+    """A printed function of parameters, which computes what depends on them alone; the last result is cached.
 
-    That is a function in its turn, or None where the parameters do not let it be computed so.
+    The result is a function, or None if these parameters require the interpreter.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:

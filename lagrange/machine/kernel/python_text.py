@@ -77,7 +77,7 @@ class FloatPrinter:
         return found if level >= least else f"({found})"
 
     def names(self, places: Iterable[int], letter: str) -> None:
-        """Bring in what instructions that read an input stand for."""
+        """Load the values of instructions that read an input."""
         for i in places:
             self.texts[i] = ATOM, f"{letter}{self.program.instructions[i].place}"
 
@@ -86,7 +86,7 @@ class FloatPrinter:
         return [i for i, one in enumerate(self.program.instructions) if one.op == op]
 
     def constants(self) -> None:
-        """Bring in the constants."""
+        """Load the constants."""
         for i in self.places("constant"):
             self.texts[i] = literal(REAL, self.program.instructions[i].value)
 
@@ -144,7 +144,7 @@ class FloatPrinter:
         return level, form.format(*(self.text_of(arg, need) for arg, need in zip(one.args, least, strict=True)))
 
     def named(self, name: str, text: str) -> str:
-        """Give a value a name, and return it."""
+        """Name a value, and return the name."""
         self.write(f"{name} = {text}")
         return name
 
@@ -194,7 +194,7 @@ def listed(letter: str, count: int) -> str:
 
 
 def uses_of(program: Program) -> list[int]:
-    """Return how often each result stands in the text, at least."""
+    """Return a lower bound of how often each result is used in the text."""
     found = [0] * len(program.instructions)
     for one in program.instructions:
         for arg in one.args:

@@ -15,7 +15,7 @@ def literal(value: float) -> str:
 
 @dataclass
 class Carried:
-    """A loop's index, the values that it carries, and what they become in its next iteration."""
+    """A loop's index, its carried values, and their values in the next iteration."""
 
     index: str
     values: list[str]
@@ -23,8 +23,11 @@ class Carried:
 
 
 MOST_ACCESSES = 256
-"""Loads and stores of one basic block, beyond which the next instruction begins another. LLVM compares them with one
-another: 2,900 stores in a block took 13 s to compile, and 1.2 s in blocks of 256. No scene has as many in one."""
+"""Most loads and stores of one basic block; the next instruction begins another block.
+
+LLVM compares them pairwise: 2,900 stores in a block took 13 s to compile, and 1.2 s in blocks of 256. No scene has as
+many in one.
+"""
 
 
 class Emitter:
@@ -52,7 +55,7 @@ class Emitter:
         return name
 
     def cut(self) -> None:
-        """Begin another basic block behind a branch that LLVM cannot foresee; without one it joins the two again."""
+        """Begin another basic block after a branch that LLVM cannot predict; otherwise it would join the two."""
         if not self.zero:
             self.zero = self.reserve("i8")
             self.entry.append(f"  store volatile i8 0, ptr {self.zero}")
@@ -154,9 +157,9 @@ class Emitter:
     def carry(
         self, start: str | int, stop: str | int, carried: Sequence[tuple[str, str]], step: int = 1
     ) -> Iterator[Carried]:
-        """Repeat the body as `loop` does, handing values of (kind, initial value) from one iteration to the next.
+        """Repeat the body as `loop` does, with values of (kind, initial value) carried from one iteration to the next.
 
-        The body sets `following` of what it gets, one value for each; behind the loop, `values` are the last ones.
+        The body sets `following`, one value for each; after the loop, `values` are the last ones.
         """
         name = self.fresh("loop")
         before = self.block

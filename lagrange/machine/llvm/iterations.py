@@ -46,7 +46,7 @@ class IterationBlock:
 
 
 class Lanes:
-    """Prints an `each`, so many iterations at once."""
+    """Prints an `each`, this many iterations at once."""
 
     def __init__(self, printer: Printer, each: Each, lanes: int) -> None:
         self.printer, self.e, self.each, self.lanes = printer, printer.e, each, lanes
@@ -54,7 +54,7 @@ class Lanes:
         """So many iterations are one of the machine's loop: all partial sums have a part in it."""
 
     def run(self) -> None:
-        """Print all iterations, and define what they add up to."""
+        """Print all iterations, and define the results of their reductions."""
         printer, each = self.printer, self.each
         count = printer.values[each.iterations]
         for ref in self.outside():
@@ -76,7 +76,7 @@ class Lanes:
             printer.define(fold.ref, self.total(fold, found), REAL)
 
     def outside(self) -> list[int]:
-        """Return the numbers of single numbers from outside that iterations compute with."""
+        """Return the single values from outside that the iterations use."""
         if self.lanes == 1:
             return []
         wanted: dict[int, None] = {}
@@ -94,7 +94,7 @@ class Lanes:
             self.collect(sums, offset, mask)
 
     def looped(self, sums: list[list[str]], count: str) -> None:
-        """Print iterations in a loop of the machine, a stride at once."""
+        """Print the iterations as a loop, a stride at once."""
         e = self.e
         flat = [(i, k) for i, found in enumerate(sums) for k in range(len(found))]
         carried = [(type_of(REAL, self.lanes), sums[i][k]) for i, k in flat]
@@ -137,7 +137,7 @@ class Lanes:
         printer.held = {variable: printer.held[variable] for variable in outside}
 
     def collect(self, sums: list[list[str]], begin: int, mask: str) -> None:
-        """Add what some iterations give, but for those that the mask leaves out."""
+        """Add the results of iterations that the mask admits."""
         kind = type_of(REAL, self.lanes)
         for fold, found in zip(self.each.folds, sums, strict=True):
             slot = begin // self.lanes % len(found)
@@ -152,7 +152,7 @@ class Lanes:
                 found[slot] = self.e.value(f"select <{self.lanes} x i1> {mask}, {both}")
 
     def total(self, fold: Fold, found: list[str]) -> str:
-        """Return the number of all partial sums, in a fixed order."""
+        """Return the sum of all partial sums, in a fixed order."""
         e = self.e
         if fold.op == "magnitude" and self.lanes > 1:
             return largest_magnitude(e, found[0], self.lanes)
@@ -166,12 +166,12 @@ class Lanes:
 
 
 def neutral(fold: Fold) -> float:
-    """Return what a fold begins with."""
+    """Return the initial value of a reduction."""
     return 0.0 if fold.op in (*SUMS, "magnitude") else float("-inf")
 
 
 def joined(e: Emitter, op: str, total: str, value: str, lanes: int = 1) -> str:
-    """Print one more value of a fold."""
+    """Print one more value of a reduction."""
     if op != "most":
         return spell(e, op, (REAL, REAL), [total, value], lanes)
     larger = spell(e, "less", (REAL, REAL), [total, value], lanes)
@@ -197,7 +197,7 @@ def eaches(block: Block) -> Iterator[Each]:
 
 
 def base_arrays(block: Block) -> dict[int, int]:
-    """Return the arrays that the parts made in a block are of, by the number of the part."""
+    """Return the array of each part that is made in a block, by the number of the part."""
     found: dict[int, int] = {}
     for statement in block:
         if isinstance(statement, Part):

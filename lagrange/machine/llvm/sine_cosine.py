@@ -23,7 +23,7 @@ HALF_PI = 1.5707963267948966
 HALF_PI_SECOND = 6.12323399538461e-17
 HALF_PI_THIRD = 3.5215598651832e-27
 ROUNDER = 1.5 * 2.0**52
-"""Adding this rounds to an integer, and leaves it in the low bits."""
+"""Adding this number rounds to an integer, whose low bits are then those of the sum."""
 
 SINE = (
     -1.66666666666666324348e-01,
@@ -56,7 +56,7 @@ def sine_and_cosine(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
     before = e.block
     e.do(f"br i1 {every}, label %{name}.join, label %{name}.far, !prof !0")
     e.label(f"{name}.far")
-    # A lane that is near keeps its bits, whatever the lanes beside it are.
+    # A lane in the near range has the same bits whatever the other lanes are.
     far = [
         e.value(f"select {flag_type(lanes)} {near}, {kind} {here}, {kind} {there}")
         for here, there in zip(pair, _by_library(e, x, lanes), strict=True)

@@ -1,7 +1,7 @@
-"""What a step of a Taylor series costs, in nanoseconds or so: it decides between forms, and the order.
+"""Cost of a step of a Taylor series, in nanoseconds or so: it selects the form of the series, and the order.
 
-The figures are fits to the steps of nine systems, from a pendulum to 64 masses, at orders 6 to 24 (AMD Zen 4); their
-ratios are what matters, and they are good to a fifth.
+The figures are fits to the steps of nine systems, from a pendulum to 64 masses, at orders 6 to 24 (AMD Zen 4). Their
+ratios matter, and are accurate to a fifth.
 """
 
 from __future__ import annotations
@@ -10,13 +10,18 @@ from lagrange.machine.series.order import Cost, best_order
 from lagrange.machine.series.packing import Packing
 
 MOST_OPERATIONS = 4000
-"""Vector operations of a series that is written out, at most: beyond that its code no longer fits the processor's
-cache, and compiling it takes more than a third of a second."""
+"""Most vector operations of a series that is written out.
+
+Beyond it the code does not fit the processor's cache, and compiling it takes more than a third of a second.
+"""
 
 
 ROUNDING_TOLERANCE, HIGHEST_ROUNDED = 1e-14, 16
-"""Below this tolerance rounding makes most of the error but for the smallest systems, and more and shorter steps
-average it: the outer solar system ends within 2e-13 of the truth at order 16, and 5e-13 at order 20, as fast."""
+"""Below this tolerance the order is at most the second number, except for the smallest systems.
+
+Rounding is then most of the error, and more and shorter steps average it: the outer solar system ends with an error of
+2e-13 at order 16, and 5e-13 at order 20, in the same time.
+"""
 
 
 def cheapest_order(packing: Packing, tolerance: float) -> int:

@@ -20,11 +20,13 @@ SIGNATURE = (
 
 
 ANGLES_AT_ONCE = 8
-"""So many angles are found at once."""
+"""Number of angles whose sines and cosines are computed at once."""
 
 INLINE_ANGLES = 256
-"""Up to so many angles their sines and cosines are written out where they are wanted; beyond it they are a function.
-20,000 cosines were 76 million characters of IR, which take two minutes to compile."""
+"""Up to this many angles their sines and cosines are written out; beyond it they are a function.
+
+20,000 cosines were 76 million characters of IR, which take two minutes to compile.
+"""
 
 
 def shares_wide_angles(program: Program) -> bool:
@@ -33,7 +35,7 @@ def shares_wide_angles(program: Program) -> bool:
 
 
 class VectorConstants:
-    """Vectors of constants: which places of the table of constants stand where in memory, from `begin` on."""
+    """Vectors of constants: which entries of the table of constants are where in memory, from `begin` on."""
 
     def __init__(self, known: Sequence[float | None], begin: int) -> None:
         self.known = known

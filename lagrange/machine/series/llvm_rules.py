@@ -92,8 +92,8 @@ class VectorArithmetic:
 def divided(do: VectorArithmetic, x: VectorName, high: str, low: str, lanes: int) -> VectorName:
     """Return x (high + low), rounded once.
 
-    The reciprocal of an order, rounded, would err to the same side at every step, and errors would grow with time
-    where those of a rounding that is now up, now down grow with its square root.
+    The rounded reciprocal of an order has an error of the same sign at every step, so errors would grow with time.
+    Random rounding errors grow with its square root.
     """
     return x if x is None else do.fma(x, high, do.scale(x, low, lanes), lanes)
 

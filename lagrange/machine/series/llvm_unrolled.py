@@ -33,8 +33,10 @@ from lagrange.procedure.linear.dense import factor_size, invert_dense
 from lagrange.procedure.taylor.memory import TaylorLayout
 
 EXACT = 10
-"""Up to this order a division by the order is rounded once; what a later coefficient adds to a step is so much less
-than what the first does that its bias does not show."""
+"""Up to this order a division by the order is rounded once.
+
+A later coefficient contributes so little to a step that the bias of its rounding is negligible.
+"""
 
 
 class UnrolledJet:
@@ -80,10 +82,10 @@ class UnrolledJet:
         return self.e.function(SIGNATURE)
 
     def refined(self, place: int, found: Sequence[VectorName]) -> list[VectorName]:
-        """Correct the unknowns of order 1 by what dp/dt = f leaves over with them.
+        """Correct the unknowns of order 1 by the residual of dp/dt = f.
 
-        They carry most of a step's rounding, and most of that is the rounding of the mass matrix, which this takes out:
-        for chains of 10 and 20 links the accelerations are two to three times more exact.
+        They carry most of a step's rounding, which is mostly that of the mass matrix. For chains of 10 and 20 links the
+        corrected accelerations are two to three times as accurate.
         """
         self.know(place, found)
         stage = self.packing.stages[place]

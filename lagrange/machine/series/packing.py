@@ -126,7 +126,7 @@ class Packing:
 
 
 ZERO_LANE = -1
-"""Stands in an operand for a lane that is zero."""
+"""Marks a lane of an operand that is zero."""
 
 
 def pack(program: SeriesProgram, lanes: int) -> Packing:
@@ -177,7 +177,7 @@ def _outputs(chunks: Sequence[Chunk], stage: Stage, outputs: Sequence[int | None
 
 
 class _Group(NamedTuple):
-    """What values of one vector have in common, in the order of their evaluation."""
+    """The common properties of the values of one vector, in the order of their evaluation."""
 
     stage: int
     sums: int

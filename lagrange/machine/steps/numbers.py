@@ -1,4 +1,4 @@
-"""The numbers of a step: what it makes of t, h and the ratio of steps."""
+"""The numbers of a step: functions of t, h and the ratio of steps."""
 
 from __future__ import annotations
 
