@@ -5,7 +5,7 @@
     program     Equations, a name            -> Program      straight-line, parameters hoisted, checked
     machine     Program                      -> Kernel       numpy or machine code, behind one protocol
     model       all of these                 -> Model        numbers in, numbers out; kernels made when asked for
-    evidence    Model, Statement             -> verdict      compiled against numerical differentiation of T and V
+    evidence    Model, Statement             -> report       compiled against numerical differentiation of T and V
 
 A stage knows nothing of the stages behind it. A run goes on from here: `lagrange.run` takes a Model to a
 Solution.

@@ -11,7 +11,7 @@ MOST_DIGITS = 60
 """A whole number of more digits is shown by its length."""
 
 LONGEST_NAME = 80
-"""Characters of a text that are looked at in search of the name that was meant."""
+"""Characters of a text that are compared with known names, for a suggestion."""
 
 
 class LagrangeError(Exception):

@@ -1,4 +1,4 @@
-"""The public face of a mechanical system: state it, read it, compile it, run it, prove it."""
+"""The public class of a mechanical system: state it, read it, compile it, run it, check it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`check`: every compiled quantity against numerical differentiation of the user's own energies."""
+"""`check`: every compiled quantity against numerical differentiation of the stated energies."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def check(
 
 
 class _Session:
-    """One check under way."""
+    """The state of one check."""
 
     def __init__(
         self, model: Model, textbook: Mapping[Any, Any] | None, other: Model | None, points: int, seed: int
@@ -95,7 +95,7 @@ class _Session:
         self.comparison = Comparison(self.statement.names, rows)
 
     def take(self, k: int) -> None:
-        """Use one more point, going on until one lies inside the domain or patience ends."""
+        """Use one more point: draw until one lies inside the domain, or the limit of draws is reached."""
         for attempt in range(DRAWS_PER_KIND * len(SAMPLE_KINDS)):
             if self.costly > COSTLY_REFUSALS:
                 return
@@ -104,7 +104,7 @@ class _Session:
                 return
 
     def cover_branches(self) -> None:
-        """Use a few more points where a condition, Abs, sign, Min or Max goes a way that it has not gone yet."""
+        """Use a few more points for branches of conditions, Abs, sign, Min or Max that have not been taken yet."""
         added = 0
         for _ in range(FAR_POINTS):
             if added == MOST_FAR_POINTS or not self._missing():
@@ -117,7 +117,7 @@ class _Session:
             added += bool(fresh) and self._use(point)
 
     def report(self) -> Report:
-        """Return what was found."""
+        """Return the report."""
         return Report(
             system=self.statement.name,
             target=self.model.target,
@@ -156,7 +156,7 @@ class _Session:
         return True
 
     def _columns(self) -> list[int]:
-        """Return the columns of the Jacobian to look at next: all of them when few, else in turn."""
+        """Return the next columns of the Jacobian to check: all if they are few, else in turn."""
         width = 2 * len(self.statement.coordinates)
         share = min(width, max(8, math.ceil(width / self.wanted)))
         start = len(self.used) * share
@@ -184,7 +184,7 @@ class _Session:
         self.comparison.add(TEXTBOOK, labels, computed(self.model, "accelerations", point, []), part.around(expected))
 
     def _compare_absence(self, point: Point) -> None:
-        """Where L has no value the compiled L must have none: a number in its place would be made up."""
+        """Where L has no value the compiled L must have none either."""
         try:
             self.reference.lagrangian(point.q, point.v, point.t, point.parameters)
         except BeyondDoubles:
@@ -208,7 +208,7 @@ class _Session:
 
 
 def textbook_tape(textbook: Mapping[Any, Any], statement: Statement) -> Precise:
-    """Return the accelerations given for each coordinate, ready to be evaluated. Raises StatementError for a gap."""
+    """Return the given accelerations, ready for evaluation. Raises StatementError if one is missing."""
     table = {**textbook}
     missing = [
         name

@@ -1,4 +1,4 @@
-"""Hold compiled numbers against reference entries, and remember the worst of each kind."""
+"""Compare compiled numbers with reference entries, and keep the worst of each kind."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LANES = 11
 
 @dataclass
 class _Tally:
-    """The worst that was seen of one quantity; -1 where nothing was."""
+    """The worst error of one quantity; -1 if nothing was compared."""
 
     error: float = -1.0
     entry: str = "-"
@@ -51,7 +51,7 @@ class Comparison:
         self._number = 0
 
     def start(self, point: Point, number: int) -> None:
-        """Say at which point the next comparisons are; 0 for one outside the domain."""
+        """Set the point of the next comparisons, and its number; 0 for one outside the domain."""
         self._place = point.describe(self.names)
         self._number = number
 
@@ -73,7 +73,7 @@ class Comparison:
                 tally.compiled, tally.reference = float(value), float(expected)
 
     def report_unexplained(self, sentence: str) -> None:
-        """Note a failure at the present point."""
+        """Record a failure at the present point."""
         self.unexplained.append(f"{sentence}, at {self._place}")
 
     def rows(self) -> tuple[ReportRow, ...]:
@@ -100,9 +100,9 @@ class Comparison:
 
 
 def relative_error(off: Any, size: Any, uncertainty: Any) -> float:
-    """Return an absolute error relative to the entry's size, and to what the reference itself leaves open.
+    """Return an absolute error relative to the entry's size and to the uncertainty of the reference.
 
-    The latter counts ten times and as if it were just within the limit, so that one number tells the verdict.
+    The uncertainty counts ten times, as if it were just within the limit, so that one number decides.
     """
     return float(off / (size + (10 * uncertainty + TINY) / LIMIT))
 
@@ -113,7 +113,7 @@ def is_finite(value: Any) -> bool:
 
 
 def entry_labels(name: str, names: Sequence[str], columns: Sequence[int]) -> list[str]:
-    """Return what each entry of a quantity is called, in the order of `computed`."""
+    """Return the name of each entry of a quantity, in the order of `computed`."""
     velocities = [f"{a}_dot" for a in names]
     if name in ("lagrangian", "energy"):
         return [name]
@@ -129,7 +129,7 @@ def entry_labels(name: str, names: Sequence[str], columns: Sequence[int]) -> lis
 
 
 def computed(model: Model, name: str, point: Point, columns: Sequence[int]) -> list[float]:
-    """Return the compiled entries of a quantity in a row; what the model refuses with a RunError is not a number."""
+    """Return the compiled entries of a quantity in a row; NaN where the model raises RunError."""
     q, v = np.array(point.q), np.array(point.v)
     try:
         block = _evaluate(model, name, q, v, point.t, point.parameters, columns)
@@ -141,7 +141,7 @@ def computed(model: Model, name: str, point: Point, columns: Sequence[int]) -> l
 def computed_batch(
     model: Model, name: str, point: Point, columns: Sequence[int]
 ) -> Iterator[tuple[list[float], list[float]]]:
-    """Yield pairs of a batch's column and the single evaluation of the same state, near the point."""
+    """Yield pairs of a column of a batch and the single evaluation of the same state, near the point."""
     near = [_beside(point, 1e-6 * k) for k in range(LANES)]
     singles = [computed(model, name, beside, columns) for beside in near]
     q, v = (np.array([getattr(beside, part) for beside in near]).T for part in ("q", "v"))
@@ -168,6 +168,6 @@ def _evaluate(
 
 
 def _beside(point: Point, shift: float) -> Point:
-    """Return a point off by a relative shift, so that no two lanes of a batch hold the same numbers."""
+    """Return a point with a relative shift, so that the lanes of a batch differ."""
     q, v = (tuple(x * (1.0 + shift) for x in values) for values in (point.q, point.v))
     return Point(q, v, point.t * (1.0 + shift), point.parameters, point.kind)

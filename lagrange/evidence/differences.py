@@ -1,8 +1,8 @@
 """Derivatives by central differences, with Richardson extrapolation and an error estimate.
 
-Functions map mpmath numbers (displacements from the point of interest) to lists of mpmath numbers. Central
-differences have an error series in even powers of the step [1], so two steps, h and h/2, remove its first
-term, and what the extrapolation moves is an estimate of the error before it: a cautious one of the error after.
+Functions map mpmath numbers (displacements from the point) to lists of mpmath numbers. Central differences have an
+error series in even powers of the step [1], so two steps, h and h/2, remove its first term. The change by the
+extrapolation estimates the error before it, and is a safe bound of the error after it.
 
 [1] L. F. Richardson, Phil. Trans. R. Soc. A 210 (1911) 307-357.
 """
@@ -16,7 +16,7 @@ Numbers = list[Any]
 
 
 class Estimate(NamedTuple):
-    """Numbers, for each of them a bound on its error that holds in practice, and what the longer step alone gave."""
+    """Numbers, a practical bound on the error of each, and the result of the longer step alone."""
 
     value: Numbers
     error: Numbers

@@ -21,13 +21,13 @@ Nudge = Callable[[str, int], Any]
 
 
 def exactly(_name: str, _index: int) -> int:
-    """Return 1, the nudge that changes nothing."""
+    """Return 1, the factor without a perturbation."""
     return 1
 
 
 @dataclass(frozen=True)
 class DifferenceSteps:
-    """Steps of the differences: one per coordinate and velocity, and one along the motion."""
+    """Step lengths of the differences: one per coordinate and velocity, and one along the motion."""
 
     q: Numbers
     v: Numbers
@@ -42,10 +42,10 @@ class DifferenceSteps:
 class Sources:
     """L, Q and D as functions of (q, v, t).
 
-    L stands three times, for p, for dL/dq and for M, because the perturbed copies that measure rounding must be
-    independent where a program computes independently: in h, say, parts of dL/dq and of dp/dt can cancel.
-    `nudge` gives the factors, 1 or nearly, of the terms of the sums that are formed here, by name and index: always
-    the same for the same term, or differencing would blow the changes up.
+    L is stored three times, for p, for dL/dq and for M: the perturbed copies that measure rounding must be independent
+    where a program computes independently, because parts of dL/dq and of dp/dt can cancel in h. `nudge` gives the
+    factors, close to 1, of the terms of the sums formed here, by name and index. It is the same for the same term,
+    because differencing would magnify changes.
     """
 
     for_momenta: StateFunction
@@ -164,12 +164,11 @@ def solve(matrix: Sequence[Numbers], right: Sequence[Numbers], threshold: Any) -
 
 
 def factorization_sizes(matrix: Sequence[Numbers]) -> list[Numbers]:
-    """Return how large the numbers are that a factorization of a symmetric matrix works with, n rows of n.
+    """Return the sizes of the numbers in a factorization of a symmetric matrix, n rows of n.
 
-    For M = L D L^T with positive pivots that is |L| |D| |L^T|: to solve with the factors in floating point is to
-    solve exactly with M off by a few roundings of these numbers (N. J. Higham, Accuracy and Stability of Numerical
-    Algorithms, 2nd edition, 2002, theorem 10.3). Other matrices need row exchanges, and then the rows' largest
-    entries stand in.
+    For M = L D L^T with positive pivots that is |L| |D| |L^T|: solving with the factors in floating point is exact for
+    a matrix within a few roundings of these numbers (N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2nd
+    edition, 2002, theorem 10.3). Other matrices need row exchanges; then the largest entries of the rows are used.
     """
     n = len(matrix)
     sizes = [[abs(x) for x in row] for row in matrix]

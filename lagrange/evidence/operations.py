@@ -1,4 +1,4 @@
-"""What each SymPy node computes, on mpmath's raw numbers: the vocabulary of `lagrange.evidence.precise`."""
+"""The value of each SymPy node on mpmath's raw numbers: the operations of `lagrange.evidence.precise`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class OutsideDomain(Exception):
 
 
 class BeyondDoubles(OutsideDomain):
-    """The value exists, but double precision cannot hold what leads to it."""
+    """The value exists, but an intermediate result exceeds the range of doubles."""
 
 
 def numeric_operation(node: Any, prec: int) -> Operation:
@@ -34,7 +34,7 @@ def numeric_operation(node: Any, prec: int) -> Operation:
 
 
 def switch_outcome(node: Any, value: Any, arguments: Sequence[Any]) -> int | None:
-    """Return which way a condition, Abs, sign, Min or Max went; None where it has no value."""
+    """Return the outcome of a condition, Abs, sign, Min or Max; None if it has no value."""
     if isinstance(value, OutsideDomain):
         return None
     if isinstance(value, bool):
@@ -73,7 +73,7 @@ def _power(exponent: Any, prec: int) -> Operation:
 
 
 def _unary(function: Callable[[Any, int, str], Any]) -> Callable[[int], Operation]:
-    # Remembering pays: differencing moves one coordinate at a time, and comes back to the same few arguments.
+    # Cached: differencing moves one coordinate at a time, so the same few arguments recur.
     return lambda prec: lru_cache(maxsize=1024)(lambda x: function(x, prec, "n"))
 
 
@@ -157,7 +157,7 @@ _NUMERIC: dict[Any, Callable[[int], Operation]] = {
 
 
 def _decided(parts: Sequence[Any], *, verdict: bool) -> Any:
-    """Return the verdict if one part settles it, else the first part without a value, else the opposite."""
+    """Return the decisive value if a part has it, else the first part without a value, else the opposite."""
     if any(part is verdict for part in parts):
         return verdict
     return next((part for part in parts if not isinstance(part, bool)), not verdict)
@@ -168,7 +168,7 @@ def _not(part: Any) -> Any:
 
 
 def _either(condition: Any, then: Any, otherwise: Any) -> Any:
-    """Return one condition or the other: what SymPy makes of a Max inside a Max."""
+    """Return the disjunction of two conditions, which SymPy forms from a Max inside a Max."""
     return condition if not isinstance(condition, bool) else then if condition else otherwise
 
 

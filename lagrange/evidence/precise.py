@@ -33,7 +33,7 @@ Inputs = Sequence[Any]
 
 @cache
 def _context(digits: int) -> Any:
-    """Return an mpmath context of our own; its making takes as long as a small check."""
+    """Return an own mpmath context; creating one takes as long as a small check."""
     context = MPContext()
     context.dps = digits
     return context
@@ -51,10 +51,10 @@ class _Instruction(NamedTuple):
 
 @dataclass(frozen=True)
 class Inspection:
-    """What one evaluation passed through.
+    """The path of one evaluation.
 
-    `outcomes` says for each switch (see `Precise.switches`) which way it went, None for undefined; `largest` is
-    the greatest binary exponent among all intermediate values.
+    `outcomes` has the outcome of each switch (see `Precise.switches`), None if undefined; `largest` is the greatest
+    binary exponent of all intermediate values.
     """
 
     outcomes: tuple[int | None, ...]
@@ -102,11 +102,10 @@ class Precise:
         return Inspection(outcomes, max(exponents, default=0))
 
     def perturbed(self, size: float, seed: int) -> Precise:
-        """Return a copy in which every computed number is off by its own fixed factor, 1 + O(size).
+        """Return a copy in which every computed number has its own fixed factor, 1 + O(size).
 
-        This is what rounding does to a computation, made large enough to measure and smooth enough to be
-        differentiated: the change that it makes in any derivative shows how large that derivative's rounding
-        error may honestly be, cancellation included.
+        This models rounding, large enough to measure and smooth enough to be differentiated. The change of a derivative
+        is the size of its rounding error, cancellation included.
         """
         draw = random.Random(seed)
         copy = object.__new__(Precise)
@@ -125,7 +124,7 @@ class Precise:
         values, changed = self._values, 0
         if values is None:
             values, changed = self._template.copy(), -1
-        self._values = None  # until all of it is consistent again
+        self._values = None  # until all values are consistent again
         number = self.context.mpf
         for bit, (slot, (kind, key)) in enumerate(self._load):
             given = q[key] if kind == "q" else v[key] if kind == "v" else t if kind == "t" else parameters[key]
@@ -148,10 +147,10 @@ class Precise:
 
 
 def _no_value(error: Exception, arguments: Sequence[Any]) -> OutsideDomain:
-    """Return what stands in the slot of a result that has no value.
+    """Return the entry of the slot of a result without a value.
 
-    No operation accepts it as an argument: what needs it has no value either, and a Piecewise that does not take
-    its branch never asks.
+    No operation accepts it as an argument, so results that need it have no value either. A Piecewise that does not take
+    its branch ignores it.
     """
     if isinstance(error, TypeError):
         broken = [argument for argument in arguments if isinstance(argument, OutsideDomain)]
@@ -221,7 +220,7 @@ class _Recorder:
         numeric = operation is None
         for argument in arguments:
             self._needs[slot] |= self._needs[argument]
-        # What needs no input at all is computed once, with everything.
+        # A constant is computed once, in the first evaluation.
         needs = self._needs[slot] or _ALWAYS
         self.code.append(_Instruction(slot, operation or numeric_operation(node, self.prec), arguments, numeric, needs))
         if isinstance(node, _SWITCHES):
@@ -236,7 +235,7 @@ _SWITCHES = (*_CONDITIONS, sympy.Abs, sympy.sign, sympy.Min, sympy.Max)
 
 
 def _children(node: Any) -> tuple[Any, ...]:
-    """Return what must be computed before the node: nothing for leaves; a Piecewise's values and conditions in turn."""
+    """Return the operands of a node: none for leaves; values and conditions alternate for a Piecewise."""
     if isinstance(node, (AppliedUndef, sympy.Derivative, sympy.Symbol)):
         return ()
     if isinstance(node, sympy.Piecewise):
@@ -263,6 +262,6 @@ def _constant(node: Any, prec: int) -> Any:
     if node in _NAMED:
         return _NAMED[node](prec)
     if node.is_number:
-        # In a branch that is not taken, as SymPy writes sqrt(-1), it does not matter.
+        # In a branch that is not taken, as in sqrt(-1), it is ignored.
         return OutsideDomain(f"{node} is no finite real number")
     raise OutsideDomain(f"{node} has no value here: it is no coordinate, velocity, parameter or number of this system")

@@ -151,7 +151,7 @@ class _Laws:
 
 @dataclass(frozen=True)
 class _Interval:
-    """What doubles know of an interval: states (s, n) at the points, sizes (n,), a factor for the next one's length."""
+    """Estimates in doubles for an interval: states (s, n) at the points, sizes (n,), a factor for the next length."""
 
     q: FloatArray
     v: FloatArray
@@ -163,7 +163,7 @@ class _Interval:
 
 
 def _sizes(spectrum: FloatArray, q: FloatArray, v: FloatArray, h: float) -> FloatArray:
-    """Return what an acceleration counts against, (n,): what would change the motion over the interval visibly."""
+    """Return the scale of an acceleration, (n,): what changes the motion over the interval noticeably."""
     sizes = np.maximum(np.abs(spectrum).max(axis=0), np.abs(v).max(axis=0) / abs(h))
     sizes = np.maximum(sizes, np.abs(q).max(axis=0) / h**2)
     least = 1e-15 * float(sizes.max())
@@ -175,7 +175,7 @@ class _TooLong(Exception):
 
 
 class _PreciseRun:
-    """One run under way."""
+    """The state of one run."""
 
     def __init__(self, model: Model, parameters: Mapping[Any, float], digits: int, deadline: float | None) -> None:
         self.parameters = dict(parameters)
@@ -203,7 +203,7 @@ class _PreciseRun:
         return state
 
     def _check(self, t: float, length: float, whole: float) -> None:
-        """Refuse to go on for too long, or with intervals that are too short."""
+        """Refuse to exceed the time limit, or intervals that are too short."""
         if self.deadline is not None and time.perf_counter() > self.deadline:
             raise RunError(f"the precise run took longer than its time limit: it was at t = {t:.6g}.")
         if abs(length) < SHORTEST * whole:
@@ -213,7 +213,7 @@ class _PreciseRun:
             )
 
     def _guess(self, t: float, h: float, state: Numbers) -> _Interval:
-        """Return the interval as doubles see it. Raises _TooLong where the rule does not resolve it."""
+        """Return the interval as computed in doubles. Raises _TooLong if the rule does not resolve it."""
         times = t + h * self.rule.places
         start = np.array([float(x) for x in state])
         q0, v0 = self.model.layout.split(start)
@@ -236,7 +236,7 @@ class _PreciseRun:
         raise _TooLong
 
     def _growth(self, a: FloatArray, sizes: FloatArray) -> float:
-        """Return how many times as long the next interval may be. Raises _TooLong if this one is too long."""
+        """Return the factor of the length of the next interval. Raises _TooLong if this one is too long."""
         # Gauss's rule has twice the order at the end that it has along the way, where the series is cut: half of the
         # digits there are all of them here. Halfway down the series doubles still see how it falls off.
         spectrum = np.abs(self.rule.spectrum @ a)
@@ -248,7 +248,7 @@ class _PreciseRun:
         return min(LARGEST_GROWTH, math.exp(math.log(allowed / max(seen, 1e-300)) / middle))
 
     def _improvement(self, times: FloatArray, h: float, y: FloatArray) -> Improvement:
-        """Return the map from what the accelerations are off by, (s, n), to what is to be added to them (s, n)."""
+        """Return the map from residuals (s, n) to corrections of the accelerations (s, n)."""
         n, s = self.model.dimension, len(times)
         slopes = self.model.jacobian(times, y, self.parameters)[n:]
         by_q, by_v = (np.moveaxis(part, -1, 0) for part in (slopes[:, :n], slopes[:, n:]))
@@ -272,7 +272,7 @@ class _PreciseRun:
         return moved
 
     def _accelerations(self, t: Any, h: Any, state: Numbers, guess: _Interval) -> list[Numbers]:
-        """Return the accelerations at the points, s rows of n numbers, improved until the laws of motion hold."""
+        """Return the accelerations at the points, s rows of n numbers, corrected until the equations hold."""
         a = [[self.laws.number(float(x)) for x in row] for row in guess.a]
         steps = self.laws.steps(guess.q, guess.v, float(h))
         masses = self.model.evaluate("mass_matrix", guess.q.T, guess.v.T, guess.times, self.parameters)
@@ -297,7 +297,7 @@ class _PreciseRun:
         raise _TooLong
 
     def _check_tail(self, a: Sequence[Numbers], sizes: FloatArray) -> None:
-        """Raise _TooLong where the series of the accelerations stops falling: across a kink, however short."""
+        """Raise _TooLong if the series of the accelerations stops decreasing, as across a kink."""
         columns, dot = list(zip(*a, strict=True)), self.laws.context.fdot
         middle, tail = (
             np.array([max(abs(float(dot(row, column))) for row in rows) for column in columns])

@@ -1,15 +1,13 @@
-"""`quick_check`: one look at what was just compiled, cheap enough for every compile.
+"""`quick_check`: one test of a newly compiled model, cheap enough for every compilation.
 
-The accelerations that were compiled are put into the Euler-Lagrange equations as they were stated, projected on a
-random direction w:
+The compiled accelerations are inserted into the Euler-Lagrange equations as stated, projected on a random direction w:
 
     w . (d/dt dL/dv - dL/dq - Q + dD/dv) = 0    along    q + v s + a s^2/2
 
-With the direction random, a fault in any entry shows with probability one. The derivatives are central differences
-of the stated L at 50 digits: four evaluations of L for the first term, two for the second. Where the left-hand side
-is not small beside its terms, the same is done again with every intermediate number put off a little, which tells
-how large it may honestly be (see `lagrange.evidence.reference`), and where it is larger, the accelerations are looked
-at one by one.
+With a random direction, a fault in any entry shows with probability one. The derivatives are central differences of the
+stated L at 50 digits: four evaluations of L for the first term, two for the second. If the left-hand side is not small
+relative to its terms, the evaluation is repeated with every intermediate number slightly perturbed, which estimates
+rounding (see `lagrange.evidence.reference`). If it is larger than that, the accelerations are checked one by one.
 """
 
 from __future__ import annotations
@@ -33,20 +31,20 @@ DIGITS = 50
 DIFFERENCE_STEP = "1e-12"
 PERTURBATION = 1e-15
 SUSPICIOUS = 1e-12
-"""Residual, relative to its size, from which the accelerations are looked at one by one."""
+"""Residual, relative to its size, from which the accelerations are checked one by one."""
 
 MOST_DRAWS = 24
-"""Random points to try before the initial state itself, which comes last: at rest and upright, terms vanish."""
+"""Random points before the initial state, which comes last because terms vanish at rest and upright."""
 
 CONFIRMATIONS = 3
-"""Suspicions to look into before giving up; each costs as much as a point of `check`."""
+"""Full tests of suspicious points before giving up; each costs as much as a point of `check`."""
 
 
 def quick_check(model: Model) -> None:
-    """Hold the compiled accelerations against the stated energies at one random point, in one random direction.
+    """Check the compiled accelerations against the stated energies at one random point, in one random direction.
 
-    Raises RunError, with the entry, the place and the two values, if they disagree. A system without a usable point
-    even at its initial state is let pass: nothing is known to be wrong with it.
+    Raises RunError, with the entry, the place and the two values, if they disagree. A system without a usable point,
+    even at its initial state, passes.
     """
     probe = _Probe(model.statement)
     sampler = Sampler(model.statement, seed=0)
@@ -58,13 +56,13 @@ def quick_check(model: Model) -> None:
             return
         if not probe.has_value(point):
             continue
-        # That is not yet a fault: the mass matrix may be singular here, a number too large, a kink too near.
+        # This is not yet a fault: the mass matrix may be singular here, a number too large, or a kink too near.
         if _confirm(model, point, a) or (confirmations := confirmations + 1) == CONFIRMATIONS:
             return
 
 
 def _accelerations(model: Model, point: Point) -> list[float]:
-    """Return what was compiled, through the kernel that a run uses; not numbers where the model refuses."""
+    """Return the compiled accelerations from the kernel of a run; NaN where the model refuses."""
     try:
         return [float(x) for x in model.accelerations(point.q, point.v, point.t, point.parameters)]
     except RunError:
@@ -72,7 +70,7 @@ def _accelerations(model: Model, point: Point) -> list[float]:
 
 
 def _confirm(model: Model, point: Point, a: Sequence[float]) -> bool:
-    """Return True if the accelerations are right after all, False if the point is of no use.
+    """Return True if the accelerations are right after all, False if the point cannot be used.
 
     Raises RunError if they are wrong.
     """
@@ -93,7 +91,7 @@ def _confirm(model: Model, point: Point, a: Sequence[float]) -> bool:
 
 
 class _Probe:
-    """The projected Euler-Lagrange equation of a statement, as stated and with its numbers put off a little."""
+    """The projected Euler-Lagrange equation of a statement, as stated and slightly perturbed."""
 
     def __init__(self, statement: Statement) -> None:
         self.plain = Precise([statement.lagrangian], statement, DIGITS)
@@ -115,7 +113,7 @@ class _Probe:
         return True
 
     def suspects(self, point: Point, a: Sequence[float]) -> bool:
-        """Return whether the residual is larger than rounding explains, or cannot be had."""
+        """Return whether the residual exceeds rounding, or cannot be evaluated."""
         try:
             q, v, exact = [[self.number(x) for x in numbers] for numbers in (point.q, point.v, a)]
             residual, largest = self._residual(self.plain, self.plain, point, q, v, exact)

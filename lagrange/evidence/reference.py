@@ -1,10 +1,9 @@
-"""What every compiled quantity should be at one point, with how far rounding may honestly take it.
+"""The reference value of every compiled quantity at one point, with its allowance for rounding.
 
-The rounding allowance has no model of the compiled program. It is measured: every intermediate number of L, Q and
-D is put off by its own factor 1 + O(1e-20), the laws are differenced again, and the change is scaled up to what
-factors of 1 + O(1) would do. That number, the *size* of an entry, is about the sum of the magnitudes of the terms
-that the entry is made of. An error is judged relative to the size: dividing by the entry itself alarms at honest
-cancellation (1 - cos x near 0), and dividing by the largest entry is blind to a wrong small one.
+The allowance is measured, not modelled. Every intermediate number of L, Q and D gets its own factor 1 + O(1e-20), the
+equations are differenced again, and the change is scaled up to factors of 1 + O(1). The result, the *size* of an entry,
+is about the sum of the magnitudes of its terms. An error is judged relative to the size. Dividing by the entry itself
+would reject cancellation (1 - cos x near 0), and dividing by the largest entry would miss a wrong small one.
 """
 
 from __future__ import annotations
@@ -59,7 +58,7 @@ class ReferenceEntries:
 
     @staticmethod
     def exactly(values: Numbers) -> ReferenceEntries:
-        """Return entries that are known as they stand and take no rounding."""
+        """Return entries that are known exactly, without rounding."""
         return ReferenceEntries(values, [0.0] * len(values), [abs(x) for x in values])
 
     def part(self, start: int, length: int) -> ReferenceEntries:
@@ -75,14 +74,14 @@ class ReferenceEntries:
         return ReferenceEntries(list(values), [0.0] * len(self.size), self.size)
 
     def check_smooth(self) -> None:
-        """Raise OutsideDomain if differencing did not converge: there is a kink or a jump within its steps."""
+        """Raise OutsideDomain if differencing did not converge: a kink or a jump lies within its steps."""
         floor = max(self.size, default=0) * SMOOTHNESS
         if any(error > SMOOTHNESS * (size + floor) for error, size in zip(self.error, self.size, strict=True)):
             raise OutsideDomain("the energies have no derivative here")
 
 
 class Reference:
-    """The quantities of a statement by numerical differentiation. Nothing compiled is used."""
+    """The quantities of a statement by numerical differentiation, without compiled code."""
 
     def __init__(self, statement: Statement) -> None:
         self.statement = statement
@@ -130,9 +129,9 @@ class Reference:
     def _with_floor(self, slopes: ReferenceEntries, accelerations: ReferenceEntries, point: Point) -> ReferenceEntries:
         """Return the slopes of the accelerations with sizes of at least the accelerations' over the state's.
 
-        Second derivatives of V may cancel where V and its gradient do not: V = sqrt(x**2 + 1) at x = 1e3 pulls with 1
-        and has a slope of 1e-9, which any formula finds as a difference of numbers of 1e-3. The size of the operations
-        in V does not show it. A wrong slope stays visible: it is off by more than 1e-12 of this floor.
+        Second derivatives of V may cancel where V and its gradient do not: V = sqrt(x**2 + 1) at x = 1e3 has a gradient
+        of 1 and a slope of 1e-9, which any formula computes as a difference of numbers of 1e-3. The sizes of the
+        operations in V do not show it. A wrong slope is still found: its error exceeds 1e-12 of this floor.
         """
         extent = max(1.0, *map(abs, (*point.q, *point.v)))
         n = len(accelerations.size)
@@ -142,7 +141,7 @@ class Reference:
     def _with_rates(
         self, entries: dict[str, ReferenceEntries], point: Point, columns: Sequence[int]
     ) -> dict[str, ReferenceEntries]:
-        """Return the entries with the upper halves of rhs and jacobian, which are v and (0 1), put in."""
+        """Return the entries with the upper halves of rhs and jacobian, v and (0 1), inserted."""
         n = len(point.q)
         velocities = ReferenceEntries.exactly([self.number(x) for x in point.v])
         slopes = entries.pop("jacobian")
@@ -154,13 +153,13 @@ class Reference:
 
     @property
     def switches(self) -> tuple[Any, ...]:
-        """The conditions, Abs, sign, Min and Max in L, Q and D: what changes the formulas from place to place."""
+        """The conditions, Abs, sign, Min and Max in L, Q and D: they select between formulas."""
         return self.lagrangian.switches + self.loads.switches
 
     def inspect(self, point: Point) -> tuple[int | None, ...]:
-        """Return which way each switch goes, None for one that does not matter there.
+        """Return the outcome of each switch, None for one that has no effect there.
 
-        Raises OutsideDomain where L, Q or D has no value, or one that double precision cannot work with.
+        Raises OutsideDomain if L, Q or D has no value, or exceeds double precision.
         """
         outcomes: tuple[int | None, ...] = ()
         for source in (self.lagrangian, self.loads):
@@ -171,7 +170,7 @@ class Reference:
         return outcomes
 
     def _perturbed(self, k: int, point: Point, steps: DifferenceSteps, columns: Sequence[int]) -> Numbers:
-        """Return the quantities with every number a little off."""
+        """Return the quantities with every number slightly perturbed."""
         draw = random.Random(k)
         factors: dict[tuple[str, int], Any] = {}
         parameters = self._parameters(point)
@@ -262,7 +261,7 @@ class Reference:
         }
 
     def _as_factored(self, mass: Sequence[Numbers], nudge: laws.Nudge) -> list[Numbers]:
-        """Return the mass matrix as the solve sees it, off by what its factorization may lose."""
+        """Return the mass matrix as the solve sees it, perturbed by the errors of its factorization."""
         sizes = laws.factorization_sizes(mass)
         off = [list(row) for row in mass]
         for i, row in enumerate(sizes):

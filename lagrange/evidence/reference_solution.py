@@ -1,4 +1,4 @@
-"""What a race measures errors against: states that are known better than any contestant's, and how well."""
+"""The reference solution of a race: states with a bound on their errors, far more accurate than those of any method."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ TIGHTEST = 1e-13
 
 @dataclass(frozen=True, eq=False)
 class ReferenceSolution:
-    """The right states at each of the `times`, 2n numbers each, and a bound on their errors.
+    """The reference states at each of the `times`, 2n numbers each, and a bound on their errors.
 
-    `uncertainty` is in the norm that errors are measured in; `about` says in a sentence where the states come from.
+    `uncertainty` is in the norm of the errors; `about` says where the states come from.
     """
 
     times: tuple[float, ...]
@@ -56,11 +56,11 @@ class ReferenceSolution:
 def reference_solution(
     problem: Problem, times: Sequence[float], given: Any, digits: int | None, unit: FloatArray, growth: float
 ) -> ReferenceSolution:
-    """Return what is right at `times`.
+    """Return the reference solution at `times`.
 
     `given` is None for an independent run in multiple precision, an array (2n,) or (2n, K), or a method as name or
-    instance. `digits` is for the former, `growth` the factor by which the run magnifies errors. Raises StatementError
-    for a reference that cannot be one, RunError where it cannot be computed.
+    instance. `digits` is for the former; `growth` is the factor by which the run magnifies errors. Raises
+    StatementError for an unusable reference, RunError if it cannot be computed.
     """
     if given is None:
         return _independent(problem, times, digits, unit, growth)
@@ -90,7 +90,7 @@ def _independent(
 
     def run(precision: int) -> tuple[tuple[Any, ...], ...]:
         found = precise_run(model, problem.parameters, problem.t0, start, times, digits=precision, max_wall=LONGEST)
-        # Numbers of a context of their own do not pickle; taking them over keeps every digit.
+        # Numbers of another context do not pickle; conversion keeps every digit.
         return tuple(tuple(map(mpmath.mp.convert, one)) for one in found)
 
     try:
@@ -103,7 +103,7 @@ def _independent(
 
 
 def _by_method(problem: Problem, times: Sequence[float], given: Any, unit: FloatArray) -> ReferenceSolution:
-    """Return what a method gives; it is known as far as another one, at its tightest, agrees."""
+    """Return the run of a method; its uncertainty is the difference from a second method at its tightest tolerance."""
     method = find(given)
     own = isinstance(given, str) and method.claims.adaptive
     other = "dopri5" if method.name == "dop853" else "dop853"
@@ -116,7 +116,7 @@ def _by_method(problem: Problem, times: Sequence[float], given: Any, unit: Float
 
 
 def _states(problem: Problem, times: Sequence[float], method: Any, tolerance: float | None) -> tuple[Any, ...]:
-    """Return the states at the times, each the end of a run from the one before: nothing is interpolated."""
+    """Return the states at the times, each the end of a run from the one before, without interpolation."""
     flow = Flow(problem.model, RunOptions(method, tolerance))
     y, now, found = problem.y0, problem.t0, []
     for then in times:
@@ -128,7 +128,7 @@ def _states(problem: Problem, times: Sequence[float], method: Any, tolerance: fl
 
 def _distance(y: Sequence[Any], other: Sequence[Any], unit: FloatArray) -> float:
     """Return the largest difference of two states, each entry in units of `unit`."""
-    # The subtraction is mpmath's where one of them is: doubles would see nothing below their own rounding.
+    # mpmath subtracts if one of them is its number: doubles would round smaller differences to zero.
     return max(abs(float(b - a)) / float(scale) for a, b, scale in zip(y, other, unit, strict=True))
 
 

@@ -1,4 +1,4 @@
-"""Is the mass matrix singular by construction? Asked when a system is stated, answered in the user's symbols."""
+"""Whether the mass matrix is singular by construction; tested when a system is stated, in the user's symbols."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lagrange.statement.statement import Statement
 from lagrange.trajectory.inertia import motion_along
 
 POINTS = 8
-"""Random states at which the rank is looked at, beside the stated one; one regular point clears a block."""
+"""Random states at which the rank is tested, beside the stated one; one regular point clears a block."""
 
 RANK = 1e-13
 """A singular value below this fraction of the largest counts as zero once rows and columns are scaled alike."""

@@ -1,4 +1,4 @@
-"""What a check found: a table for a person, a verdict for a program."""
+"""The result of a check: a table for a person, a truth value for a program."""
 
 from __future__ import annotations
 

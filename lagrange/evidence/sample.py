@@ -1,4 +1,4 @@
-"""Where to look: random states, times and parameter values at which no term is likely to vanish or to dominate."""
+"""Random states, times and parameter values at which no term is likely to vanish or to dominate."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ hides behind another 20 orders of magnitude larger, as one body's does behind th
 their defaults tell m1 from m2 where both are 1, and c from nothing where it is 0."""
 
 DRAWS_PER_KIND = 40
-"""Points of one kind to try before going on to the next kind."""
+"""Draws of one kind of point before the next kind is tried."""
 
 
 class Sampler:
@@ -62,7 +62,7 @@ class Sampler:
         self._initial = (statement.initial[:n], statement.initial[n:])
 
     def point(self, kind: SampleKind, attempt: int = 0) -> Point:
-        """Return a point; the more attempts have failed, the nearer to the initial state it is."""
+        """Return a point; it is nearer to the initial state the more attempts have failed."""
         near = kind.state == "initial"
         if near:
             spread = 0.3 * 0.1 ** (attempt // 4)
@@ -78,7 +78,7 @@ class Sampler:
         return Point(q, v, 0.0, self._parameters("default"), "the initial state")
 
     def far(self) -> Point:
-        """Return a point whose numbers are anywhere between small and large, to find rarely taken branches."""
+        """Return a point with numbers of any size, for branches that are rarely taken."""
         q, v = (
             tuple((x if self._draw.random() < 0.5 else 0.0) + self._of_order_one() * self._magnitude() for x in values)
             for values in self._initial
@@ -89,7 +89,7 @@ class Sampler:
 
     def _near(self, values: Sequence[float], spread: float) -> tuple[float, ...]:
         largest = max(1.0, *map(abs, values))
-        # A zero has no size of its own: somewhere between 1 and the largest of its like.
+        # A zero has no size of its own: draw one between 1 and the largest of its kind.
         sizes = [abs(x) or 10.0 ** self._draw.uniform(0.0, math.log10(largest)) for x in values]
         return tuple(x + spread * size * self._of_order_one() for x, size in zip(values, sizes, strict=True))
 

@@ -1,4 +1,4 @@
-"""How far a run magnifies errors: the derivative of its end with respect to each state along it."""
+"""Growth of errors along a run: the derivative of its end by each state along it."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ ROUNDING = 2.0**-53
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """What becomes of errors made on the way, at the end.
+    """The effect at the end of errors made along the run.
 
-    `growth` is the largest factor by which a relative error of a state grows until the end. `floor` is how far the
-    end moves when one state of the run, the one where it does most harm, is rounded to double precision.
+    `growth` is the largest factor by which a relative error of a state grows until the end. `floor` is the change of
+    the end when the most sensitive state of the run is rounded to double precision.
     """
 
     growth: float
@@ -32,10 +32,10 @@ class Sensitivity:
 def sensitivity(
     model: Model, run: Trajectory, parameters: Mapping[Any, float], size: FloatArray, unit: FloatArray
 ) -> Sensitivity:
-    """Return how errors grow along a run, by the variational equation dW/dt = J(t, y) W with RK4.
+    """Return the growth of errors along a run, by the variational equation dW/dt = J(t, y) W with RK4.
 
-    Relative errors are those against `size` (2n,), the magnitude of each entry of the state; the floor is in units
-    of `unit` (2n,). Both are infinite where the numbers overflow: no double knows anything of such an end.
+    Relative errors are relative to `size` (2n,), the magnitude of each entry of the state; the floor is in units of
+    `unit` (2n,). Both are infinite if the numbers overflow.
     """
     marks = run.t
     starts, lengths = marks[:-1], np.diff(marks)

@@ -1,7 +1,7 @@
-"""Linear stability, from the step itself: what one step does to an oscillation whose rates are z and its conjugate.
+"""Linear stability of a step: its effect on an oscillation whose rates are z and its conjugate.
 
-A step program only combines vectors and calls the right-hand side, so on a linear system it is a matrix, and an
-unknown of an implicit step the solution of linear equations. Nothing is known here of tableaus or formulas.
+A step program only combines vectors and calls the right-hand side, so on a linear system it is a matrix, and the
+unknowns of an implicit step solve linear equations. Tableaus and formulas are not used.
 
 Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, IV.2, IV.3 and V.1.
 """
@@ -31,7 +31,7 @@ SEEN = 1e-13
 """Growth of a step that is more than the rounding of its matrix and of its eigenvalues."""
 
 LARGEST_EXTENT, BISECTIONS = 1e4, 60
-"""How far out a limit is looked for, in units of one over the step, and how often the place is halved."""
+"""Largest extent that is searched, in units of one over the step, and the number of bisections."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Stability:
     """Where a step does not amplify an oscillation or a decay.
 
     `real` and `imaginary` are the lengths of the stable parts of the negative real and of the imaginary axis, in units
-    of one over the step, infinite if they do not end. A symplectic splitting has no real axis, and NaN there.
+    of one over the step, infinite if they do not end. A symplectic splitting has no damping; its `real` is NaN.
     """
 
     real: float
@@ -47,15 +47,15 @@ class Stability:
 
 
 class _Map:
-    """The vectors of a step as linear maps of the state that it starts from: arrays (Z, n, m) of Z systems at once.
+    """The vectors of a step as linear maps of its initial state: arrays (Z, n, m) for Z systems at once.
 
-    The system is q'' = -k q - c v with the rates z and its conjugate, and a step of 1; n is 2 for a step of y = [q, v],
-    else 1, and m the size of the state.
+    The system is q'' = -k q - c v with the rates z and its conjugate, and a step of 1. n is 2 for a step of y = [q, v],
+    else 1, and m is the size of the state.
     """
 
     def __init__(self, step: StepProgram, z: NDArray[np.complex128]) -> None:
         self.step, self.law = step, LAWS[step.law]
-        # A real rate comes with another, a little smaller: a double one would be known to half of the digits.
+        # A real rate is paired with a slightly smaller one: a double eigenvalue has only half of the digits.
         other = np.where(z.imag == 0, 0.99 * z, z.conj())
         self.k, self.c = (z * other).real, -(z + other).real
         self.length = 2 // self.law.states
@@ -66,7 +66,7 @@ class _Map:
             unit = np.zeros((len(z), self.length, self.size))
             unit[:, range(self.length), range(i * self.length, (i + 1) * self.length)] = 1.0
             self.vectors[i] = unit
-        # The coefficients of a step of length 1 at t = 0 behind one of the same length.
+        # The coefficients of a step of length 1 at t = 0 after one of the same length.
         self.numbers = numbers_of(step, step.scalars(step.numbers), 0.0, 1.0, 1.0)
 
     def whole(self) -> FloatArray:
@@ -167,7 +167,7 @@ def _extent(step: StepProgram, direction: complex) -> float:
         middle = (low + high) / 2
         bad = growth(step, [direction * middle])[0] > 1.0 + GROWTH_TOLERANCE * max(1.0, middle)
         low, high = (low, middle) if bad else (middle, high)
-    # Where a step amplifies all the way from zero, by little at first, it is stable nowhere.
+    # A step that amplifies from zero on, if only slightly, is stable nowhere.
     before = growth(step, direction * low * np.array([0.5, 0.7, 0.9]))
     return 0.0 if (before > 1.0 + SEEN).all() else float(low)
 

@@ -1,4 +1,4 @@
-"""Whether a run was stiff: an explicit method whose steps were limited by stability, and not by accuracy."""
+"""Stiffness of a run: steps of an explicit method that were limited by stability, not by accuracy."""
 
 from __future__ import annotations
 
@@ -19,22 +19,25 @@ from lagrange.trajectory.tableaux.butcher import ButcherTableau
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 SAMPLED_STEPS = 20
-"""So many of the accepted steps are looked at, evenly spread; a run of fewer than three times as many is not."""
+"""Number of accepted steps that are examined, evenly spread; a run needs three times as many."""
 
 MODE_GROWTH = 1e-5
-"""By what part a step may enlarge a mode where its limit of stability is set. In the some 1e5 steps of a stiff run
-that is a factor e. On the imaginary axis it matters how little it is: |R| of dopri5 exceeds 1 from 1.0 on and 1.01 from
-1.7 on, of tsit5 from 0.48 on and by 1e-5 from 0.75 on, and their steps settle at 0.9 to 1.0 and at 0.64 to 0.85."""
+"""Relative growth of a mode per step at which the limit of stability is set.
+
+In some 1e5 steps of a stiff run it is a factor e. On the imaginary axis its size matters: |R| of dopri5 exceeds 1 from
+1.0 on and 1.01 from 1.7 on; that of tsit5 exceeds 1 from 0.48 on and 1 + 1e-5 from 0.75 on. Their steps settle at 0.9
+to 1.0 and at 0.64 to 0.85.
+"""
 
 NEAR = 0.6
 """A step longer than this part of the limit is at the limit: of the library's scenes only those run at rtol = 1e-3 come
 so far, up to 0.7, and stiff runs swing about 0.7 to 1."""
 
 MOST_OVERSHOOT = 1.5
-"""Step control does not let a step grow so many times beyond the limit; equal steps may be there, and the run fails."""
+"""Step control keeps a step below this multiple of the limit; equal steps may exceed it, and the run fails."""
 
 SLOWER = 30.0
-"""So many times more slowly than the limiting mode must the solution change: a mode that is resolved is part of it."""
+"""The solution must change this many times more slowly than the limiting mode; otherwise the mode is resolved."""
 
 NEGLIGIBLE = 1e-4
 """A velocity that stays below this part of the speed, both weighted by the square roots of masses, is measured against
@@ -62,11 +65,11 @@ Polynomial = tuple[float, ...]
 
 @dataclass(frozen=True)
 class Stiffness:
-    """What was found at those steps of a stiff run that were at the limit of stability: the medians.
+    """Medians over the steps of a stiff run that were at the limit of stability.
 
-    `share` is their part of the steps that were looked at. `rate` is the size of the eigenvalue of the Jacobian that
-    limits the step, per unit of time, `product` that times the step, `limit` the bound of the product in the direction
-    of the eigenvalue, and `slower` how many times more slowly the solution changes.
+    `share` is their share of the examined steps. `rate` is the size of the eigenvalue of the Jacobian that limits the
+    step, per unit of time, `product` that times the step, `limit` the bound of the product in the direction of the
+    eigenvalue, and `slower` how many times more slowly the solution changes.
     """
 
     method: str
@@ -77,7 +80,7 @@ class Stiffness:
     slower: float
 
     def sentence(self) -> str:
-        """Return the finding and the remedy in words."""
+        """Return the finding and the remedy as a sentence."""
         where = "near" if self.product < MOST_OVERSHOOT * self.limit else "beyond"
         return (
             f"stiff: at {self.share:.0%} of the steps looked at, h * {self.rate:.2g} = {self.product:.2g} is {where} "
@@ -119,9 +122,9 @@ def stiffness(model: Model, trajectory: Trajectory, parameters: Mapping[Any, Any
 
 
 def with_stiff_end(model: Model, trajectory: Trajectory, parameters: Mapping[Any, Any], towards: float) -> Trajectory:
-    """Return a run that gave up on the way to a time, with the cause in its message if that was stiffness.
+    """Return a run that ended early, with stiffness as the cause in its message if that was the cause.
 
-    Its steps may have become so short that the status speaks of a singularity, which the solution does not have.
+    Its steps may have become so short that the status reports a singularity, which the solution does not have.
     """
     if trajectory.status not in LIMITS or (found := stiffness(model, trajectory, parameters)) is None:
         return trajectory
@@ -143,9 +146,9 @@ def _kernel(model: Model, name: str, path: StepPath | SeriesPath, steps: FloatAr
 
 
 def _changes(masses: FloatArray, velocities: FloatArray, steps: FloatArray, least: float) -> FloatArray:
-    """Return by what part of its range the velocity changes over each of the steps: the largest of its entries.
+    """Return the relative change of the velocity over each of the steps: the largest of its entries.
 
-    A range counts as `least` of the speed at least.
+    The range of an entry is at least `least` of the speed.
     """
     weights = np.abs(np.diagonal(masses, axis1=1, axis2=2)).mean(axis=0)
     speed = math.sqrt(float(np.mean(np.sum(velocities[steps] ** 2 * weights, axis=1))))
@@ -157,13 +160,13 @@ def _changes(masses: FloatArray, velocities: FloatArray, steps: FloatArray, leas
 def _found(
     method: str, polynomial: Polynomial, h: FloatArray, changes: FloatArray, jacobians: FloatArray
 ) -> Stiffness | None:
-    """Look at the steps one by one; see `Stiffness`."""
+    """Examine the steps one by one; see `Stiffness`."""
     at_limit = []
     for step, change, jacobian in zip(h, changes, jacobians, strict=True):
-        # On the way back a mode that grows in time is one that decays.
+        # In a backward run a mode that grows in time decays.
         eigenvalues = np.sign(step) * (np.linalg.eigvals(jacobian) if np.isfinite(jacobian).all() else np.zeros(1))
         sizes = np.abs(eigenvalues)
-        # A mode that grows is the solution's own business; round-off puts oscillations beside the imaginary axis.
+        # A growing mode is part of the solution; round-off moves oscillations off the imaginary axis.
         kept = (eigenvalues.real <= 1e-6 * sizes) & (sizes > 0)
         limits = np.array([stability_limit(polynomial, abs(float(np.angle(one)))) for one in eigenvalues[kept]])
         near = abs(step) * sizes[kept] / limits

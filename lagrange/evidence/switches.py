@@ -1,4 +1,4 @@
-"""Switches: the conditions, Abs, sign, Min and Max that change an energy's formula from place to place."""
+"""Switches: the conditions, Abs, sign, Min and Max that select between formulas of an energy."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lagrange.statement.statement import Statement
 
 
 def all_ways(switch: Any) -> tuple[int, ...]:
-    """Return every way that a switch can go: 0 and 1 for a condition, -1 and 1 for a sign, a place in Min and Max."""
+    """Return every outcome of a switch: 0 and 1 for a condition, -1 and 1 for a sign, an index for Min and Max."""
     if isinstance(switch, (sympy.Min, sympy.Max)):
         return tuple(range(len(switch.args)))
     return (-1, 1) if isinstance(switch, (sympy.Abs, sympy.sign)) else (0, 1)

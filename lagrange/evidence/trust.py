@@ -1,8 +1,8 @@
-"""How long the digits of a run hold, found by holding it against twins that do better.
+"""The time until which a run is accurate, from comparison with more accurate runs.
 
-The twins are two other methods at their tightest, and a third run from a start that is put off by a few units in the
-last place: what the run has in common with none of them is its error, or what rounding has grown to. All three must
-agree with it: two runs that end near each other by chance are likely along an unstable direction, four are not.
+The comparison runs are two other methods at their tightest tolerance, and a third run from a start perturbed by a few
+units in the last place. A difference from any of them is an error of the run, or grown rounding. All three must agree:
+two runs may end close to each other by chance along an unstable direction.
 """
 
 from __future__ import annotations
@@ -30,24 +30,24 @@ COMPARISON_METHODS: tuple[tuple[str, float, float], ...] = (
     ("dop853", 2.3e-14, 0.0),
     ("taylor", 1e-15, 4.0),
 )
-"""Method, relative tolerance and how many units of round-off the start is put off by."""
+"""Method, relative tolerance, and perturbation of the start in units of round-off."""
 
 WITNESSES = 2
-"""So many twins must have come as far as the horizon."""
+"""Number of comparison runs that must reach the horizon."""
 
 TIMES_PER_STEP, MOST_TIMES = 4, 4000
-"""Looks into every step of the run, its end included, and about how many there are at most."""
+"""Times of comparison per step of the run, including its end, and about the largest number of times."""
 
 START_PERTURBATION = 2.0**-52
 
 
 @dataclass(frozen=True, eq=False)
 class TrustHorizon:
-    """The time until which a run holds to an error: `float(horizon)` is that time.
+    """The time until which a run is accurate to an error: `float(horizon)` is that time.
 
-    `times` (K,) are those at which the run was held against its twins, and `bounds` (K,) what its error was below until
-    then, in units of the state or, if `relative`, of each entry's largest magnitude. `complete` says that the run holds
-    to its end, `witnesses` which twins there were.
+    `times` (K,) are the times of comparison, and `bounds` (K,) bound the error until then, in units of the state or, if
+    `relative`, of each entry's largest magnitude. `complete` says that the horizon is the end of the run; `witnesses`
+    names the comparison runs.
     """
 
     time: float
@@ -81,11 +81,11 @@ def trust_horizon(
     step: float | None = None,
     parameters: Mapping[Any, Any] | None = None,
 ) -> TrustHorizon:
-    """Return how long the run of a system or model holds to `error`, at its steps and in between.
+    """Return how long the run of a system or model is accurate to `error`, at its steps and in between.
 
     The run is that of `lg.integrate(model, span, initial, method=..., ...)`. `error` is the largest of any entry of the
-    state, in its own units; with `relative`, in parts of that entry's largest magnitude along the run. Raises
-    StatementError for a request that cannot be meant, RunError where no two twins can be run.
+    state, in its own units; with `relative`, relative to that entry's largest magnitude along the run. Raises
+    StatementError for a request that has no meaning, RunError if two comparison runs cannot be made.
     """
     model = _compiled(system)
     allowed, relative = real_number(error, "error"), flag(relative, "relative")
@@ -97,10 +97,12 @@ def trust_horizon(
     size = np.abs(states).max(axis=1)
     unit = np.where(size > 0, size, 1.0) if relative else np.ones(len(size))
     ends, differences, witnesses = [], [], []
-    for name, twin in _comparison_runs(model, found, values, np.abs(states[:, : len(times) // 10 + 2]).max(axis=1)):
-        reached = (times - twin.span[1]) * np.sign(times[-1] - times[0]) <= 0
+    for name, comparison in _comparison_runs(
+        model, found, values, np.abs(states[:, : len(times) // 10 + 2]).max(axis=1)
+    ):
+        reached = (times - comparison.span[1]) * np.sign(times[-1] - times[0]) <= 0
         apart = np.zeros(len(times))
-        apart[reached] = (np.abs(twin.dense(times[reached]) - states[:, reached]) / unit[:, None]).max(axis=0)
+        apart[reached] = (np.abs(comparison.dense(times[reached]) - states[:, reached]) / unit[:, None]).max(axis=0)
         ends.append(int(np.count_nonzero(reached)))
         differences.append(apart)
         witnesses.append(name)
@@ -132,7 +134,7 @@ def _compiled(system: Any) -> Model:
 
 
 def _comparison_times(marks: FloatArray) -> FloatArray:
-    """Return times (K,) that divide each of the steps, or fewer of them, the first and the last among them."""
+    """Return times (K,) that divide each of the steps, or fewer steps, including the first and the last time."""
     parts = np.arange(1, TIMES_PER_STEP + 1) / TIMES_PER_STEP
     inner = marks[:-1, None] + np.diff(marks)[:, None] * parts
     inner[:, -1] = marks[1:]
@@ -143,7 +145,7 @@ def _comparison_times(marks: FloatArray) -> FloatArray:
 def _comparison_runs(
     model: Model, found: Trajectory, values: Mapping[Any, float], size: FloatArray
 ) -> Iterator[tuple[str, Trajectory]]:
-    """Yield the twins that run at all, each with a name; `size` (2n,) is that of the states soon after the start."""
+    """Yield the comparison runs that succeed, each with a name; `size` (2n,) is that of the first states."""
     rows = model.layout.names()
     start = found.dense(found.t[:1])[:, 0]
     moving = np.where(start == 0, size, np.abs(start))
@@ -151,7 +153,7 @@ def _comparison_runs(
     for method, tolerance, off in COMPARISON_METHODS:
         moved = start + off * START_PERTURBATION * signs * moving
         try:
-            twin, _ = integrate(
+            comparison, _ = integrate(
                 model,
                 found.span,
                 dict(zip(rows, moved.tolist(), strict=True)),
@@ -159,4 +161,4 @@ def _comparison_runs(
             )
         except StatementError:
             continue
-        yield f"{method} at {tolerance:g}" + (" from a start put off" if off else ""), twin
+        yield f"{method} at {tolerance:g}" + (" from a start put off" if off else ""), comparison

@@ -1,4 +1,4 @@
-"""Error against time: every method at every tolerance or step, against one reference that is known better."""
+"""Work-precision: error against time for every method at every tolerance or step, against one reference solution."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 TOLERANCES = tuple(10.0**-k for k in range(3, 14))
 
 STEP_SIZES = 9
-"""Steps of the ladder that is used where no steps are given, each half of the one before."""
+"""Number of step sizes if none are given, each half of the previous one."""
 
 PRELIMINARY_METHOD = "dop853"
-"""The method of the runs before the race: a Taylor step may span half an oscillation, and its ends hide the sizes."""
+"""The method of the runs before the race. A Taylor step may span half an oscillation, which hides its size."""
 
 STEPS_PER_PRELIMINARY = 4
 """The longest step is that of dop853 at `COARSE_RTOL` divided by this: there RK4 begins to resolve the motion."""
 
 COARSE_RTOL, FINE_RTOL = 1e-6, 1e-11
-"""Tolerances of the scout's runs from which the ladder comes, and from which sizes and growth of errors come."""
+"""Tolerances of the preliminary runs: the first gives the step sizes, the second the sizes and growth of errors."""
 
 RACED = (
     "taylor",
@@ -51,35 +51,38 @@ RACED = (
     "scipy-dop853",
     "scipy-lsoda",
 )
-"""Raced by default, one or two of a kind: the series, explicit with and without step control, symplectic, implicit, and
-SciPy's best. All that are here would take minutes, and lie close to one of these."""
+"""The methods by default, one or two of a kind: the series, explicit with and without step control, symplectic,
+implicit, and SciPy's best. All methods would take minutes, and the others lie close to one of these."""
 
 FEWEST_STEPS = 16
-"""Steps of the longest ones at least."""
+"""Least number of steps with the longest step."""
 
 NOTABLE_GROWTH = 1e4
-"""Growth of errors that is worth a sentence."""
+"""Growth of errors from which a note is given."""
 
 FINE_RUN_SECONDS = 60.0
-"""Seconds that the fine run is given in any case."""
+"""Seconds that the fine preliminary run may always take."""
 
 SHORTEST_TIMING = 1e-3
-"""Seconds that a timing takes at least; a shorter run is repeated within it."""
+"""Least seconds of a timing; a shorter run is repeated."""
 
 LARGEST_UNCERTAINTY = 1e-3
-"""Part of the size of the states from which rounding alone, or a doubt in the reference, decides the race."""
+"""Largest uncertainty of the reference, and largest effect of rounding, relative to the size of the states.
+
+Beyond it the comparison has no meaning.
+"""
 
 REFUSED, SKIPPED = "refused", "skipped"
-"""Beside the values of `Status`: a request that the method cannot serve; one that a coarser one ran too long for."""
+"""Status of a request that the method cannot serve, and of one skipped because a coarser one took too long."""
 
 
 @dataclass(frozen=True)
 class Entry:
     """One method at one setting.
 
-    `setting` is the tolerance (rtol) of an adaptive method, else the step. `error` is NaN where there is no
-    end; where it is not `resolved`, the true one lies at or below it, which is all that the reference can tell. `time`
-    is the least of `timed` warm runs, in seconds, NaN where none ended. `status` and `message` say how the run ended.
+    `setting` is the tolerance (rtol) of an adaptive method, else the step. `error` is NaN if the run has no end. If it
+    is not `resolved`, the true error is at most this, the uncertainty of the reference. `time` is the least of `timed`
+    warm runs, in seconds, NaN if none ended. `status` and `message` say how the run ended.
     """
 
     method: str
@@ -102,10 +105,10 @@ class Entry:
 
 @dataclass(frozen=True)
 class Result:
-    """Everything that a race found.
+    """The result of a race.
 
-    `unit` (2n,) is what errors are measured in, one number for each entry of the state: 1, or the entry's size.
-    `size` (2n,) is the largest magnitude of each entry along the run.
+    `unit` (2n,) is the unit of errors, one number for each entry of the state: 1, or the entry's size. `size` (2n,) is
+    the largest magnitude of each entry along the run.
     """
 
     entries: tuple[Entry, ...]
@@ -118,7 +121,7 @@ class Result:
 
 @dataclass(frozen=True)
 class RaceSettings:
-    """What is raced for, and how it is timed; `times` are those at which errors are looked at."""
+    """The settings of a race and of its timing; errors are measured at `times`."""
 
     times: tuple[float, ...]
     tolerances: tuple[float, ...]
@@ -138,7 +141,7 @@ def race(
     reference: Any = None,
     digits: int | None = None,
 ) -> Result:
-    """Measure every method at every setting. Raises StatementError, or RunError where nothing can be measured."""
+    """Measure every method at every setting. Raises StatementError, or RunError if nothing can be measured."""
     labelled = _labelled_methods(methods)
     run, values = _fine_run(model, span, initial, parameters, max(chosen.max_wall, FINE_RUN_SECONDS))
     t0, t1 = map(float, span)
@@ -169,7 +172,7 @@ def race(
 
 
 class _Measurements:
-    """Everything that the runs of a race have in common."""
+    """The data that all runs of a race share."""
 
     def __init__(self, problem: Problem, settings: RaceSettings, right: ReferenceSolution, unit: FloatArray) -> None:
         self.problem, self.settings, self.reference, self.unit = problem, settings, right, unit
@@ -220,7 +223,7 @@ class _Measurements:
         return least, timed
 
     def _warm(self, method: Integrator, problem: Problem) -> Callable[[], FloatArray]:
-        """Return a function that runs to the times of the race, (2n, K), with everything prepared that can be."""
+        """Return a function that runs to the times of the race, (2n, K), with all preparation done."""
         if self.outputs is not None:
             return lambda: method.integrate(problem).y
         flow = Flow(
@@ -239,9 +242,9 @@ def race_settings(
     outputs: Any = None,
     relative: bool = False,
 ) -> RaceSettings:
-    """Return what is raced for, checked. Raises StatementError for what cannot be meant.
+    """Return the checked settings of a race. Raises StatementError for a request that has no meaning.
 
-    `outputs` is the number of equally spaced times at which errors are looked at, None for the end alone.
+    `outputs` is the number of equally spaced times at which errors are measured, None for the end alone.
     """
     t0, t1 = float(span[0]), float(span[1])
     if t0 == t1:
@@ -266,7 +269,7 @@ def _whole(what: str, given: Any) -> int:
 
 
 def _sizes(what: str, given: Any) -> tuple[float, ...]:
-    """Return positive numbers without their repetitions."""
+    """Return positive numbers without duplicates."""
     listed = None if isinstance(given, (str, bytes)) else entries(given, what)
     if listed is None:
         raise StatementError(f"{what} is {shown(given)}: give a list of positive numbers, such as [1e-6, 1e-9].")
@@ -280,7 +283,7 @@ def _sizes(what: str, given: Any) -> tuple[float, ...]:
 
 
 def _labelled_methods(methods: Any) -> list[tuple[str, Integrator]]:
-    """Return the methods with the names that tell them apart."""
+    """Return the methods with distinct labels."""
     if methods is None:
         chosen: list[Any] = list(RACED)
     else:
@@ -305,7 +308,7 @@ def _fine_run(
     parameters: Mapping[Any, Any] | None,
     max_wall: float,
 ) -> tuple[Trajectory, dict[Any, float]]:
-    """Return the run from which the sizes of the states and the growth of errors come, and the parameters' values."""
+    """Return the run that gives the sizes of the states and the growth of errors, and the parameter values."""
     run, values = integrate(
         model, span, initial, RunOptions(PRELIMINARY_METHOD, FINE_RTOL, max_wall=max_wall, parameters=parameters)
     )
@@ -315,21 +318,21 @@ def _fine_run(
 
 
 def _checked(found: Trajectory) -> Trajectory:
-    """Return the run, or go on with the Ctrl-C that it ended with."""
+    """Return the run; raise KeyboardInterrupt if it was interrupted."""
     if found.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     return found
 
 
 def _step_sizes(problem: Problem) -> tuple[float, ...]:
-    """Return the steps that methods with equal steps are tried at where none are given."""
+    """Return the steps for methods with equal steps if none are given."""
     preliminary = find(PRELIMINARY_METHOD).integrate(replace(problem, rtol=COARSE_RTOL))
     count = max(FEWEST_STEPS, STEPS_PER_PRELIMINARY * preliminary.steps)
     return tuple(abs(problem.t1 - problem.t0) / (count << k) for k in range(STEP_SIZES))
 
 
 def _growth_notes(found: Sensitivity, size: FloatArray, unit: FloatArray) -> Iterator[str]:
-    """Yield what the growth of errors means for every method alike."""
+    """Yield a note on the growth of errors, which all methods share."""
     if found.floor > LARGEST_UNCERTAINTY * float((size / unit).max()):
         yield (
             f"No method can win: an error grows up to {found.growth:.0e} times, and rounding a single state to double "

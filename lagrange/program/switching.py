@@ -94,7 +94,7 @@ class _Switches:
         self.starts[angle] = self.graph.call("atan2", side * self.graph.call("abs", y), x)
 
     def condition(self, surface: int) -> Node:
-        """Return the condition under which a surface is looked at: always, where it always has a value."""
+        """Return the condition under which a surface is watched: always, if it always has a value."""
         limited = self.domains.limited(self.expressions[surface])
         return self.conditions[surface] if limited else self.graph.one
 

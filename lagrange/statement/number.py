@@ -1,4 +1,4 @@
-"""Numbers, arrays and truth values from users: finite, real, and said to be otherwise in words."""
+"""Numbers, arrays and truth values from users: finite and real, or refused with a message."""
 
 from __future__ import annotations
 

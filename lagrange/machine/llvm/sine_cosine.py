@@ -1,6 +1,6 @@
 """Sine and cosine together, written out for one number or a vector of them.
 
-The C library's sine takes about as long as the rest of a small right-hand side, and its vector twin (libmvec) is
+The C library's sine takes about as long as the rest of a small right-hand side, and its vector version (libmvec) is
 good to 4 units in the last place. This one is good to 1.1 units, gives each lane of a vector the same bits as a
 number alone, and overlaps with the arithmetic around it. Beyond |x| = 2**20, and for NaN and infinity, it calls the
 C library.

@@ -38,7 +38,7 @@ def symmetric(n: int, triangle: list[float]) -> FloatArray:
 
 
 def inverse(matrix: FloatArray) -> FloatArray:
-    """Return the inverse of a symmetric matrix (n, n), NaN where an entry is not finite: that is no verdict on it.
+    """Return the inverse of a symmetric matrix (n, n), NaN if an entry is not finite.
 
     Raises SingularMassMatrix by the criterion of `PIVOT`.
     """

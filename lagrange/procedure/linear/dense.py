@@ -97,7 +97,7 @@ def factor_pivoted() -> Procedure:
             factor = -columns[k * n + j]
             with p.loop(j + 1, n) as i:
                 columns[k * n + i] = p.fma(factor, columns[j * n + i], columns[k * n + i])
-    p.note("An entry that is not finite is no verdict on the matrix: it passes through to the solution.")
+    p.note("A matrix with an entry that is not finite is not singular: the entry passes to the solution.")
     p.leave(singular.value & nothing.value.equals(0.0))
     return p.finish(FLAG)
 

@@ -70,15 +70,13 @@ The first step also aims at this fraction of the tolerance.
 """
 
 CANCELLATION = 2.0**-12
-"""An acceleration may be round-off of cancelling terms if it is below the first number times its sensitivity.
+"""An acceleration may be round-off of cancelling terms if it is below this number times its sensitivity.
 
-The sensitivity is the change of the acceleration when each entry of the state changes by about its own size, estimated
-from a relative perturbation by the second number, the square root of the unit of round-off.
+The sensitivity is the change of the acceleration when each entry of the state changes by about its own size.
 """
 
 RELATIVE_PERTURBATION = 2.0**-26
-"""What an expression owes to the entries of the state shows where each is moved by about this part of itself: half of
-the digits."""
+"""Relative perturbation of the state for estimating sensitivities: the square root of the unit of round-off."""
 
 SLOPE_NOISE = 2.0**-44
 """Relative round-off of a slope, as a fraction of its sensitivity, over the natural period.

@@ -11,7 +11,7 @@ from lagrange.procedure.step.trial import Running, accept_step, try_step
 from lagrange.procedure.values import Flag, Memory, Real
 
 WRITTEN_OUT = 2
-"""A state whose vectors have up to so many blocks is looked at block by block without a loop."""
+"""The test for finite entries is written out for vectors of up to this many blocks."""
 
 
 def equal_steps(layout: Layout) -> Procedure:

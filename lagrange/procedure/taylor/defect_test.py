@@ -90,7 +90,7 @@ def reject_step(layout: TaylorLayout) -> Procedure:
 @cache
 def record_step(layout: TaylorLayout) -> Procedure:
     """Return the procedure that counts and records a confirmed step; after failures the next step at most doubles."""
-    p = Builder("record_step", "Count the step that is proven, and record it.")
+    p = Builder("record_step", "Count and record a step that passed the defect test.")
     run: Any = p.record("run", RUN)
     counts: Any = p.record("counts", COUNTS)
     taylor: Any = p.record("taylor", TAYLOR)

@@ -33,7 +33,7 @@ def taylor_steps(layout: TaylorLayout) -> Procedure:
         _begin(given)
     p.note("Minus the binary logarithm of the relative tolerance.")
     digits = (-p.call(logarithm(), run.rtol)).called("digits")
-    p.note("The last iteration does no more than prove the last step.")
+    p.note("The last iteration only tests the last step.")
     with p.loop(0, budget + 1) as i:
         outcome = p.call(iteration(layout), *given.handed(i.equals(budget), digits))
         p.leave_if(~outcome.equals(Outcome.PAUSED), outcome, likely=False)
@@ -108,7 +108,7 @@ def _test_defect(given: Arguments, weights: Memory, singular: Flag) -> None:
 
 
 def _leave_unscaled(given: Arguments, asked: Flag) -> None:
-    """Come back on a condition for a look at how large the entries are, where floors follow them; see `Outcome`."""
+    """Return UNSCALED on a condition, if floors follow the scale; see `Outcome`."""
     run, counts = given.run, given.counts
     given.p.leave_if(asked & (run.share > 0.0) & (counts.surveyed < MOST_SURVEYS), Outcome.UNSCALED)
 

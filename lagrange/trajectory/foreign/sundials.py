@@ -171,7 +171,7 @@ class _CvodeStepper:
         if not self.reached and not self.s - self.begin > LAST_STEP_SPACINGS * float(np.spacing(abs(self.begin))):
             return self.law.recent_fault() or Fault(Status.STEP_TOO_SMALL, t, y)
         if not first:
-            # Before its first step CVODE looks around for a length, which is no trial of a step.
+            # Before its first step CVODE evaluates the law to choose a length; these are not trials of a step.
             self.rejected = len(set(self.trials) - {self.begin}) - 1
         return None
 

@@ -88,7 +88,7 @@ def step_method(function: Callable[..., Any], *, order: int, name: str = "", ste
     It adds and subtracts vectors and multiplies them by numbers made of t and h, and does nothing else with them.
     The order of a step of the first form is checked, as a tableau's is, or that it is one at all where its numbers are
     not in proportion to h; of the second, that both move as they must under a constant force. It is called for its
-    record alone, and must do the same at every call. Raises StatementError in words.
+    record alone, and must do the same at every call. Raises StatementError.
     """
     if isinstance(order, bool) or not isinstance(order, int) or order < 1:
         raise StatementError(f"order = {shown(order)}: give the order of the method, a whole number from 1 on.")

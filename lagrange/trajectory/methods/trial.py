@@ -34,7 +34,7 @@ def refusal(name: str, what: str) -> StatementError:
 
 
 def kind_of(thing: object) -> str:
-    """Return what a thing is, in words."""
+    """Return a description of an object."""
     if isinstance(thing, Fraction) and thing.denominator == 1:
         thing = thing.numerator
     return f"the number {shown(thing)}" if isinstance(thing, Real) else f"a {type(thing).__name__}"
