@@ -36,8 +36,8 @@ class SingularMassMatrix(RunError):
 class QuickCalls(NamedTuple):
     """Functions of (t, y) and of (t, q, v) that return the result for one state, or None if `Kernel` must be called.
 
-    They are quick because they leave error reports to `Kernel`. The caller ensures that `t` is a float and that arrays
-    are plain NumPy arrays of doubles. A result is finite.
+    They are quick because they leave error reports to `Kernel`. They return None for a time that is no float and for a
+    state that is no plain NumPy array of doubles of the right shape. A result is finite.
     """
 
     whole: Callable[..., FloatArray | None]

@@ -23,7 +23,7 @@ from lagrange.program.catalogue import QUANTITIES
 from lagrange.program.switching import Switched
 from lagrange.statement.choice import one_of, text
 from lagrange.statement.expression import expression as expression_of
-from lagrange.statement.number import DOUBLE, real_array, real_number, whole_number
+from lagrange.statement.number import real_array, real_number, whole_number
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 
@@ -161,13 +161,22 @@ class Model:
         self, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Parameters = None
     ) -> FloatArray:
         """Return the generalized accelerations, (n,) or (n, batch)."""
-        if (q if isinstance(q, np.ndarray) else self._vector(q, "q")).ndim > 1:
-            return self._run("accelerations", t, self._state(q, v), parameters)
-        return self._of_parts("rhs", t, q, v, parameters)[self.layout.v]
+        if parameters is None:
+            found = self._quick["rhs"].parts(t, q, v)
+            if found is not None:
+                return found[self.layout.v]
+        state = self._state(q, v)
+        if state[0].ndim > 1:
+            return self._run("accelerations", t, state, parameters)
+        return self._run("rhs", t, state, parameters)[self.layout.v]
 
     def rhs(self, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
         """Return dy/dt = [v, a], (2n,) or (2n, batch); t is a number or (batch,)."""
-        return self._of_whole("rhs", t, y, parameters)
+        if parameters is None:
+            found = self._quick["rhs"].whole(t, y)
+            if found is not None:
+                return found
+        return self._run("rhs", t, self._checked_state(y), parameters)
 
     def jacobian(self, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
         """Return d rhs / d y, (2n, 2n), or (2n, 2n, batch)."""
@@ -243,17 +252,16 @@ class Model:
 
     def _of_whole(self, name: str, t: Any, y: Any, parameters: Parameters) -> FloatArray:
         """Return a quantity, quickly at one plain state with the parameters of the statement."""
-        if parameters is None and type(y) is np.ndarray and y.dtype is DOUBLE and isinstance(t, float):
-            found = self._quick[name].whole(float(t), y)  # solvers hand NumPy's floats over
+        if parameters is None:
+            found = self._quick[name].whole(t, y)
             if found is not None:
                 return found
         return self._run(name, t, self._checked_state(y), parameters)
 
     def _of_parts(self, name: str, t: Any, q: Any, v: Any, parameters: Parameters) -> FloatArray:
         """Return a quantity, quickly at one plain state with the parameters of the statement."""
-        plain = type(q) is np.ndarray and type(v) is np.ndarray and q.dtype is DOUBLE and v.dtype is DOUBLE
-        if parameters is None and plain and isinstance(t, float):
-            found = self._quick[name].parts(float(t), q, v)
+        if parameters is None:
+            found = self._quick[name].parts(t, q, v)
             if found is not None:
                 return found
         return self._run(name, t, self._state(q, v), parameters)
@@ -331,8 +339,6 @@ class Model:
 
     def _masses_of(self, t: Any, q: Any, v: Any, parameters: FloatArray) -> FloatArray | None:
         """Return the inertia of each coordinate of `_alone` at one plain state, or nothing."""
-        if not (type(q) is type(v) is np.ndarray and q.dtype is v.dtype is DOUBLE and type(t) is float):
-            return None
         quick = self._masses.quick(self.parameter_array(parameters))
         return None if quick is None else quick.parts(t, q, v)
 

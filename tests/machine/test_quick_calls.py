@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import gc
+import sys
 from typing import Any
 
 import numpy as np
 import pytest
+import sympy
 
 import lagrange as lg
 from lagrange.errors import RunError, StatementError
@@ -129,3 +132,41 @@ def test_quick_calls_are_made_once_for_the_same_parameters(model: Model) -> None
         assert calls is not None
         found = calls.whole(0.0, STATE)
         assert found is not None and np.array_equal(found, kernel(0.0, STATE, given))
+
+
+@pytest.mark.parametrize("t", [0, np.int64(0), np.float32(0.0), sympy.Integer(0), np.array(0.0)])
+def test_other_numbers_are_times_too(model: Model, t: Any) -> None:
+    assert np.array_equal(model.rhs(t, STATE), slow(model, "rhs"))
+    assert model.energy(STATE[:2], STATE[2:], t) == slow(model, "energy")
+
+
+@pytest.mark.parametrize("t", [True, None, "0", 1j])
+def test_what_is_no_time_is_told(model: Model, t: Any) -> None:
+    with pytest.raises(StatementError, match="the time t"):
+        model.rhs(t, STATE)
+    with pytest.raises(StatementError, match="the time t"):
+        model.accelerations(STATE[:2], STATE[2:], t)
+
+
+@pytest.mark.parametrize("given", [STATE.astype(np.float32), np.array([1, 0, 0, 1]), np.zeros(4, dtype=complex), None])
+def test_quick_calls_take_doubles_alone(model: Model, given: Any) -> None:
+    quick = model._quick["rhs"]
+    assert quick.whole(0.0, given) is None and quick.parts(0.0, given, given) is None
+    assert quick.whole(0.0, STATE) is not None
+
+
+def test_quick_calls_outlive_their_kernel_and_count_what_they_hold(model: Model) -> None:
+    """They are made of addresses: all that these point to is kept, and no result and no refusal is counted wrongly."""
+    expected, bad = slow(model, "rhs"), STATE.astype(np.float32)
+    made: Any = type(model.kernel("rhs"))
+    kernel = made(model.kernel("rhs").program)
+    quick = kernel.quick(model.parameter_array() + 0.0)
+    del kernel
+    gc.collect()
+    assert quick is not None
+    held, nothing = sys.getrefcount(STATE), sys.getrefcount(None)
+    for _ in range(10_000):
+        quick.whole(0.0, bad)
+        found = quick.whole(0.0, STATE)
+    assert found is not None and np.array_equal(found, expected) and sys.getrefcount(found) == 2
+    assert sys.getrefcount(STATE) == held and abs(sys.getrefcount(None) - nothing) < 1000

@@ -113,7 +113,7 @@ class LlvmKernel(Shared):
             return None
         prepared, known = self.prepare(parameters), self._quick
         if known is None or known[0] is not prepared:
-            made = quick_calls(self._address, prepared, self._program.states, self._program.shape)
+            made = quick_calls((self._module, self._address), prepared, self._program.states, self._program.shape)
             known = self._quick = prepared, made
         return known[1]
 

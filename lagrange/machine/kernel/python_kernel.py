@@ -21,6 +21,7 @@ from lagrange.machine.kernel.python_text import WRITTEN_OUT, fits, scalar_source
 from lagrange.machine.python_source import defined
 from lagrange.procedure.interpreter import OPERATIONS
 from lagrange.program.program import Program
+from lagrange.statement.number import DOUBLE
 
 CACHED = 2**16
 """Doubles of a block of columns: they fit a second-level cache."""
@@ -141,12 +142,15 @@ class PythonKernel:
                 return None
             return array(found) if flat else array(found).reshape(shape)
 
-        def whole(t: float, y: FloatArray) -> FloatArray | None:
-            return of(t, y.tolist()) if y.shape == (size,) else None
+        half = (size // 2,)
 
-        def parts(t: float, q: FloatArray, v: FloatArray) -> FloatArray | None:
-            fits = q.ndim == v.ndim == 1 and 2 * len(q) == 2 * len(v) == size
-            return of(t, [*q.tolist(), *v.tolist()]) if fits else None
+        def whole(t: Any, y: Any) -> FloatArray | None:
+            plain = type(y) is np.ndarray and y.dtype is DOUBLE and y.shape == (size,)
+            return of(float(t), y.tolist()) if plain and isinstance(t, float) else None
+
+        def parts(t: Any, q: Any, v: Any) -> FloatArray | None:
+            plain = type(q) is type(v) is np.ndarray and q.dtype is v.dtype is DOUBLE and q.shape == v.shape == half
+            return of(float(t), [*q.tolist(), *v.tolist()]) if plain and isinstance(t, float) else None
 
         return QuickCalls(whole, parts)
 

@@ -76,7 +76,7 @@ class GuardedRhs:
         self.evaluations = count = self.evaluations + 1
         if count > self._most or self._timed:
             self._check_limits(t, y)
-        found = self._quick(float(t), y)
+        found = self._quick(t, y)
         return self._slope(t, y) if found is None else found
 
     def _check_limits(self, t: float, y: FloatArray) -> None:
