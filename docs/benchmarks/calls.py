@@ -1,0 +1,241 @@
+"""What calls cost: right-hand sides as others call them, wrappers of SciPy's solvers, and a run beside its steps.
+
+python docs/benchmarks/calls.py
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import sympy
+from equations import lambdified, plain_accelerations
+from measure import Page, best, microseconds, milliseconds, shown, verdict
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+from systems import chain, double_pendulum, henon_heiles
+
+import lagrange as lg
+
+BATCH = 100_000
+STATE_BARS = {2: 1.2, 10: 2.0}
+"""Microseconds that a call of one state may take on llvm, by the number of coordinates."""
+
+SOLVERS = {"rk45": "RK45", "dop853": "DOP853", "radau": "Radau", "bdf": "BDF", "lsoda": "LSODA"}
+WITH_JACOBIAN = ("radau", "bdf", "lsoda")
+WRAPPER_BAR, SOLVE_BAR, RUN_BAR, SHORT_BAR = 1.3, 0.9, 1.3, 60.0
+TOLERANCES = {"rtol": 1e-8, "atol": 1e-8}
+
+
+def springs(n: int) -> lg.System:
+    """Return n unit masses in a row between walls, on springs that stiffen: what lambdify can write out at any n."""
+    q = lg.coordinates(" ".join(f"q{i + 1}" for i in range(n)))
+    ends = [0, *q, 0]
+    stretched = [b - a for a, b in pairwise(ends)]
+    potential = sum(s**2 / 2 + s**4 / 8 for s in stretched)
+    return lg.System(
+        kinetic=sum(x.dot**2 for x in q) / 2,
+        potential=potential,
+        coordinates=q,
+        initial={x: 0.3 * (i % 3) for i, x in enumerate(q)},
+        name=f"{n} masses on springs",
+    )
+
+
+def systems() -> dict[str, lg.System]:
+    """Return systems of 2, 5 and 10 coordinates whose accelerations SymPy can write out."""
+    return {
+        "double pendulum": double_pendulum(),
+        "chain of 5": lg.System(**chain(5)),
+        "10 masses on springs": springs(10),
+    }
+
+
+def state_of(system: lg.System) -> NDArray[Any]:
+    """Return a state that moves."""
+    return np.array(system.statement.initial) + np.linspace(0.05, 0.4, 2 * len(system.coordinates))
+
+
+def of_columns(system: lg.System) -> Callable[[NDArray[Any]], NDArray[Any]]:
+    """Return the right-hand side of many states at once by lambdify(modules="numpy", cse=True)."""
+    symbols, accelerations = plain_accelerations(system)
+    numbers = {sympy.Symbol(symbol.name): value for symbol, value in system.parameters.items()}
+    call = sympy.lambdify(symbols, [a.subs(numbers) for a in accelerations], modules="numpy", cse=True)
+    n = len(system.coordinates)
+    return lambda y: np.concatenate([y[n:], call(*y)])
+
+
+def right_hand_sides(page: Page, known: dict[str, lg.System]) -> None:
+    """Compare calls from Python: one state, many states, and as SciPy's solvers make them."""
+    single, many, solved = [], [], []
+    for name, system in known.items():
+        y, n = state_of(system), len(system.coordinates)
+        compiled, printed = system.compile(), system.compile("numpy")
+        usual, arrays, columns = lambdified(system, "math"), lambdified(system, "numpy"), of_columns(system)
+        calls: dict[str, Callable[[], Any]] = {
+            "llvm": lambda m=compiled, y=y: m.rhs(0.0, y),
+            "numpy": lambda m=printed, y=y: m.rhs(0.0, y),
+            "math": lambda f=usual, y=y: f(0.0, y),
+            "arrays": lambda f=arrays, y=y: f(0.0, y),
+        }
+        agree(calls)
+        t = best(calls)
+        within = verdict(1e6 * t["llvm"], STATE_BARS[n]) if n in STATE_BARS else ""
+        single.append((name, n, *(microseconds(t[k]) for k in calls), within, verdict(t["numpy"], t["math"])))
+        batch = y[:, None] + np.random.default_rng(n).normal(0.0, 0.1, (2 * n, BATCH))
+        calls = {
+            "llvm": lambda m=compiled, y=batch: m.rhs(0.0, y),
+            "numpy": lambda m=printed, y=batch: m.rhs(0.0, y),
+            "arrays": lambda f=columns, y=batch: f(y),
+        }
+        agree(calls)
+        t = best(calls, rounds=10)
+        many.append((name, n, *(milliseconds(t[k]) for k in calls), verdict(t["numpy"], 0.5 * t["arrays"])))
+        for method in ("RK45", "DOP853"):
+            laws = {"llvm": compiled.rhs, "numpy": printed.rhs, "math": usual, "arrays": arrays}
+            runs: dict[str, Callable[[], Any]] = {
+                k: lambda f=f, y=y, m=method: solve_ivp(f, (0.0, 10.0), y, method=m, **TOLERANCES)
+                for k, f in laws.items()
+            }
+            t = best(runs, rounds=7)
+            rival = min(t["math"], t["arrays"])
+            ratio = f"{t['llvm'] / rival:.2f}"
+            solved.append(
+                (name, method, *(milliseconds(t[k]) for k in runs), ratio, verdict(t["llvm"], SOLVE_BAR * rival))
+            )
+    page.text("## One state, us a call")
+    head = ("system", "coordinates", "`rhs`, llvm", "`rhs`, numpy target", "lambdify, math", "lambdify, numpy")
+    page.table((*head, "llvm: at most 1.2 for 2, 2.0 for 10", "numpy target: at most math's"), single)
+    page.text(f"## {BATCH} states at once, ms a call")
+    head = ("system", "coordinates", "`rhs`, llvm", "`rhs`, numpy target", "lambdify, numpy")
+    page.table((*head, "numpy target: at most half of lambdify's"), many)
+    page.text("## SciPy's `solve_ivp` with each, t = 10, rtol = atol = 1e-8, ms a run")
+    head = ("system", "method", "llvm", "numpy target", "lambdify, math", "lambdify, numpy", "llvm to lambdify's best")
+    page.table((*head, f"at most {SOLVE_BAR}"), solved)
+
+
+def agree(calls: dict[str, Callable[[], Any]]) -> None:
+    """Stop unless all compute the same."""
+    first, *others = (np.asarray(call(), dtype=float) for call in calls.values())
+    assert all(np.allclose(first, other, rtol=1e-9, atol=1e-9) for other in others)
+
+
+def quantities(page: Page) -> None:
+    """Measure the other calls of one state on llvm."""
+    rows = []
+    for system in (double_pendulum(), lg.System(**chain(10)), springs(10)):
+        model, y = system.compile(), state_of(system)
+        n = model.dimension
+        q, v = y[:n].copy(), y[n:].copy()
+        calls: dict[str, Callable[[], Any]] = {
+            "rhs": lambda m=model, y=y: m.rhs(0.0, y),
+            "energy": lambda m=model, q=q, v=v: m.energy(q, v),
+            "accelerations": lambda m=model, q=q, v=v: m.accelerations(q, v),
+            "jacobian": lambda m=model, y=y: m.jacobian(0.0, y),
+        }
+        t = best(calls)
+        within = verdict(1e6 * max(t.values()), STATE_BARS[n])
+        rows.append((system.statement.name, n, *(microseconds(t[k]) for k in calls), STATE_BARS[n], within))
+    page.text("## Quantities of one state on llvm, us a call")
+    page.table(("system", "coordinates", "rhs", "energy", "accelerations", "jacobian", "bar", "within"), rows)
+
+
+def runs_of() -> dict[str, lg.Model]:
+    """Return the systems of the tables of runs."""
+    return {
+        "pendulum": lg.scene("pendulum").compile(),
+        "Henon-Heiles": henon_heiles().compile(),
+        "double pendulum": double_pendulum().compile(),
+        "chain of 10": lg.System(**chain(10)).compile(),
+    }
+
+
+def wrappers(page: Page, models: dict[str, lg.Model]) -> None:
+    """Compare our runs by SciPy's solvers with solve_ivp on our compiled right-hand side."""
+    rows = []
+    for name, model in models.items():
+        y0, end = np.array(model.statement.initial), 5.0 if model.dimension > 2 else 20.0
+        for ours, theirs in SOLVERS.items():
+            given = {"jac": model.jacobian} if ours in WITH_JACOBIAN else {}
+            method = f"scipy-{ours}"
+
+            def by_hand(
+                *, dense: bool, m: Any = model, y: Any = y0, s: str = theirs, g: Any = given, e: float = end
+            ) -> Any:
+                return solve_ivp(m.rhs, (0.0, e), y, method=s, dense_output=dense, **TOLERANCES, **g)
+
+            t = best(
+                {
+                    "ours": lambda m=model, e=end, k=method: lg.integrate(m, (0.0, e), method=k, **TOLERANCES),
+                    "dense": lambda f=by_hand: f(dense=True),
+                    "plain": lambda f=by_hand: f(dense=False),
+                },
+                rounds=7,
+            )
+            ratio = t["ours"] / t["dense"]
+            numbers = (milliseconds(t[k]) for k in ("ours", "dense", "plain"))
+            rows.append(
+                (name, method, *numbers, f"{ratio:.2f}", f"{t['ours'] / t['plain']:.2f}", verdict(ratio, WRAPPER_BAR))
+            )
+    page.text(
+        "## Runs by SciPy's solvers, ms\n\n`solve_ivp` has `model.rhs`, and `model.jacobian` where the method takes "
+        "one. A solution of ours has its path between the steps, which `solve_ivp` keeps with `dense_output=True`: "
+        "that is the run at equal options."
+    )
+    head = ("system", "method", "`lg.integrate`", "`solve_ivp`, dense", "`solve_ivp`", "to dense", "to plain")
+    page.table((*head, f"to dense: at most {WRAPPER_BAR}"), rows)
+
+
+def ballast(page: Page, models: dict[str, lg.Model]) -> None:
+    """Compare runs with flows, which keep nothing: 1,000 steps, and a step or two."""
+    rows = []
+    for name, model in models.items():
+        y0 = np.array(model.statement.initial)
+        for method in ("taylor", "dop853", "rk4", "verlet"):
+            if method == "verlet" and name != "Henon-Heiles":
+                continue
+            options: dict[str, Any] = {"step": 0.01} if method in ("rk4", "verlet") else {"rtol": 1e-9, "atol": 1e-9}
+            flow, end = lg.flow(model, method=method, **options), 10.0
+            if "step" not in options:
+                end = 100.0 * 1000 / lg.integrate(model, (0.0, 100.0), method=method, **options).steps
+            times = {}
+            for what, e in (("long", end), ("short", 0.02)):
+                times[f"run {what}"] = lambda m=model, e=e, k=method, o=options: lg.integrate(
+                    m, (0.0, e), method=k, **o
+                )
+                times[f"flow {what}"] = lambda f=flow, e=e, y=y0: f(y, 0.0, e)
+            t = best(times, rounds=15)
+            ratio, beside = t["run long"] / t["flow long"], 1e6 * (t["run short"] - t["flow short"])
+            numbers = (microseconds(t[k]) for k in ("run long", "flow long"))
+            judged = verdict(ratio, RUN_BAR) if model.dimension == 2 else ""
+            rows.append((name, method, *numbers, f"{ratio:.2f}", judged, shown(beside), verdict(beside, SHORT_BAR)))
+    page.text(
+        "## What a run costs beside its steps, us\n\n`lg.integrate` against `lg.flow`, which keeps no steps and "
+        "returns the last state: about 1,000 steps, and a run over 0.02 units of time."
+    )
+    head = ("system", "method", "run, 1,000 steps", "flow", "ratio", f"2 coordinates: at most {RUN_BAR}")
+    page.table((*head, "a short run beside its flow", f"at most {SHORT_BAR:g}"), rows)
+
+
+def main() -> None:
+    """Measure, and write the page."""
+    page = Page(
+        "Calls",
+        __file__,
+        "What a call costs from Python. lambdify is SymPy's, of lagrange's accelerations, with `cse=True` and "
+        'parameters as numbers; with `modules="math"` it computes with floats, with `modules="numpy"` with NumPy\'s '
+        "functions. Its right-hand side takes an array and returns a list, ours returns an array. All in one process, "
+        "warm and in turns; the least of many rounds, in processor time.",
+    )
+    right_hand_sides(page, systems())
+    quantities(page)
+    models = runs_of()
+    wrappers(page, models)
+    ballast(page, models)
+    page.write()
+
+
+if __name__ == "__main__":
+    main()
