@@ -14,7 +14,7 @@ from tests.test_layering import ROOT, TREE, Modules, imports_of
 PLAIN: Mapping[str, tuple[str, ...]] = {
     "machine records": (
         *("array_source", "backend", "calls", "copies", "event_memory"),
-        *("parameters", "printed_run", "python_source", "state"),
+        *("parameters", "printed_run", "python_source", "review", "state"),
     ),
     "machine entries": ("llvm_machine", "model", "numpy_machine"),
     "trajectory records": ("integrator", "options", "tolerances", "trajectory"),
@@ -29,11 +29,12 @@ MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
     "machine/llvm": ("machine records",),
     "machine/kernel": ("machine records", "machine/llvm"),
     "machine/dense": ("machine records", "machine/llvm", "machine/kernel"),
+    "machine/events": ("machine records", "machine/llvm", "machine/kernel"),
     "machine/steps": ("machine records", "machine/llvm", "machine/kernel"),
     "machine/series": ("machine records", "machine/llvm", "machine/kernel", "machine/dense"),
     "machine entries": (
         *("machine records", "machine/llvm", "machine/kernel"),
-        *("machine/dense", "machine/steps", "machine/series"),
+        *("machine/dense", "machine/events", "machine/steps", "machine/series"),
     ),
     "trajectory records": ("machine records", "machine entries"),
     "trajectory/tableaux": (),

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from lagrange.errors import RunError
 from lagrange.graph.node import Node
+from lagrange.machine.review import Review
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.procedure.dense.block import StepPolynomial
 from lagrange.procedure.form import Procedure
@@ -185,6 +186,9 @@ class Machine(Protocol):
 
     def dense(self, kind: StepPolynomial, kernel: Any, parameters: FloatArray, jacobian: Any = None) -> DensePath:
         """Make the dense output of a kind of path; the kernels are this machine's, that of the derivative if wanted."""
+
+    def review(self, program: Program, parameters: FloatArray, dense: DensePath) -> Review | None:
+        """Return what finds zeros of the events that a program computes; None where NumPy is to do it on arrays."""
 
 
 @runtime_checkable

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from lagrange.errors import RunError
-from lagrange.machine.backend import FloatArray
+from lagrange.machine.backend import DensePath, FloatArray, SingularMassMatrix
 from lagrange.machine.dense.llvm_dense import LlvmStepDense
+from lagrange.machine.events.llvm_review import LlvmReview
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
 from lagrange.machine.llvm.called import CompiledProcedure, compiled
 from lagrange.machine.series.llvm_driver import LlvmSeries
@@ -50,3 +51,10 @@ class LlvmMachine:
     ) -> LlvmStepDense:
         """Return the dense output of a kind of path, which is compiled when it is first used."""
         return LlvmStepDense(kind, kernel, parameters, jacobian)
+
+    def review(self, program: Program, parameters: FloatArray, dense: DensePath) -> LlvmReview | None:
+        """Return the compiled review; None where a mass matrix that does not move is singular: there are no paths."""
+        try:
+            return LlvmReview(program, parameters, dense)
+        except SingularMassMatrix:
+            return None

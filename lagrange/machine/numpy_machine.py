@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from lagrange.machine.backend import FloatArray, Kernel
+from lagrange.machine.backend import DensePath, FloatArray, Kernel
 from lagrange.machine.dense.interpreted_dense import NumpyStepDense
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.python_kernel import PythonKernel
@@ -50,3 +50,6 @@ class NumpyMachine:
     ) -> NumpyStepDense:
         """Return the dense output of a kind of path, printed as Python on arrays."""
         return NumpyStepDense(kind, kernel, parameters, jacobian)
+
+    def review(self, program: Program, parameters: FloatArray, dense: DensePath) -> None:
+        """Return None: NumPy looks at all steps of a burst at once, on arrays, where Python would go step by step."""

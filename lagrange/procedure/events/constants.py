@@ -40,3 +40,27 @@ SURELY = 1.001
 
 UNFIT, TOO_MANY = -1, -2
 """In place of the number of roots: what is given is not finite, or there are more than there is room for."""
+
+NOISE = 4 * 2.0**-52
+"""Rounding of the state, here and where the step before ended, times what an expression owes to it."""
+
+DENSE_ROUND_OFF = 64 * EPSILON
+"""Round-off of a dense output relative to the variation of the function on a step.
+
+The weights of DOP853 leave 5e-14 where the state moves by 1 (a pendulum, h = 1).
+"""
+
+CERTAINTY = 1.001
+"""A function keeps its sign where its mean outweighs all else by so much."""
+
+TAIL = 8.0
+"""So many times its last coefficients stand for what is not resolved of a function."""
+
+TINY = 64 * 2.0**-1074
+"""Some spacings of the smallest doubles."""
+
+LARGEST_NOISE = 1e-8
+"""Noise above this fraction of a function is treated as the function itself."""
+
+MOST_HALVINGS = 500
+"""Halvings of one step until a function on it is left to others: some tens of roots."""

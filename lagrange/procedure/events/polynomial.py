@@ -32,7 +32,7 @@ def pad(p: Builder, c: Memory, start: Whole, count: Whole) -> None:
 @cache
 def value() -> Procedure:
     """Return what evaluates a polynomial."""
-    p = Builder("value", "Return a polynomial's value at a place.")
+    p = Builder("value", "Return a polynomial's value at a place.", apart=True)
     c, count, s = p.array("c", read=True), p.given("count", WHOLE), p.given("s", REAL)
     (found,) = _evaluated(p, [c], blocks(count), s)
     p.leave(found)
@@ -62,7 +62,7 @@ def _joined(p: Builder, sums: Sequence[Variable], s: Real, square: Real) -> Real
 @cache
 def derivative() -> Procedure:
     """Return what writes the coefficients of a derivative, padded like those of the polynomial."""
-    p = Builder("derivative", "Write the coefficients of a polynomial's derivative.")
+    p = Builder("derivative", "Write the coefficients of a polynomial's derivative.", apart=True)
     c, count, slopes = p.array("c", read=True), p.given("count", WHOLE), p.array("slopes")
     with p.loop(1, count) as k:
         slopes[k - 1] = p.real(k) * c[k]

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
+from lagrange.equations.euler_lagrange import Equations
+from lagrange.graph.differentiate import tangents
 from lagrange.graph.node import Node
 from lagrange.machine.backend import Kernel
 from lagrange.machine.model import Model
@@ -75,3 +78,11 @@ def impacts(model: Model, events: Sequence[Event], parameters: FloatArray) -> tu
         found.append(Impact(node, event.direction, event.terminal, places, own, parameters, first))
         first += len(places)
     return tuple(found)
+
+
+@lru_cache(maxsize=64)
+def rates(equations: Equations, nodes: tuple[Node, ...]) -> tuple[Node, ...]:
+    """Return the derivatives of nodes by time along the motion."""
+    ahead = dict(zip((*equations.q, *equations.v), (*equations.rate, *equations.accelerations), strict=True))
+    along = tangents(nodes, {**ahead, equations.time: equations.graph.one})
+    return tuple(along(node) for node in nodes)

@@ -10,13 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.machine.backend import Kernel, Places
+from lagrange.procedure.events.chebyshev import COARSE, DEGREE, nodes, to_chebyshev
+from lagrange.procedure.events.constants import DENSE_ROUND_OFF, NOISE
 from lagrange.procedure.step.constants import RELATIVE_PERTURBATION, perturbation_factors
-from lagrange.trajectory.events.series_on_step import NOISE
-from lagrange.trajectory.paths.chebyshev import DEGREE, DENSE_ROUND_OFF, certain, evaluate, nodes, to_chebyshev
+from lagrange.trajectory.paths.chebyshev import certain, evaluate
 from lagrange.trajectory.trajectory import FloatArray
-
-COARSE = 8
-"""The degree at which many steps are looked at first; nearly all of them are certain then."""
 
 FEW = 12
 """So many steps are sampled at the full degree at once."""
@@ -35,6 +33,29 @@ class Path(Protocol):
 
     def inside(self, steps: Places, theta: FloatArray) -> FloatArray:
         """Return the states at the same fractions theta (K,) of each of some steps (k,), (2n, k, K)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """Some steps of a path, from one up to another."""
+
+    path: Path
+    begin: int
+    end: int
+
+    @property
+    def times(self) -> FloatArray:
+        """The accepted times."""
+        return self.path.times[self.begin : self.end + 1]
+
+    @property
+    def states(self) -> FloatArray:
+        """The accepted states."""
+        return self.path.states[self.begin : self.end + 1]
+
+    def inside(self, steps: Places, theta: FloatArray) -> FloatArray:
+        """Return the states at the same fractions of each of some steps."""
+        return self.path.inside(steps + self.begin, theta)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,15 +11,13 @@ import numpy as np
 
 from lagrange.machine.backend import Series, SingularMassMatrix
 from lagrange.machine.state import DriverState
+from lagrange.procedure.events.constants import NOISE
 from lagrange.procedure.step.constants import RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.procedure.taylor.constants import RADIUS_FRACTION, ROW_DISTANCE
 from lagrange.program.recurrence import LARGEST_POWER
 from lagrange.program.series import SeriesProgram
 from lagrange.trajectory.events.roots import Side
 from lagrange.trajectory.trajectory import FloatArray
-
-NOISE = 4 * 2.0**-52
-"""Rounding of the state, here and where the step before ended, times what an expression owes to it."""
 
 SLACK = 64.0
 """The series of an expression may end this many tolerances above the end of the state's: it is a sum of products."""

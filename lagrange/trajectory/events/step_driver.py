@@ -15,7 +15,10 @@ from lagrange.trajectory.trajectory import FloatArray
 S = DriverState
 
 LONGEST_LOOK = 256
-"""Steps between two looks, at most: enough to hide what a look costs by itself, few enough for small arrays."""
+"""Steps between two looks on arrays, at most: enough to hide what a look costs, few enough for small arrays."""
+
+UNBOUNDED = 2**62
+"""Steps between two looks where none is taken in vain, and a look costs little: as many as memory and time allow."""
 
 FIRST_LOOK = 4
 """Steps up to the first look where an event resets the state: what is taken beyond it is taken in vain."""
@@ -47,6 +50,10 @@ class Reviewer(Protocol):
     @property
     def resets(self) -> bool:
         """Whether the motion goes on otherwise behind an event."""
+
+    @property
+    def longest(self) -> int:
+        """How many steps may be taken between two looks."""
 
     @property
     def changed(self) -> float:
@@ -91,7 +98,7 @@ class EventDriver:
             if cut is not None:
                 _lower(state, reals[S.FLOORS :], rows[begun : state.count(S.ROWS)])
                 return Outcome.WATCHED
-            self._look = min(2 * self._look, LONGEST_LOOK)
+            self._look = min(2 * self._look, self._watch.longest)
         return outcome
 
     def _review(

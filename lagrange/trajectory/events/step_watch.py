@@ -9,17 +9,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
-from lagrange.equations.euler_lagrange import Equations
-from lagrange.graph.differentiate import tangents
-from lagrange.graph.node import Node
 from lagrange.machine.backend import Driver, Kernel
+from lagrange.machine.review import Review
 from lagrange.machine.state import DriverState
 from lagrange.procedure.events.roots import roots
 from lagrange.trajectory.events.actions import impacts as impacts_of
+from lagrange.trajectory.events.actions import rates
+from lagrange.trajectory.events.compiled_review import CompiledReview, keep, sides, watched_events
 from lagrange.trajectory.events.crossing import Meeting
 from lagrange.trajectory.events.ending import (
     EventResult,
@@ -30,13 +30,12 @@ from lagrange.trajectory.events.ending import (
     unresolved,
     without_value,
 )
-from lagrange.trajectory.events.many_steps import Burst, Path, Sample
+from lagrange.trajectory.events.many_steps import Burst, Path, Sample, Window
 from lagrange.trajectory.events.occurrence import TOGETHER, Crowd, Flights, Occurrence, Record
 from lagrange.trajectory.events.roots import Isolate, Root, Side
-from lagrange.trajectory.events.step_driver import Cut, EventDriver
-from lagrange.trajectory.events.zeros_on_step import RATE_NOISE, Trace, ended, trace
+from lagrange.trajectory.events.step_driver import LONGEST_LOOK, UNBOUNDED, Cut, EventDriver
+from lagrange.trajectory.events.zeros_on_step import Trace, ended, rests, trace, velocity
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.paths.chebyshev import nodes
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 S = DriverState
@@ -84,6 +83,7 @@ class StepWatch(Record):
         impacts = impacts_of(model, problem.events, self.parameters)
         self.kernel, self.impacts = model.function("events", tuple(one.node for one in impacts)), impacts
         self.path_of = path_of
+        self._compiled = CompiledReview(problem, self.kernel.program)
         self.driver = EventDriver(driver, self, fixed=fixed)
         self.breaks: list[Break] = []
         self.crowd = Crowd()
@@ -107,6 +107,12 @@ class StepWatch(Record):
     def resets(self) -> bool:
         """Whether the motion goes on otherwise behind an event."""
         return any(one.reset for one in self.impacts)
+
+    @property
+    def longest(self) -> int:
+        """How many steps may be taken before they are looked at: those behind a change are taken in vain."""
+        ends = any(one.reset or one.terminal for one in self.impacts)
+        return LONGEST_LOOK if ends or not self._compiled.ready else UNBOUNDED
 
     def names(self) -> list[str]:
         """Return the events in the user's symbols."""
@@ -149,9 +155,43 @@ class StepWatch(Record):
     def review(self, times: FloatArray, states: FloatArray, taken: int) -> Cut | None:
         """Find the events on accepted steps, times (S+1,) and states (S+1, 2n); return where the motion changes.
 
-        `taken` is how many steps the run had before. What happens at a change is pending then, for `meet`.
+        `taken` is how many steps the run had before. What happens at a change is pending then, for `meet`. Steps on
+        which nothing is irregular are gone through in machine code, and others looked at behind them, one at first.
         """
-        burst = Burst.of(self.kernel, self._rates, self.parameters, self.path_of(times, states))
+        path = self.path_of(times, states)
+        step, steps, width = 0, len(times) - 1, 1
+        regular = self._compiled.review(path)
+        while step < steps:
+            if regular is not None and self._is_regular():
+                reached = self._pass(regular, path, step, taken)
+                step, width = reached, 1 if reached > step else width
+            stop = min(step + width, steps) if regular is not None else steps
+            cut = self._look(Window(path, step, stop), taken + step) if step < steps else None
+            if cut is not None:
+                return replace(cut, steps=cut.steps + step)
+            step, width = stop, 2 * width
+        return None
+
+    def _is_regular(self) -> bool:
+        """Whether no event is known to be at zero, where the motion may have started."""
+        started = not self._levels if self._start is None else not self._start.rested
+        return started and not self._resting
+
+    def _pass(self, regular: Review, path: Path, step: int, taken: int) -> int:
+        """Go through steps from one on up to what is irregular, keep the events, and return where that is."""
+        stayed = None if self._start is None else self._start.stayed
+        last = len(path.times) - 2 if path.times[-1] == self.problem.t1 else -1
+        events = watched_events(self.impacts, self._relay, self.occurrences, stayed)
+        found = regular(path.times, path.states, step, events, last=last, rounded=(taken + last) / HALVES)
+        if found.step > step:
+            self._relay, self._start, self._levels = sides(events), None, {}
+        keep(found, self.occurrences, taken)
+        return found.step
+
+    def _look(self, path: Path, taken: int) -> Cut | None:
+        """Find the events on the steps of a path, sampled at once; return where the motion changes."""
+        times = path.times
+        burst = Burst.of(self.kernel, self._rates, self.parameters, path)
         doubtful = ~burst.certain
         coming = iter([*np.flatnonzero(doubtful.any(axis=0)).tolist(), len(times) - 1])
         step, following = 0, next(coming)
@@ -175,7 +215,7 @@ class StepWatch(Record):
     def _rates(self) -> Kernel:
         """Return the derivatives of the events by time along the motion, made when they are asked for."""
         model = self.problem.model
-        return model.function("rates", _rates(model.equations, tuple(one.node for one in self.impacts)))
+        return model.function("rates", rates(model.equations, tuple(one.node for one in self.impacts)))
 
     def _defined(self, state: DriverState) -> EventResult:
         values = self.kernel(state.t, state.y, self.parameters)
@@ -187,7 +227,7 @@ class StepWatch(Record):
         last = bool(burst.path.times[step + 1] == self.problem.t1)
         zero = self._at_zero(burst, step, watched)
         candidates = self._resting if begun is None or begun.rested else zero
-        self._resting = frozenset(i for i in candidates if _rests(burst, step, sample, i))
+        self._resting = frozenset(i for i in candidates if rests(burst, step, sample, i))
         traces = {}
         for i in watched:
             if i in self._resting:
@@ -247,7 +287,7 @@ class StepWatch(Record):
             if not back and not (begun.first and self.impacts[i].reset and self.impacts[i].direction == sign != 0):
                 continue
             # A path of low order, as multistep methods begin with, may start against the velocity that is there.
-            along = sign * _velocity(sample, i) if order == 1 and i not in begun.rested else 0.0
+            along = sign * velocity(sample, i) if order == 1 and i not in begun.rested else 0.0
             if along < 0:
                 self._verdict = unresolved(self.names()[i])
             elif not back:
@@ -343,27 +383,6 @@ class StepWatch(Record):
         if verdict.status is None and model.column_without_inertia(*where) is not None:
             return EventResult(Status.SINGULAR, jumped=True)
         return EventResult(verdict.status, verdict.detail, jumped=True)
-
-
-@lru_cache(maxsize=64)
-def _rates(equations: Equations, nodes: tuple[Node, ...]) -> tuple[Node, ...]:
-    ahead = dict(zip((*equations.q, *equations.v), (*equations.rate, *equations.accelerations), strict=True))
-    along = tangents(nodes, {**ahead, equations.time: equations.graph.one})
-    return tuple(along(node) for node in nodes)
-
-
-def _rests(burst: Burst, step: int, sample: Sample, place: int) -> bool:
-    """Whether an event that started at zero stays there on a step, as a conserved quantity less its value does.
-
-    Its derivative along the motion tells: the path itself strays from the motion by more than round-off, to and fro.
-    """
-    return bool((np.abs(sample.rates(nodes())[place]) <= burst.owed[place, step]).all())
-
-
-def _velocity(sample: Sample, place: int) -> float:
-    """Return the derivative of an event where a step starts, 0 within its noise."""
-    rates = sample.rates(nodes())[place]
-    return 0.0 if abs(rates[0]) <= RATE_NOISE * np.abs(rates).max() else float(rates[0])
 
 
 def _cut(burst: Burst, step: int, sample: Sample, s: float) -> Cut:

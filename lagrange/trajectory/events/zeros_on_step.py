@@ -7,17 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lagrange.trajectory.events.many_steps import Sample
+from lagrange.procedure.events.chebyshev import DEGREE, nodes, to_chebyshev
+from lagrange.procedure.events.constants import EPSILON
+from lagrange.trajectory.events.many_steps import Burst, Sample
 from lagrange.trajectory.events.roots import Isolate, Root, Side, roots
-from lagrange.trajectory.paths.chebyshev import (
-    DEGREE,
-    EPSILON,
-    LocalPolynomial,
-    local_polynomials,
-    nodes,
-    powers,
-    to_chebyshev,
-)
+from lagrange.trajectory.paths.chebyshev import LocalPolynomial, local_polynomials, powers
 
 RATE_NOISE = 1024 * EPSILON
 """The part of a derivative that is noise: 500 roundings is what the weights of DOP853's path make of one."""
@@ -124,3 +118,17 @@ def _leaving(piece: LocalPolynomial) -> tuple[int, int]:
         return 0, 0
     first = int(beyond[0])
     return int(np.sign(piece.coefficients[first])), 1 + first
+
+
+def rests(burst: Burst, step: int, sample: Sample, place: int) -> bool:
+    """Whether an event that started at zero stays there on a step, as a conserved quantity less its value does.
+
+    Its derivative along the motion tells: the path itself strays from the motion by more than round-off, to and fro.
+    """
+    return bool((np.abs(sample.rates(nodes())[place]) <= burst.owed[place, step]).all())
+
+
+def velocity(sample: Sample, place: int) -> float:
+    """Return the derivative of an event where a step starts, 0 within its noise."""
+    rates = sample.rates(nodes())[place]
+    return 0.0 if abs(rates[0]) <= RATE_NOISE * np.abs(rates).max() else float(rates[0])

@@ -9,35 +9,19 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lagrange.procedure.events.chebyshev import DEGREE, nodes, to_chebyshev, to_powers
+from lagrange.procedure.events.constants import CERTAINTY, EPSILON, LARGEST_NOISE, TAIL, TINY
 from lagrange.trajectory.trajectory import FloatArray
-
-EPSILON = 2.0**-52
-
-DEGREE = 16
-"""Degree at which a function is resolved, or its subinterval halved; a path of at most this degree is exact."""
-
-DENSE_ROUND_OFF = 64 * EPSILON
-"""Round-off of a dense output relative to the variation of the function on a step.
-
-The weights of DOP853 leave 5e-14 where the state moves by 1 (a pendulum, h = 1).
-"""
 
 DEEPEST = 50
 """Most halvings of a subinterval; what is narrower is a point, a jump or a pole."""
 
 MOST_HALVINGS = 5000
 """Most halvings of one step in total: some hundreds of roots. What is not resolved then is noise."""
-
-LARGEST_NOISE = 1e-8
-"""Noise above this fraction of a function is treated as the function itself."""
-
-TINY = 64 * 2.0**-1074
-"""Some spacings of the smallest doubles."""
 
 POLE_LEVELS = 26
 """A function that grows by a factor of 1000 over this many halvings has a pole.
@@ -60,40 +44,6 @@ class LocalPolynomial:
     noise: float
 
 
-@lru_cache(maxsize=8)
-def nodes(degree: int = DEGREE) -> FloatArray:
-    """Return the points (degree + 1,) in [0, 1], both ends among them."""
-    return np.asarray(np.sin(np.pi * np.arange(degree + 1) / (2 * degree)) ** 2)
-
-
-@lru_cache(maxsize=8)
-def to_chebyshev(degree: int = DEGREE) -> FloatArray:
-    """Return the matrix from values at the nodes to the coefficients of Chebyshev's polynomials on [0, 1]."""
-    ranks = np.arange(degree + 1)
-    halves = np.where((ranks == 0) | (ranks == degree), 0.5, 1.0)
-    signs = (-1.0) ** ranks
-    angles = np.cos(np.pi * (np.outer(ranks, ranks) % (2 * degree)) / degree)
-    return np.asarray(2 / degree * (halves * signs)[:, None] * angles * halves)
-
-
-@lru_cache(maxsize=8)
-def _to_powers(degree: int) -> FloatArray:
-    """Return the matrix from coefficients of Chebyshev's polynomials on [0, 1] to those of powers."""
-    columns: list[list[int]] = [[1], [-1, 2]]
-    while len(columns) <= degree:
-        last, before = columns[-1], [*columns[-2], 0, 0]
-        columns.append(
-            [
-                2 * (2 * low - high) - old
-                for low, high, old in zip([0, *last], [*last, 0], before[: len(last) + 1], strict=True)
-            ]
-        )
-    matrix = np.zeros((degree + 1, degree + 1))
-    for rank, column in enumerate(columns[: degree + 1]):
-        matrix[: len(column), rank] = column
-    return matrix
-
-
 def evaluate(chebyshev: FloatArray, s: FloatArray) -> FloatArray:
     """Return functions (..., degree + 1) at places s (K,) in [0, 1], (..., K)."""
     ranks = np.arange(chebyshev.shape[-1])
@@ -107,8 +57,8 @@ def certain(chebyshev: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
     The truncated part is taken as eight times the last coefficients.
     """
     sizes = np.abs(chebyshev)
-    others = sizes[..., 1:].sum(axis=-1) + 8 * sizes[..., -2:].max(axis=-1) + 4 * noise
-    return np.asarray(sizes[..., 0] > 1.001 * others)
+    others = sizes[..., 1:].sum(axis=-1) + TAIL * sizes[..., -2:].max(axis=-1) + 4 * noise
+    return np.asarray(sizes[..., 0] > CERTAINTY * others)
 
 
 def local_polynomials(
@@ -167,7 +117,7 @@ def powers(chebyshev: FloatArray, least: float) -> FloatArray:
     """Return the coefficients of powers (k,), without trailing Chebyshev coefficients below the least."""
     above = np.flatnonzero(np.abs(chebyshev) > least)
     count = int(above[-1]) + 1 if len(above) else 1
-    return np.asarray(_to_powers(len(chebyshev) - 1)[:count, :count] @ chebyshev[:count])
+    return np.asarray(to_powers(len(chebyshev) - 1)[:count, :count] @ chebyshev[:count])
 
 
 def _size(values: FloatArray) -> float:

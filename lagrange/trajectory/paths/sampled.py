@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.machine.backend import Places
-from lagrange.trajectory.paths.chebyshev import nodes
+from lagrange.procedure.events.chebyshev import nodes
 from lagrange.trajectory.trajectory import FloatArray
 
 FEWEST_SPACINGS = 256

@@ -1,0 +1,1 @@
+"""Events along steps in machine code."""

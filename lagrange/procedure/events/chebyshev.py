@@ -1,0 +1,53 @@
+"""Chebyshev's polynomials on [0, 1]: the points where a function is sampled, and the matrices to coefficients.
+
+Source: L. N. Trefethen, Approximation Theory and Approximation Practice, 2013, chapters 2 and 3.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+DEGREE = 16
+"""Degree at which a function is resolved, or its subinterval halved; a path of at most this degree is exact."""
+
+COARSE = 8
+"""The degree at which many steps are looked at first; nearly all of them are certain then."""
+
+
+@lru_cache(maxsize=8)
+def nodes(degree: int = DEGREE) -> FloatArray:
+    """Return the points (degree + 1,) in [0, 1], both ends among them."""
+    return np.asarray(np.sin(np.pi * np.arange(degree + 1) / (2 * degree)) ** 2)
+
+
+@lru_cache(maxsize=8)
+def to_chebyshev(degree: int = DEGREE) -> FloatArray:
+    """Return the matrix from values at the nodes to the coefficients of Chebyshev's polynomials on [0, 1]."""
+    ranks = np.arange(degree + 1)
+    halves = np.where((ranks == 0) | (ranks == degree), 0.5, 1.0)
+    signs = (-1.0) ** ranks
+    angles = np.cos(np.pi * (np.outer(ranks, ranks) % (2 * degree)) / degree)
+    return np.asarray(2 / degree * (halves * signs)[:, None] * angles * halves)
+
+
+@lru_cache(maxsize=8)
+def to_powers(degree: int = DEGREE) -> FloatArray:
+    """Return the matrix from coefficients of Chebyshev's polynomials on [0, 1] to those of powers."""
+    columns: list[list[int]] = [[1], [-1, 2]]
+    while len(columns) <= degree:
+        last, before = columns[-1], [*columns[-2], 0, 0]
+        columns.append(
+            [
+                2 * (2 * low - high) - old
+                for low, high, old in zip([0, *last], [*last, 0], before[: len(last) + 1], strict=True)
+            ]
+        )
+    matrix = np.zeros((degree + 1, degree + 1))
+    for rank, column in enumerate(columns[: degree + 1]):
+        matrix[: len(column), rank] = column
+    return matrix

@@ -1,0 +1,77 @@
+"""The compiled review of steps for a run: whether it is worth compiling, what it is told, and what it finds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from lagrange.machine.review import Review, Reviewed, WatchedEvents
+from lagrange.program.program import Program
+from lagrange.trajectory.events.actions import Impact
+from lagrange.trajectory.events.many_steps import Path
+from lagrange.trajectory.events.occurrence import Occurrences
+from lagrange.trajectory.events.roots import Side
+from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.paths.step_paths import StepPath
+
+WORTH_COMPILING = 512
+"""Steps that a run may be expected to take from which on the review is compiled: that takes as long as to look at some
+thousands of them on arrays, once for a process, and as long as some hundreds for each other event."""
+
+
+class CompiledReview:
+    """What goes through the steps of a run where nothing is irregular, made at the first steps that are looked at."""
+
+    def __init__(self, problem: Problem, program: Program) -> None:
+        self._problem, self._program = problem, program
+        self._made: tuple[Review | None] | None = None
+
+    @property
+    def ready(self) -> bool:
+        """Whether steps are reviewed by it."""
+        return self._made is not None and self._made[0] is not None
+
+    def review(self, path: Path) -> Review | None:
+        """Return the review if the machine has one and the run seems long enough by its first steps."""
+        if self._made is None:
+            problem, covered = self._problem, abs(path.times[-1] - path.times[0])
+            long = (len(path.times) - 1) * abs(problem.t1 - problem.t0) >= WORTH_COMPILING * covered
+            made = None
+            if long and isinstance(path, StepPath):
+                made = problem.model.machine.review(self._program, problem.parameter_array, path.dense)
+            self._made = (made,)
+        return self._made[0]
+
+
+def watched_events(
+    impacts: Sequence[Impact],
+    relay: Sequence[Side],
+    occurrences: Sequence[Occurrences],
+    stayed: Mapping[int, float] | None,
+) -> WatchedEvents:
+    """Return what a review is told of events; `stayed` are those at zero where the motion starts, None behind."""
+    left = [1 if one.reset else one.terminal - len(met) for one, met in zip(impacts, occurrences, strict=True)]
+    return WatchedEvents(
+        sign=np.array([side.sign for side in relay]),
+        near=np.array([int(side.near) for side in relay]),
+        direction=np.array([one.direction for one in impacts]),
+        remaining=np.array(
+            [count if one.reset or one.terminal else 0 for one, count in zip(impacts, left, strict=True)]
+        ),
+        stayed=np.array([(stayed or {}).get(i, 0.0) for i in range(len(impacts))]),
+        starts=stayed is not None,
+    )
+
+
+def sides(events: WatchedEvents) -> list[Side]:
+    """Return the sides that a review left."""
+    return [Side(sign, bool(near)) for sign, near in zip(events.sign.tolist(), events.near.tolist(), strict=True)]
+
+
+def keep(found: Reviewed, occurrences: Sequence[Occurrences], taken: int) -> None:
+    """Keep the events that a review found; the run had taken so many steps before."""
+    for which, met in enumerate(occurrences):
+        rows = np.flatnonzero(found.which == which)
+        if len(rows):
+            met.extend(found.when[rows], found.there[rows], taken + int(found.where[rows[-1]]) + 1)

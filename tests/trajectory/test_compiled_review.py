@@ -1,0 +1,161 @@
+"""The compiled review of steps finds what the review on arrays finds: events, ends, resets, messages."""
+
+from __future__ import annotations
+
+import importlib
+import math
+from collections.abc import Callable
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from sympy import Abs, cos, exp, sin
+
+from lagrange.machine.model import Model
+from lagrange.statement.coordinate import t
+from lagrange.statement.event import event
+from lagrange.trajectory.trajectory import Trajectory
+from tests.covering import share
+from tests.models import build, model, x, y
+from tests.trajectory.runs import FIXED, IMPLICIT, SPLITTINGS, STEPPED, run
+from tests.trajectory.watched import G, ball, floor
+
+METHODS = (*STEPPED, *IMPLICIT)
+
+
+@cache
+def systems() -> dict[str, tuple[Model, dict[str, float]]]:
+    """Models with a start for each, and how long a run of each is."""
+    plane = {"kinetic": (x.dot**2 + y.dot**2) / 2, "initial": {x: 0.1, y: 0.2, x.dot: 0.3, y.dot: 0.2}}
+    return {
+        "Henon-Heiles": (model("Henon-Heiles"), {"x": 0.1, "y": 0.2, "x_dot": 0.3, "y_dot": 0.2}),
+        "driven": (build(potential=-cos(x) + (y - sin(t)) ** 2, **plane), {}),
+        "coupled": (build(potential=x**2 + y**2 / 2 + sin(x * y) / 4, forces={x: -x.dot / 20}, **plane), {}),
+    }
+
+
+def expressions(rng: np.random.Generator) -> Any:
+    """A smooth function of the state and of time, seldom with a kink."""
+    a, b, c = (float(number) for number in rng.normal(size=3).round(3))
+    return [
+        y,
+        a * x + b * y - c / 8,
+        a * x.dot + b * y.dot * cos(y),
+        x**2 + y**2 - c**2 / 9,
+        sin(3 * x + t) - c / 4,
+        x * y.dot - y * x.dot + c / 20,
+        exp(a * x) - exp(b * y.dot) + c / 10,
+        Abs(x) - abs(c) / 9,
+        sp.cos(7 * t + a) - c / 3,
+    ][rng.integers(9)]
+
+
+def events_of(rng: np.random.Generator) -> list[Any]:
+    found = [event(expressions(rng), direction=int(rng.integers(-1, 2))) for _ in range(rng.integers(1, 5))]
+    kind = rng.random()
+    if kind < 0.3:
+        found.append(event(expressions(rng), terminal=int(rng.integers(2, 20))))
+    elif kind < 0.5:
+        found.append(event(y + 0.3, direction=-1, reset={y.dot: -0.9 * y.dot}))
+    return found
+
+
+def settings(name: str, rng: np.random.Generator) -> dict[str, Any]:
+    if name in FIXED:
+        return {"step": float(rng.choice((0.01, 0.05)))}
+    tolerance = 10.0 ** -int(rng.integers(4, 10))
+    return {"rtol": tolerance, "atol": tolerance}
+
+
+def both(monkeypatch: pytest.MonkeyPatch, go: Callable[[], Trajectory]) -> tuple[Trajectory, Trajectory]:
+    """Return a run with the review on arrays, and one with the compiled review wherever nothing is irregular."""
+    found = []
+    for least in (math.inf, 0):
+        monkeypatch.setattr("lagrange.trajectory.events.compiled_review.WORTH_COMPILING", least)
+        found.append(go())
+    return found[0], found[1]
+
+
+def alike(one: Trajectory, other: Trajectory, off: float = 1e-9) -> None:
+    """Hold two runs to be the same but for round-off, which grows from impact to impact."""
+    assert other.status is one.status
+    assert [len(times) for times in other.t_events] == [len(times) for times in one.t_events]
+    assert other.message.split(" ")[:4] == one.message.split(" ")[:4]
+    for times, truth, states, right in zip(other.t_events, one.t_events, other.y_events, one.y_events, strict=True):
+        assert times == pytest.approx(truth, abs=off, rel=1e-12)
+        assert states == pytest.approx(right, abs=off, rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(share(8)))
+@pytest.mark.parametrize("name", METHODS)
+def test_events_of_random_systems(name: str, seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng([METHODS.index(name), seed])
+    for title, (of, initial) in systems().items():
+        options, events = settings(name, rng), events_of(rng)
+        end = float(rng.choice((-1, 1)) * (3.0 if name in IMPLICIT else 12.0))
+        if name in SPLITTINGS and title == "coupled":
+            continue
+        given: dict[str, Any] = {"initial": initial or None, "events": events, **options}
+        one, other = both(monkeypatch, partial(run, of, end, name, **given))
+        alike(one, other, 1e-7)
+
+
+@pytest.mark.parametrize("speed", [-1.0, 1.0])
+def test_a_start_at_zero_is_left_to_arrays(speed: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A ball that starts on the floor and falls bounces at once; thrown, it comes back later."""
+    options: dict[str, Any] = {"events": [floor(0.5, terminal=3), y.dot], "rtol": 1e-9, "atol": 1e-9}
+    one, other = both(monkeypatch, lambda: run(ball(height=0.0, speed=speed), 3.0, "dop853", **options))
+    alike(one, other)
+    assert one.t_events[0][0] == pytest.approx(0.0 if speed < 0 else 2 / G) and len(one.t_events[0]) == 3
+
+
+def test_regular_steps_are_not_sampled_on_arrays(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A section of 1000 time units, in few bursts, and every crossing that the accepted states show."""
+    of, initial = systems()["Henon-Heiles"]
+    monkeypatch.setattr("lagrange.trajectory.events.many_steps.Burst.of", refuse)
+    reviews = counted(monkeypatch, "lagrange.trajectory.events.step_watch.StepWatch.review")
+    found = run(of, 1000.0, "dop853", initial=initial, events=[event(y, direction=1), y], rtol=1e-9, atol=1e-9)
+    below = found.y[1] < 0
+    assert len(found.t_events[0]) == (below[:-1] & ~below[1:]).sum() > 100
+    assert len(found.t_events[1]) == (below[:-1] != below[1:]).sum()
+    assert np.abs(found.y_events[1][:, 1]).max() < 1e-14
+    # From 64 on each burst is twice as long, however slow the machine is.
+    assert len(found.t) > 2000 and len(reviews) < 16
+
+
+def test_a_short_run_compiles_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    of, initial = systems()["Henon-Heiles"]
+    monkeypatch.setattr("lagrange.machine.llvm_machine.LlvmMachine.review", refuse)
+    found = run(of, 20.0, "dop853", initial=initial, events=[y], rtol=1e-9, atol=1e-9)
+    assert len(found.t_events[0]) == 5
+
+
+def test_a_kink_is_halved_in_machine_code(monkeypatch: pytest.MonkeyPatch) -> None:
+    """|x| - 0.2 is no polynomial on the steps on which x changes its sign, and none of them is left to arrays."""
+    of, initial = systems()["Henon-Heiles"]
+    monkeypatch.setattr("lagrange.trajectory.events.many_steps.Burst.of", refuse)
+    found = run(of, 300.0, "dop853", initial=initial, events=[Abs(x) - 0.01, x - 0.01, x + 0.01], rtol=1e-9, atol=1e-9)
+    both_sides = np.sort(np.concatenate(found.t_events[1:]))
+    assert len(both_sides) > 100 and found.t_events[0] == pytest.approx(both_sides, abs=1e-12)
+
+
+def refuse(*given: Any, **named: Any) -> Any:
+    raise AssertionError("this is not to be called")
+
+
+def counted(monkeypatch: pytest.MonkeyPatch, name: str) -> list[None]:
+    """Return a list that grows with each call of a method."""
+    calls: list[None] = []
+    owner, attribute = name.rsplit(".", 1)
+    module, kind = owner.rsplit(".", 1)
+    cls = getattr(importlib.import_module(module), kind)
+    plain = getattr(cls, attribute)
+
+    def noted(*given: Any) -> Any:
+        calls.append(None)
+        return plain(*given)
+
+    monkeypatch.setattr(cls, attribute, noted)
+    return calls
