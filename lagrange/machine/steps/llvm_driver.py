@@ -49,6 +49,8 @@ class LlvmDriver:
             self._derivative = jacobian, jacobian.prepare(parameters)
             self._fixed = (*self._fixed[:2], jacobian.address, address(self._derivative[1]))
         self._work_address = address(self._work)
+        self._state: DriverState | None = None
+        self._records = (0, 0)
 
     def adopt(self, state: DriverState) -> None:
         """Leave the state where it is; see `Driver`."""
@@ -57,8 +59,9 @@ class LlvmDriver:
         """Advance a run; see `Driver`. `rows` needs one block of slack behind its last row."""
         self._work[self._places] = state.y
         recorded = (address(times), address(rows)) if state.counts[DriverState.RECORD] else (None, None)
-        records = address(state.reals), address(state.counts)
-        outcome = self._drive(*self._fixed, *records, self._work_address, budget, *recorded)
+        if state is not self._state:
+            self._state, self._records = state, (address(state.reals), address(state.counts))
+        outcome = self._drive(*self._fixed, *self._records, self._work_address, budget, *recorded)
         state.y[:] = self._work[self._places]
         return Outcome(outcome)
 
