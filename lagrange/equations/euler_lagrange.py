@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from lagrange.equations.solve_plan import SolvePlan, plan_of
@@ -58,7 +59,11 @@ class Equations:
 
     def translate(self, expression: Any) -> Node:
         """Return the node of a SymPy expression in q, v, accelerations, parameters and t."""
-        return Translator(self.graph, self.leaves)(expression)
+        return self._translator(expression)
+
+    @cached_property
+    def _translator(self) -> Translator:
+        return Translator(self.graph, self.leaves)
 
     def express(self, node: Node) -> Any:
         """Return a node as SymPy, in the statement's symbols; what compiled code computes, to be read."""

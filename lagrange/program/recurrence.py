@@ -15,10 +15,7 @@ from itertools import combinations
 from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, reachable
 from lagrange.graph.rebuild import Substitution
 from lagrange.program.function_rules import FUNCTION_RULES
-from lagrange.program.series import SeriesRule
-
-LARGEST_POWER = 64
-"""Whole powers up to this one are products, which are right at zero too; beyond it the rule of powers is shorter."""
+from lagrange.program.series import LARGEST_POWER, SeriesRule
 
 LONGEST_SHARED = 12
 """Longest product whose pairs of factors are counted and compared; a longer one is multiplied from the left."""

@@ -30,6 +30,9 @@ from lagrange.equations.solve_plan import SolvePlan
 from lagrange.errors import LagrangeError
 from lagrange.program.program import Program
 
+LARGEST_POWER = 64
+"""Whole powers up to this one are products, which are right at zero too; beyond it the rule of powers is shorter."""
+
 RULES: dict[str, tuple[int | None, int | None, str]] = {
     "coordinate": (0, 1, "q{0}[k] = v{0}[k-1] / k"),
     "unknown": (0, 1, "x{0}[k], from the solve of its stage"),
@@ -172,6 +175,25 @@ class SeriesProgram:
     def lagged(self) -> frozenset[int]:
         """The values whose coefficient of the order before is read."""
         return lagged_values(self.rules)
+
+    @cached_property
+    def watched_degree(self) -> int:
+        """The highest power of the state in what is watched: a series of lower order may show nothing of it."""
+        found: list[int] = []
+        for op, args, _ in self.rules:
+            powers = [found[arg] if arg < len(found) else 0 for arg in args]
+            if op == "mul":
+                found.append(sum(powers))
+            elif op == "square":
+                found.append(2 * powers[0])
+            else:
+                found.append(LARGEST_POWER if op == "power" else max(powers, default=1))
+        return max((found[value] for value in self.watched if value is not None), default=0)
+
+    @cached_property
+    def hides_growth(self) -> bool:
+        """Whether there are functions whose series begin far below all others, and grow beyond them."""
+        return any(instruction.op in ("exp", "tanh", "sinh", "cosh") for instruction in self.start.instructions)
 
     def _needed(self, outputs: list[int]) -> list[int]:
         """Return what the outputs are computed from at the same order, arguments first."""

@@ -19,7 +19,7 @@ from lagrange.trajectory.conservation import energy, verified
 from lagrange.trajectory.integrator import Integrator, Problem, run_by
 from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.options import DEFAULT_OPTIONS, RunOptions
-from lagrange.trajectory.plan import promises
+from lagrange.trajectory.plan import locates_events
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 SPAN_ROUND_OFF = 1e-12
@@ -70,7 +70,7 @@ def integrate(
 
 def _check_events(problem: Problem, integrator: Integrator) -> None:
     """Refuse events for a method that cannot locate them."""
-    if problem.events and not promises(integrator).events:
+    if problem.events and not locates_events(integrator):
         raise StatementError(
             f"{integrator.name} does not locate events: use {DEFAULT} or another method with a plan of its own, such "
             "as dop853, or leave events empty and look for the crossing with solution.at(t)."

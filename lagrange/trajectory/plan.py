@@ -114,10 +114,15 @@ class Stepped(Protocol):
         """The step."""
 
 
+def locates_events(integrator: Integrator) -> bool:
+    """Return whether a method locates events: one with a plan has those of the driver."""
+    return hasattr(integrator, "plan") or integrator.claims.events
+
+
 def promises(integrator: Integrator) -> Claims:
     """Return the claims of a method; a method with a plan has the events of the driver."""
     claims = integrator.claims
-    return replace(claims, events=True) if isinstance(integrator, Planned) else claims
+    return replace(claims, events=locates_events(integrator))
 
 
 @dataclass(frozen=True)

@@ -62,9 +62,9 @@ def in_python(monkeypatch: pytest.MonkeyPatch) -> None:
 def assert_same(ours: Trajectory, theirs: Trajectory) -> None:
     assert ours.status is theirs.status and ours.message == theirs.message
     assert [len(times) for times in ours.t_events] == [len(times) for times in theirs.t_events]
-    # Both take the same steps; what differs is the round-off of how much is round-off.
+    # Both take the same steps, and round the coefficients otherwise: a grazing root is known to the root of round-off.
     for one, other in zip((*ours.t_events, *ours.y_events), (*theirs.t_events, *theirs.y_events), strict=True):
-        assert one == pytest.approx(other, rel=1e-11, abs=1e-11)
+        assert one == pytest.approx(other, rel=1e-8, abs=1e-8)
     assert ours.t == pytest.approx(theirs.t, rel=1e-11, abs=1e-11)
     assert ours.y == pytest.approx(theirs.y, rel=1e-10, abs=1e-10)
 

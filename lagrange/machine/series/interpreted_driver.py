@@ -133,7 +133,7 @@ class NumpyTaylorDriver:
         self._layout = TaylorLayout(dimension, 0, dimension + watched, watched, dimension, block=1)
         self._work = np.zeros(self._layout.size(order))
         self._held = HELD.structure()
-        self._memory = idle(series.program)
+        self._memory: EventMemory | None = None
 
     def watch(self, memory: EventMemory) -> None:
         """Deal with what is watched; see `TaylorDriver`."""
@@ -167,7 +167,7 @@ class NumpyTaylorDriver:
 
     def _watched(self) -> tuple[Any, ...]:
         """Return the arguments of the loop for what is watched."""
-        memory = self._memory
+        memory = self._memory = self._memory or idle(self._series.program)
         functions = self._function(memory.values, self._parameters), self._function(memory.resets, memory.parameters)
         arrays = memory.tilts, memory.sides, memory.settings, memory.times, memory.states, memory.places
         return memory.record, *functions, EMPTY, EMPTY, *(array.data for array in arrays)

@@ -231,8 +231,6 @@ class LlvmTaylorDriver:
         self._place, self._budget = address(self._arguments), self._steps.places["budget"]
         self._state: DriverState | None = None
         self._memory: EventMemory | None = None
-        if compiled.layout.watched:
-            self.watch(idle(compiled.program))
         self.use(parameters)
 
     def _give(self, **arguments: int) -> None:
@@ -277,6 +275,8 @@ class LlvmTaylorDriver:
         """Advance a run; see `Driver`."""
         if state is not self._state:
             self._state = state
+            if self._memory is None and self._compiled.layout.watched:
+                self.watch(idle(self._compiled.program))
             reals, counts = address(state.reals), address(state.counts)
             self._give(run=reals, counts=counts, floors=reals + 8 * DriverState.FLOORS)
             self._give(taylor=ctypes.addressof(state.taylor), outputs=ctypes.addressof(state.outputs.record))

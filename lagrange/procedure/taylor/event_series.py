@@ -7,12 +7,12 @@ from functools import cache
 from typing import Any
 
 from lagrange.procedure.builder import Builder
-from lagrange.procedure.events.constants import MOST_COEFFICIENTS
+from lagrange.procedure.events.constants import MOST_COEFFICIENTS, ROUND_OFF, SURELY
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Procedure
-from lagrange.procedure.taylor.constants import BALANCE, DOUBT, EVENT_NOISE, JUMP
+from lagrange.procedure.taylor.constants import BALANCE, DOUBT, EVENT_NOISE
 from lagrange.procedure.taylor.memory import TaylorLayout
 from lagrange.procedure.taylor.watching import FUNCTION
-from lagrange.procedure.values import Flag, Memory, Real
+from lagrange.procedure.values import Real
 
 READ = Array(read=True)
 
@@ -88,6 +88,29 @@ def is_balanced() -> Procedure:
 
 
 @cache
+def keeps_sign() -> Procedure:
+    """Return whether a series surely has a sign on all of a step: its linear part outweighs the rest at both ends.
+
+    Between the ends the linear part lies between what it is there.
+    """
+    p = Builder("keeps_sign", "Whether a series surely keeps a sign on a step.", apart=True)
+    c, count, s, noise, sign = p.array("c", read=True), p.given("count", WHOLE), *_reals(p, "s", "noise", "sign")
+    rest, power = p.variable(0.0), p.variable(s * s)
+    with p.loop(2, count) as k:
+        rest.value = rest.value + abs(c[k]) * power.value
+        power.value = power.value * s
+    start, end = sign * c[0], sign * p.fma(c[1], s, c[0])
+    sizes = (abs(c[0]) + abs(c[1]) * s) + rest.value
+    least = p.fma(ROUND_OFF, sizes, rest.value + noise) * SURELY
+    p.leave((start > least) & (end > least))
+    return p.finish(FLAG)
+
+
+def _reals(p: Builder, *names: str) -> list[Any]:
+    return [p.given(name, REAL) for name in names]
+
+
+@cache
 def largest_term() -> Procedure:
     """Return the largest |c[k]| s**k."""
     p = Builder("largest_term", "Return the largest term of a series on a step.", apart=True)
@@ -139,11 +162,4 @@ def comparable_unit(p: Builder, t: Real, scale: Real) -> Real:
     """
     part = p.larger(p.smaller(abs(t / scale) * (1.0 / 64), 1.0), 2.0**-40)
     found: Real = p.choose(t.equals(0.0), 1.0, part)
-    return found
-
-
-def has_jumped(p: Builder, c: Memory, count: Any, s: Real, sign: Any) -> Flag:
-    """Whether something changed its sign since the step before without a zero: an angle behind the cut of atan2."""
-    changed: Flag = p.real(sign) * c[0] < 0.0
-    found: Flag = changed & (abs(c[0]) > JUMP * p.call(largest_term(), c, count, s))
     return found

@@ -12,9 +12,10 @@ from lagrange.procedure.builder import Builder
 from lagrange.procedure.events.constants import MOST_COEFFICIENTS
 from lagrange.procedure.events.roots import roots
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
-from lagrange.procedure.taylor.constants import EVENT_SLACK, LEAST_PART, TOGETHER
-from lagrange.procedure.taylor.event_series import event_noise, has_jumped, is_balanced, reach
+from lagrange.procedure.taylor.constants import EVENT_SLACK, JUMP, LEAST_PART, TOGETHER
+from lagrange.procedure.taylor.event_series import event_noise, is_balanced, keeps_sign, largest_term, reach
 from lagrange.procedure.taylor.memory import TAYLOR, SeriesMemory, TaylorLayout, work_array
+from lagrange.procedure.taylor.sums import increment
 from lagrange.procedure.taylor.watching import (
     COUNT,
     NEAR,
@@ -24,10 +25,14 @@ from lagrange.procedure.taylor.watching import (
     SIGN,
     STARTING,
     Watched,
-    column,
     write_event,
 )
 from lagrange.procedure.values import Flag, Memory, Real, Whole
+
+ROOM = MOST_COEFFICIENTS + 1
+"""So many coefficients of each thing watched have room; a linear one that starts at zero has `LEAST_COUNT`."""
+
+LEAST_COUNT = 3
 
 MOST_ZEROS = 64
 """So many zeros on one step are dealt with here."""
@@ -40,7 +45,8 @@ GO_ON, LEAVE, WAIT = range(3)
 def inspect_step(layout: TaylorLayout) -> Procedure:
     """Return what decides on a step of length s in units of the scale: what is to follow, and how long it may be.
 
-    `final` says that it ends at the end of the run, which is `left` away. Where the step is to follow, its events are
+    What is not `doubtful` keeps its sign on all of it. `final` says that it ends at the end of the run, which is `left`
+    away. Where the step is to follow, its events are
     written, and the sides are those at its end. Otherwise nothing has changed.
     """
     return _Inspection(layout).build()
@@ -65,25 +71,20 @@ def zeros_on_step(layout: TaylorLayout) -> Procedure:
     """Return what finds the zeros of all that is watched on a step, in order; it returns how many, or -1."""
     p = Builder("zeros_on_step", "Find the zeros of what is watched on a step, in order.", apart=True)
     s, last = p.given("s", REAL), p.given("last", FLAG)
-    noise = p.array("noise", read=True)
+    columns, noise = p.array("columns", read=True), p.array("noise", read=True)
+    counts, doubtful = (p.array(name, WHOLE, read=True) for name in ("counts", "doubtful"))
     before, came_near, starting = (p.array(name, WHOLE, read=True) for name in ("before", "came_near", "starting"))
     times, places, directions = p.array("times"), p.array("places", WHOLE), p.array("directions", WHOLE)
     signs, nears = p.array("signs", WHOLE), p.array("nears", WHOLE)
-    memory = SeriesMemory(p, layout, work_array(p, layout))
-    rows, count = memory.work.at(layout.rows), memory.order + 1
-    c = p.reserve(MOST_COEFFICIENTS + 1, name="c")
     found = p.variable(0, "found")
     with p.loop(0, layout.watched) as i:
-        column(p, layout, rows, i, count, c)
-        sign, near = before[i], ~came_near[i].equals(0)
+        c, count = columns.at(i * ROOM), counts[i]
+        sign, near, begins = before[i], ~came_near[i].equals(0), ~starting[i].equals(0)
         signs[i], nears[i] = sign, came_near[i]
-        others, power = p.variable(noise[i]), p.variable(s)
-        with p.loop(1, count) as k:
-            others.value = others.value + abs(c[k]) * power.value
-            power.value = power.value * s
-        begins: Flag = ~starting[i].equals(0)
-        clear = (p.real(sign) * c[0] > others.value) & ~near & ~begins
-        with p.when(~clear):
+        clear = p.variable(doubtful[i].equals(0), "clear")
+        with p.when(~clear.value & ~begins & ~near):
+            clear.value = p.call(keeps_sign(), c, count, s, noise[i], p.real(sign))
+        with p.when(~clear.value):
             # What starts at zero is divided by time: its root there is known, and the next may be close.
             first = p.whole(begins)
             allowed = p.choose(begins, 0.0, noise[i])
@@ -122,6 +123,7 @@ class _Inspection:
         self.layout = layout
         self.t, self.low, self.scale, self.rtol = (p.given(name, REAL) for name in ("t", "low", "scale", "rtol"))
         self.s, self.left, self.final = p.given("s", REAL), p.given("left", REAL), p.given("final", FLAG)
+        self.doubtful = p.array("doubtful", WHOLE, read=True)
         self.taylor: Any = p.record("taylor", TAYLOR)
         self.watched = Watched(p, layout)
         self.memory = SeriesMemory(p, layout, work_array(p, layout))
@@ -129,10 +131,14 @@ class _Inspection:
 
     def build(self) -> Procedure:
         p, layout, watched = self.p, self.layout, self.watched
-        self.c = p.reserve(MOST_COEFFICIENTS + 1, name="c")
         self.noise = p.reserve(layout.watched + layout.block, room=layout.block, name="noise")
         values = p.reserve(layout.watched + layout.block, name="values")
-        self.leave_unless_finite(values)
+        self.columns = p.reserve(layout.watched * ROOM, name="columns")
+        self.counts = p.reserve(layout.watched, WHOLE, name="counts")
+        self.late, self.early = (p.reserve(layout.watched, name=name) for name in ("late", "early"))
+        with p.loop(0, layout.watched) as i:
+            values[i] = self.rows[i + layout.watched_at]
+        self.read_columns()
         numbers = watched.value_numbers, watched.tilts, self.t, self.memory.work, values, self.noise
         p.call(event_noise(layout), watched.values, *numbers)
         ends = self.terminates()
@@ -152,17 +158,37 @@ class _Inspection:
             p.leave(GO_ON, s)
         return p.finish(WHOLE, REAL)
 
-    def leave_unless_finite(self, values: Memory) -> None:
-        """Leave where a series of what is watched is not finite; keep its values."""
-        p = self.p
-        with p.loop(0, self.layout.watched) as i:
-            total = p.variable(0.0)
-            column(p, self.layout, self.rows, i, self.count, self.c)
+    def read_columns(self) -> None:
+        """Copy the series of what is watched, in one pass; leave where one is not finite.
+
+        What is known of each: how many coefficients it has before it is zero, and its largest terms on the step, among
+        the last two and among the lower half.
+        """
+        p, layout, s = self.p, self.layout, self.s
+        with self.doubted() as i:
+            c, first = self.columns.at(i * ROOM), self.rows.at(i + layout.watched_at)
+            total, power = p.variable(0.0), p.variable(1.0)
+            late, early, used = p.variable(0.0), p.variable(0.0), p.variable(LEAST_COUNT)
             with p.loop(0, self.count) as k:
-                total.value = total.value + self.c[k] * 0.0
-            with p.when(~total.value.equals(0.0)):
-                p.leave(LEAVE, self.s)
-            values[i] = self.c[0]
+                value = first[k * layout.width]
+                c[k] = value
+                size = abs(value) * power.value
+                total.value = total.value + value * 0.0
+                early.value = p.choose(k <= (self.count - 1) // 2, p.larger(early.value, size), early.value)
+                late.value = p.choose(k >= self.count - 2, p.larger(late.value, size), late.value)
+                used.value = p.choose(value.equals(0.0), used.value, p.larger(used.value, k + 1))
+                power.value = power.value * s
+            with p.when(~total.value.equals(0.0), likely=False):
+                p.leave(LEAVE, s)
+            self.counts[i] = used.value
+            self.late[i], self.early[i] = late.value, early.value
+
+    @contextmanager
+    def doubted(self) -> Iterator[Whole]:
+        """Go through what is doubtful."""
+        p = self.p
+        with p.loop(0, self.layout.watched) as i, p.when(~self.doubtful[i].equals(0)):
+            yield i
 
     def terminates(self) -> Flag:
         """Whether the series of the state terminate, and say nothing about the length of a step."""
@@ -178,16 +204,17 @@ class _Inspection:
         """Return how much of the step the series of all that is watched reach."""
         p, s = self.p, self.p.variable(self.s, "trusted")
         tolerance = p.larger(self.rtol, 2.0**-52) * EVENT_SLACK
-        with p.loop(0, self.layout.watched) as i:
-            column(p, self.layout, self.rows, i, self.count, self.c)
-            s.value = p.smaller(s.value, p.call(reach(), self.c, self.count, self.s, tolerance, self.noise[i]))
-        with p.when(ends):
+        with self.doubted() as i:
+            c, noise = self.columns.at(i * ROOM), self.noise[i]
+            with p.when(~(self.late[i] <= p.fma(tolerance, self.early[i], noise)), likely=False):
+                s.value = p.smaller(s.value, p.call(reach(), c, self.count, self.s, tolerance, noise))
+        with p.when(ends, likely=False):
             halvings, balanced = p.variable(0), p.variable(p.false)
             with p.repeat(lambda: ~balanced.value & (halvings.value < 200)):
                 balanced.value = p.true
-                with p.loop(0, self.layout.watched) as i:
-                    column(p, self.layout, self.rows, i, self.count, self.c)
-                    balanced.value = balanced.value & p.call(is_balanced(), self.c, self.count, s.value)
+                with self.doubted() as i:
+                    c = self.columns.at(i * ROOM)
+                    balanced.value = balanced.value & p.call(is_balanced(), c, self.counts[i], s.value)
                 halvings.value = halvings.value + 1
                 s.value = p.choose(balanced.value, s.value, s.value * 0.5)
         found: Real = s.value
@@ -198,18 +225,21 @@ class _Inspection:
         p, count = self.p, self.layout.watched
         signs, nears = (p.reserve(count, WHOLE, name=name) for name in ("signs", "nears"))
         with p.loop(0, count) as i:
-            column(p, self.layout, self.rows, i, self.count, self.c)
-            sign = self.watched.side(SIGN)[i]
-            jumped = has_jumped(p, self.c, self.count, s, sign)
-            signs[i] = p.choose(jumped, -sign, sign)
-            nears[i] = p.choose(jumped, 0, self.watched.side(NEAR)[i])
+            signs[i], nears[i] = self.watched.side(SIGN)[i], self.watched.side(NEAR)[i]
+        with self.doubted() as i:
+            c, sign = self.columns.at(i * ROOM), signs[i]
+            with p.when(p.real(sign) * c[0] < 0.0, likely=False):
+                jumped = abs(c[0]) > JUMP * p.call(largest_term(), c, self.counts[i], s)
+                signs[i] = p.choose(jumped, -sign, sign)
+                nears[i] = p.choose(jumped, 0, nears[i])
         return signs, nears
 
     def find(self, zeros: _Zeros, s: Real, last: Flag) -> Whole:
         """Find the zeros on a step of length s; leave where they are not to be found here."""
         p = self.p
-        given = self.noise, self.signs, self.nears, self.watched.side(STARTING)
-        count: Whole = p.call(zeros_on_step(self.layout), s, last, *given, *zeros.handed, *self.memory.handed)
+        series = self.columns, self.noise, self.counts, self.doubtful
+        sides = self.signs, self.nears, self.watched.side(STARTING)
+        count: Whole = p.call(zeros_on_step(self.layout), s, last, *series, *sides, *zeros.handed)
         with p.when(count < 0):
             p.leave(LEAVE, s)
         return count
@@ -290,10 +320,25 @@ class _Inspection:
         `again` says that the next step is to be inspected whatever its bounds say.
         """
         p, watched, record = self.p, self.watched, self.watched.record
-        slot = p.variable(record.done, "slot")
-        with p.when(slot.value + count > record.room):
+        with p.when(record.done + count > record.room):
             p.leave(WAIT, self.s)
         size = self.layout.watched
+        still = p.variable(count.equals(0), "still")
+        with p.loop(0, size) as i:
+            begins = ~watched.side(STARTING)[i].equals(0)
+            same = watched.side(SIGN)[i].equals(zeros.signs[i]) & watched.side(NEAR)[i].equals(zeros.nears[i])
+            still.value = still.value & same & ~begins
+        with p.when(~still.value):
+            self.keep_sides(zeros)
+            self.write_events(zeros, count, before)
+        inspect = p.variable(again, "inspect")
+        with p.loop(0, size) as i:
+            inspect.value = inspect.value | zeros.signs[i].equals(0) | ~zeros.nears[i].equals(0)
+        self.taylor.inspect = p.whole(inspect.value)
+
+    def keep_sides(self, zeros: _Zeros) -> None:
+        """Keep the sides before the step, and write those at its end."""
+        p, watched, size = self.p, self.watched, self.layout.watched
         kept = watched.sides.at(SIDES * size)
         with p.loop(0, SIDES * size) as i:
             kept[i] = watched.sides[i]
@@ -302,6 +347,11 @@ class _Inspection:
             kept[i], kept[i + size] = self.signs[i], self.nears[i]
             for side, value in zip(sides, (zeros.signs[i], zeros.nears[i], 0), strict=True):
                 side[i] = value
+
+    def write_events(self, zeros: _Zeros, count: Whole, before: Real) -> None:
+        """Write the events before a time on the step."""
+        p, watched, record = self.p, self.watched, self.watched.record
+        slot = p.variable(record.done, "slot")
         with p.loop(0, count) as j:
             place, time = zeros.places[j], zeros.times[j]
             counts = watched.is_event(place) & watched.counts(place, zeros.directions[j])
@@ -311,17 +361,10 @@ class _Inspection:
                 self.write_state(time, state)
                 slot.value = slot.value + 1
         record.ahead, record.due, record.unproven = slot.value, 0, 1
-        inspect = p.variable(again, "inspect")
-        with p.loop(0, size) as i:
-            inspect.value = inspect.value | zeros.signs[i].equals(0) | ~zeros.nears[i].equals(0)
-        self.taylor.inspect = p.whole(inspect.value)
 
     def write_state(self, s: Real, to: Memory) -> None:
         """Write the state at a time on the step."""
         p, layout, work = self.p, self.layout, self.memory.work
-        with p.loop(0, layout.dimension) as i:
-            total = p.variable(0.0)
-            with p.loop(0, self.memory.order) as j:
-                row = self.rows.at((self.memory.order - j) * layout.width)
-                total.value = (total.value + row[i]) * s
-            to[i] = work[i] + total.value
+        sums, lost = increment(self.memory, s), work.at(layout.lost)
+        with p.each(layout.dimension, width=layout.block, unrolled=bool(layout.order)) as i:
+            to[i] = work[i] + (sums(i) + lost[i])

@@ -16,6 +16,7 @@ from lagrange.procedure.taylor.event_series import comparable_unit, event_noise,
 from lagrange.procedure.taylor.memory import JET, TAYLOR, SeriesMemory, TaylorLayout, work_array
 from lagrange.procedure.taylor.watching import (
     COUNT,
+    FUNCTION,
     NEAR,
     RESET_AT,
     RESET_SIZE,
@@ -30,6 +31,69 @@ from lagrange.procedure.values import Flag, Memory, Whole
 
 AT_REST = 4.0
 """An event function may be this many times as far from zero behind a reset as before, and counts as zero."""
+
+
+@cache
+def sides_at_start(layout: TaylorLayout) -> Procedure:
+    """Return what finds the sides with which a motion begins, and what starts at zero there.
+
+    It returns False where that is not decided here: a series is not finite, or something starts at zero and does not
+    leave at once; but for the event at `place`, which is as good as zero where it is not above `margin`, nothing may.
+    """
+    p = Builder("sides_at_start", "Find the sides with which a motion begins.", apart=True)
+    t, scale, rtol, margin = (p.given(name, REAL) for name in ("t", "scale", "rtol", "margin"))
+    place = p.given("place", WHOLE)
+    function, numbers = p.function("values", FUNCTION), p.array("numbers", read=True)
+    tilts, state, series = (p.array(name, read=True) for name in ("tilts", "state", "series"))
+    signs, starting = p.array("signs", WHOLE), p.array("starting", WHOLE)
+    count = layout.order + 1 if layout.order else p.given("order", WHOLE) + 1
+    c, size = p.reserve(MOST_COEFFICIENTS + 1, name="c"), layout.watched
+    values, noise = (p.reserve(size + layout.block, room=layout.block, name=name) for name in ("value", "noise"))
+    with p.loop(0, size) as i:
+        values[i] = series[i + layout.watched_at]
+    p.call(event_noise(layout), function, numbers, tilts, t, state, values, noise)
+    unit = comparable_unit(p, t, scale)
+    tolerance = p.larger(rtol, 2.0**-52) * EVENT_SLACK
+    with p.loop(0, size) as i:
+        total = p.variable(0.0)
+        column(p, layout, series, i, count, c)
+        with p.loop(0, count) as k:
+            total.value = total.value + c[k] * 0.0
+        p.leave_if(~total.value.equals(0.0), p.false)
+        mine = i.equals(place)
+        allowed = p.choose(mine, p.larger(noise[i], margin), noise[i])
+        sign, order = p.call(start_of_series(), c, count, unit, tolerance, noise[i], allowed)
+        p.leave_if(~order.equals(0) & (~mine | ~order.equals(1)), p.false)
+        signs[i], starting[i] = sign, order
+    p.leave(p.true)
+    return p.finish(FLAG)
+
+
+@cache
+def begin_sides(layout: TaylorLayout) -> Procedure:
+    """Return what begins to watch at the state, if that can be done here; it returns whether it was done."""
+    p = Builder("begin_sides", "Find the sides at the beginning, and return whether that was done.", apart=True)
+    t, scale, rtol = (p.given(name, REAL) for name in ("t", "scale", "rtol"))
+    watched, memory = Watched(p, layout), SeriesMemory(p, layout, work_array(p, layout))
+    signs, starting = (p.reserve(layout.watched, WHOLE, name=name) for name in ("signs", "starting"))
+    state, series = memory.work, memory.work.at(layout.rows)
+    function = watched.values, watched.value_numbers, watched.tilts
+    found = p.call(
+        sides_at_start(layout), t, scale, rtol, 0.0, -1, *function, state, series, signs, starting, *memory.handed[1:]
+    )
+    with p.when(found):
+        put_sides(watched, signs, starting)
+        watched.record.fresh = 0
+    p.leave(found)
+    return p.finish(FLAG)
+
+
+def put_sides(watched: Watched, signs: Memory, starting: Memory) -> None:
+    """Write the sides at the beginning of a motion."""
+    sides = [watched.side(block) for block in (SIGN, NEAR, STARTING)]
+    with watched.p.loop(0, watched.count) as i:
+        for side, value in zip(sides, (signs[i], 0, starting[i]), strict=True):
+            side[i] = value
 
 
 @cache
@@ -95,27 +159,12 @@ class _Reset:
     def sides_behind(self, place: Whole, there: Memory, series: Memory) -> tuple[Memory, Memory]:
         """Return the sides behind the reset, and what starts at zero there: nothing else than the event may."""
         p, layout, watched = self.p, self.layout, self.watched
-        c, size = p.reserve(MOST_COEFFICIENTS + 1, name="c"), layout.watched
-        values, noise = (p.reserve(size + layout.block, room=layout.block, name=name) for name in ("values", "noise"))
-        signs, starting = (p.reserve(size, WHOLE, name=name) for name in ("signs", "starting"))
-        with p.loop(0, size) as i:
-            values[i] = series[i + layout.watched_at]
-        numbers = watched.value_numbers, watched.tilts, self.t, there, values, noise
-        p.call(event_noise(layout), watched.values, *numbers)
-        unit = comparable_unit(p, self.t, self.taylor.scale)
-        tolerance = p.larger(self.rtol, 2.0**-52) * EVENT_SLACK
-        with p.loop(0, size) as i:
-            total = p.variable(0.0)
-            column(p, layout, series, i, self.count, c)
-            with p.loop(0, self.count) as k:
-                total.value = total.value + c[k] * 0.0
-            self.leave_if(~total.value.equals(0.0))
-            mine = i.equals(place)
-            before = abs(self.work[i + (layout.rows + layout.watched_at)]) * AT_REST
-            margin = p.choose(mine, p.larger(noise[i], before), noise[i])
-            sign, order = p.call(start_of_series(), c, self.count, unit, tolerance, noise[i], margin)
-            self.leave_if(~order.equals(0) & (~mine | ~order.equals(1)))
-            signs[i], starting[i] = sign, order
+        signs, starting = (p.reserve(layout.watched, WHOLE, name=name) for name in ("signs", "starting"))
+        before = abs(self.work[place + (layout.rows + layout.watched_at)]) * AT_REST
+        numbers = self.t, self.taylor.scale, self.rtol, before, place
+        function = watched.values, watched.value_numbers, watched.tilts
+        memory = there, series, signs, starting, *self.memory.handed[1:]
+        self.leave_if(~p.call(sides_at_start(layout), *numbers, *function, *memory))
         return signs, starting
 
     def commit(self, place: Whole, number: Whole, there: Memory, signs: Memory, starting: Memory) -> None:
@@ -129,10 +178,7 @@ class _Reset:
         record.changed, record.changed_at = self.t, place
         record.jumps = record.jumps + 1
         watched.side(COUNT)[place] = number
-        sides = [watched.side(block) for block in (SIGN, NEAR, STARTING)]
-        with p.loop(0, layout.watched) as i:
-            for side, value in zip(sides, (signs[i], 0, starting[i]), strict=True):
-                side[i] = value
+        put_sides(watched, signs, starting)
         with p.loop(0, 2 * layout.padded) as i:
             self.work[i] = there[i]
         self.taylor.low, self.taylor.next_limit, self.taylor.inspect = 0.0, math.inf, 1

@@ -27,7 +27,7 @@ from lagrange.procedure.taylor.floors import raise_floors
 from lagrange.procedure.taylor.memory import TAYLOR, TaylorLayout
 from lagrange.procedure.taylor.outputs import outstanding, write_outputs
 from lagrange.procedure.taylor.powers import logarithm, power
-from lagrange.procedure.taylor.resets import reset_state
+from lagrange.procedure.taylor.resets import begin_sides, reset_state
 from lagrange.procedure.taylor.step_size import ends
 from lagrange.procedure.taylor.sums import advance
 from lagrange.procedure.taylor.watching import Watched
@@ -58,6 +58,7 @@ class _TaylorStep:
     def build(self) -> Procedure:
         p = self.p
         if self.given.watched:
+            self.begin(self.given.watched)
             self.reset(self.given.watched)
         longest = p.smaller(abs(self.left), self.run.longest)
         reach = p.call(logarithm(), longest / abs(self.scale)).called("reach")
@@ -126,6 +127,14 @@ class _TaylorStep:
                 p.call(retry_shorter(), self.counts, self.taylor, h)
                 p.leave(Outcome.PAUSED)
 
+    def begin(self, watched: Watched) -> None:
+        """Find the sides where a motion begins, before the scale of time is fitted to its step."""
+        p = self.p
+        with p.when(~watched.record.fresh.equals(0), likely=False):
+            numbers = self.t, self.scale, self.run.rtol
+            begun = p.call(begin_sides(self.layout), *numbers, *watched.handed, *self.series.handed)
+            p.leave_if(~begun, Outcome.WATCHED)
+
     def reset(self, watched: Watched) -> None:
         """Do what is due at the state, if that can be done here."""
         p, given, record = self.p, self.given, watched.record
@@ -141,20 +150,29 @@ class _TaylorStep:
         Come back where that is not to be decided here.
         """
         p, series, work = self.p, self.series, self.series.work
-        doubtful = p.variable(~self.taylor.inspect.equals(0), "doubtful")
+        inspected: Flag = ~self.taylor.inspect.equals(0)
+        some = p.variable(inspected, "some")
+        doubtful = p.reserve(self.layout.watched, WHOLE, name="doubtful")
         for i in range(self.layout.watched):
             first = self.layout.rows + self.layout.watched_at + i
-            total = p.variable(0.0)
-            with p.loop(0, series.order) as j:
-                total.value = (total.value + abs(work[(series.order - j) * self.layout.width + first])) * s
-            doubtful.value = doubtful.value | ~(abs(work[first]) > total.value)
+            rest = p.variable(0.0)
+            with p.loop(0, series.order - 1) as j:
+                rest.value = (rest.value + abs(work[(series.order - j) * self.layout.width + first])) * s
+            start = work[first]
+            end = p.fma(work[first + self.layout.width], s, start)
+            # The linear part outweighs the rest at both ends of the step, and has one sign there.
+            outweighs = p.smaller(abs(start), abs(end)) > rest.value * s
+            doubt = inspected | ~(outweighs & (start * end > 0.0))
+            doubtful[i] = p.whole(doubt)
+            some.value = some.value | doubt
         taken = p.variable(s, "taken")
-        with p.when(doubtful.value & self.taylor.next_limit.equals(math.inf), likely=False):
+        with p.when(some.value & self.taylor.next_limit.equals(math.inf), likely=False):
             record = watched.record
             here = ~record.enabled.equals(0) & record.due.equals(0) & (record.planned <= self.counts.steps)
             p.leave_if(~here, Outcome.WATCHED)
             numbers = self.t, self.low, self.scale, self.run.rtol, s, self.left, final
-            answer, shorter = p.call(inspect_step(self.layout), *numbers, self.taylor, *watched.handed, *series.handed)
+            given = *numbers, doubtful, self.taylor, *watched.handed, *series.handed
+            answer, shorter = p.call(inspect_step(self.layout), *given)
             p.leave_if(answer.equals(WAIT), Outcome.PAUSED)
             p.leave_if(~answer.equals(GO_ON), Outcome.WATCHED)
             taken.value = shorter

@@ -21,6 +21,7 @@ FUNCTION = Callee((REAL, READ, READ, Array()), (FLAG,))
 WATCH = Record.of(
     "Watch",
     enabled=WHOLE,
+    fresh=WHOLE,
     surfaces=WHOLE,
     room=WHOLE,
     done=WHOLE,
@@ -36,6 +37,7 @@ WATCH = Record.of(
 """What a run knows of what it watches.
 
     enabled      1 where steps are inspected here, 0 where the driver is to come back for each
+    fresh        1 where a motion begins whose sides are not known
     surfaces     how many of what is watched are surfaces
     room         how many events there is room for
     done         how many events are written, and `ahead` with those on the step that is not proven yet

@@ -14,8 +14,6 @@ from lagrange.machine.state import DriverState
 from lagrange.procedure.events.constants import NOISE
 from lagrange.procedure.step.constants import RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.procedure.taylor.constants import RADIUS_FRACTION, ROW_DISTANCE
-from lagrange.program.recurrence import LARGEST_POWER
-from lagrange.program.series import SeriesProgram
 from lagrange.trajectory.events.roots import Side
 from lagrange.trajectory.trajectory import FloatArray
 
@@ -137,25 +135,6 @@ class Look:
             terms = self.watched * (s ** _ranks(len(self.watched) - 1))[:, None]
             allowed = SLACK * (max(self.rtol, 2.0**-52) * np.abs(terms).max(axis=0) + noise)
             return np.asarray(~(np.abs(terms.sum(axis=0) - there) <= allowed))
-
-
-def degree(program: SeriesProgram) -> int:
-    """Return the highest power of the state in what is watched: a series of lower order may show nothing of it."""
-    found: list[int] = []
-    for op, args, _ in program.rules:
-        powers = [found[arg] if arg < len(found) else 0 for arg in args]
-        if op == "mul":
-            found.append(sum(powers))
-        elif op == "square":
-            found.append(2 * powers[0])
-        else:
-            found.append(LARGEST_POWER if op == "power" else max(powers, default=1))
-    return max((found[value] for value in program.watched if value is not None), default=0)
-
-
-def hides(program: SeriesProgram) -> bool:
-    """Return whether there are functions whose series begin far below all others, and grow beyond them."""
-    return any(instruction.op in ("exp", "tanh", "sinh", "cosh") for instruction in program.start.instructions)
 
 
 def reach(series: FloatArray, s: float, rtol: float, noise: FloatArray | float = 0.0) -> FloatArray:

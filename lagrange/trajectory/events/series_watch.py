@@ -30,7 +30,7 @@ from lagrange.trajectory.events.ending import (
 from lagrange.trajectory.events.nonanalytic_points import SHARE, Continuations
 from lagrange.trajectory.events.occurrence import TOGETHER, Occurrence
 from lagrange.trajectory.events.roots import Root, Side, roots
-from lagrange.trajectory.events.series_on_step import Look, degree, hides, near, signed_scale, state_at, unit
+from lagrange.trajectory.events.series_on_step import Look, near, signed_scale, state_at, unit
 from lagrange.trajectory.events.shared_watch import SharedWatch
 from lagrange.trajectory.events.surfaces import Sliding, clear, is_zero, leaving, settled_sides, stated_sides
 from lagrange.trajectory.trajectory import FloatArray, Status
@@ -51,7 +51,7 @@ class Watch(SharedWatch):
         names: Callable[[], Sequence[str]],
         continuations: Continuations,
     ) -> None:
-        self.steep, self.hidden = degree(series.program) > order, hides(series.program)
+        self.steep, self.hidden = series.program.watched_degree > order, series.program.hides_growth
         super().__init__(series, driver, parameters, impacts, enabled=not (self.steep or self.hidden))
         self.series, self.order, self.driver, self.parameters = series, order, driver, parameters
         self.names, self.continuations = names, continuations
@@ -65,8 +65,17 @@ class Watch(SharedWatch):
         return np.concatenate([self.parameters, self.sides])
 
     def begin(self, state: DriverState) -> EventResult:
-        """Find the side of every surface at the start of the run."""
+        """Begin at the start of the run: the loop finds the sides there, or asks for them."""
         self.state, self.planned = state, PlannedStep()
+        if self.enabled and not self.surfaces:
+            self._go_on(state)
+            self.leave_start_to_the_loop(state)
+            return EventResult()
+        return self._begin(state)
+
+    def _begin(self, state: DriverState) -> EventResult:
+        """Find the side of everything watched at the start of a motion."""
+        self.planned = PlannedStep()
         verdict = self._start(state, {})
         if verdict.status is None:
             self.pending = self._impacts_at_once(state)
@@ -82,6 +91,8 @@ class Watch(SharedWatch):
             self.write(state)
 
     def _process(self, state: DriverState) -> EventResult:
+        if self.unbegun:
+            return self._begin(state)
         if state.count(S.STEPS) < self.planned.steps:
             self.forget()
         if self.pending:
@@ -99,7 +110,7 @@ class Watch(SharedWatch):
         if not whole and abs(s * look.scale) < TOGETHER * abs(state.t) + 2.0**-70 * abs(left):
             name, value = self.names()[limiting], float(look.watched[0, limiting])
             ends = without_series(name, value, smooth=limiting < self.surfaces)
-            return rootless(name) if self._is_root(limiting) else ends
+            return rootless(name) if self.is_root(limiting) else ends
         for which in look.jumps(s, self.relay):
             self.relay[which] = Side(int(np.sign(look.watched[0, which])))
         found, after = self._roots(look, s, last=whole and h == left)
@@ -128,6 +139,8 @@ class Watch(SharedWatch):
     def continue_past(self, state: DriverState) -> EventResult | None:
         """Leap over a point without a series; return how the run goes on from there, or ends at a root; or None."""
         self.read(state)
+        if self.unbegun and (begun := self._begin(state)).status is not None:
+            return begun
         events = [self.surfaces + i for i, impact in enumerate(self.impacts) if not impact.root]
         for there in self.continuations.ahead(state):
             y = self.continuations.landing(state, there, switched=lambda soon: self._switches(self._look(state), soon))
@@ -155,7 +168,7 @@ class Watch(SharedWatch):
     def _rootless(self, state: DriverState) -> EventResult | None:
         """Return the end of the run at a square root that becomes zero where the state is, or None."""
         look, soon = self._look(state), SHARE * abs(float(state.reals[S.END] - state.reals[S.START]))
-        for which in filter(self._is_root, range(len(self.relay))):
+        for which in filter(self.is_root, range(len(self.relay))):
             # What is under the root is its square, and falls twice as fast.
             if look.watched[0, which] == 0 or look.falls(which, 2 * soon):
                 return replace(rootless(self.names()[which]), smooth=False)
@@ -282,7 +295,7 @@ class Watch(SharedWatch):
         late = [m for m in found if m.root.time >= s - close]
         self.remember(state)
         self.pending = pending + [m for m in late if m.which not in waiting]
-        if any(self._is_root(m.which) for m in self.pending):
+        if any(self.is_root(m.which) for m in self.pending):
             # Forces may have a kink there, and its other side be what the state, rounded, is on: no step proves itself.
             state.taylor.failures = MOST_FAILURES
         self._record([m for m in found if m.root.time < s - close], look, state)
@@ -314,14 +327,14 @@ class Watch(SharedWatch):
         met = [m for m in found if m.which >= self.surfaces]
         if crossed and verdict.status is None:
             met = self._behind_the_kink(met, before, state)
-        met = [m for m in met if self._impact(m).counts(m.root.rising)]
-        roots_met = [m for m in met if self._impact(m).root]
-        met = [m for m in met if not self._impact(m).root]
+        met = [m for m in met if self.impact_of(m).counts(m.root.rising)]
+        roots_met = [m for m in met if self.impact_of(m).root]
+        met = [m for m in met if not self.impact_of(m).root]
         for m in met:
             here = Occurrence(state.t, state.y.copy(), state.count(S.STEPS))
             self.occurrences[m.which - self.surfaces].append(here)
-        ends = any(0 < self._impact(m).terminal <= len(self.occurrences[m.which - self.surfaces]) for m in met)
-        resets = [m for m in met if self._impact(m).reset]
+        ends = any(0 < self.impact_of(m).terminal <= len(self.occurrences[m.which - self.surfaces]) for m in met)
+        resets = [m for m in met if self.impact_of(m).reset]
         if resets:
             return self._jump(resets, state, ends=ends)
         if ends:
@@ -335,22 +348,16 @@ class Watch(SharedWatch):
             g = self._look(state).near[:, m.which]
             if clear(g):  # The event jumps: it came to zero on one side of the surface, and is elsewhere on the other.
                 self.relay[m.which], self.starting = Side(int(np.sign(g[0]))), self.starting - {m.which}
-                found += [m] * (not self._is_root(m.which))
+                found += [m] * (not self.is_root(m.which))
                 continue
             after = leaving(g)[0]
-            if self._is_root(m.which) and g[0] > 0 and not g[1:].any():
+            if self.is_root(m.which) and g[0] > 0 and not g[1:].any():
                 # The branch in which the root stands ends here, and the motion goes on in another.
                 self.relay[m.which] = Side(1)
                 continue
             self.relay[m.which] = Side(after)
             found.append(replace(m, root=Root(m.root.time, after if after != before[m.which].sign else 0)))
         return found
-
-    def _impact(self, meeting: Meeting) -> Impact:
-        return self.impacts[meeting.which - self.surfaces]
-
-    def _is_root(self, which: int) -> bool:
-        return which >= self.surfaces and self.impacts[which - self.surfaces].root
 
     def _jump(self, met: Sequence[Meeting], state: DriverState, *, ends: bool) -> EventResult:
         """Reset the state, every event from the state before, and start the motion anew."""

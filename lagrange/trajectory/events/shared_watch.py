@@ -37,7 +37,7 @@ class SharedWatch(Record):
         resets = next((one.kernel for one in self.impacts if one.kernel is not None), None)
         values, size = series.values if enabled else None, 2 * series.program.dimension
         self._memory = EventMemory(size, self.surfaces, reactions, values, resets, parameters)
-        self._enabled = enabled
+        self.enabled = enabled
         driver.watch(self._memory)
 
     @property
@@ -48,6 +48,14 @@ class SharedWatch(Record):
     def jump(self) -> None:
         """Count a jump of the state."""
         self._memory.record.jumps += 1
+
+    def impact_of(self, meeting: Meeting) -> Impact:
+        """Return the event that a zero is of."""
+        return self.impacts[meeting.which - self.surfaces]
+
+    def is_root(self, which: int) -> bool:
+        """Whether something watched is a square root in the equations of motion."""
+        return which >= self.surfaces and self.impacts[which - self.surfaces].root
 
     def remember(self, state: DriverState) -> None:
         """Keep what holds before a step: the driver takes back a step that does not prove itself."""
@@ -88,8 +96,19 @@ class SharedWatch(Record):
             self._put(planned.relay, planned.starting)
             memory.keep()
         self._put(self.relay, self.starting)
+        record.fresh = 0
         record.planned, record.changed = planned.steps, self.crowd.last
-        record.enabled = int(self._enabled and not self.pending)
+        record.enabled = int(self.enabled and not self.pending)
+
+    @property
+    def unbegun(self) -> bool:
+        """Whether the loop has not found the sides at the start of the motion."""
+        return bool(self._memory.record.fresh)
+
+    def leave_start_to_the_loop(self, state: DriverState) -> None:
+        """Have the loop find the sides at the start of the motion."""
+        self.write(state)
+        self._memory.record.fresh = 1
 
     def leave_all_to_the_watch(self) -> None:
         """Have the loop come back before each step on which something may vanish."""
