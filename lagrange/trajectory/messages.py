@@ -168,15 +168,12 @@ def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tol
     least = tolerances.atol / (COARSE_ATOL * tolerances.rtol)
     if all(max(abs(a), abs(b)) >= least for a, b in zip(states[0].tolist(), states[-1].tolist(), strict=True)):
         return
-    sizes = np.abs(states).max(axis=0)
-    short = sizes < least
-    if not short.any():
+    sizes = np.abs(states).max(axis=0).tolist()
+    kinds = [max(part) for part in problem.model.layout.split(sizes) for _ in part]
+    short = [row for row, size in enumerate(sizes) if CANCELLATION_NOISE * kinds[row] < size < least]
+    if not short:
         return
-    kinds = np.concatenate([np.full_like(part, part.max()) for part in problem.model.layout.split(sizes)])
-    short &= sizes > CANCELLATION_NOISE * kinds
-    if not short.any():
-        return
-    row = int(np.argmin(np.where(short, sizes, np.inf)))
+    row = min(short, key=sizes.__getitem__)
     entry, asked = f"{row_names(problem)[row]} does not exceed {sizes[row]:.3g}", f"rtol = {tolerances.rtol:g} asks for"
     lower = tolerances.rtol * sizes[row]
     if tolerances.share or lower < sys.float_info.min:
