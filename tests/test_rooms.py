@@ -18,7 +18,7 @@ PLAIN: Mapping[str, tuple[str, ...]] = {
     ),
     "machine entries": ("llvm_machine", "model", "numpy_machine"),
     "trajectory records": ("integrator", "options", "tolerances", "trajectory"),
-    "trajectory runs": ("driver", "inertia", "limits", "messages", "plan", "sizes"),
+    "trajectory runs": ("driver", "inertia", "limits", "messages", "outputs", "plan", "sizes"),
     "trajectory entries": ("conservation", "flow", "integrate"),
 }
 """The modules beside the rooms: what every room reads, what runs a plan, and what is called from outside. The records
@@ -57,7 +57,7 @@ MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
     ),
     "trajectory entries": (
         *("machine records", "machine entries"),
-        *("trajectory records", "trajectory runs", "trajectory/methods"),
+        *("trajectory records", "trajectory/paths", "trajectory runs", "trajectory/methods"),
     ),
 }
 """Each room, in the order in which it is built, and the rooms that it knows. What a trajectory knows of the machine's

@@ -13,6 +13,7 @@ import numpy as np
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.model import Model
 from lagrange.trajectory.messages import number
+from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.paths.series import SeriesPath
 from lagrange.trajectory.paths.step_paths import StepPath
 from lagrange.trajectory.tableaux.butcher import ButcherTableau
@@ -95,7 +96,7 @@ def stiffness(model: Model, trajectory: Trajectory, parameters: Mapping[Any, Any
     The limit is known for explicit Runge-Kutta methods and Taylor series. The Jacobian is evaluated at 20 accepted
     steps, and only if the solution moves little over most of them.
     """
-    path = trajectory.dense
+    path = trajectory.dense.path if isinstance(trajectory.dense, OutputPath) else trajectory.dense
     if isinstance(path, SeriesPath):
         polynomial = taylor_polynomial(path.order)
     elif isinstance(path, StepPath) and path.tableau is not None:

@@ -10,6 +10,7 @@ import numpy as np
 from lagrange.machine.calls import one_state
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import DEFAULT
+from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 LARGEST_LOSS = 1.0
@@ -101,7 +102,8 @@ def _mean_kinetic_energy(problem: Problem, trajectory: Trajectory, until: float)
     """
     t, y = trajectory.t, trajectory.y
     times = np.linspace(problem.t0, until, SPEED_SAMPLES + 1)
-    if problem.t_eval is None and len(t) > SPEED_SAMPLES:
+    alone = isinstance(trajectory.dense, OutputPath) and trajectory.dense.path is None
+    if alone or (problem.t_eval is None and len(t) > SPEED_SAMPLES):
         kept = np.minimum(np.searchsorted(np.abs(t - t[0]), np.abs(times - t[0])), len(t) - 1)
         states = y[:, kept]
     else:

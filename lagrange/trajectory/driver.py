@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -14,8 +15,10 @@ from lagrange.trajectory.events.ending import EventResult
 from lagrange.trajectory.inertia import lost_inertia
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.limits import compiled_late, memory_limit
-from lagrange.trajectory.messages import coarse, message, unsolved
-from lagrange.trajectory.plan import Plan, Watcher
+from lagrange.trajectory.messages import coarse, message, outputs_alone, unsolved
+from lagrange.trajectory.outputs import AcceptedStates
+from lagrange.trajectory.paths.known import OutputPath
+from lagrange.trajectory.plan import PathFunction, Plan, StepPlan, Watcher
 from lagrange.trajectory.sizes import survey
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
@@ -45,41 +48,15 @@ _STATUS = {
 }
 
 
-class _AcceptedStates:
-    """The accepted states so far, in the parts that the driver wrote."""
-
-    def __init__(self, t: float, y: FloatArray) -> None:
-        self.parts = [(np.array([t]), y[None].copy(), 0)]
-        self.bytes = 0
-
-    def add(self, t: float, y: FloatArray) -> None:
-        """Append a state after a jump, without a step."""
-        self.parts.append((np.array([t]), y[None].copy(), self.parts[-1][2]))
-
-    def collect(self, state: DriverState, times: FloatArray, rows: FloatArray, call: int) -> None:
-        """Keep what the driver wrote at a call, by its number; doing so twice, as Ctrl-C may, keeps it once."""
-        written = state.count(DriverState.ROWS)
-        if written and self.parts[-1][2] < call:
-            # A view of few rows would keep the memory of all.
-            short = 2 * written < len(times)
-            t, y = times[:written], rows[:written]
-            self.bytes += t.nbytes + y.nbytes if short else times.nbytes + rows.nbytes
-            self.parts.append((t.copy() if short else t, y.copy() if short else y, call))
-
-    def joined(self) -> tuple[FloatArray, FloatArray]:
-        """Return the times (S+1,) and states (S+1, 2n)."""
-        times, states, _ = zip(*self.parts, strict=True)
-        return np.concatenate(times), np.concatenate(states)
-
-
 def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
     """Run a problem by a plan; see `Integrator.integrate` for the result."""
     began = time.perf_counter()
     tolerances, parameters = plan.tolerances, problem.parameter_array
     state = tolerances.begin(problem.t0, problem.t1, problem.y0)
-    if problem.t_eval is not None and plan.writes_outputs:
+    alone = problem.t_eval is not None and (plan.writes_outputs or isinstance(plan, StepPlan))
+    if problem.t_eval is not None and alone:
         state.outputs = Outputs(problem.t_eval, len(problem.y0))
-    rows = _AcceptedStates(problem.t0, problem.y0)
+    rows = AcceptedStates(problem.t0, problem.y0, outputs_alone=alone)
     status, sentence = _check_first_slope(problem, name, parameters)
     watch = None
     if status is None and (late := compiled_late(problem)):
@@ -89,6 +66,8 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
             driver = plan.driver(problem.model, parameters)
             watch = plan.watch(problem, driver)
             driver = driver if watch is None else watch.driver
+            if alone and isinstance(plan, StepPlan):
+                rows.followed = plan.followed(problem, state.outputs, watch)
             late = compiled_late(problem)
             # Compilation is done once for many runs and is not counted.
             began = time.perf_counter()
@@ -102,17 +81,15 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
             status = Status.SINGULAR if detail else status
         sentence = _final_sentence(problem, plan, name, state, status, detail)
     times, states = rows.joined()
-    path = plan.path(problem, times, states, watch)
-    t, y = times, states.T
-    if problem.t_eval is not None:
-        reached = (problem.t_eval - times[-1]) * (1 if problem.t1 >= problem.t0 else -1) <= 0
-        t = problem.t_eval[reached]
-        y = state.outputs.joined(t, path) if plan.writes_outputs else path(t)
+    t, y, path = _outputs(problem, plan, state, rows, watch)
     return Trajectory(
         t=t,
         y=y,
         status=status,
-        message=" ".join([sentence, *tolerances.notes, *coarse(problem, status, states, tolerances)]),
+        message=" ".join(
+            [sentence, *tolerances.notes, *coarse(problem, status, states, tolerances)]
+            + ([outputs_alone(problem)] if rows.dropped else [])
+        ),
         method=name,
         steps=state.count(DriverState.STEPS),
         rejected=state.count(DriverState.REJECTED),
@@ -127,6 +104,26 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
         t_events=() if watch is None else watch.t_events[: len(problem.events)],
         y_events=() if watch is None else watch.y_events[: len(problem.events)],
     )
+
+
+def _outputs(
+    problem: Problem, plan: Plan, state: DriverState, rows: AcceptedStates, watch: Any
+) -> tuple[FloatArray, FloatArray, PathFunction]:
+    """Return the output times (N,), the states there (2n, N) and the dense output, which has them to the last bit."""
+    rows.follow(last=True)
+    times, states = rows.joined()
+    path = None if rows.dropped else plan.path(problem, times, states, watch)
+    if problem.t_eval is None and path is not None:
+        return times, states.T, path
+    wanted = times if problem.t_eval is None else problem.t_eval
+    t = wanted[(wanted - times[-1]) * (1 if problem.t1 >= problem.t0 else -1) <= 0]
+
+    def at_end(rest: FloatArray) -> FloatArray:
+        return np.repeat(states[-1:].T, len(rest), axis=1)
+
+    # Where outputs are written on the way, those that are left lie at the end itself.
+    y = path(t) if path is not None and not rows.outputs_alone else state.outputs.joined(t, at_end)
+    return t, y, OutputPath(t, y, path, outputs_alone(problem) if path is None else "")
 
 
 def _check_first_slope(problem: Problem, name: str, parameters: FloatArray) -> tuple[Status | None, str]:
@@ -147,7 +144,7 @@ def _check_first_slope(problem: Problem, name: str, parameters: FloatArray) -> t
 
 
 def _advance_to_end(
-    problem: Problem, driver: Driver, watch: Watcher | None, state: DriverState, rows: _AcceptedStates, began: float
+    problem: Problem, driver: Driver, watch: Watcher | None, state: DriverState, rows: AcceptedStates, began: float
 ) -> tuple[Status, str]:
     """Advance until the run ends; return its status, and a detail for the message."""
     per_call, limit = FIRST_STEPS_PER_CALL, memory_limit(problem)
@@ -172,7 +169,7 @@ def _advance_to_end(
                 return Status.MAX_STEPS, ""
             if problem.max_wall is not None and time.perf_counter() - began > problem.max_wall:
                 return Status.MAX_WALL, ""
-            room = int(limit - rows.bytes - state.kept) // (8 * (len(state.y) + 1))
+            room = rows.make_room(limit - state.kept)
             if state.t != problem.t1 and room <= 0:
                 return Status.MAX_MEMORY, ""
             budget = min(per_call, left, room) if left > 0 and room > 0 else 1

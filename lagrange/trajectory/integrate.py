@@ -17,6 +17,7 @@ from lagrange.statement.event import declare_events
 from lagrange.statement.number import real_array, real_number
 from lagrange.trajectory.conservation import energy, verified
 from lagrange.trajectory.integrator import Integrator, Problem, run_by
+from lagrange.trajectory.limits import memory_limit
 from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.options import DEFAULT_OPTIONS, RunOptions
 from lagrange.trajectory.plan import locates_events
@@ -61,6 +62,7 @@ def integrate(
         progress=progress,
         began=time.perf_counter() if began is None else began,
     )
+    _check_memory(problem)
     integrator = find(DEFAULT if options.method is None else options.method)
     _check_events(problem, integrator)
     before = _check_start(problem)
@@ -74,6 +76,18 @@ def _check_events(problem: Problem, integrator: Integrator) -> None:
         raise StatementError(
             f"{integrator.name} does not locate events: use {DEFAULT} or another method with a plan of its own, such "
             "as dop853, or leave events empty and look for the crossing with solution.at(t)."
+        )
+
+
+def _check_memory(problem: Problem) -> None:
+    """Refuse output times that do not fit into the memory of the run."""
+    if problem.t_eval is None:
+        return
+    taken, limit = 8 * len(problem.t_eval) * (len(problem.y0) + 1), memory_limit(problem)
+    if taken > limit:
+        raise StatementError(
+            f"t_eval has {len(problem.t_eval)} times, which take {taken:.4g} bytes with their states, more than "
+            f"max_memory = {limit:.6g} bytes: give fewer times, raise max_memory, or run the span in parts."
         )
 
 

@@ -127,7 +127,8 @@ def _remedy(status: Status, problem: Problem, y: FloatArray, method: str, rtol: 
         )
     if status is Status.MAX_MEMORY:
         other = finer if grown else "lengthen the step" if rtol is None else "loosen rtol"
-        return f"Raise max_memory, end the run earlier and go on from there, or {other}; lg.flow keeps no steps."
+        alone = "" if problem.t_eval is not None else "give t_eval, which is kept without the steps, "
+        return f"Raise max_memory, end the run earlier and go on from there, {alone}or {other}; lg.flow keeps no steps."
     if status is Status.NON_FINITE:
         return f"{_DOMAIN} If the motion is finite there, {finer}." if stray else _DOMAIN
     if status is Status.STEP_TOO_SMALL:
@@ -155,6 +156,14 @@ def unsolved(residual: float) -> str:
     return (
         f"The last correction of its unknowns was still {residual:.2g} of their size, and Newton's method needs it to "
         "vanish."
+    )
+
+
+def outputs_alone(problem: Problem) -> str:
+    """Return the note on a run that kept its outputs without its steps."""
+    return (
+        f"The steps of the run took more than max_memory = {number(memory_limit(problem))} bytes, so it kept only the "
+        "states at its output times: ask for others in t_eval, or raise max_memory."
     )
 
 

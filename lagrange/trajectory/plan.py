@@ -11,19 +11,20 @@ import numpy as np
 
 from lagrange.machine.backend import Driver, SingularMassMatrix
 from lagrange.machine.model import Model
-from lagrange.machine.state import DriverState
+from lagrange.machine.state import DriverState, Outputs
 from lagrange.procedure.step.constants import AFTER_BROKEN
 from lagrange.program.actions import LAWS
 from lagrange.program.step import StepProgram
 from lagrange.trajectory.events.ending import EventResult
 from lagrange.trajectory.events.step_watch import StepWatch
 from lagrange.trajectory.integrator import Claims, Integrator, Problem
+from lagrange.trajectory.outputs import FollowedSteps
 from lagrange.trajectory.paths.piecewise import PiecewisePath
 from lagrange.trajectory.paths.step_paths import StepPath
 from lagrange.trajectory.tolerances import Tolerances
 from lagrange.trajectory.trajectory import FloatArray
 
-DensePath = Callable[[FloatArray], FloatArray]
+PathFunction = Callable[[FloatArray], FloatArray]
 """Dense output: from times (K,) to states (2n, K)."""
 
 
@@ -90,7 +91,7 @@ class Plan(Protocol):
     def watch(self, problem: Problem, driver: Any) -> Watcher | None:
         """Return the watcher of events and switching surfaces for the plan's driver, or None if there are none."""
 
-    def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: Any) -> DensePath:
+    def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: Any) -> PathFunction:
         """Return the dense output from the accepted times (S+1,) and states (S+1, 2n), and the watcher."""
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
@@ -153,7 +154,11 @@ class StepPlan:
             return None
         return StepWatch(problem, driver, partial(self.path_of, problem), fixed=self.step.control is None)
 
-    def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: StepWatch | None) -> DensePath:
+    def followed(self, problem: Problem, outputs: Outputs, watch: Any) -> FollowedSteps:
+        """Return what evaluates output times as a run goes."""
+        return FollowedSteps(problem, partial(self.path_of, problem), outputs, [] if watch is None else watch.breaks)
+
+    def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: StepWatch | None) -> PathFunction:
         """Return the dense output that the method has, of each motion between two resets by itself."""
         if watch is None or not watch.breaks:
             return self.path_of(problem, times, states)

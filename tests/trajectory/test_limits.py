@@ -79,9 +79,11 @@ def test_what_a_solver_keeps_is_what_is_counted(name: str, model: Model) -> None
 
 
 def test_output_times_of_a_run_that_ends_for_want_of_memory(model: Model) -> None:
-    found = lg.integrate(model, (0.0, 1e5), method="dop853", max_memory=20_000, t_eval=np.arange(0.0, 1e5, 5.0))
+    """What solvers of other packages keep of a step is read at the end, so their steps are not dropped."""
+    times = np.arange(0.0, 1e5, 5.0)
+    found = lg.integrate(model, (0.0, 1e5), method="scipy-dop853", max_memory=500_000, t_eval=times)
     assert found.status is lg.Status.MAX_MEMORY
-    assert 2 < len(found.t) < 1000 and np.isfinite(found.y).all()
+    assert 2 < len(found.t) < 10_000 and np.isfinite(found.y).all()
 
 
 def test_the_bound_is_a_quarter_of_the_machine_unless_given(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:

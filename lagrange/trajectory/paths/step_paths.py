@@ -42,24 +42,32 @@ class StepPath:
         return np.asarray(polyval(theta, self.dense.coefficients(self.times, self.states, steps)))
 
 
-def in_order(edges: FloatArray, times: FloatArray, at: Callable[[Places, FloatArray], FloatArray]) -> FloatArray:
-    """Return the states (2n, K) at times in any order by a function of times in the order of a run.
+def sorted_along(forward: bool, times: FloatArray, at: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    """Return the states (2n, K) at times in any order by a function of times that rise, or fall if not `forward`."""
+    rising = times if forward else -times
+    if (rising[1:] >= rising[:-1]).all():
+        return at(times)
+    order = np.argsort(rising)
+    found = at(times[order])
+    states = np.empty_like(found)
+    for row, sorted_row in zip(states, found, strict=True):
+        row[order] = sorted_row
+    return states
 
-    `edges` (S+1,) are the accepted times, rising or falling, and `at` is given the step of each time as well. At a
-    joint the later step counts.
+
+def in_order(edges: FloatArray, times: FloatArray, at: Callable[[Places, FloatArray], FloatArray]) -> FloatArray:
+    """Return the states (2n, K) at times in any order by a function of the step of each time, and of the times sorted.
+
+    `edges` (S+1,) are the accepted times, rising or falling. At a joint the later step counts.
     """
     forward = bool(edges[-1] >= edges[0])
-    rising = times if forward else -times
-    order = None if (rising[1:] >= rising[:-1]).all() else np.argsort(rising)
-    wanted = times if order is None else times[order]
-    found = np.searchsorted(edges if forward else -edges, wanted if forward else -wanted, side="right") - 1
-    states = at(np.clip(found, 0, len(edges) - 2), wanted)
-    if order is None:
-        return states
-    out = np.empty_like(states)
-    for row, sorted_row in zip(out, states, strict=True):
-        row[order] = sorted_row
-    return out
+    rising = edges if forward else -edges
+
+    def located(wanted: FloatArray) -> FloatArray:
+        found = np.searchsorted(rising, wanted if forward else -wanted, side="right") - 1
+        return at(np.clip(found, 0, len(edges) - 2), wanted)
+
+    return sorted_along(forward, times, located)
 
 
 def step_path(

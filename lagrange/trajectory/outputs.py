@@ -1,0 +1,136 @@
+"""What a run keeps as it goes: its accepted states, and the states at output times."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from lagrange.machine.state import DriverState, Outputs
+from lagrange.trajectory.events.step_watch import Break
+from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.trajectory import FloatArray
+
+PathOf = Callable[[FloatArray, FloatArray], Callable[[FloatArray], FloatArray]]
+"""Makes the path through accepted times (S+1,) and states (S+1, 2n)."""
+
+
+class Part(NamedTuple):
+    """Accepted times (k,) and states (k, 2n), the call of the driver that wrote them, or whether the state jumped."""
+
+    times: FloatArray
+    states: FloatArray
+    call: int
+    jumped: bool = False
+
+
+class AcceptedStates:
+    """The accepted states so far, in the parts that the driver wrote.
+
+    Where `outputs_alone` holds they may be dropped but for the last, and where `dropped` does, they were; `removed` is
+    the number of parts that are gone. `followed` evaluates output times on the way, if there are any.
+    """
+
+    def __init__(self, t: float, y: FloatArray, *, outputs_alone: bool = False) -> None:
+        self.parts = [Part(np.array([t]), y[None].copy(), 0)]
+        self.bytes = 0
+        self.outputs_alone, self.removed = outputs_alone, 0
+        self.followed: FollowedSteps | None = None
+        self._begin, self._sizes = self.parts[0], np.abs(y)
+
+    @property
+    def dropped(self) -> bool:
+        """Whether states were dropped."""
+        return self.removed > 0
+
+    def add(self, t: float, y: FloatArray) -> None:
+        """Append a state after a jump, without a step."""
+        self.parts.append(Part(np.array([t]), y[None].copy(), self.parts[-1].call, jumped=True))
+
+    def collect(self, state: DriverState, times: FloatArray, rows: FloatArray, call: int) -> None:
+        """Keep what the driver wrote at a call, by its number; doing so twice, as Ctrl-C may, keeps it once."""
+        written = state.count(DriverState.ROWS)
+        if written and self.parts[-1].call < call:
+            # A view of few rows would keep the memory of all.
+            short = 2 * written < len(times)
+            t, y = times[:written], rows[:written]
+            self.bytes += t.nbytes + y.nbytes if short else times.nbytes + rows.nbytes
+            self.parts.append(Part(t.copy() if short else t, y.copy() if short else y, call))
+
+    def follow(self, *, last: bool = False) -> None:
+        """Evaluate the outputs on the steps that are new; `last` says that no more will come."""
+        if self.followed is not None:
+            self.followed.follow(self.parts, self.removed, last=last)
+
+    def make_room(self, limit: float) -> int:
+        """Evaluate the outputs on new steps; return how many states more there is memory for, dropping those there."""
+        self.follow()
+        each = 8 * (len(self._sizes) + 1)
+        if int(limit - self.bytes) // each <= 0 and self.outputs_alone:
+            self.drop()
+        return int(limit - self.bytes) // each
+
+    def drop(self) -> None:
+        """Forget all states but the last, and keep the sizes of the entries."""
+        self._sizes = self._largest()
+        last = self.parts[-1]
+        kept = last._replace(times=last.times[-1:].copy(), states=last.states[-1:].copy())
+        self.removed += len(self.parts) - 1
+        self.parts, self.bytes = [kept], 0
+
+    def joined(self) -> tuple[FloatArray, FloatArray]:
+        """Return the times (S+1,) and states (S+1, 2n): if they were dropped, the start, the sizes, and the end."""
+        if self.dropped:
+            times = [self._begin.times, self.parts[-1].times[-1:], self.parts[-1].times[-1:]]
+            states = self._begin.states[0], self._largest(), self.parts[-1].states[-1]
+            return np.concatenate(times), np.array(states)
+        return np.concatenate([part.times for part in self.parts]), np.concatenate([one.states for one in self.parts])
+
+    def _largest(self) -> FloatArray:
+        return np.asarray(np.max([self._sizes, *(np.abs(part.states).max(axis=0) for part in self.parts)], axis=0))
+
+
+class FollowedSteps:
+    """Evaluates the states at output times while a run by a step program goes, each on the path of its step.
+
+    The last two states of a motion are kept until the next call, for a path may join a step to the one before.
+    `breaks` are those of what watches events. What is known changes at once: Ctrl-C may come at any place.
+    """
+
+    def __init__(self, problem: Problem, path_of: PathOf, outputs: Outputs, breaks: Sequence[Break]) -> None:
+        self._path_of, self._outputs, self._breaks = path_of, outputs, breaks
+        self._direction = 1.0 if problem.t1 >= problem.t0 else -1.0
+        self._known = np.array([problem.t0]), problem.y0[None], 0, 1
+
+    def follow(self, parts: Sequence[Part], removed: int, *, last: bool) -> None:
+        """Evaluate the outputs before the end of the parts that are new, of which so many others are `removed`."""
+        times, states, ended, seen = self._known
+        for part in parts[seen - removed :]:
+            if part.jumped:
+                ended = self._end(times, states, ended)
+                times, states = part.times, part.states
+            else:
+                times, states = np.concatenate([times, part.times]), np.concatenate([states, part.states])
+        if last or ended < len(self._breaks):
+            ended, keep = self._end(times, states, ended), 1
+        else:
+            keep = 2 if len(times) > 2 else len(times)
+            if len(times) > 2:
+                self._write(times, states, times[-1])
+        self._known = times[-keep:].copy(), states[-keep:].copy(), ended, removed + len(parts)
+
+    def _end(self, times: FloatArray, states: FloatArray, ended: int) -> int:
+        """Evaluate up to the last state of a motion, which may lie within a step that was cut; count what ended."""
+        end = times[-1]
+        if ended < len(self._breaks):
+            whole = self._breaks[ended].whole
+            ended += 1
+            if whole is not None:
+                times, states = np.append(times[:-1], whole[0]), np.concatenate([states[:-1], whole[1][None]])
+        if len(times) > 1:
+            self._write(times, states, end)
+        return ended
+
+    def _write(self, times: FloatArray, states: FloatArray, end: float) -> None:
+        self._outputs.write(float(end), self._direction, self._path_of(times, states))

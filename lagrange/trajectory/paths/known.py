@@ -1,0 +1,50 @@
+"""A path with the states that a run put out: at their times it is they, to the last bit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from lagrange.errors import RunError
+from lagrange.trajectory.paths.step_paths import sorted_along
+from lagrange.trajectory.trajectory import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class OutputPath:
+    """Output times (K,), rising or falling, their states (2n, K), and the path between them.
+
+    A run that kept its outputs alone has no path: then `refusal` says why, and what to do.
+    """
+
+    times: FloatArray
+    states: FloatArray
+    path: Callable[[FloatArray], FloatArray] | None
+    refusal: str = ""
+
+    def __call__(self, times: FloatArray) -> FloatArray:
+        """Return the states at the times, in any order, (2n, K). Raises RunError for times that are not known."""
+        forward = len(self.times) < 2 or bool(self.times[-1] >= self.times[0])
+        return sorted_along(forward, times, self._sorted)
+
+    def _sorted(self, wanted: FloatArray) -> FloatArray:
+        forward = len(self.times) < 2 or bool(self.times[-1] >= self.times[0])
+        known, sought = (self.times, wanted) if forward else (-self.times, -wanted)
+        place = np.searchsorted(known, sought, side="right") - 1
+        there = place >= 0
+        there[there] = known[place[there]] == sought[there]
+        if there.all():
+            return self.states[:, place]
+        states = self._between(wanted[~there])
+        if not there.any():
+            return states
+        found = np.empty((len(states), len(wanted)))
+        found[:, ~there], found[:, there] = states, self.states[:, place[there]]
+        return found
+
+    def _between(self, times: FloatArray) -> FloatArray:
+        if self.path is None:
+            raise RunError(f"there is no state at t = {times[0]:.17g}: {self.refusal}")
+        return self.path(times)
