@@ -125,8 +125,8 @@ class DensePath(Protocol):
     def coefficients(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
         """Return the polynomials of some steps (k,) in the fraction of the step, by powers, (degree + 1, 2n, k)."""
 
-    def at(self, times: FloatArray, states: FloatArray, found: Places, wanted: FloatArray) -> FloatArray:
-        """Return the states (2n, K) at times that lie in the order of the run, `found` being the step of each (K,).
+    def at(self, times: FloatArray, states: FloatArray, wanted: FloatArray, out: FloatArray) -> None:
+        """Write the states at times (K,) that lie in the order of the run to `out` (2n, K), its rows without gaps.
 
         At accepted times they are the accepted states, those of the later step where two are at one time.
         """

@@ -54,7 +54,7 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
     tolerances, parameters = plan.tolerances, problem.parameter_array
     state = tolerances.begin(problem.t0, problem.t1, problem.y0)
     alone = problem.t_eval is not None and (plan.writes_outputs or isinstance(plan, StepPlan))
-    if problem.t_eval is not None and alone:
+    if problem.t_eval is not None and plan.writes_outputs:
         state.outputs = Outputs(problem.t_eval, len(problem.y0))
     rows = AcceptedStates(problem.t0, problem.y0, outputs_alone=alone)
     status, sentence = _check_first_slope(problem, name, parameters)
@@ -66,8 +66,8 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
             driver = plan.driver(problem.model, parameters)
             watch = plan.watch(problem, driver)
             driver = driver if watch is None else watch.driver
-            if alone and isinstance(plan, StepPlan):
-                rows.followed = plan.followed(problem, state.outputs, watch)
+            if problem.t_eval is not None and isinstance(plan, StepPlan):
+                rows.followed = plan.followed(problem, problem.t_eval, watch)
             late = compiled_late(problem)
             # Compilation is done once for many runs and is not counted.
             began = time.perf_counter()
@@ -122,7 +122,12 @@ def _outputs(
         return np.repeat(states[-1:].T, len(rest), axis=1)
 
     # Where outputs are written on the way, those that are left lie at the end itself.
-    y = path(t) if path is not None and not rows.outputs_alone else state.outputs.joined(t, at_end)
+    if rows.followed is not None:
+        y = rows.followed.joined(len(t), states[-1])
+    elif plan.writes_outputs or path is None:
+        y = state.outputs.joined(t, at_end)
+    else:
+        y = path(t)
     return t, y, OutputPath(t, y, path, outputs_alone(problem) if path is None else "")
 
 

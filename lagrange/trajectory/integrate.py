@@ -122,11 +122,12 @@ def _output_times(t_eval: ArrayLike | None, t0: float, t1: float, width: int) ->
         raise StatementError(f"t_eval has shape {times.shape}: give a list of times.")
     low, high = min(t0, t1), max(t0, t1)
     slack = SPAN_ROUND_OFF * (high - low)
-    times = np.where((times > high) & (times <= high + slack), high, times)
-    times = np.where((times < low) & (times >= low - slack), low, times)
-    outside = times[~((times >= low) & (times <= high))]
-    if outside.size:
-        raise StatementError(f"t_eval contains {outside[0]:.17g}, outside the time span from {t0:g} to {t1:g}.")
+    if times.size and not (times.min() >= low and times.max() <= high):
+        times = np.where((times > high) & (times <= high + slack), high, times)
+        times = np.where((times < low) & (times >= low - slack), low, times)
+        outside = times[~((times >= low) & (times <= high))]
+        if outside.size:
+            raise StatementError(f"t_eval contains {outside[0]:.17g}, outside the time span from {t0:g} to {t1:g}.")
     direction = 1 if t1 >= t0 else -1
     if (np.diff(times) * direction < 0).any():
         raise StatementError(

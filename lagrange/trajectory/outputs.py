@@ -7,12 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lagrange.machine.state import DriverState, Outputs
+from lagrange.machine.state import DriverState
 from lagrange.trajectory.events.step_watch import Break
 from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.paths.step_paths import StepPath
 from lagrange.trajectory.trajectory import FloatArray
 
-PathOf = Callable[[FloatArray, FloatArray], Callable[[FloatArray], FloatArray]]
+PathOf = Callable[[FloatArray, FloatArray], StepPath]
 """Makes the path through accepted times (S+1,) and states (S+1, 2n)."""
 
 
@@ -98,10 +99,18 @@ class FollowedSteps:
     `breaks` are those of what watches events. What is known changes at once: Ctrl-C may come at any place.
     """
 
-    def __init__(self, problem: Problem, path_of: PathOf, outputs: Outputs, breaks: Sequence[Break]) -> None:
-        self._path_of, self._outputs, self._breaks = path_of, outputs, breaks
-        self._direction = 1.0 if problem.t1 >= problem.t0 else -1.0
+    def __init__(self, problem: Problem, wanted: FloatArray, path_of: PathOf, breaks: Sequence[Break]) -> None:
+        self._wanted, self._path_of, self._breaks = wanted, path_of, breaks
+        self._rising = wanted if problem.t1 >= problem.t0 else -wanted
+        self._forward = 1.0 if problem.t1 >= problem.t0 else -1.0
+        self._y = np.empty((len(problem.y0), len(wanted)))
+        self._done = 0
         self._known = np.array([problem.t0]), problem.y0[None], 0, 1
+
+    def joined(self, count: int, last: FloatArray) -> FloatArray:
+        """Return the states (2n, count) at the first times; those that are left lie at the end, the state `last`."""
+        self._y[:, self._done : count] = last[:, None]
+        return np.ascontiguousarray(self._y[:, :count])
 
     def follow(self, parts: Sequence[Part], removed: int, *, last: bool) -> None:
         """Evaluate the outputs before the end of the parts that are new, of which so many others are `removed`."""
@@ -133,4 +142,8 @@ class FollowedSteps:
         return ended
 
     def _write(self, times: FloatArray, states: FloatArray, end: float) -> None:
-        self._outputs.write(float(end), self._direction, self._path_of(times, states))
+        """Write the states at the times before an end of accepted steps."""
+        until = self._done + int(np.searchsorted(self._rising[self._done :], self._forward * end))
+        if self._done < until:
+            self._path_of(times, states).write(self._wanted[self._done : until], self._y[:, self._done : until])
+            self._done = until

@@ -11,7 +11,7 @@ import numpy as np
 
 from lagrange.machine.backend import Driver, SingularMassMatrix
 from lagrange.machine.model import Model
-from lagrange.machine.state import DriverState, Outputs
+from lagrange.machine.state import DriverState
 from lagrange.procedure.step.constants import AFTER_BROKEN
 from lagrange.program.actions import LAWS
 from lagrange.program.step import StepProgram
@@ -154,9 +154,9 @@ class StepPlan:
             return None
         return StepWatch(problem, driver, partial(self.path_of, problem), fixed=self.step.control is None)
 
-    def followed(self, problem: Problem, outputs: Outputs, watch: Any) -> FollowedSteps:
+    def followed(self, problem: Problem, wanted: FloatArray, watch: Any) -> FollowedSteps:
         """Return what evaluates output times as a run goes."""
-        return FollowedSteps(problem, partial(self.path_of, problem), outputs, [] if watch is None else watch.breaks)
+        return FollowedSteps(problem, wanted, partial(self.path_of, problem), [] if watch is None else watch.breaks)
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: StepWatch | None) -> PathFunction:
         """Return the dense output that the method has, of each motion between two resets by itself."""

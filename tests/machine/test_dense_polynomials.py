@@ -131,9 +131,32 @@ def test_accepted_states_are_exact_forwards_and_back(kind: str, target: str) -> 
     compiled = model("cart and pole", target)
     states = states_of(compiled)
     for times, rows in ((GRID, states), (GRID[::-1].copy(), states[::-1].copy())):
-        wanted = np.sort(np.repeat(times, 3)) if times[0] < times[-1] else -np.sort(-np.repeat(times, 3))
-        found = np.clip(np.repeat(np.arange(len(times)), 3), 0, len(times) - 2)
-        assert (dense_of(compiled, KINDS[kind]).at(times, rows, found, wanted) == np.repeat(rows, 3, axis=0).T).all()
+        out = np.empty((states.shape[1] + 1, 3 * len(times)))
+        wanted = np.repeat(times, 3)
+        dense_of(compiled, KINDS[kind]).at(times, rows, wanted, out[1:])
+        assert (out[1:] == np.repeat(rows, 3, axis=0).T).all()
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+@pytest.mark.parametrize("target", TARGETS)
+def test_each_time_is_evaluated_on_its_step(target: str, direction: float) -> None:
+    """Few and many times on a step, steps between that are not used, and the step of no length of a jump."""
+    compiled, rng = model("Henon-Heiles", target), np.random.default_rng(3)
+    times = direction * np.sort(np.concatenate([rng.uniform(0.0, 9.0, 400), [4.0, 4.0]]))
+    states = rng.normal(size=(len(times), 4))
+    dense = dense_of(compiled, hermite_polynomial(3))
+    c = dense.coefficients(times, states, np.arange(len(times) - 1))
+    for count in (1, 2, 9, 5000):
+        wanted = direction * np.sort(rng.uniform(direction * times[0], direction * times[-1], count))
+        out = np.empty((4, count))
+        dense.at(times, states, wanted, out)
+        found = np.searchsorted(direction * times, direction * wanted, side="right") - 1
+        theta = (wanted - times[found]) / (times[found + 1] - times[found])
+        assert out == pytest.approx(np.polynomial.polynomial.polyval(theta, c[:, :, found], tensor=False), abs=1e-12)
+    jump = np.array([direction * 4.0])
+    out = np.empty((4, 1))
+    dense.at(times, states, jump, out)
+    assert (out[:, 0] == states[np.flatnonzero(times == jump[0])[-1]]).all()
 
 
 @pytest.mark.parametrize("target", TARGETS)

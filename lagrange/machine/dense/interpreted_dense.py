@@ -69,9 +69,11 @@ class NumpyDense(ABC):
             found[:, :, part] = self._block(times, states, steps[part])
         return found
 
-    def at(self, times: FloatArray, states: FloatArray, found: Places, wanted: FloatArray) -> FloatArray:
-        """Return the states at sorted times; see `DensePath`."""
-        out = np.empty((self.dimension, len(wanted)))
+    def at(self, times: FloatArray, states: FloatArray, wanted: FloatArray, out: FloatArray) -> None:
+        """Write the states at sorted times; see `DensePath`."""
+        sign = 1.0 if times[-1] >= times[0] else -1.0
+        found = np.searchsorted(sign * times, sign * wanted, side="right") - 1
+        found = np.clip(found, 0, len(times) - 2)
         for low in range(0, len(wanted), MOST_TIMES):
             part = slice(low, low + MOST_TIMES)
             steps, here = found[part], wanted[part]
@@ -83,7 +85,6 @@ class NumpyDense(ABC):
             for rows in (steps, steps + 1):
                 exact = times[rows] == here
                 out[:, part][:, exact] = states[rows[exact]].T
-        return out
 
     def _block(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
         """Return the polynomials of so many steps as make a block."""

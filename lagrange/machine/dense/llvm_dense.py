@@ -79,15 +79,15 @@ class LlvmDense(ABC):
         c = out[:-LANES].reshape(blocks, self.degree + 1, n, columns)
         return np.moveaxis(c, 0, 2).reshape(self.degree + 1, n, -1)[:, :, :count]
 
-    def at(self, times: FloatArray, states: FloatArray, found: Places, wanted: FloatArray) -> FloatArray:
-        """Return the states at sorted times; see `DensePath`."""
-        n, count = self.dimension, len(wanted)
+    def at(self, times: FloatArray, states: FloatArray, wanted: FloatArray, out: FloatArray) -> None:
+        """Write the states at sorted times; see `DensePath`."""
         if (written := self._written()) is None:
-            return np.full((n, count), np.nan)
-        out, c = np.empty((n, count)), np.empty((self.degree + 1) * n * written.columns + LANES)
-        places = {"found": np.append(found, -1), "wanted": np.append(wanted, np.zeros(LANES)), "count": count}
-        self._run(outputs(), written, times, states, **places, c=c, out=out, stride=count)
-        return out
+            out[:] = np.nan
+            return
+        c = np.empty((self.degree + 1) * self.dimension * written.columns + LANES)
+        sign = 1.0 if times[-1] >= times[0] else -1.0
+        own = {"wanted": np.ascontiguousarray(wanted), "count": len(wanted), "sign": sign}
+        self._run(outputs(), written, times, states, **own, c=c, out=out, stride=out.strides[0] // out.itemsize)
 
     def _written(self) -> BlockPolynomial | None:
         """Return what writes polynomials, None where a constant mass matrix is singular."""

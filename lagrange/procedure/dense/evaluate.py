@@ -6,8 +6,8 @@ from functools import cache
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.dense.block import LANES, POLYNOMIAL, OwnStep
-from lagrange.procedure.form import WHOLE, Procedure
-from lagrange.procedure.values import Memory, Whole
+from lagrange.procedure.form import REAL, WHOLE, Procedure
+from lagrange.procedure.values import Flag, Memory, Whole
 
 CHUNK = 256
 """So many times on one step are evaluated at once."""
@@ -95,29 +95,63 @@ def polynomials() -> Procedure:
 
 
 @cache
+def locate() -> Procedure:
+    """Return what finds the step that a time lies in, from an earlier one on: the last that begins at or before it.
+
+    Times rise with `sign` 1.0 and fall with -1.0. The search doubles its reach, and halves it again.
+    """
+    p = Builder("locate", "Return the last step, from one on, that begins at or before a time.")
+    times, steps, step = p.array("times", read=True), p.given("steps", WHOLE), p.given("step", WHOLE)
+    wanted, sign = p.given("wanted", REAL), p.given("sign", REAL)
+    low, reach = p.variable(step, "low"), p.variable(1, "reach")
+
+    def begun(place: Whole) -> Flag:
+        past: Flag = (times[p.smaller(place, steps - 1)] - wanted) * sign <= 0.0
+        inside: Flag = place < steps
+        return past & inside
+
+    with p.repeat(lambda: begun(low.value + reach.value)):
+        low.value = low.value + reach.value
+        reach.value = reach.value * 2
+    with p.repeat(lambda: reach.value > 1):
+        reach.value = reach.value // 2
+        low.value = p.choose(begun(low.value + reach.value), low.value + reach.value, low.value)
+    p.leave(low.value)
+    return p.finish(WHOLE)
+
+
+@cache
 def outputs() -> Procedure:
     """Return what evaluates a run at many times, sorted along it: each step that is used has its polynomial once.
 
-    `found` has the number of the step of each time, and one more number behind the last. The accepted states are exact;
-    of two at one time that of the later step counts.
+    The accepted states are exact; of two at one time that of the later step counts. `sign` is that of the run.
     """
     p = Builder("outputs", "Write the states at many times along a run, entries `stride` apart.")
     polynomial, given = p.function("polynomial", POLYNOMIAL), p.array("given", read=True)
     dimension, degree, columns = (p.given(name, WHOLE) for name in ("dimension", "degree", "columns"))
     both, steps = p.given("both", WHOLE), p.given("steps", WHOLE)
     times, states = p.array("times", read=True), p.array("states", read=True)
-    found, wanted = p.array("found", WHOLE, read=True), p.array("wanted", read=True, room=LANES)
-    count, out, stride = p.given("count", WHOLE), p.array("out", room=LANES), p.given("stride", WHOLE)
+    wanted, count, sign = p.array("wanted", read=True), p.given("count", WHOLE), p.given("sign", REAL)
+    out, stride = p.array("out", room=LANES), p.given("stride", WHOLE)
     own, beside, work, c = (p.array(name) for name in ("own", "beside", "work", "c"))
     starts, begins = p.reserve(LANES, WHOLE, name="starts"), p.reserve(LANES + 1, WHOLE, name="begins")
-    place = p.variable(0, "place")
+    place, step = p.variable(0, "place"), p.variable(0, "step")
     with p.repeat(lambda: place.value < count):
         used = p.variable(0, "used")
         with p.repeat(lambda: (used.value < columns) & (place.value < count)):
-            step = found[place.value]
-            starts[used.value], begins[used.value] = step, place.value
+            step.value = p.call(locate(), times, steps, step.value, wanted[place.value], sign)
+            starts[used.value], begins[used.value] = step.value, place.value
             used.value = used.value + 1
-            with p.repeat(lambda: (place.value < count) & found[place.value].equals(step)):
+            end = times[step.value + 1]
+
+            def within() -> Flag:
+                here: Whole = place.value
+                before: Flag = (wanted[p.smaller(here, count - 1)] - end) * sign < 0.0
+                more: Flag = here < count
+                return more & before
+
+            place.value = place.value + 1
+            with p.repeat(within):
                 place.value = place.value + 1
         begins[used.value] = place.value
         last = used.value
@@ -140,7 +174,7 @@ def on_step() -> Procedure:
     p = Builder("on_step", "Write the states at times of one step.")
     degree, dimension, columns = (p.given(name, WHOLE) for name in ("degree", "dimension", "columns"))
     c, times, states = (p.array(name, read=True, room=LANES) for name in ("c", "times", "states"))
-    wanted, count = p.array("wanted", read=True, room=LANES), p.given("count", WHOLE)
+    wanted, count = p.array("wanted", read=True), p.given("count", WHOLE)
     out, stride = p.array("out", room=LANES), p.given("stride", WHOLE)
     theta = p.reserve(CHUNK, room=LANES, name="theta")
     t, end = times[0], times[1]
@@ -148,7 +182,13 @@ def on_step() -> Procedure:
     with p.loop(0, count, CHUNK) as begin:
         part = p.smaller(count - begin, CHUNK)
         here = wanted.at(begin)
-        with p.each(part, width=LANES, spill=True) as i:
+        p.note(
+            "Whole vectors are computed: what stands behind the last must not be slow to multiply, as denormals are."
+        )
+        behind = theta.at(part)
+        with p.each(LANES, width=LANES, spill=True) as i:
+            behind[i] = 0.0
+        with p.loop(0, part) as i:
             theta[i] = (here[i] - t) / h
         strides = dimension * columns, columns
         p.call(horner(), degree, dimension, *strides, c, theta, part, out.at(begin), stride)
@@ -156,7 +196,7 @@ def on_step() -> Procedure:
     with p.repeat(lambda: (lowest.value < highest.value) & wanted[p.larger(highest.value - 1, 0)].equals(end)):
         highest.value = highest.value - 1
         _copy(p, states.at(dimension), dimension, out.at(highest.value), stride)
-    with p.repeat(lambda: (lowest.value < highest.value) & wanted[lowest.value].equals(t)):
+    with p.repeat(lambda: (lowest.value < highest.value) & wanted[p.smaller(lowest.value, count - 1)].equals(t)):
         _copy(p, states, dimension, out.at(lowest.value), stride)
         lowest.value = lowest.value + 1
     return p.finish()

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lagrange.machine.backend import Places, Series
-from lagrange.trajectory.paths.step_paths import in_order
+from lagrange.trajectory.paths.step_paths import sorted_along
 from lagrange.trajectory.trajectory import FloatArray
 
 
@@ -31,14 +31,19 @@ class SeriesPath:
         """Return the states at the times, in any order, (2n, K)."""
         if len(self.times) < 2 or not len(times):
             return np.repeat(self.states[:1].T, len(times), axis=1)
-        return in_order(self.times, times, self._at)
+        return sorted_along(bool(self.times[-1] >= self.times[0]), times, self._sorted)
 
-    def _at(self, found: Places, wanted: FloatArray) -> FloatArray:
-        """Return the states at times in the order of the run, `found` being the step of each."""
+    def _sorted(self, wanted: FloatArray) -> FloatArray:
+        """Return the states at times in the order of the run."""
         states = np.empty((self.states.shape[1], len(wanted)))
+        if len(self.epochs) == 1 and not self.continuations:
+            self.series.dense(self.order, self.epochs[0][1]).at(self.times, self.states, wanted, states)
+            return states
+        sign = 1.0 if self.times[-1] >= self.times[0] else -1.0
+        found = np.searchsorted(sign * self.times, sign * wanted, side="right") - 1
+        found = np.clip(found, 0, len(self.times) - 2)
         for values, part in self._parts(found):
-            dense = self.series.dense(self.order, values)
-            states[:, part] = dense.at(self.times, self.states, found[part], wanted[part])
+            self.series.dense(self.order, values).at(self.times, self.states, wanted[part], states[:, part])
         for step, path in self.continuations.items():
             first, last = np.searchsorted(found, [step, step + 1])
             if first < last:

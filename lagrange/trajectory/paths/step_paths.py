@@ -35,7 +35,16 @@ class StepPath:
         """Return the states at the times, in any order, (2n, K)."""
         if len(self.times) < 2 or not len(times):
             return np.repeat(self.states[:1].T, len(times), axis=1)
-        return in_order(self.times, times, lambda found, wanted: self.dense.at(self.times, self.states, found, wanted))
+        return sorted_along(bool(self.times[-1] >= self.times[0]), times, self._sorted)
+
+    def _sorted(self, wanted: FloatArray) -> FloatArray:
+        out = np.empty((self.states.shape[1], len(wanted)))
+        self.write(wanted, out)
+        return out
+
+    def write(self, wanted: FloatArray, out: FloatArray) -> None:
+        """Write the states at times (K,) in the order of the run to (2n, K), whose rows have no gaps."""
+        self.dense.at(self.times, self.states, wanted, out)
 
     def inside(self, steps: Places, theta: FloatArray) -> FloatArray:
         """Return the states at the same fractions theta (K,) of each of some steps (k,), (2n, k, K)."""
@@ -53,21 +62,6 @@ def sorted_along(forward: bool, times: FloatArray, at: Callable[[FloatArray], Fl
     for row, sorted_row in zip(states, found, strict=True):
         row[order] = sorted_row
     return states
-
-
-def in_order(edges: FloatArray, times: FloatArray, at: Callable[[Places, FloatArray], FloatArray]) -> FloatArray:
-    """Return the states (2n, K) at times in any order by a function of the step of each time, and of the times sorted.
-
-    `edges` (S+1,) are the accepted times, rising or falling. At a joint the later step counts.
-    """
-    forward = bool(edges[-1] >= edges[0])
-    rising = edges if forward else -edges
-
-    def located(wanted: FloatArray) -> FloatArray:
-        found = np.searchsorted(rising, wanted if forward else -wanted, side="right") - 1
-        return at(np.clip(found, 0, len(edges) - 2), wanted)
-
-    return sorted_along(forward, times, located)
 
 
 def step_path(
