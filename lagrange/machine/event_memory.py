@@ -14,6 +14,9 @@ from lagrange.procedure.step.constants import RELATIVE_PERTURBATION, perturbatio
 from lagrange.procedure.taylor.watching import COUNT, NEAR, SETTINGS, SIDES, SIGN, STARTING, WATCH
 from lagrange.program.series import SeriesProgram
 
+MOST_SURFACES = 3
+"""With more surfaces the loop comes back to change a side: the numbers for all combinations of sides are kept."""
+
 ROOM = 4096
 """So many events are written before the loop comes back."""
 
@@ -68,6 +71,34 @@ class EventMemory:
         self.times = np.empty(ROOM)
         self.states = np.empty(ROOM * dimension + MOST_LANES)
         self.places = np.empty(ROOM, dtype=np.int64)
+        self.surfaces = surfaces
+        few = surfaces <= MOST_SURFACES
+        self.combinations = np.full(2**surfaces if few else 1, -1, dtype=np.int64)
+        self.switch_rows, self.switch_combinations = (np.empty(ROOM, dtype=np.int64) for _ in range(2))
+
+    def hold(self, sides: FloatArray, size: int) -> int:
+        """Let sides hold; return where in arrays of numbers, of a size for each, those for these sides belong."""
+        self.record.combination = self.combination(sides)
+        self.record.numbers = (1 + self.record.combination) * size
+        if self.record.combination >= 0:
+            self.combinations[self.record.combination] = self.record.numbers
+        return int(self.record.numbers)
+
+    def combination(self, sides: FloatArray) -> int:
+        """Return sides as a binary number, or -1 where that has no use: there are many, or a motion on a surface."""
+        if len(sides) > MOST_SURFACES or not (np.abs(sides) == 1.0).all():
+            return -1
+        return sum(1 << i for i, side in enumerate(sides.tolist()) if side > 0)
+
+    def sides_of(self, combination: int) -> FloatArray:
+        """Return the sides that a binary number stands for."""
+        return np.array([1.0 if combination >> i & 1 else -1.0 for i in range(self.surfaces)])
+
+    def switched(self) -> list[tuple[int, FloatArray]]:
+        """Return the rows and sides of the changes of sides since the last call."""
+        count, self.record.switches = self.record.switches, 0
+        pairs = zip(self.switch_rows[:count].tolist(), self.switch_combinations[:count].tolist(), strict=True)
+        return [(row, self.sides_of(combination)) for row, combination in pairs]
 
     def _block(self, which: int, *, before: bool = False) -> NDArray[np.int64]:
         start = (which + SIDES * before) * self.count

@@ -134,14 +134,20 @@ class NumpyTaylorDriver:
         self._work = np.zeros(self._layout.size(order))
         self._held = HELD.structure()
         self._memory: EventMemory | None = None
+        self._numbers = np.array(parameters)
 
     def watch(self, memory: EventMemory) -> None:
         """Deal with what is watched; see `TaylorDriver`."""
         self._memory = memory
+        self._numbers = np.zeros((1 + len(memory.combinations)) * len(self._parameters))
+        self.use(self._parameters)
 
     def use(self, parameters: FloatArray) -> None:
         """Go on with other numbers; see `TaylorDriver`."""
-        self._parameters = parameters
+        self._parameters, place = parameters, 0
+        if self._memory is not None:
+            place = self._memory.hold(parameters[len(parameters) - self._memory.surfaces :], len(parameters))
+        self._numbers[place : place + len(parameters)] = parameters
 
     def restart(self, state: DriverState) -> None:
         """Forget what rounding lost; see `TaylorDriver`."""
@@ -154,8 +160,8 @@ class NumpyTaylorDriver:
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Advance a run; see `Driver`."""
         outputs = state.outputs.record, state.outputs.times.data, state.outputs.states.reshape(-1).data
-        jet = _between_arrays(self._series, self._parameters)
-        series, kept = (jet, EMPTY, EMPTY), (state.taylor, state.floors.data, self._held, *outputs)
+        jet = _with_numbers(self._series, len(self._parameters))
+        series, kept = (jet, self._numbers.data, EMPTY), (state.taylor, state.floors.data, self._held, *outputs)
 
         watched = self._watched() if self._layout.watched else ()
 
@@ -168,23 +174,45 @@ class NumpyTaylorDriver:
     def _watched(self) -> tuple[Any, ...]:
         """Return the arguments of the loop for what is watched."""
         memory = self._memory = self._memory or idle(self._series.program)
-        functions = self._function(memory.values, self._parameters), self._function(memory.resets, memory.parameters)
-        arrays = memory.tilts, memory.sides, memory.settings, memory.times, memory.states, memory.places
-        return memory.record, *functions, EMPTY, EMPTY, *(array.data for array in arrays)
+        count, dimension = len(self._parameters), self._layout.dimension
+        resets = _function(memory.resets, dimension, len(memory.parameters))
+        functions = _function(memory.values, dimension, count), resets
+        numbers = self._numbers.data, memory.parameters.data
+        arrays = (getattr(memory, name).data for name in WATCHED)
+        return memory.record, *functions, *numbers, *arrays
 
-    def _function(self, kernel: Kernel | None, parameters: FloatArray) -> Callable[..., bool]:
-        """Return a kernel as a procedure calls it, which says whether it has no value."""
 
-        def called(t: float, y: memoryview, _: memoryview, out: memoryview) -> bool:
-            try:
-                found = kernel(t, np.frombuffer(y, count=self._layout.dimension), parameters) if kernel else None
-            except SingularMassMatrix:
-                return True
-            if found is not None:
-                out[: found.size] = found.reshape(-1).data
-            return found is None
+WATCHED = (
+    *("tilts", "sides", "settings", "times", "states", "places"),
+    *("combinations", "switch_rows", "switch_combinations"),
+)
+"""What the loop is given of an `EventMemory`, in its order."""
 
-        return called
+
+def _function(kernel: Kernel | None, dimension: int, count: int) -> Callable[..., bool]:
+    """Return a kernel of so many parameters as a procedure calls it, which says whether it has no value."""
+
+    def called(t: float, y: memoryview, numbers: memoryview, out: memoryview) -> bool:
+        if kernel is None:
+            return True
+        try:
+            found = kernel(t, np.frombuffer(y, count=dimension), np.asarray(numbers[:count]))
+        except SingularMassMatrix:
+            return True
+        out[: found.size] = found.reshape(-1).data
+        return False
+
+    return called
+
+
+def _with_numbers(series: NumpySeries, count: int) -> Callable[..., bool]:
+    """Return a series as procedures call it, with its parameters and sides in an array."""
+
+    def jet(t: float, scale: float, y: Any, numbers: Any, constants: Any, rows: Any, order: int) -> bool:
+        between = _between_arrays(series, np.asarray(numbers[:count]))
+        return between(t, scale, y, numbers, constants, rows, order)
+
+    return jet
 
 
 def _between_arrays(series: NumpySeries, parameters: FloatArray) -> Callable[..., bool]:

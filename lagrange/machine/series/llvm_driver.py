@@ -7,7 +7,7 @@ vectors, each where the code reads it.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -41,6 +41,9 @@ from lagrange.procedure.form import Procedure
 from lagrange.procedure.taylor.memory import HELD
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
+
+WATCHED = ("tilts", "sides", "settings", "combinations", "switch_rows", "switch_combinations")
+"""What an `EventMemory` has beside events, by the names of the loop's arguments."""
 
 _PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 _SERIES = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_double, *([ctypes.c_void_p] * 4), ctypes.c_int64)
@@ -231,6 +234,7 @@ class LlvmTaylorDriver:
         self._place, self._budget = address(self._arguments), self._steps.places["budget"]
         self._state: DriverState | None = None
         self._memory: EventMemory | None = None
+        self._numbers: FloatArray | None = None
         self.use(parameters)
 
     def _give(self, **arguments: int) -> None:
@@ -241,21 +245,35 @@ class LlvmTaylorDriver:
 
     def use(self, parameters: FloatArray) -> None:
         """Go on with other numbers; see `TaylorDriver`."""
-        self._numbers = self._compiled.numbers(parameters)
-        prepared, constants = self._numbers
-        self._give(prepared=address(prepared), constants=address(constants))
-        if self._memory is not None and isinstance(self._memory.values, LlvmKernel):
-            self._value_numbers = self._memory.values.prepare(parameters)
-            self._give(value_numbers=address(self._value_numbers))
+        self._parameters = parameters
+        parts = list(self._compiled.numbers(parameters))
+        memory = self._memory
+        if memory is not None and isinstance(memory.values, LlvmKernel):
+            parts.append(memory.values.prepare(parameters))
+        size = sum(map(len, parts))
+        place = 0
+        if memory is not None:
+            place = memory.hold(parameters[len(parameters) - memory.surfaces :], size)
+        if self._numbers is None or len(self._numbers) < place + size:
+            self._numbers = np.zeros(size * (1 + (0 if memory is None else len(memory.combinations))))
+            self._point(address(self._numbers), list(map(len, parts)))
+        self._numbers[place : place + size] = np.concatenate(parts)
+
+    def _point(self, begin: int, sizes: Sequence[int]) -> None:
+        """Give the addresses of numbers that stand behind each other."""
+        for name, size in zip(("prepared", "constants", "value_numbers"), sizes, strict=False):
+            self._give(**{name: begin})
+            begin += 8 * size
 
     def watch(self, memory: EventMemory) -> None:
         """Deal with what is watched; see `TaylorDriver`."""
-        self._memory = memory
-        arrays = {name: getattr(memory, name) for name in ("tilts", "sides", "settings")}
+        self._memory, self._numbers = memory, None
+        arrays = {name: getattr(memory, name) for name in WATCHED}
         arrays |= {f"event_{name}": getattr(memory, name) for name in ("times", "states", "places")}
         self._give(watch=ctypes.addressof(memory.record), **{name: address(array) for name, array in arrays.items()})
         if isinstance(memory.values, LlvmKernel):
             self._give(values=memory.values.address)
+        self.use(self._parameters)
         if memory.resets is not None:
             self._resets = function(memory.resets.program)
             self._reset_numbers = self._resets.prepare(memory.parameters)

@@ -50,6 +50,14 @@ class Arguments:
         return (self.jet, self.prepared, self.constants, *records, *written, *own, *self.series.handed)
 
     @property
+    def numbers(self) -> tuple[Any, ...]:
+        """The numbers of the series: with surfaces, those for the sides that hold."""
+        if self.watched is None:
+            return self.prepared, self.constants
+        place = self.watched.record.numbers
+        return self.prepared.at(place), self.constants.at(place)
+
+    @property
     def output(self) -> tuple[Any, ...]:
         """The arguments for a procedure that writes states at output times."""
         return self.outputs, self.output_times, self.output_states

@@ -139,7 +139,7 @@ class _Inspection:
         with p.loop(0, layout.watched) as i:
             values[i] = self.rows[i + layout.watched_at]
         self.read_columns()
-        numbers = watched.value_numbers, watched.tilts, self.t, self.memory.work, values, self.noise
+        numbers = watched.own_numbers, watched.tilts, self.t, self.memory.work, values, self.noise
         p.call(event_noise(layout), watched.values, *numbers)
         ends = self.terminates()
         s = self.trusted(ends)
@@ -287,8 +287,7 @@ class _Inspection:
                 place.value, direction.value = shorter.places[earlier], shorter.directions[earlier]
                 together.value = self.together(shorter, found.value, at.value)
         self.leave_unless_alone(shorter, found.value, at.value, place.value)
-        is_event = self.watched.is_event(place.value)
-        with p.when(~is_event | ~self.watched.setting(ROOT, place.value).equals(0)):
+        with p.when(~self.watched.setting(ROOT, place.value).equals(0)):
             p.leave(LEAVE, self.s)
         self.accept(shorter, found.value, at.value - self.close(at.value), p.true)
         self.watched.record.due, self.watched.record.direction = place.value + 1, direction.value

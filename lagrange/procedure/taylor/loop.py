@@ -70,7 +70,7 @@ def iteration(layout: TaylorLayout) -> Procedure:
     idle: Flag = held.unproven.equals(0).called("idle")
     p.leave_if(idle & there, Outcome.DONE)
     p.leave_if(idle & last, Outcome.PAUSED)
-    rows, numbers = series.work.at(layout.rows), (given.prepared, given.constants)
+    rows, numbers = series.work.at(layout.rows), given.numbers
     singular: Flag = given.jet(run.t, given.taylor.scale, series.work, *numbers, rows, series.order).called("singular")
     counts.evaluations = counts.evaluations + 1
     weights = p.reserve(layout.padded, room=layout.block, name="weights")

@@ -77,7 +77,7 @@ def begin_sides(layout: TaylorLayout) -> Procedure:
     watched, memory = Watched(p, layout), SeriesMemory(p, layout, work_array(p, layout))
     signs, starting = (p.reserve(layout.watched, WHOLE, name=name) for name in ("signs", "starting"))
     state, series = memory.work, memory.work.at(layout.rows)
-    function = watched.values, watched.value_numbers, watched.tilts
+    function = watched.values, watched.own_numbers, watched.tilts
     found = p.call(
         sides_at_start(layout), t, scale, rtol, 0.0, -1, *function, state, series, signs, starting, *memory.handed[1:]
     )
@@ -126,7 +126,7 @@ class _Reset:
         place = (record.due - 1).called("place")
         number = (self.watched.side(COUNT)[place] + 1).called("number")
         since = abs(self.t - record.changed)
-        self.leave_if((record.surfaces > 0) | ~(since > CLOSEST * p.larger(abs(self.t), EARLIEST)))
+        self.leave_if(~(since > CLOSEST * p.larger(abs(self.t), EARLIEST)))
         self.leave_if(self.watched.setting(RESET_SIZE, place).equals(0) | self.watched.is_last(place, number))
         self.leave_if(record.done >= record.room)
         there = self.work.at(p.whole(layout.ahead(self.memory.order)))
@@ -162,9 +162,11 @@ class _Reset:
         signs, starting = (p.reserve(layout.watched, WHOLE, name=name) for name in ("signs", "starting"))
         before = abs(self.work[place + (layout.rows + layout.watched_at)]) * AT_REST
         numbers = self.t, self.taylor.scale, self.rtol, before, place
-        function = watched.values, watched.value_numbers, watched.tilts
+        function = watched.values, watched.own_numbers, watched.tilts
         memory = there, series, signs, starting, *self.memory.handed[1:]
         self.leave_if(~p.call(sides_at_start(layout), *numbers, *function, *memory))
+        with p.loop(0, watched.record.surfaces) as i:
+            self.leave_if(~signs[i].equals(watched.side(SIGN)[i]))
         return signs, starting
 
     def commit(self, place: Whole, number: Whole, there: Memory, signs: Memory, starting: Memory) -> None:

@@ -21,6 +21,7 @@ from lagrange.procedure.taylor.constants import (
     SHORTEST_SCALE,
     STEP_GROWTH,
 )
+from lagrange.procedure.taylor.crossing import cross_surface
 from lagrange.procedure.taylor.defect_test import defect_along_step, retries_exhausted, retry_shorter
 from lagrange.procedure.taylor.events_on_step import GO_ON, WAIT, inspect_step
 from lagrange.procedure.taylor.floors import raise_floors
@@ -121,7 +122,7 @@ class _TaylorStep:
         with p.when(
             self.ends & (abs(h) > STEP_GROWTH * abs(self.held.h)) & ~retries_exhausted(self.taylor), likely=False
         ):
-            jet = self.given.jet, self.given.prepared, self.given.constants
+            jet = self.given.jet, *self.given.numbers
             numbers = run.rtol, self.given.floors, self.t, self.scale, s
             with p.when(~p.call(defect_along_step(self.layout), *jet, *numbers, *series.handed)):
                 p.call(retry_shorter(), self.counts, self.taylor, h)
@@ -139,10 +140,15 @@ class _TaylorStep:
         """Do what is due at the state, if that can be done here."""
         p, given, record = self.p, self.given, watched.record
         with p.when(~record.due.equals(0) & ~record.enabled.equals(0), likely=False):
-            jet = given.jet, given.prepared, given.constants
-            records = self.t, self.run.rtol, self.counts, self.taylor, given.times, given.rows
-            done = p.call(reset_state(self.layout), *jet, *records, *watched.handed, *self.series.handed)
-            p.leave_if(done, Outcome.PAUSED)
+            records, kept = (self.t, self.run.rtol, self.counts, self.taylor), (*watched.handed, *self.series.handed)
+            done = p.variable(p.false, "done")
+            with p.when(watched.is_event(record.due - 1)) as ways:
+                written = given.times, given.rows
+                done.value = p.call(reset_state(self.layout), given.jet, *given.numbers, *records, *written, *kept)
+            with ways.otherwise():
+                jet = given.jet, given.prepared, given.constants
+                done.value = p.call(cross_surface(self.layout), *jet, *records, *kept)
+            p.leave_if(done.value, Outcome.PAUSED)
 
     def inspect(self, watched: Watched, s: Real, h: Real, final: Flag) -> tuple[Real, Real, Flag]:
         """Find what vanishes on the step; return how long it may be, in both units, and whether it is the last.

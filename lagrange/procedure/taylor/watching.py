@@ -31,6 +31,9 @@ WATCH = Record.of(
     jumps=WHOLE,
     planned=WHOLE,
     unproven=WHOLE,
+    combination=WHOLE,
+    numbers=WHOLE,
+    switches=WHOLE,
     changed=REAL,
     changed_at=WHOLE,
 )
@@ -46,6 +49,9 @@ WATCH = Record.of(
     jumps        how often the state was reset
     planned      the number of accepted steps behind which a step planned elsewhere is proven
     unproven     1 where the sides before the step that is not proven are kept: others are at its end
+    combination  the sides that hold as a binary number, 1 for above: the first surface is the last digit; or -1
+    numbers      where in the arrays of numbers those for these sides begin
+    switches     how many changes of sides are written
     changed      when the motion changed last, and `changed_at` what vanished then, by its place
 """
 
@@ -75,12 +81,21 @@ class Watched:
         self.settings = p.array("settings", WHOLE, read=True)
         self.event_times, self.event_states = p.array("event_times"), p.array("event_states", room=layout.block)
         self.event_places = p.array("event_places", WHOLE)
+        self.combinations = p.array("combinations", WHOLE, read=True)
+        self.switch_rows = p.array("switch_rows", WHOLE)
+        self.switch_combinations = p.array("switch_combinations", WHOLE)
+
+    @property
+    def own_numbers(self) -> Memory:
+        """The numbers of what is watched with the sides that hold."""
+        return self.value_numbers.at(self.record.numbers)
 
     @property
     def handed(self) -> tuple[Any, ...]:
         """The arguments for another procedure."""
         functions = self.values, self.resets, self.value_numbers, self.reset_numbers, self.tilts
-        return (self.record, *functions, self.sides, self.settings, *self.events)
+        switches = self.combinations, self.switch_rows, self.switch_combinations
+        return (self.record, *functions, self.sides, self.settings, *self.events, *switches)
 
     @property
     def events(self) -> tuple[Memory, ...]:

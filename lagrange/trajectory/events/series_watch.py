@@ -53,16 +53,9 @@ class Watch(SharedWatch):
     ) -> None:
         self.steep, self.hidden = series.program.watched_degree > order, series.program.hides_growth
         super().__init__(series, driver, parameters, impacts, enabled=not (self.steep or self.hidden))
-        self.series, self.order, self.driver, self.parameters = series, order, driver, parameters
+        self.series, self.order, self.driver = series, order, driver
         self.names, self.continuations = names, continuations
-        self.sides = np.zeros(self.surfaces)
-        self.epochs: list[tuple[int, FloatArray]] = []
         self._last: tuple[object, Look] | None = None
-
-    @property
-    def values(self) -> FloatArray:
-        """The parameters, then the sides."""
-        return np.concatenate([self.parameters, self.sides])
 
     def begin(self, state: DriverState) -> EventResult:
         """Begin at the start of the run: the loop finds the sides there, or asks for them."""

@@ -33,12 +33,19 @@ class SharedWatch(Record):
         self.pending: list[Meeting] = []
         self.planned = PlannedStep()
         self.crowd = Crowd()
+        self.parameters, self.sides = parameters, np.zeros(self.surfaces)
+        self.epochs: list[tuple[int, FloatArray]] = []
         reactions = [Reaction(one.direction, one.terminal, one.first, one.rows, one.root) for one in self.impacts]
         resets = next((one.kernel for one in self.impacts if one.kernel is not None), None)
         values, size = series.values if enabled else None, 2 * series.program.dimension
         self._memory = EventMemory(size, self.surfaces, reactions, values, resets, parameters)
         self.enabled = enabled
         driver.watch(self._memory)
+
+    @property
+    def values(self) -> FloatArray:
+        """The parameters, then the sides."""
+        return np.concatenate([self.parameters, self.sides])
 
     @property
     def jumps(self) -> int:
@@ -85,6 +92,9 @@ class SharedWatch(Record):
             self.pending = [Meeting(record.due - 1, Root(0.0, record.direction))]
             self.planned = PlannedStep(state.count(DriverState.STEPS))
             record.due = 0
+        for row, sides in memory.switched():
+            self.sides = sides
+            self.epochs.append((row, self.values))
         if record.changed != self.crowd.last:
             self.crowd.begin(record.changed, record.changed_at)
 

@@ -1,0 +1,104 @@
+"""What happens at a surface to which a Taylor step has led: the equations go on with its other side."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import Any
+
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
+from lagrange.procedure.step.constants import EARLIEST
+from lagrange.procedure.step.run import COUNTS
+from lagrange.procedure.taylor.constants import CLOSEST
+from lagrange.procedure.taylor.memory import JET, TAYLOR, SeriesMemory, TaylorLayout, work_array
+from lagrange.procedure.taylor.resets import sides_at_start
+from lagrange.procedure.taylor.watching import NEAR, SIGN, STARTING, Watched
+from lagrange.procedure.values import Flag, Memory, Whole
+
+
+@cache
+def cross_surface(layout: TaylorLayout) -> Procedure:
+    """Return what crosses the surface that is due at the state, if the motion leaves to its other side at once.
+
+    It returns whether that was done; otherwise nothing has changed.
+    """
+    return _Crossing(layout).build()
+
+
+class _Crossing:
+    """Builds the procedure."""
+
+    def __init__(self, layout: TaylorLayout) -> None:
+        self.p = p = Builder("cross_surface", "Go on with the other side of a surface, if possible.", apart=True)
+        self.layout = layout
+        self.jet = p.function("jet", JET)
+        self.prepared, self.constants = p.array("prepared", read=True), p.array("constants", read=True)
+        self.t, self.rtol = p.given("t", REAL), p.given("rtol", REAL)
+        self.counts: Any = p.record("counts", COUNTS)
+        self.taylor: Any = p.record("taylor", TAYLOR)
+        self.watched = Watched(p, layout)
+        self.memory = SeriesMemory(p, layout, work_array(p, layout))
+
+    def build(self) -> Procedure:
+        p, record = self.p, self.watched.record
+        place = (record.due - 1).called("place")
+        since = abs(self.t - record.changed)
+        self.leave_if(~(since > CLOSEST * p.larger(abs(self.t), EARLIEST)) | (record.combination < 0))
+        self.leave_if(record.switches >= record.room)
+        other = self.other_side(place)
+        numbers = self.watched.combinations[other].called("numbers")
+        self.leave_if(numbers < 0)
+        self.leave_unless_consistent(place, numbers)
+        self.commit(place, other, numbers)
+        p.leave(p.true)
+        return p.finish(FLAG)
+
+    def leave_if(self, condition: Flag) -> None:
+        """Leave what is due to who watches on a condition."""
+        self.p.leave_if(condition, self.p.false)
+
+    def other_side(self, place: Whole) -> Whole:
+        """Return the combination of sides with the other one of a surface, as a binary number: 1 is the side above."""
+        p, record = self.p, self.watched.record
+        power = p.variable(1)
+        with p.loop(0, place):
+            power.value = power.value * 2
+        combination = record.combination
+        above = combination // power.value - (combination // (power.value * 2)) * 2
+        self.leave_if(~record.direction.equals(1 - above * 2))
+        found: Whole = combination + (1 - above * 2) * power.value
+        return found
+
+    def leave_unless_consistent(self, place: Whole, numbers: Whole) -> None:
+        """Leave unless the motion with the other side goes there, and is on no other surface."""
+        p, layout, watched, work = self.p, self.layout, self.watched, self.memory.work
+        there = work.at(p.whole(layout.ahead(self.memory.order)))
+        with p.loop(0, 2 * layout.padded) as i:
+            there[i] = work[i]
+        series, scale = there.at(layout.rows), self.taylor.scale
+        own = self.prepared.at(numbers), self.constants.at(numbers)
+        self.leave_if(self.jet(self.t, scale, there, *own, series, self.memory.order))
+        signs, starting = (p.reserve(layout.watched, WHOLE, name=name) for name in ("signs", "starting"))
+        function = watched.values, watched.value_numbers.at(numbers), watched.tilts
+        given = self.t, scale, self.rtol, math.inf, place
+        memory = there, series, signs, starting, *self.memory.handed[1:]
+        self.leave_if(~p.call(sides_at_start(layout), *given, *function, *memory))
+        self.leave_if(~starting[place].equals(1))
+        with p.loop(0, watched.record.surfaces) as i:
+            expected = p.choose(i.equals(place), watched.record.direction, watched.side(SIGN)[i])
+            self.leave_if(~signs[i].equals(expected))
+
+    def commit(self, place: Whole, other: Whole, numbers: Whole) -> None:
+        """Go on with the other side, and write where it begins to hold."""
+        p, watched, record = self.p, self.watched, self.watched.record
+        record.combination, record.numbers = other, numbers
+        slot: Whole = record.switches
+        watched.switch_rows[slot], watched.switch_combinations[slot] = self.counts.steps + record.jumps, other
+        record.switches = slot + 1
+        starting: Memory = watched.side(STARTING)
+        with p.loop(0, self.layout.watched) as i:
+            starting[i] = p.whole(i.equals(place))
+        watched.side(SIGN)[place], watched.side(NEAR)[place] = record.direction, 0
+        record.changed, record.changed_at, record.due = self.t, place, 0
+        self.taylor.next_limit, self.taylor.inspect = math.inf, 1
