@@ -208,20 +208,19 @@ def interpreted(
 
     def advance(budget: int, times: Any, rows: Any) -> Outcome:
         floors = state.reals[S.FLOORS :]
-        known = () if layout.order else (order,)
         output = state.outputs.record, state.outputs.times, state.outputs.states.ravel()
         kept = state.taylor, floors, held, *output
-        (found,) = run(procedure, jet, *numbers, *records, *kept, times, rows.ravel(), budget, work, *known)
+        (found,) = run(procedure, jet, *numbers, *records, *kept, times, rows.ravel(), budget, work, order)
         state.y[:] = work[: layout.dimension]
         return Outcome(found)
 
     return advance
 
 
-@pytest.mark.parametrize(("order", "known"), [(7, True), (7, False)])
+@pytest.mark.parametrize(("order", "known"), [(4, True), (5, True), (6, True), (7, True), (8, True), (7, False)])
 @pytest.mark.parametrize("name", ["late", "bump", "thrown", "driven", "pole", "blocks", "wall", "three"])
 def test_machine_code_takes_the_steps_of_the_interpreter(name: str, order: int, known: bool) -> None:
-    """States of two entries, of four and of more, with an order that is known to the code and for any."""
+    """States of two entries, of four and of more, with a series that is written out for an order and one for any."""
     statement = STATED[name]()
     program = series_program(euler_lagrange(statement))[0]
     given = np.array([*(statement.defaults[p] for p in statement.parameters), *[1.0] * program.sides])

@@ -37,7 +37,7 @@ class Module(Shared):
     """Machine code with the functions of one IR text; it owns the memory that its addresses point to."""
 
     def __init__(self, text: str, *, optimize: bool = False, merge: bool = False, quickly: bool = False) -> None:
-        """Compile a text: with LLVM's passes over loops to `optimize`, or in a `hurry`, for code that runs rarely.
+        """Compile a text: with LLVM's passes over loops to `optimize`, or `quickly`, for code that runs rarely.
 
         To `merge` is to put procedures that say so into their callers and their own arrays into registers, no more.
         """
@@ -49,8 +49,7 @@ class Module(Shared):
         elif merge:
             _merge(parsed, machine)
         self.ir = text
-        self._engine = llvm.create_mcjit_compiler(parsed, machine)
-        self._engine.finalize_object()
+        self._engine = _loaded(machine.emit_object(parsed))
         self._addresses: dict[str, int] = {}
 
     def address(self, name: str) -> int:
@@ -58,6 +57,15 @@ class Module(Shared):
         if name not in self._addresses:
             self._addresses[name] = int(self._engine.get_function_address(name))
         return self._addresses[name]
+
+
+def _loaded(code: bytes) -> Any:
+    """Return an engine that has linked some object code, and owns its memory."""
+    # An engine destroys its target machine with itself; this one compiles nothing.
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), llvm.Target.from_default_triple().create_target_machine())
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    return engine
 
 
 def _optimize(module: Any, machine: Any) -> None:
@@ -151,8 +159,9 @@ def vector_routines() -> dict[str, str]:
     return {op: name for op, name in names.items() if hasattr(routines, name)}
 
 
+@cache
 def _target_machine(effort: int = 2) -> Any:
-    """Return a new target machine: the engine that takes one destroys it with itself."""
+    """Return the target machine of an effort: one for all modules, for it knows how to select instructions by then."""
     start()
     features = llvm.get_host_cpu_features().flatten()
     return llvm.Target.from_default_triple().create_target_machine(

@@ -130,7 +130,7 @@ class NumpyTaylorDriver:
     def __init__(self, series: NumpySeries, order: int, parameters: FloatArray) -> None:
         self._series, self._order, self._parameters = series, order, parameters
         dimension, watched = 2 * series.program.dimension, len(series.program.watched)
-        self._layout = TaylorLayout(dimension, 0, dimension + watched, watched, dimension, block=1)
+        self._layout = TaylorLayout(dimension, dimension + watched, watched, dimension, block=1)
         self._work = np.zeros(self._layout.size(order))
         self._held = HELD.structure()
         self._memory: EventMemory | None = None

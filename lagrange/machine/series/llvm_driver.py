@@ -153,8 +153,8 @@ class CompiledJet:
         self._table = VectorConstants(self.program.numbers, inverse_size(self.program))
         jet: UnrolledJet | LoopedJet
         if order:
-            self.layout = unrolled_layout(self.program, order)
-            jet = UnrolledJet(packing, self._table, self.layout)
+            self.layout = unrolled_layout(self.program)
+            jet = UnrolledJet(packing, self._table, self.layout, order)
         else:
             slots = Slots(packing, looped_layout(self.program, 0).width)
             self.layout = looped_layout(self.program, slots.size)
@@ -228,9 +228,7 @@ class LlvmTaylorDriver:
         self._held = HELD.structure()
         self._arguments = np.zeros(len(self._steps.places), dtype=np.int64)
         self._entries: Any = self._arguments.data
-        self._give(jet=compiled.address, work=address(self._work), held=ctypes.addressof(self._held))
-        if not compiled.layout.order:
-            self._give(order=order)
+        self._give(jet=compiled.address, work=address(self._work), held=ctypes.addressof(self._held), order=order)
         self._place, self._budget = address(self._arguments), self._steps.places["budget"]
         self._state: DriverState | None = None
         self._memory: EventMemory | None = None

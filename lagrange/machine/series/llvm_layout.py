@@ -31,18 +31,18 @@ def scratch_size(program: SeriesProgram) -> int:
     return sum(padded(n) ** 2 + n * n + work_size(n) for n in sizes)
 
 
-def unrolled_layout(program: SeriesProgram, order: int) -> TaylorLayout:
-    """Return where things stand for a jet that is written out."""
-    return _layout(program, order, 0, 0)
+def unrolled_layout(program: SeriesProgram) -> TaylorLayout:
+    """Return where things stand for a jet that is written out, for all orders."""
+    return _layout(program, 0, 0, chains=True)
 
 
 def looped_layout(program: SeriesProgram, width: int) -> TaylorLayout:
     """Return where things stand for a jet in loops, with rows of that width or of q, v and what is watched."""
-    return _layout(program, 0, width, scratch_size(program))
+    return _layout(program, width, scratch_size(program), chains=False)
 
 
-def _layout(program: SeriesProgram, order: int, width: int, scratch: int) -> TaylorLayout:
+def _layout(program: SeriesProgram, width: int, scratch: int, *, chains: bool) -> TaylorLayout:
     dimension, watched = 2 * program.dimension, len(program.watched)
     block = 2 if dimension <= 2 else 4 if dimension <= 4 else 8
     end = whole_blocks(dimension, block)
-    return TaylorLayout(dimension, order, width or end + watched, watched, end, block, scratch)
+    return TaylorLayout(dimension, width or end + watched, watched, end, block, scratch, chains)

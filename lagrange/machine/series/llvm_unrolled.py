@@ -42,8 +42,8 @@ A later coefficient contributes so little to a step that the bias of its roundin
 class UnrolledJet:
     """Emits the function. `x` has the coefficients of each chunk, by chunk and order; k is the order at hand."""
 
-    def __init__(self, packing: Packing, table: VectorConstants, layout: TaylorLayout) -> None:
-        self.packing, self.table, self.order, self.width = packing, table, layout.order, layout.width
+    def __init__(self, packing: Packing, table: VectorConstants, layout: TaylorLayout, order: int) -> None:
+        self.packing, self.table, self.order, self.width = packing, table, order, layout.width
         self.origin = OrderZero(packing, layout.padded)
         self.e: Emitter = self.origin.e
         self.do = VectorArithmetic(self.e)

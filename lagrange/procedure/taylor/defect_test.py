@@ -107,7 +107,7 @@ def record_step(layout: TaylorLayout) -> Procedure:
     with p.when(~counts.record.equals(0)):
         row = counts.rows
         times[row] = run.t
-        target, whole = rows.at(row * layout.dimension), bool(layout.order)
+        target, whole = rows.at(row * layout.dimension), layout.chains
         p.copy(work, target, layout.dimension, width=layout.block, spill=False, unrolled=whole)
         counts.rows = row + 1
     return p.finish()

@@ -64,12 +64,12 @@ class TaylorLayout:
     """
 
     dimension: int
-    order: int
     width: int
     watched: int
     watched_at: int
     block: int
     scratch: int = 0
+    chains: bool = False
 
     @property
     def padded(self) -> int:
@@ -117,27 +117,25 @@ class TaylorLayout:
 
 
 class SeriesMemory:
-    """The work array of a procedure, and the order of its series: a Python number, or the last argument."""
+    """The work array of a procedure, and the order of its series, which is the last argument and at least 4."""
 
     def __init__(self, p: Builder, layout: TaylorLayout, work: Memory) -> None:
         self.p, self.layout, self.work = p, layout, work
-        self.order: Any = layout.order or p.given("order", WHOLE)
+        self.order: Whole = p.given("order", WHOLE)
 
     @property
     def handed(self) -> tuple[Any, ...]:
-        """The last arguments for another procedure: the work array, and the order if it is one."""
-        return (self.work,) if self.layout.order else (self.work, self.order)
+        """The last arguments for another procedure: the work array and the order."""
+        return self.work, self.order
 
-    def less(self, count: int) -> Any:
+    def less(self, count: int) -> Whole:
         """Return the order minus a number, at least 1."""
-        if self.layout.order:
-            return max(self.order - count, 1)
         k: Whole = self.order - count
         return self.p.larger(k, 1) if count > 1 else k
 
-    def minus_one_over(self, k: Any) -> Any:
+    def minus_one_over(self, k: Whole) -> Real:
         """Return -1 over an order."""
-        return -1.0 / k if isinstance(k, int) else -1.0 / self.p.real(k)
+        return -1.0 / self.p.real(k)
 
     def row(self, k: Any) -> Memory:
         """Return the coefficients of an order."""
@@ -160,7 +158,7 @@ class SeriesMemory:
 @contextmanager
 def entries(p: Builder, layout: TaylorLayout, start: int = 0) -> Iterator[Whole]:
     """Go through the entries of vectors from a place on, in blocks."""
-    with p.each(layout.padded - start, width=layout.block, spill=True, unrolled=bool(layout.order)) as i:
+    with p.each(layout.padded - start, width=layout.block, spill=True, unrolled=layout.chains) as i:
         yield i
 
 

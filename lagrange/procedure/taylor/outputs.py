@@ -39,7 +39,7 @@ def write_outputs(layout: TaylorLayout) -> Procedure:
         s: Real = p.choose(since.equals(0.0), 0.0, since - low) * inverse
         sums = increment(run, s)
         target = states.at(k.value * layout.dimension)
-        with p.each(layout.dimension, width=layout.block, unrolled=bool(layout.order)) as i:
+        with p.each(layout.dimension, width=layout.block, unrolled=layout.chains) as i:
             target[i] = before[i] + (sums(i) + lost[i])
         k.value = k.value + 1
     outputs.ahead = k.value

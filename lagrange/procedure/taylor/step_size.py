@@ -97,7 +97,7 @@ class _Exponent:
         p, run = self.p, self.run
         early, late = self.sizes[less + ROW_DISTANCE], self.sizes[less]
         span = run.less(less) - run.less(less + ROW_DISTANCE)
-        share = 1.0 / max(span, 1) if isinstance(span, int) else 1.0 / p.real(span)
+        share = 1.0 / p.real(span)
         none = p.choose(early < late, early, late) < ZERO_BOUND
         found: Real = p.choose(none, math.inf, (early - late) * share)
         return found

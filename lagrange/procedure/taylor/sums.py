@@ -25,7 +25,7 @@ def advance(layout: TaylorLayout) -> Procedure:
     run = SeriesMemory(p, layout, work_array(p, layout))
     new, lost = (p.reserve(layout.padded, room=layout.block, name=name) for name in ("new", "lost"))
     state, low, slopes = (run.work.at(place) for place in (0, layout.lost, layout.slope))
-    chains = _Chains(run, s) if layout.order else None
+    chains = _Chains(run, s) if layout.chains else None
     if chains is not None:
         chains.write_slopes(longer)
     with run.entries() as i:
@@ -51,29 +51,41 @@ def advance(layout: TaylorLayout) -> Procedure:
     return p.finish(FLAG)
 
 
+FIRST = (1, 2, 3, 4)
+"""The first orders of the chains of a sum."""
+
+
 class _Chains:
-    """Sums of a series of known order: four chains in s**4, which take a quarter of the time of one."""
+    """Sums of a series in four chains in s**4, which take a quarter of the time of one."""
 
     def __init__(self, run: SeriesMemory, s: Real) -> None:
         self.run, self.p, self.s = run, run.p, s
         self.square = s * s
         self.fourth = self.square * self.square
-        self.rows = [run.row(k) for k in range(run.layout.order + 1)]
 
     def increment(self, i: Whole) -> Real:
         """Return the sum of x[k] s**k over k > 0."""
-        p, chains = self.p, [self._chain(first, i) for first in (1, 2, 3, 4)]
+        p, chains = self.p, self._chains(i)
         odd, even = (p.fma(self.square, chains[k + 2], chains[k]) for k in (0, 1))
         found: Real = p.fma(self.s, odd, self.square * even)
         return found
 
-    def _chain(self, first: int, i: Whole) -> Real:
-        """Return the sum of x[k] s**(k - first) over k = first, first + 4, ..."""
-        *others, last = self.rows[first::4]
-        total = last[i]
-        for row in reversed(others):
-            total = self.p.fma(total, self.fourth, row[i])
-        return self.p.real(total)
+    def _chains(self, i: Whole) -> list[Any]:
+        """Return the sums of x[k] s**(k - first) over k = first, first + 4, ... for each first order.
+
+        The chains with a coefficient more than the others begin one step earlier.
+        """
+        p, run, count = self.p, self.run, len(FIRST)
+        steps = run.order // count
+        longer = run.order - steps * count
+        chains = []
+        for first in FIRST:
+            top, below = (run.row(first + count * (steps - less))[i] for less in (0, 1))
+            chains.append(p.variable(p.choose(longer >= first, p.fma(top, self.fourth, below), below)))
+        with p.loop(2, steps + 1) as j:
+            for first, chain in zip(FIRST, chains, strict=True):
+                chain.value = p.fma(chain.value, self.fourth, run.row(first + count * (steps - j))[i])
+        return [chain.value for chain in chains]
 
     def write_slopes(self, longer: Real) -> None:
         """Write the sums of k x[k] s**(k - 1), by Horner's rule for a polynomial and its derivative.
@@ -82,18 +94,17 @@ class _Chains:
         """
         run, p, begin = self.run, self.p, self.run.layout.moving
         slopes = run.work.at(run.layout.slope + begin)
-        rows = [row.at(begin) for row in self.rows]
         with run.entries(begin) as i:
-            total, slope = rows[-1][i], p.constant(0.0, REAL)
-            for row in reversed(rows[1:-1]):
-                slope = p.fma(slope, self.s, total)
-                total = p.fma(total, self.s, row[i])
-            slopes[i] = p.fma(slope, self.s, total) * longer
+            total, slope = p.variable(run.row(run.order).at(begin)[i]), p.variable(0.0)
+            with p.loop(1, run.order) as j:
+                slope.value = p.fma(slope.value, self.s, total.value)
+                total.value = p.fma(total.value, self.s, run.row(run.order - j).at(begin)[i])
+            slopes[i] = p.fma(slope.value, self.s, total.value) * longer
 
 
 def increment(run: SeriesMemory, s: Real) -> Callable[[Whole], Real]:
     """Return a function from an entry to its sum of x[k] s**k over k > 0."""
-    if run.layout.order:
+    if run.layout.chains:
         return _Chains(run, s).increment
     return lambda i: horner(run, s, i)[0]
 
