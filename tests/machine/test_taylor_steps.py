@@ -241,7 +241,7 @@ def test_machine_code_takes_the_steps_of_the_interpreter(name: str, order: int, 
         assert (rows[0, :count] == rows[1, :count]).all()
         if outcome is not Outcome.PAUSED:
             break
-    assert name != "bump" or ours.count(S.REJECTED) > 0
+    assert name != "bump" or order < 7 or ours.count(S.REJECTED) > 0
 
 
 def test_what_is_probed_does_not_depend_on_how_a_run_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:

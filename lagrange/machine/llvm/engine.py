@@ -62,7 +62,8 @@ class Module(Shared):
 def _loaded(code: bytes) -> Any:
     """Return an engine that has linked some object code, and owns its memory."""
     # An engine destroys its target machine with itself; this one compiles nothing.
-    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), llvm.Target.from_default_triple().create_target_machine())
+    idle = llvm.Target.from_default_triple().create_target_machine()
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), idle)
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
     return engine

@@ -28,6 +28,7 @@ from lagrange.machine.llvm.engine import Module, inversion, lanes, linear_solver
 from lagrange.machine.llvm.procedures import declaration
 from lagrange.machine.llvm.sine_cosine import angle_function
 from lagrange.machine.llvm.spelling import intrinsics, library_functions
+from lagrange.machine.llvm.tiers import TieredModule
 from lagrange.machine.series.constants import constants
 from lagrange.machine.series.cost import cheapest_order, is_large
 from lagrange.machine.series.llvm_jet import ANGLES_AT_ONCE, VectorConstants, shares_wide_angles
@@ -164,16 +165,26 @@ class CompiledJet:
             linear_solver(often=False)
         elif called:
             inversion()
-        self._module = Module(series_ir(self.program, text, called))
-        self._prepare = _PREPARE(self._module.address(f"{self.program.start.name}_prepare"))
-        self.address = self._module.address("jet")
-        self._series = _SERIES(self.address)
+        ir, prepare = series_ir(self.program, text, called), f"{self.program.start.name}_prepare"
+        # Loops run more slowly where they are compiled quickly, and serve all orders.
+        self.tiers = TieredModule(ir, "jet") if order else None
+        self._module = self.tiers.quick if self.tiers else Module(ir)
+        self._prepare = _PREPARE(self._module.address(prepare))
         self._prepared: tuple[bytes, tuple[FloatArray, FloatArray]] | None = None
 
     @property
     def ir(self) -> str:
         """The LLVM IR."""
         return self._module.ir
+
+    @property
+    def address(self) -> int:
+        """Address of the jet, which may change when it has taken many steps."""
+        return self.tiers.address if self.tiers else self._module.address("jet")
+
+    @property
+    def _series(self) -> Any:
+        return _SERIES(self.address)
 
     def numbers(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the two arrays of numbers that do not change along a run: `p` and `c`. Raises SingularMassMatrix."""
@@ -228,7 +239,8 @@ class LlvmTaylorDriver:
         self._held = HELD.structure()
         self._arguments = np.zeros(len(self._steps.places), dtype=np.int64)
         self._entries: Any = self._arguments.data
-        self._give(jet=compiled.address, work=address(self._work), held=ctypes.addressof(self._held), order=order)
+        self._give(work=address(self._work), held=ctypes.addressof(self._held), order=order)
+        self._use_tiers()
         self._place, self._budget = address(self._arguments), self._steps.places["budget"]
         self._state: DriverState | None = None
         self._memory: EventMemory | None = None
@@ -240,6 +252,19 @@ class LlvmTaylorDriver:
         entries, places = self._entries, self._steps.places
         for name, value in arguments.items():
             entries[places[name]] = value
+
+    def _use_tiers(self) -> None:
+        """Go on with the code that there is by now."""
+        self._give(jet=self._compiled.address)
+        self._run = self._steps.run
+        self._tiers = [tiers for tiers in (self._compiled.tiers, self._steps.module) if tiers and not tiers.is_final]
+
+    def _count(self, steps: int) -> None:
+        """Count steps, some of which may have been taken by code that was compiled quickly."""
+        for tiers in self._tiers:
+            tiers.count(steps)
+        if any(tiers.is_final for tiers in self._tiers):
+            self._use_tiers()
 
     def use(self, parameters: FloatArray) -> None:
         """Go on with other numbers; see `TaylorDriver`."""
@@ -303,7 +328,10 @@ class LlvmTaylorDriver:
         self._entries[self._budget] = budget
         if state.integers[DriverState.RECORD]:
             self._give(times=address(times), rows=address(rows))
-        outcome: Outcome = OUTCOMES[self._steps.run(self._place)]
+        before = state.integers[DriverState.STEPS]
+        outcome: Outcome = OUTCOMES[self._run(self._place)]
+        if self._tiers:
+            self._count(state.integers[DriverState.STEPS] - before)
         if foreign:
             state.y[:] = self._y
         return outcome

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import ctypes
 from functools import lru_cache
+from typing import Any
 
 from lagrange.machine.llvm.emitter import Emitter
-from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.operations import declarations
 from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA, argument_type, function, result_type
+from lagrange.machine.llvm.tiers import TieredModule
 from lagrange.procedure.form import Procedure
 from lagrange.procedure.taylor.loop import taylor_steps
 from lagrange.procedure.taylor.memory import TaylorLayout
@@ -22,8 +23,12 @@ class CompiledSteps:
     def __init__(self, layout: TaylorLayout) -> None:
         procedure = taylor_steps(layout)
         self.places = {parameter.name: place for place, parameter in enumerate(procedure.parameters)}
-        self.module = Module(steps_ir(procedure), merge=True)
-        self.run = _RUN(self.module.address("run"))
+        self.module = TieredModule(steps_ir(procedure), "run", merge=True)
+
+    @property
+    def run(self) -> Any:
+        """The loop, as a function of the address of its arguments."""
+        return _RUN(self.module.address)
 
 
 @lru_cache(maxsize=64)

@@ -13,7 +13,6 @@ import ctypes
 from collections import Counter
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +22,9 @@ from lagrange.machine.kernel import llvm_calling
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
 from lagrange.machine.llvm.address import address, workspace
 from lagrange.machine.llvm.emitter import Emitter
-from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.operations import declarations
 from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA, function
+from lagrange.machine.llvm.tiers import TieredModule
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.procedure.form import Procedure, calls
 from lagrange.procedure.step.controlled_steps import steps_of
@@ -41,7 +40,8 @@ class LlvmDriver:
     ) -> None:
         self._kernel = kernel
         self._code = _compiled(step, kernel.program.states)
-        self._drive, self._places = self._code.drive, self._code.places
+        self._drive, self._places = _DRIVE(self._code.module.address), self._code.places
+        self._quick = not self._code.module.is_final
         self._prepared = kernel.prepare(parameters)
         self._work = workspace(self._code.layout.size)
         self._fixed: tuple[int | None, ...] = (kernel.law_address, address(self._prepared), None, None)
@@ -61,9 +61,18 @@ class LlvmDriver:
         recorded = (address(times), address(rows)) if state.counts[DriverState.RECORD] else (None, None)
         if state is not self._state:
             self._state, self._records = state, (address(state.reals), address(state.counts))
+        before = state.integers[DriverState.STEPS]
         outcome = self._drive(*self._fixed, *self._records, self._work_address, budget, *recorded)
+        if self._quick:
+            self._count(state.integers[DriverState.STEPS] - before)
         state.y[:] = self._work[self._places]
         return Outcome(outcome)
+
+    def _count(self, steps: int) -> None:
+        """Count steps taken by code that was compiled quickly, and go on with the code that there is by now."""
+        self._code.module.count(steps)
+        if self._code.module.is_final:
+            self._drive, self._quick = _DRIVE(self._code.module.address), False
 
     def kept(self) -> tuple[Kept, ...]:
         """Return what each solve of the steps keeps, and behind them each of the starter."""
@@ -85,13 +94,12 @@ _DRIVE = ctypes.CFUNCTYPE(ctypes.c_int32, *([ctypes.c_void_p] * 7), ctypes.c_int
 
 @dataclass(frozen=True, eq=False)
 class _Code:
-    """A driver in machine code: its function, what is where in `work`, and the places of the state there.
+    """A driver in machine code, what is where in `work`, and the places of the state there.
 
     The state is one vector, or coordinates and velocities each padded to whole blocks.
     """
 
-    module: Module
-    drive: Any
+    module: TieredModule
     layout: Layout
     places: NDArray[np.intp]
 
@@ -101,8 +109,7 @@ def _compiled(step: StepProgram, dimension: int) -> _Code:
     layout, n = laid_out(step, dimension), dimension // 2
     second = layout.width if step.partitioned else n
     places = np.array([*range(n), *range(second, second + n)])
-    module = Module(driver_ir(step, dimension), optimize=True)
-    return _Code(module, _DRIVE(module.address("drive")), layout, places)
+    return _Code(TieredModule(driver_ir(step, dimension), "drive", optimize=True), layout, places)
 
 
 def driver_ir(step: StepProgram, dimension: int) -> str:

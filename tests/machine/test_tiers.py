@@ -1,0 +1,105 @@
+"""Tiered compilation: quick code first, code that is compiled well after many steps, and the same bits from both."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import lagrange as lg
+from lagrange.equations.euler_lagrange import euler_lagrange
+from lagrange.machine.llvm import tiers
+from lagrange.machine.llvm.engine import Module
+from lagrange.machine.series.llvm_driver import LlvmSeries
+from lagrange.machine.series.llvm_steps import compiled_steps
+from lagrange.machine.steps import llvm_driver
+from lagrange.program.taylor import series_program
+from tests.models import SYSTEMS
+
+TOLERANCES = [10.0**-k for k in range(3, 17)]
+
+
+@pytest.fixture
+def made(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Return a list that gets the text of each module that is compiled."""
+    found = []
+    compiling = Module.__init__
+
+    def noted(self: Module, text: str, **how: bool) -> None:
+        found.append(text)
+        compiling(self, text, **how)
+
+    monkeypatch.setattr(Module, "__init__", noted)
+    return found
+
+
+def pendulum() -> lg.System:
+    theta = lg.coordinate("theta")
+    return lg.System(kinetic=theta.dot**2 / 2, potential=-sp.cos(theta), initial={theta: 1.0}, name="pendulum")
+
+
+def ran(model: Any, method: str, **options: Any) -> tuple[bytes, bytes]:
+    found = lg.integrate(model, (0.0, 9.0), method=method, **options)
+    assert found.status is lg.Status.SUCCESS
+    return found.t.tobytes(), found.y.tobytes()
+
+
+RUNS = {"taylor": {"rtol": 1e-9}, "dop853": {"rtol": 1e-7}, "rk4": {"step": 0.01}, "radau5": {"rtol": 1e-6}}
+
+
+@pytest.mark.parametrize("method", RUNS)
+def test_code_that_is_compiled_well_gives_the_same_bits(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first run is of quick code, the second one passes the number of steps, and the third is of the other code."""
+    compiled_steps.cache_clear()
+    llvm_driver._compiled.cache_clear()
+    model = pendulum().compile(check=False)
+    first = ran(model, method, **RUNS[method])
+    monkeypatch.setattr(tiers, "STEPS", 1)
+    compiled_steps.cache_clear()
+    llvm_driver._compiled.cache_clear()
+    fresh = pendulum().compile(check=False)
+    assert [ran(fresh, method, **RUNS[method]) for _ in range(2)] == [first] * 2
+
+
+def test_a_series_is_compiled_well_behind_many_steps(made: list[str]) -> None:
+    program = series_program(euler_lagrange(SYSTEMS["Kepler orbit"]()))[0]
+    jet = LlvmSeries(program).compiled(9)
+    quick = jet.address
+    assert jet.tiers is not None
+    jet.tiers.count(tiers.STEPS - 1)
+    assert (len(made), jet.address, jet.tiers.is_final) == (1, quick, False)
+    jet.tiers.count(1)
+    assert made == [jet.ir] * 2
+    assert jet.address != quick
+    jet.tiers.count(tiers.STEPS)
+    assert jet.tiers.is_final
+    assert len(made) == 2
+
+
+def test_drivers_go_on_with_the_code_that_another_run_has_had_compiled(
+    made: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tiers, "STEPS", 400)
+    compiled_steps.cache_clear()
+    flow = lg.flow(pendulum().compile(check=False), method="taylor", rtol=1e-9, atol=1e-9)
+    y = np.array([1.0, 0.0])
+    ends = [flow(y, 0.0, 200.0).tobytes() for _ in range(3)]
+    assert ends[1:] == ends[:-1]
+    assert sum("@taylor_steps(" in text for text in made) == 2
+
+
+@pytest.mark.parametrize("watching", [False, True])
+def test_another_tolerance_compiles_its_series_once_and_no_loop_over_steps(watching: bool, made: list[str]) -> None:
+    """The loop serves all orders, with events too."""
+    theta = lg.coordinate("theta")
+    model = pendulum().compile(check=False)
+    events = [lg.Event(theta)] if watching else None
+    lg.integrate(model, (0.0, 3.0), rtol=1e-9, events=events)
+    made.clear()
+    for rtol in TOLERANCES:
+        lg.integrate(model, (0.0, 3.0), rtol=rtol, events=events)
+    series = [text for text in made if "@jet(" in text]
+    assert 8 < len(series) == len(dict.fromkeys(series))
+    assert not any("@taylor_steps(" in text for text in made)
