@@ -365,5 +365,5 @@ class _Inspection:
         """Write the state at a time on the step."""
         p, layout, work = self.p, self.layout, self.memory.work
         sums, lost = increment(self.memory, s), work.at(layout.lost)
-        with p.each(layout.dimension, width=layout.block, unrolled=bool(layout.order)) as i:
+        with p.each(layout.dimension, width=layout.block, unrolled=layout.chains) as i:
             to[i] = work[i] + (sums(i) + lost[i])

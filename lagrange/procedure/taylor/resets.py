@@ -46,7 +46,7 @@ def sides_at_start(layout: TaylorLayout) -> Procedure:
     function, numbers = p.function("values", FUNCTION), p.array("numbers", read=True)
     tilts, state, series = (p.array(name, read=True) for name in ("tilts", "state", "series"))
     signs, starting = p.array("signs", WHOLE), p.array("starting", WHOLE)
-    count = layout.order + 1 if layout.order else p.given("order", WHOLE) + 1
+    count = p.given("order", WHOLE) + 1
     c, size = p.reserve(MOST_COEFFICIENTS + 1, name="c"), layout.watched
     values, noise = (p.reserve(size + layout.block, room=layout.block, name=name) for name in ("value", "noise"))
     with p.loop(0, size) as i:
