@@ -187,8 +187,13 @@ class Machine(Protocol):
     def dense(self, kind: StepPolynomial, kernel: Any, parameters: FloatArray, jacobian: Any = None) -> DensePath:
         """Make the dense output of a kind of path; the kernels are this machine's, that of the derivative if wanted."""
 
-    def review(self, program: Program, parameters: FloatArray, dense: DensePath) -> Review | None:
-        """Return what finds zeros of the events that a program computes; None where NumPy is to do it on arrays."""
+    def review(
+        self, program: Program, parameters: FloatArray, dense: DensePath, screen: DensePath | None
+    ) -> Review | None:
+        """Return what finds zeros of the events that a program computes; None where NumPy is to do it on arrays.
+
+        The dense output is computed on steps on which a cheaper `screen` leaves doubts, or on all without one.
+        """
 
 
 @runtime_checkable

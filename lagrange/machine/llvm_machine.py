@@ -52,9 +52,11 @@ class LlvmMachine:
         """Return the dense output of a kind of path, which is compiled when it is first used."""
         return LlvmStepDense(kind, kernel, parameters, jacobian)
 
-    def review(self, program: Program, parameters: FloatArray, dense: DensePath) -> LlvmReview | None:
+    def review(
+        self, program: Program, parameters: FloatArray, dense: DensePath, screen: DensePath | None
+    ) -> LlvmReview | None:
         """Return the compiled review; None where a mass matrix that does not move is singular: there are no paths."""
         try:
-            return LlvmReview(program, parameters, dense)
+            return LlvmReview(program, parameters, dense, screen)
         except SingularMassMatrix:
             return None

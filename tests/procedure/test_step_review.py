@@ -27,19 +27,25 @@ class Compared:
 
     def __init__(self, procedure: Procedure) -> None:
         self.code: CompiledProcedure = compiled(procedure)
-        self.procedure, self.places = procedure, self.code.places
+        self.procedure = procedure
+        self.given: dict[str, Any] = {}
         self.calls: list[tuple[Any, ...]] = []
 
-    def __call__(self, *args: Any) -> Any:
+    def words(self) -> Any:
+        return self.code.words()
+
+    def give(self, words: Any, arguments: dict[str, Any]) -> None:
+        self.code.give(words, arguments)
+        self.given |= arguments
+
+    def run_on(self, words: Any) -> Any:
+        args = [self.given[name] for name in self.code.places]
         copies: list[Any] = [arg.copy() if isinstance(arg, np.ndarray) else arg for arg in args]
         types = [parameter.type for parameter in self.procedure.parameters]
-        handed = [
-            foreign(kind, arg) if isinstance(kind, Callee) else arg for kind, arg in zip(types, copies, strict=True)
-        ]
-        expected = interpret(self.procedure, *(np.ravel(a) if isinstance(a, np.ndarray) else a for a in handed))
-        found = self.code(*args)
-        assert tuple(found) == tuple(expected)
-        for name, place in self.places.items():
+        expected = interpret(self.procedure, *map(handed_over, types, copies))
+        found = self.code.run_on(words)
+        assert found == tuple(expected)
+        for name, place in self.code.places.items():
             if name in ("sign", "near", "remaining", "which", "where", "when", "there"):
                 count = found[1] if name in ("which", "where", "when", "there") else None
                 assert (args[place][:count] == copies[place][:count]).all(), name

@@ -159,3 +159,17 @@ def counted(monkeypatch: pytest.MonkeyPatch, name: str) -> list[None]:
 
     monkeypatch.setattr(cls, attribute, noted)
     return calls
+
+
+@pytest.mark.parametrize("tolerance", [0.02, 3e-3, 8e-4, 1e-4, 1e-6])
+def test_a_fast_entry_that_the_tolerance_leaves_out_is_not_screened_away(
+    tolerance: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Steps of dop853 hold most of a period of y then, of which the cubic through their ends says nothing."""
+    initial = {x: 1.0, y: 1e-3, x.dot: 0.0, y.dot: 0.02}
+    potential = x**2 / 2 + 450 * y**2 + x * y / 3
+    of = build(kinetic=(x.dot**2 + y.dot**2) / 2, potential=potential, initial=initial)
+    events = [x * y.dot - y * x.dot - 0.01545, y.dot * cos(y) - 2.126 * x.dot, x**2 - y.dot, cos(7 * t + 0.375) - 0.12]
+    one, other = both(monkeypatch, lambda: run(of, 25.0, "dop853", events=events, rtol=tolerance, atol=10 * tolerance))
+    alike(one, other, 1e-7)
+    assert sum(len(times) for times in one.t_events) > 100

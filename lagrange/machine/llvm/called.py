@@ -6,11 +6,12 @@ A call through ctypes takes 0.1 us for each argument, and cannot bring back seve
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lagrange.machine.copies import Shared
 from lagrange.machine.llvm.address import address
@@ -18,7 +19,7 @@ from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.operations import KINDS, declarations
 from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA, argument_type, function, result_type
-from lagrange.procedure.form import FLAG, REAL, WHOLE, Kind, Procedure
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
 
 _CALL = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
 
@@ -29,8 +30,7 @@ class CompiledProcedure(Shared):
     def __init__(self, procedure: Procedure) -> None:
         kinds = [parameter.type for parameter in procedure.parameters]
         self.places = {parameter.name: place for place, parameter in enumerate(procedure.parameters)}
-        self._reals = [place for place, kind in enumerate(kinds) if kind is REAL]
-        self._memory = [place for place, kind in enumerate(kinds) if not isinstance(kind, Kind)]
+        self._reals = frozenset(place for place, kind in enumerate(kinds) if kind is REAL)
         self._results = [(len(kinds) + i, kind) for i, kind in enumerate(procedure.results)]
         self.size = len(kinds) + len(procedure.results)
         self.module = Module(called_ir(procedure), merge=True)
@@ -41,18 +41,29 @@ class CompiledProcedure(Shared):
 
         Arguments are in the order of the parameters; arrays are contiguous and of their kind.
         """
-        words = np.empty(self.size, dtype=np.int64)
-        numbers, given = words.view(np.float64), list(args)
-        for place in self._memory:
-            given[place] = address(given[place]) if isinstance(given[place], np.ndarray) else given[place]
-        for place in self._reals:
-            given[place] = 0
-        words[: len(given)] = given
-        for place in self._reals:
-            numbers[place] = args[place]
-        self.run(address(words))
-        found = self.results(words)
+        words = self.words()
+        self.give(words, dict(zip(self.places, args, strict=True)))
+        found = self.run_on(words)
         return found[0] if len(found) == 1 else found or None
+
+    def words(self) -> NDArray[np.int64]:
+        """Return memory for the arguments and results of a call."""
+        return np.zeros(self.size, dtype=np.int64)
+
+    def give(self, words: NDArray[np.int64], arguments: Mapping[str, Any]) -> None:
+        """Put arguments into their places, arrays by their addresses: they must stay referenced."""
+        numbers = words.view(np.float64)
+        for name, value in arguments.items():
+            place = self.places[name]
+            if place in self._reals:
+                numbers[place] = value
+            else:
+                words[place] = address(value) if isinstance(value, np.ndarray) else value
+
+    def run_on(self, words: NDArray[np.int64]) -> tuple[Any, ...]:
+        """Run the procedure on arguments in memory, and return its results."""
+        self.run(address(words))
+        return self.results(words)
 
     def results(self, words: Any) -> tuple[Any, ...]:
         """Return what stands behind the arguments in memory after a run."""

@@ -6,7 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from lagrange.machine.backend import DensePath
 from lagrange.machine.review import Review, Reviewed, WatchedEvents
+from lagrange.procedure.dense.hermite import hermite_polynomial
 from lagrange.program.program import Program
 from lagrange.trajectory.events.actions import Impact
 from lagrange.trajectory.events.many_steps import Path
@@ -23,8 +25,8 @@ thousands of them on arrays, once for a process, and as long as some hundreds fo
 class CompiledReview:
     """What goes through the steps of a run where nothing is irregular, made at the first steps that are looked at."""
 
-    def __init__(self, problem: Problem, program: Program) -> None:
-        self._problem, self._program = problem, program
+    def __init__(self, problem: Problem, program: Program, *, fixed: bool) -> None:
+        self._problem, self._program, self._fixed = problem, program, fixed
         self._made: tuple[Review | None] | None = None
 
     @property
@@ -37,11 +39,16 @@ class CompiledReview:
         if self._made is None:
             problem, covered = self._problem, abs(path.times[-1] - path.times[0])
             long = (len(path.times) - 1) * abs(problem.t1 - problem.t0) >= WORTH_COMPILING * covered
-            made = None
-            if long and isinstance(path, StepPath):
-                made = problem.model.machine.review(self._program, problem.parameter_array, path.dense)
-            self._made = (made,)
+            self._made = (self._compiled(path.dense) if long and isinstance(path, StepPath) else None,)
         return self._made[0]
+
+    def _compiled(self, dense: DensePath) -> Review | None:
+        """Return the review, with the cubic through both ends as a screen where the error of steps is under control."""
+        model, parameters = self._problem.model, self._problem.parameter_array
+        cubic = hermite_polynomial(3)
+        screened = not self._fixed and dense.degree > cubic.degree
+        screen = model.machine.dense(cubic, model.kernel("rhs"), parameters) if screened else None
+        return model.machine.review(self._program, parameters, dense, screen)
 
 
 def watched_events(

@@ -83,7 +83,7 @@ class StepWatch(Record):
         impacts = impacts_of(model, problem.events, self.parameters)
         self.kernel, self.impacts = model.function("events", tuple(one.node for one in impacts)), impacts
         self.path_of = path_of
-        self._compiled = CompiledReview(problem, self.kernel.program)
+        self._compiled = CompiledReview(problem, self.kernel.program, fixed=fixed)
         self.driver = EventDriver(driver, self, fixed=fixed)
         self.breaks: list[Break] = []
         self.crowd = Crowd()
