@@ -49,7 +49,7 @@ class Outputs:
         done, count = self.record.done, len(times)
         if done < count:
             self.states[done:count] = path(times[done:]).T
-        return np.ascontiguousarray(self.states[:count].T)
+        return self.states[:count].T
 
 
 NO_OUTPUTS = Outputs(np.empty(0), 1)

@@ -87,6 +87,7 @@ class OwnStep:
     """
 
     def __init__(self, memory: Memory, dimension: Whole, columns: Whole) -> None:
+        self.memory = memory
         self.t, self.h, self.side = memory, memory.at(columns), memory.at(2 * columns)
         self.y = memory.at(3 * columns)
         self.new = memory.at((dimension + 3) * columns)
@@ -139,6 +140,12 @@ class Block:
         """Memory for what is done where a mass matrix is singular."""
         self.own, self.beside = (OwnStep(memory, self.dimension, self.columns) for memory in (own, beside))
         self._vectors, self._rows = 2, 1
+
+    def handed(self, step: Memory, work: Memory, out: Memory) -> tuple[Any, ...]:
+        """Return the arguments for another such procedure, with its own step, memory and results."""
+        laws = self.law, self.parameters, self.jacobian, self.constants
+        numbers = self.table, self.stages, self.degree, self.dimension, self.columns
+        return (*laws, *numbers, step, step, work, out)
 
     def vector(self) -> Memory:
         """Return memory for a vector of the block."""

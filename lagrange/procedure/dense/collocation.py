@@ -17,7 +17,7 @@ from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 from lagrange.procedure.builder import Builder
-from lagrange.procedure.dense.block import Block, OwnStep, StepPolynomial, Written
+from lagrange.procedure.dense.block import Block, StepPolynomial, Written
 from lagrange.procedure.linear.columns import invert_columns
 from lagrange.procedure.values import Memory, Whole
 
@@ -58,6 +58,133 @@ def _lagrange(points: NDArray[np.float64], which: int) -> Polynomial:
 
 
 @cache
+def increments() -> Written:
+    """Return what writes by how much the state has changed at each of the points c in the steps of a block, its own.
+
+    Where the law is no number the polynomial is a straight line.
+    """
+    return _Increments().build()
+
+
+class _Increments:
+    """Builds the procedure: Newton's corrections of the inner stages, from a straight line."""
+
+    def __init__(self) -> None:
+        about = "Write what the state has gained at each stage in the steps of a block."
+        self.p = p = Builder("increments", about, apart=True)
+        self.block = block = Block(p)
+        self.c, self.A = block.table, block.table.at(block.stages)
+        self.step, self.stages = block.own, block.out
+        self.h, self.gap, self.state, self.spread = (block.vector() for _ in range(4))
+        self.time, self.row, self.active = (block.row() for _ in range(3))
+        self.inner = (block.stages - 1).called("inner")
+        others = block.others()
+        self.slopes, self.residual = others, block.nth(others, block.stages)
+        self.derivative = block.nth(others, block.stages * 2)
+        self.matrix = block.nth(others, block.stages * 2 + block.dimension)
+
+    def build(self) -> Written:
+        p, block, step = self.p, self.block, self.step
+        block.spread(step.h, self.h)
+        with block.entries() as x:
+            self.gap[x] = step.new[x] - step.y[x]
+        with p.loop(0, block.stages) as i:
+            stage, c = block.nth(self.stages, i), self.c[i]
+            with block.entries() as x:
+                stage[x] = self.gap[x] * c
+        with block.each_column() as b:
+            self.time[b] = step.t[b] + step.h[b]
+            self.active[b] = 1.0
+        block.slopes(self.time, step.new, block.nth(self.slopes, self.inner))
+        self.linearize()
+        iterations, moving = p.variable(0, "iterations"), p.variable(1.0, "moving")
+        with p.repeat(lambda: (iterations.value < TURNS) & (moving.value > 0.0)):
+            self.correct()
+            with block.each_column() as b:
+                largest = p.largest_magnitude(self.active[b])
+            moving.value = largest.value
+            iterations.value = iterations.value + 1
+        self.straighten()
+        return block.finish()
+
+    def linearize(self) -> None:
+        """Write the inverse of I - h A J of the inner stages, J the derivative of the law at the end of each step."""
+        p, block = self.p, self.block
+        n, columns, inner = block.dimension, block.columns, self.inner
+        block.derive(self.time, self.step.new, self.derivative)
+        order = inner * n
+        with p.loop(0, inner) as i, p.loop(0, inner) as j:
+            a = self.A[i * block.stages + j]
+            with p.loop(0, n) as r, p.loop(0, n) as c:
+                source = self.derivative.at((r * n + c) * columns)
+                target = self.entry(i * n + r, j * n + c)
+                one = p.choose(i.equals(j) & r.equals(c), 1.0, p.real(0.0))
+                with block.each_column() as b:
+                    target[b] = one - source[b] * a * self.step.h[b]
+        p.call(invert_columns(), order, columns, self.matrix, self.row)
+
+    def entry(self, row: Whole, column: Whole) -> Memory:
+        """Return an entry of the matrices, or behind their order of the inverses, in all columns."""
+        order = self.inner * self.block.dimension
+        return self.matrix.at((row * 2 * order + column) * self.block.columns)
+
+    def correct(self) -> None:
+        """Correct the inner stages in the columns in which they still move."""
+        p, block, inner = self.p, self.block, self.inner
+        with p.loop(0, inner) as i:
+            stage, c = block.nth(self.stages, i), self.c[i]
+            with block.each_column() as b:
+                self.time[b] = p.fma(self.step.h[b], c, self.step.t[b])
+            with block.entries() as x:
+                self.state[x] = self.step.y[x] + stage[x]
+            block.slopes(self.time, self.state, block.nth(self.slopes, i))
+        with p.loop(0, inner) as i:
+            row, stage, residual = self.A.at(i * block.stages), block.nth(self.stages, i), block.nth(self.residual, i)
+            with block.entries() as x:
+                total = p.variable(0.0)
+                with p.loop(0, block.stages) as j:
+                    total.value = p.fma(block.nth(self.slopes, j)[x], row[j], total.value)
+                residual[x] = total.value * self.h[x] - stage[x]
+        self.move()
+
+    def move(self) -> None:
+        """Move the inner stages by the inverses times the residuals; a column has settled where none moves far."""
+        p, block = self.p, self.block
+        columns, n = block.columns, block.dimension
+        order = self.inner * n
+        with block.each_column() as b:
+            self.row[b] = 0.0
+        with p.loop(0, order) as r:
+            stage, first, j = self.stages.at(r * columns), self.entry(r, order), r - r // n * n
+            y, gap = self.step.y.at(j * columns), self.gap.at(j * columns)
+            with block.each_column() as b:
+                total = p.variable(0.0)
+                with p.loop(0, order) as c:
+                    total.value = p.fma(first.at(c * columns)[b], self.residual.at(c * columns)[b], total.value)
+                moved = p.choose(self.active[b] > 0.5, total.value, 0.0)
+                stage[b] = stage[b] + moved
+                far = abs(moved) > (abs(y[b]) + abs(gap[b])) * SETTLED
+                self.row[b] = p.choose(far, 1.0, self.row[b])
+        with block.each_column() as b:
+            self.active[b] = self.row[b]
+
+    def straighten(self) -> None:
+        """Write a straight line where a stage is not finite."""
+        p, block = self.p, self.block
+        with block.each_column() as b:
+            self.row[b] = 0.0
+        with p.loop(0, block.stages * block.dimension) as r:
+            line = self.stages.at(r * block.columns)
+            with block.each_column() as b:
+                self.row[b] = p.fma(line[b], 0.0, self.row[b])
+        block.spread(self.row, self.spread)
+        with p.loop(0, block.stages) as i:
+            stage, c = block.nth(self.stages, i), self.c[i]
+            with block.entries() as x:
+                stage[x] = p.choose(self.spread[x].equals(0.0), stage[x], self.gap[x] * c)
+
+
+@cache
 def collocation() -> Written:
     """Return the procedure."""
     return _Collocation().build()
@@ -70,134 +197,28 @@ class _Collocation:
         self.p = p = Builder("collocation_polynomial", "Write the polynomials of a block of steps by their stages.")
         self.block = block = Block(p)
         s, table = block.stages, block.table
-        self.A, self.c = table.at(s), table
-        self.inverse = self.A.at(s * s)
+        self.c, self.inverse = table, table.at(s + s * s)
         self.rates = self.inverse.at(s * s)
         self.nodes = self.rates.at(s * s)
         self.powers = self.nodes.at(s + 1)
-        self.h, self.gap, self.state, self.spread, self.there, self.missing = (block.vector() for _ in range(6))
-        self.time, self.row, self.active, self.place, self.rate = (block.row() for _ in range(5))
+        self.state, self.spread, self.there, self.missing = (block.vector() for _ in range(4))
+        self.row, self.place, self.rate = (block.row() for _ in range(3))
         self.inner = (s - 1).called("inner")
-        others = block.others()
-        self.own, self.beside, self.slopes = (block.nth(others, s * k) for k in range(3))
-        self.residual = block.nth(others, s * 3)
-        self.derivative = block.nth(others, s * 4)
-        self.matrix = block.nth(others, s * 4 + block.dimension)
+        self.own, self.beside = block.others(), block.nth(block.others(), s)
 
     def build(self) -> Written:
         p, block = self.p, self.block
-        self.increments(block.own, self.own)
+        inner = increments()
+        rest = block.nth(block.others(), block.stages * 2)
+        p.call(inner.procedure, *block.handed(block.own.memory, rest, self.own))
         self.write(self.own)
         with block.each_column() as b:
             joined = p.largest_magnitude(block.beside.side[b])
         with p.when(joined.value > 0.0):
-            self.increments(block.beside, self.beside)
+            p.call(inner.procedure, *block.handed(block.beside.memory, rest, self.beside))
             self.join()
-        return block.finish()
-
-    def increments(self, step: OwnStep, stages: Memory) -> None:
-        """Write what the state has gained at each of the points c in the steps.
-
-        Where the law is no number the polynomial is a straight line.
-        """
-        p, block = self.p, self.block
-        block.spread(step.h, self.h)
-        with block.entries() as x:
-            self.gap[x] = step.new[x] - step.y[x]
-        with p.loop(0, block.stages) as i:
-            stage, c = block.nth(stages, i), self.c[i]
-            with block.entries() as x:
-                stage[x] = self.gap[x] * c
-        with block.each_column() as b:
-            self.time[b] = step.t[b] + step.h[b]
-            self.active[b] = 1.0
-        block.slopes(self.time, step.new, block.nth(self.slopes, self.inner))
-        self.linearize(step)
-        iterations = p.variable(0, "iterations")
-        moving = p.variable(1.0, "moving")
-        with p.repeat(lambda: (iterations.value < TURNS) & (moving.value > 0.0)):
-            self.correct(step, stages)
-            moving.value = 0.0
-            with p.loop(0, block.columns) as b:
-                moving.value = moving.value + self.active[b]
-            iterations.value = iterations.value + 1
-        self.straighten(stages)
-
-    def linearize(self, step: OwnStep) -> None:
-        """Write the inverse of I - h A J of the inner stages, J the derivative of the law at the end of each step."""
-        p, block = self.p, self.block
-        n, columns, inner = block.dimension, block.columns, self.inner
-        block.derive(self.time, step.new, self.derivative)
-        order = inner * n
-        with p.loop(0, inner) as i, p.loop(0, inner) as j:
-            a = self.A[i * block.stages + j]
-            with p.loop(0, n) as r, p.loop(0, n) as c:
-                source = self.derivative.at((r * n + c) * columns)
-                target = self.entry(i * n + r, j * n + c)
-                one = p.choose(i.equals(j) & r.equals(c), 1.0, p.real(0.0))
-                with block.each_column() as b:
-                    target[b] = one - source[b] * a * step.h[b]
-        p.call(invert_columns(), order, columns, self.matrix, self.row)
-
-    def entry(self, row: Whole, column: Whole) -> Memory:
-        """Return an entry of the matrices, or behind their order of the inverses, in all columns."""
-        order = self.inner * self.block.dimension
-        return self.matrix.at((row * 2 * order + column) * self.block.columns)
-
-    def correct(self, step: OwnStep, stages: Memory) -> None:
-        """Correct the inner stages in the columns in which they still move."""
-        p, block, inner = self.p, self.block, self.inner
-        with p.loop(0, inner) as i:
-            stage, c = block.nth(stages, i), self.c[i]
-            with block.each_column() as b:
-                self.time[b] = p.fma(step.h[b], c, step.t[b])
-            with block.entries() as x:
-                self.state[x] = step.y[x] + stage[x]
-            block.slopes(self.time, self.state, block.nth(self.slopes, i))
-        with p.loop(0, inner) as i:
-            row, stage, residual = self.A.at(i * block.stages), block.nth(stages, i), block.nth(self.residual, i)
-            with block.entries() as x:
-                total = p.variable(0.0)
-                with p.loop(0, block.stages) as j:
-                    total.value = p.fma(block.nth(self.slopes, j)[x], row[j], total.value)
-                residual[x] = total.value * self.h[x] - stage[x]
-        self.move(step, stages)
-
-    def move(self, step: OwnStep, stages: Memory) -> None:
-        """Move the inner stages by the inverses times the residuals; a column has settled where none moves far."""
-        p, block = self.p, self.block
-        columns, n = block.columns, block.dimension
-        order = self.inner * n
-        with block.each_column() as b:
-            self.row[b] = 0.0
-        with p.loop(0, order) as r:
-            stage, first, j = stages.at(r * columns), self.entry(r, order), r - r // n * n
-            y, gap = step.y.at(j * columns), self.gap.at(j * columns)
-            with block.each_column() as b:
-                total = p.variable(0.0)
-                with p.loop(0, order) as c:
-                    total.value = p.fma(first.at(c * columns)[b], self.residual.at(c * columns)[b], total.value)
-                moved = p.choose(self.active[b] > 0.5, total.value, 0.0)
-                stage[b] = stage[b] + moved
-                far = abs(moved) > (abs(y[b]) + abs(gap[b])) * SETTLED
-                self.row[b] = p.choose(far, 1.0, self.row[b])
-        with block.each_column() as b:
-            self.active[b] = self.row[b]
-
-    def straighten(self, stages: Memory) -> None:
-        """Write a straight line where a stage is not finite."""
-        p, block = self.p, self.block
-        with block.each_column() as b:
-            self.row[b] = 0.0
-        with p.loop(0, block.stages * block.dimension) as r:
-            line = stages.at(r * block.columns)
-            with block.each_column() as b:
-                self.row[b] = p.fma(line[b], 0.0, self.row[b])
-        block.spread(self.row, self.spread)
-        with p.loop(0, block.stages) as i:
-            stage, c = block.nth(stages, i), self.c[i]
-            with block.entries() as x:
-                stage[x] = p.choose(self.spread[x].equals(0.0), stage[x], self.gap[x] * c)
+        made = block.finish()
+        return Written(made.procedure, made.vectors + inner.vectors, made.rows + inner.rows)
 
     def write(self, stages: Memory) -> None:
         """Write the coefficients of the polynomials through the stages."""
