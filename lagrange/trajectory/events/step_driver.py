@@ -98,7 +98,8 @@ class EventDriver:
             if cut is not None:
                 _lower(state, reals[S.FLOORS :], rows[begun : state.count(S.ROWS)])
                 return Outcome.WATCHED
-            self._look = min(2 * self._look, self._watch.longest)
+            longest = self._watch.longest
+            self._look = longest if longest == UNBOUNDED else min(2 * self._look, longest)
         return outcome
 
     def _review(
