@@ -173,3 +173,12 @@ def test_a_fast_entry_that_the_tolerance_leaves_out_is_not_screened_away(
     one, other = both(monkeypatch, lambda: run(of, 25.0, "dop853", events=events, rtol=tolerance, atol=10 * tolerance))
     alike(one, other, 1e-7)
     assert sum(len(times) for times in one.t_events) > 100
+
+
+def test_the_dense_output_of_bursts_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With that of a screen and that of the solution it is three."""
+    of, initial = systems()["Henon-Heiles"]
+    made = counted(monkeypatch, "lagrange.machine.llvm_machine.LlvmMachine.dense")
+    reviews = counted(monkeypatch, "lagrange.trajectory.events.step_watch.StepWatch.review")
+    run(of, 100.0, "radau5", initial=initial, events=[event(y, terminal=25)], rtol=1e-7, atol=1e-7)
+    assert len(made) <= 3 < len(reviews)

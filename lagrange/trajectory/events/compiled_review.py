@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,10 +17,27 @@ from lagrange.trajectory.events.occurrence import Occurrences
 from lagrange.trajectory.events.roots import Side
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.paths.step_paths import StepPath
+from lagrange.trajectory.trajectory import FloatArray
 
 WORTH_COMPILING = 512
 """Steps that a run may be expected to take from which on the review is compiled: that takes as long as to look at some
 thousands of them on arrays, once for a process, and as long as some hundreds for each other event."""
+
+
+class KnownPath:
+    """Makes the paths of bursts through their accepted states: the dense output of steps is made once for all."""
+
+    def __init__(self, path_of: Callable[[FloatArray, FloatArray], Path]) -> None:
+        self._path_of = path_of
+        self._known: StepPath | None = None
+
+    def __call__(self, times: FloatArray, states: FloatArray) -> Path:
+        """Return the path through accepted times (S+1,) and states (S+1, 2n)."""
+        if self._known is not None:
+            return replace(self._known, times=times, states=states)
+        made = self._path_of(times, states)
+        self._known = made if isinstance(made, StepPath) else None
+        return made
 
 
 class CompiledReview:

@@ -19,7 +19,7 @@ from lagrange.machine.state import DriverState
 from lagrange.procedure.events.roots import roots
 from lagrange.trajectory.events.actions import impacts as impacts_of
 from lagrange.trajectory.events.actions import rates
-from lagrange.trajectory.events.compiled_review import CompiledReview, keep, sides, watched_events
+from lagrange.trajectory.events.compiled_review import CompiledReview, KnownPath, keep, sides, watched_events
 from lagrange.trajectory.events.crossing import Meeting
 from lagrange.trajectory.events.ending import (
     EventResult,
@@ -82,7 +82,7 @@ class StepWatch(Record):
         model, self.problem, self.parameters = problem.model, problem, problem.parameter_array
         impacts = impacts_of(model, problem.events, self.parameters)
         self.kernel, self.impacts = model.function("events", tuple(one.node for one in impacts)), impacts
-        self.path_of = path_of
+        self.path_of = KnownPath(path_of)
         self._compiled = CompiledReview(problem, self.kernel.program, fixed=fixed)
         self.driver = EventDriver(driver, self, fixed=fixed)
         self.breaks: list[Break] = []
