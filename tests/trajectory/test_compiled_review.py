@@ -132,6 +132,13 @@ def test_a_short_run_compiles_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(found.t_events[0]) == 5
 
 
+def test_short_flights_compile_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A ball that falls from 0.1 bounces every dozen steps: there is nothing to go through, however long the run."""
+    monkeypatch.setattr("lagrange.machine.llvm_machine.LlvmMachine.review", refuse)
+    found = run(ball(height=0.1), 20.0, "rk4", events=[floor(0.9, terminal=8)], step=0.02)
+    assert len(found.t_events[0]) == 8
+
+
 def test_a_kink_is_halved_in_machine_code(monkeypatch: pytest.MonkeyPatch) -> None:
     """|x| - 0.2 is no polynomial on the steps on which x changes its sign, and none of them is left to arrays."""
     of, initial = systems()["Henon-Heiles"]

@@ -24,6 +24,11 @@ WORTH_COMPILING = 512
 thousands of them on arrays, once for a process, and as long as some hundreds for each other event."""
 
 
+ENOUGH = 16
+"""Steps of a burst, at least, that tell how many a run will take: the first of all are short, and so are flights that a
+reset ends soon, for which the review has nothing to go through."""
+
+
 class KnownPath:
     """Makes the paths of bursts through their accepted states: the dense output of steps is made once for all."""
 
@@ -54,11 +59,11 @@ class CompiledReview:
 
     def review(self, path: Path) -> Review | None:
         """Return the review if the machine has one and the run seems long enough by its first steps."""
-        if self._made is None:
+        if self._made is None and len(path.times) > ENOUGH:
             problem, covered = self._problem, abs(path.times[-1] - path.times[0])
             long = (len(path.times) - 1) * abs(problem.t1 - problem.t0) >= WORTH_COMPILING * covered
             self._made = (self._compiled(path.dense) if long and isinstance(path, StepPath) else None,)
-        return self._made[0]
+        return None if self._made is None else self._made[0]
 
     def _compiled(self, dense: DensePath) -> Review | None:
         """Return the review, with the cubic through both ends as a screen where the error of steps is under control."""
