@@ -133,9 +133,9 @@ def test_a_short_run_compiles_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_short_flights_compile_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A ball that falls from 0.1 bounces every dozen steps: there is nothing to go through, however long the run."""
+    """A ball that falls from 0.05 bounces every ten steps: there is nothing to go through, however long the run."""
     monkeypatch.setattr("lagrange.machine.llvm_machine.LlvmMachine.review", refuse)
-    found = run(ball(height=0.1), 20.0, "rk4", events=[floor(0.9, terminal=8)], step=0.02)
+    found = run(ball(height=0.05), 20.0, "rk4", events=[floor(0.9, terminal=8)], step=0.02)
     assert len(found.t_events[0]) == 8
 
 
