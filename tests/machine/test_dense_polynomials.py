@@ -73,6 +73,9 @@ def interpreted(compiled: Model, kind: StepPolynomial, states: FloatArray, step:
 
         return evaluate
 
+    def invert(order: int, columns: int, a: Span, row: Span) -> None:
+        run(invert_columns(), order, columns, a, row)
+
     def gathered(row: int, side: float) -> list[float]:
         found = [GRID[row], GRID[row + 1] - GRID[row], side, *states[row], *states[row + 1]]
         assert len(found) == block_size(n, 1)
@@ -80,7 +83,17 @@ def interpreted(compiled: Model, kind: StepPolynomial, states: FloatArray, step:
 
     own, beside = gathered(step, 0.0), gathered(step - 1 if step else 1, -1.0 if step else 1.0)
     out, work = [0.0] * ((kind.degree + 1) * n + 8), [0.0] * kind.size(n, 1)
-    given: tuple[Any, ...] = law("rhs"), [], law("jacobian"), [], kind.table.tolist(), kind.stages, kind.degree, n
+    given: tuple[Any, ...] = (
+        law("rhs"),
+        [],
+        law("jacobian"),
+        [],
+        invert,
+        kind.table.tolist(),
+        kind.stages,
+        kind.degree,
+        n,
+    )
     run(kind.procedure, *given, 1, own, beside, work, out)
     return np.array(out[:-8]).reshape(kind.degree + 1, n)
 
@@ -257,3 +270,20 @@ def test_a_taylor_step_from_a_singular_configuration_has_no_polynomial(target: s
     times, states = np.array([0.0, 0.1, 0.2]), np.array([[0.3, 0.1], [0.0, 0.1], [0.3, 0.1]])
     c = series.dense(8, compiled.parameter_array()).coefficients(times, states, np.arange(2))
     assert np.isfinite(c[:, :, 0]).all() and not np.isfinite(c[1:, :, 1]).all()
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("length", [2.0, 1.0])
+def test_a_step_whose_stages_have_no_solution_is_a_straight_line(length: float, target: str) -> None:
+    """x'' = x with a_11 = 1/2: the matrix I - h J / 2 has no inverse for h = 2, which is the step beside for h = 1."""
+    compiled = build(target, kinetic=x.dot**2 / 2, potential=-(x**2) / 2)
+    kind = collocation_polynomial([[0.5, 0.0], [0.75, 0.25]], [0.5, 1.0])
+    times, states = np.array([0.0, 2.0, 3.0]), np.array([[1.0, 0.0], [2.0, 1.0], [2.5, 1.5]])
+    step = int(length == 1.0)
+    part = slice(step, step + 2)
+    found = dense_of(compiled, kind).coefficients(times[part], states[part], np.array([0]))[:, :, 0]
+    straight = np.array([states[step], states[step + 1] - states[step]])
+    assert found[:2] == pytest.approx(straight, abs=1e-15) if step == 0 else np.isfinite(found).all()
+    assert (np.abs(found[2]).max() < 1e-15) == (step == 0)
+    both = dense_of(compiled, kind).coefficients(times, states, np.arange(2))
+    assert np.isfinite(both).all()

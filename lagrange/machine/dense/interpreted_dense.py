@@ -13,6 +13,7 @@ from numpy.polynomial.polynomial import polyval
 
 from lagrange.machine.array_source import arrays_loaded
 from lagrange.machine.backend import BlockPolynomial, FloatArray, Kernel, Places, SingularMassMatrix
+from lagrange.machine.python_source import loaded
 from lagrange.procedure.dense.block import LANES, StepPolynomial, block_size
 from lagrange.procedure.dense.series import series_polynomial
 from lagrange.procedure.form import Procedure
@@ -21,9 +22,17 @@ MOST_STEPS, MOST_TIMES = 1024, 16384
 """So many steps make a block, and so many times are evaluated at once: their memory stays small."""
 
 
+FEW = 16
+"""Up to so many numbers of a block the procedure is printed for numbers and not for arrays: an operation on an array
+takes as long as that on twenty numbers."""
+
+NONE = np.empty(0).data
+"""The place of an array that is not used."""
+
+
 @lru_cache(maxsize=64)
-def _loaded(procedure: Procedure) -> Callable[..., Any]:
-    return arrays_loaded(procedure)
+def _loaded(procedure: Procedure, *, by_arrays: bool) -> Callable[..., Any]:
+    return arrays_loaded(procedure) if by_arrays else loaded(procedure)
 
 
 class NumpyDense(ABC):
@@ -133,32 +142,55 @@ class NumpyStepDense(NumpyDense):
         kind, jacobian = self.kind, self.jacobian
         law = _by_columns(self.kernel, self.parameters)
         derivative = None if jacobian is None else _by_columns(jacobian, self.parameters)
-        given = law, None, derivative, None, kind.table, kind.stages, kind.degree, self.dimension
-        _loaded(kind.procedure)(*given, columns, own, beside, work, out)
+        numbers = kind.stages, kind.degree, self.dimension, columns
+        arrays = kind.table, own, beside, work, out
+        few = columns * self.dimension <= FEW
+        table, *rest = [array.data for array in arrays] if few else arrays
+        made = _loaded(kind.procedure, by_arrays=not few)
+        made(law, NONE, derivative, NONE, _invert, table, *numbers, *rest)
 
 
 def write_series(jet: Callable[..., bool], dimension: int, width: int, order: int, *arrays: Any) -> None:
     """Write the polynomials of a block of Taylor steps by a series with rows of some width; see `NumpyDense.write`."""
-    _loaded(series_polynomial())(jet, None, None, order, width, dimension, dimension, *arrays)
+    made = _loaded(series_polynomial(), by_arrays=True)
+    made(jet, None, None, order, width, dimension, dimension, *arrays)
 
 
 def _by_columns(kernel: Kernel, parameters: FloatArray) -> Callable[..., int]:
     """Return a kernel as procedures call it over columns; where a mass matrix is singular it gives NaN."""
     half = kernel.program.states // 2
 
-    def evaluate(count: int, t: FloatArray, q: FloatArray, v: FloatArray, _: None, out: FloatArray) -> int:
-        parts = [part[: half * count].reshape(half, count) for part in (q, v)]
-        found = _known(kernel, t[:count], np.concatenate(parts), parameters)
-        out[: found.size] = found.reshape(-1)
+    def evaluate(count: int, t: Any, q: Any, v: Any, _: Any, out: Any) -> int:
+        parts = [np.asarray(part)[: half * count].reshape(half, count) for part in (q, v)]
+        found = _known(kernel, np.asarray(t)[:count], np.concatenate(parts), parameters)
+        np.asarray(out)[: found.size] = found.reshape(-1)
         return -1
 
     return evaluate
 
 
+def _invert(order: int, columns: int, a: Any, _: Any) -> None:
+    """Write the inverse of the matrix of each column behind its rows, NaN where there is none; see `INVERT`."""
+    both = np.asarray(a)[: 2 * order * order * columns].reshape(order, 2 * order, columns)
+    matrices = np.moveaxis(both[:, :order], -1, 0).copy()
+    try:
+        found = np.linalg.inv(matrices)
+    except np.linalg.LinAlgError:
+        found = np.array([_inverse(matrix) for matrix in matrices])
+    both[:, order:] = np.moveaxis(found, 0, -1)
+
+
+def _inverse(matrix: FloatArray) -> FloatArray:
+    try:
+        return np.asarray(np.linalg.inv(matrix))
+    except np.linalg.LinAlgError:
+        return np.full_like(matrix, np.nan)
+
+
 def _known(kernel: Kernel, t: FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
     """Return the results of columns, NaN where the mass matrix is singular."""
     try:
-        return kernel(t, y, parameters)
+        return kernel(float(t[0]), y[:, 0], parameters)[..., None] if len(t) == 1 else kernel(t, y, parameters)
     except SingularMassMatrix as error:
         found = np.full((*kernel.program.shape, y.shape[1]), np.nan)
         if error.column is not None and y.shape[1] > 1:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -22,11 +22,12 @@ from lagrange.machine.llvm.called import compiled
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.operations import declarations
-from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA, argument_type, function
+from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA, argument_type, function, module
 from lagrange.procedure.dense.block import LANES, POLYNOMIAL, StepPolynomial, block_size
 from lagrange.procedure.dense.evaluate import outputs, polynomials
 from lagrange.procedure.dense.series import series_polynomial
 from lagrange.procedure.form import Procedure
+from lagrange.procedure.linear.columns import invert_columns
 from lagrange.procedure.taylor.memory import TaylorLayout
 
 
@@ -42,6 +43,12 @@ def compiled_polynomial(procedure: Procedure) -> Module:
     e.do("ret void")
     head = "define void @polynomial(ptr %given, i64 %columns, ptr %own, ptr %beside, ptr %work, ptr %out) #1"
     return _module(procedure, e.function(head))
+
+
+@cache
+def inversion() -> Module:
+    """Return what inverts the matrices of columns, compiled once per process."""
+    return Module(module([invert_columns()]), merge=True)
 
 
 def _module(procedure: Procedure, entry: str) -> Module:
@@ -142,21 +149,22 @@ class LlvmStepDense(LlvmDense):
     def polynomial(self) -> BlockPolynomial:
         """Return what writes the polynomials, with the kernels' addresses; see `LlvmDense`."""
         kind, n = self.kind, self.dimension
-        module = compiled_polynomial(kind.procedure)
-        kept: list[Any] = [module, kind.table]
+        code = compiled_polynomial(kind.procedure)
+        kept: list[Any] = [code, kind.table]
         places = []
         for one in (self.kernel, self.jacobian):
             prepared = None if one is None else one.prepare(self.parameters)
             kept.append(prepared)
             places += [0, 0] if one is None or prepared is None else [one.columns_address, address(prepared)]
+        places.append(inversion().address(invert_columns().name) if kind.derivative else 0)
         given = np.array([*places, address(kind.table), kind.stages, kind.degree, n], dtype=np.int64)
-        function = module.address("polynomial")
-        return BlockPolynomial(function, given, LANES, kind.size(n, LANES), kind.derivative, tuple(kept))
+        address_of = code.address("polynomial")
+        return BlockPolynomial(address_of, given, LANES, kind.size(n, LANES), kind.derivative, tuple(kept))
 
 
 def of_series(jet: int, numbers: tuple[FloatArray, FloatArray], layout: TaylorLayout, order: int) -> BlockPolynomial:
     """Return what writes the polynomials of Taylor steps by a series at an address with its numbers."""
-    module, padded = compiled_polynomial(series_polynomial()), layout.padded
+    code, padded = compiled_polynomial(series_polynomial()), layout.padded
     places = [jet, *map(address, numbers), order, layout.width, padded, layout.dimension]
     given, work = np.array(places, dtype=np.int64), 2 * padded + layout.size(order)
-    return BlockPolynomial(module.address("polynomial"), given, 1, work, both=False, kept=(module, numbers))
+    return BlockPolynomial(code.address("polynomial"), given, 1, work, both=False, kept=(code, numbers))

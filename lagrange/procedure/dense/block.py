@@ -30,6 +30,9 @@ COLUMNS = Callee((WHOLE, READ, READ, READ, READ, Array()), (WHOLE,))
 """A law over columns: of how many there are, their times, coordinates and velocities, and the parameters, to the
 results. It gives the first column in the block in which a matrix is singular, or -1."""
 
+INVERT = Callee((WHOLE, WHOLE, Array(), Array()), ())
+"""What inverts the matrix of each column; see `invert_columns`."""
+
 POLYNOMIAL = Callee((READ, WHOLE, READ, READ, Array(), Array()), ())
 """What writes the polynomials of a block of steps, whatever the kind of path: of what the machine has prepared for the
 kind, the number of columns, the steps and those beside them (see `OwnStep`), the memory that it works in, and the
@@ -119,14 +122,15 @@ class Block:
     """The arguments of a procedure that writes polynomials, and places in the memory that it works in.
 
     The first are what a machine prepares for a path: the law by columns with its parameters, its derivative with its
-    own, the numbers of the method, its stages and the degree, and the length of a state. What follows is as in
-    `POLYNOMIAL`.
+    own, what inverts matrices, the numbers of the method, its stages and the degree, and the length of a state. What
+    follows is as in `POLYNOMIAL`.
     """
 
     def __init__(self, p: Builder) -> None:
         self.p = p
         self.law, self.parameters = p.function("law", COLUMNS), p.array("parameters", read=True)
         self.jacobian, self.constants = p.function("jacobian", COLUMNS), p.array("constants", read=True)
+        self.invert = p.function("invert", INVERT)
         self.table = p.array("table", read=True)
         self.stages: Whole = p.given("stages", WHOLE)
         self.degree: Whole = p.given("degree", WHOLE)
@@ -143,7 +147,7 @@ class Block:
 
     def handed(self, step: Memory, work: Memory, out: Memory) -> tuple[Any, ...]:
         """Return the arguments for another such procedure, with its own step, memory and results."""
-        laws = self.law, self.parameters, self.jacobian, self.constants
+        laws = self.law, self.parameters, self.jacobian, self.constants, self.invert
         numbers = self.table, self.stages, self.degree, self.dimension, self.columns
         return (*laws, *numbers, step, step, work, out)
 

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.dense.block import Block, StepPolynomial, Written
-from lagrange.procedure.linear.columns import invert_columns
 from lagrange.procedure.values import Memory, Whole
 
 TURNS = 12
@@ -121,7 +120,7 @@ class _Increments:
                 one = p.choose(i.equals(j) & r.equals(c), 1.0, p.real(0.0))
                 with block.each_column() as b:
                     target[b] = one - source[b] * a * self.step.h[b]
-        p.call(invert_columns(), order, columns, self.matrix, self.row)
+        block.invert(order, columns, self.matrix, self.row)
 
     def entry(self, row: Whole, column: Whole) -> Memory:
         """Return an entry of the matrices, or behind their order of the inverses, in all columns."""
