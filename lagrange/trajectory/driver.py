@@ -80,8 +80,9 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
             detail = lost_inertia(problem, state.t, state.y)
             status = Status.SINGULAR if detail else status
         sentence = _final_sentence(problem, plan, name, state, status, detail)
+    rows.follow(last=True)
     times, states = rows.joined()
-    t, y, path = _outputs(problem, plan, state, rows, watch)
+    t, y, path = _outputs(problem, plan, state, rows, (times, states), watch)
     return Trajectory(
         t=t,
         y=y,
@@ -107,11 +108,15 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
 
 
 def _outputs(
-    problem: Problem, plan: Plan, state: DriverState, rows: AcceptedStates, watch: Any
+    problem: Problem,
+    plan: Plan,
+    state: DriverState,
+    rows: AcceptedStates,
+    accepted: tuple[FloatArray, FloatArray],
+    watch: Any,
 ) -> tuple[FloatArray, FloatArray, PathFunction]:
     """Return the output times (N,), the states there (2n, N) and the dense output, which has them to the last bit."""
-    rows.follow(last=True)
-    times, states = rows.joined()
+    times, states = accepted
     path = None if rows.dropped else plan.path(problem, times, states, watch)
     if problem.t_eval is None and path is not None:
         return times, states.T, path

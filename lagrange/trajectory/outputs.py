@@ -38,7 +38,8 @@ class AcceptedStates:
         self.bytes = 0
         self.outputs_alone, self.removed = outputs_alone, 0
         self.followed: FollowedSteps | None = None
-        self._begin, self._sizes = self.parts[0], np.abs(y)
+        self._begin, self._each = self.parts[0], 8 * (len(y) + 1)
+        self._sizes: FloatArray | None = None
 
     @property
     def dropped(self) -> bool:
@@ -66,11 +67,13 @@ class AcceptedStates:
 
     def make_room(self, limit: float) -> int:
         """Evaluate the outputs on new steps; return how many states more there is memory for, dropping those there."""
-        self.follow()
-        each = 8 * (len(self._sizes) + 1)
-        if int(limit - self.bytes) // each <= 0 and self.outputs_alone:
+        if self.followed is not None:
+            self.follow()
+        room = int(limit - self.bytes) // self._each
+        if room <= 0 and self.outputs_alone:
             self.drop()
-        return int(limit - self.bytes) // each
+            room = int(limit) // self._each
+        return room
 
     def drop(self) -> None:
         """Forget all states but the last, and keep the sizes of the entries."""
@@ -82,14 +85,15 @@ class AcceptedStates:
 
     def joined(self) -> tuple[FloatArray, FloatArray]:
         """Return the times (S+1,) and states (S+1, 2n): if they were dropped, the start, the sizes, and the end."""
-        if self.dropped:
+        if self.removed:
             times = [self._begin.times, self.parts[-1].times[-1:], self.parts[-1].times[-1:]]
             states = self._begin.states[0], self._largest(), self.parts[-1].states[-1]
             return np.concatenate(times), np.array(states)
         return np.concatenate([part.times for part in self.parts]), np.concatenate([one.states for one in self.parts])
 
     def _largest(self) -> FloatArray:
-        return np.asarray(np.max([self._sizes, *(np.abs(part.states).max(axis=0) for part in self.parts)], axis=0))
+        before = [] if self._sizes is None else [self._sizes]
+        return np.asarray(np.max([*before, *(np.abs(part.states).max(axis=0) for part in self.parts)], axis=0))
 
 
 class FollowedSteps:

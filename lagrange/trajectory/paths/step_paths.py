@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -65,18 +65,22 @@ def sorted_along(forward: bool, times: FloatArray, at: Callable[[FloatArray], Fl
 
 
 def step_path(
-    model: Model, parameters: FloatArray, kind: StepPolynomial, times: FloatArray, states: FloatArray
+    model: Model,
+    parameters: FloatArray,
+    kind: StepPolynomial,
+    times: FloatArray,
+    states: FloatArray,
+    tableau: ButcherTableau | None = None,
 ) -> StepPath:
     """Return the path of a kind through accepted times (S+1,) and states (S+1, 2n)."""
     derivative = model.kernel("jacobian") if kind.derivative else None
     dense = model.machine.dense(kind, model.kernel("rhs"), parameters, derivative)
-    return StepPath(dense, times, states)
+    return StepPath(dense, times, states, tableau)
 
 
 def runge_kutta_path(problem: Problem, times: FloatArray, states: FloatArray, tableau: ButcherTableau) -> StepPath:
     """Return the path of an explicit Runge-Kutta method, by its stages."""
-    path = step_path(problem.model, problem.parameter_array, _of_tableau(tableau), times, states)
-    return replace(path, tableau=tableau)
+    return step_path(problem.model, problem.parameter_array, _of_tableau(tableau), times, states, tableau)
 
 
 @lru_cache(maxsize=64)
