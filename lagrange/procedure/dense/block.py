@@ -219,13 +219,12 @@ def mend(block: Block, first: Memory) -> None:
     known, and the slope there is not.
     """
     p = block.p
-    nothing = p.variable(0.0, "nothing")
-    with p.loop(0, block.degree + 1) as power:
-        line = block.coefficients(power)
-        with block.entries() as x:
-            largest = p.largest_magnitude(line[x] * 0.0)
-        nothing.value = nothing.value + largest.value
-    with p.when(~nothing.value.equals(0.0), likely=False):
+    with block.entries() as x:
+        nothing = p.variable(0.0, "nothing")
+        with p.loop(0, block.degree + 1) as power:
+            nothing.value = p.fma(block.coefficients(power)[x], 0.0, nothing.value)
+        largest = p.largest_magnitude(nothing.value)
+    with p.when(~largest.value.equals(0.0), likely=False):
         given = block.dimension, block.columns, block.degree, block.own.y, block.own.new
         p.call(parabola(), *given, first, block.out)
 
