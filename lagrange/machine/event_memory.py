@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from lagrange.machine.backend import FloatArray, Kernel
 from lagrange.machine.state import MOST_LANES
 from lagrange.procedure.step.constants import RELATIVE_PERTURBATION, perturbation_factors
-from lagrange.procedure.taylor.watching import COUNT, NEAR, SETTINGS, SIDES, SIGN, STARTING, WATCH
+from lagrange.procedure.taylor.watching import COUNT, NEAR, SETTINGS, SIDES, SIGN, STARTING, WATCH, scratch_sizes
 from lagrange.program.series import SeriesProgram
 
 MOST_SURFACES = 3
@@ -75,6 +75,8 @@ class EventMemory:
         few = surfaces <= MOST_SURFACES
         self.combinations = np.full(2**surfaces if few else 1, -1, dtype=np.int64)
         self.switch_rows, self.switch_combinations = (np.empty(ROOM, dtype=np.int64) for _ in range(2))
+        reals, wholes = scratch_sizes(self.count, dimension)
+        self.scratch, self.whole_scratch = np.empty(reals + MOST_LANES), np.empty(wholes, dtype=np.int64)
 
     def hold(self, sides: FloatArray, size: int) -> int:
         """Let sides hold; return where in arrays of numbers, of a size for each, those for these sides belong."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from typing import Any
 
 import numpy as np
@@ -150,3 +152,31 @@ def test_the_loop_comes_back_for_nothing_that_is_regular(monkeypatch: pytest.Mon
     found = run(well, 300.0, "taylor", events=[wall, event(y)])
     assert found.status is Status.SUCCESS and sum(map(len, found.t_events)) > 150
     assert len(calls) < 40
+
+
+SMALL_STACK = """
+import threading
+import lagrange as lg
+from sympy import Rational
+
+x = lg.coordinates("x y")[0]
+model = lg.System(kinetic=x.dot**2 / 2, potential=x**2 / 2, coordinates=[x]).compile()
+events = [lg.event(x - Rational(i, 100), reset={x.dot: x.dot} if i == 0 else None) for i in range(100)]
+
+def count():
+    solution = lg.integrate(model, (0.0, 10.0), {x: 1.0}, events=events)
+    print(solution.status.name, sum(map(len, solution.t_events)))
+
+count()
+threading.stack_size(2**18)
+thread = threading.Thread(target=count)
+thread.start()
+thread.join()
+"""
+
+
+def test_many_events_fit_a_small_stack() -> None:
+    """What the loop keeps of each thing watched, 4 kB, is no part of the stack, which a thread may have little of."""
+    done = subprocess.run([sys.executable, "-c", SMALL_STACK], capture_output=True, text=True, check=False)
+    # x = cos(t) has each of the values from 0 to below 1 three times from t = 0 to 10.
+    assert (done.returncode, done.stdout) == (0, "SUCCESS 300\nSUCCESS 300\n"), done.stderr

@@ -184,7 +184,7 @@ class NumpyTaylorDriver:
 
 WATCHED = (
     *("tilts", "sides", "settings", "times", "states", "places"),
-    *("combinations", "switch_rows", "switch_combinations"),
+    *("combinations", "switch_rows", "switch_combinations", "scratch", "whole_scratch"),
 )
 """What the loop is given of an `EventMemory`, in its order."""
 

@@ -43,7 +43,10 @@ from lagrange.procedure.taylor.memory import HELD
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
 
-WATCHED = ("tilts", "sides", "settings", "combinations", "switch_rows", "switch_combinations")
+WATCHED = (
+    *("tilts", "sides", "settings", "combinations", "switch_rows", "switch_combinations"),
+    *("scratch", "whole_scratch"),
+)
 """What an `EventMemory` has beside events, by the names of the loop's arguments."""
 
 _PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)

@@ -9,7 +9,6 @@ from functools import cache
 from typing import Any
 
 from lagrange.procedure.builder import Builder
-from lagrange.procedure.events.constants import MOST_COEFFICIENTS
 from lagrange.procedure.events.roots import roots
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
 from lagrange.procedure.taylor.constants import EVENT_SLACK, JUMP, LEAST_PART, TOGETHER
@@ -17,7 +16,9 @@ from lagrange.procedure.taylor.event_series import event_noise, is_balanced, kee
 from lagrange.procedure.taylor.memory import TAYLOR, SeriesMemory, TaylorLayout, work_array
 from lagrange.procedure.taylor.sums import increment
 from lagrange.procedure.taylor.watching import (
+    COLUMN,
     COUNT,
+    MOST_ZEROS,
     NEAR,
     RESET_SIZE,
     ROOT,
@@ -29,13 +30,8 @@ from lagrange.procedure.taylor.watching import (
 )
 from lagrange.procedure.values import Flag, Memory, Real, Whole
 
-ROOM = MOST_COEFFICIENTS + 1
-"""So many coefficients of each thing watched have room; a linear one that starts at zero has `LEAST_COUNT`."""
-
 LEAST_COUNT = 3
-
-MOST_ZEROS = 64
-"""So many zeros on one step are dealt with here."""
+"""A series is taken to have at least so many coefficients."""
 
 GO_ON, LEAVE, WAIT = range(3)
 """What is to follow: the step, a return to who watches, or a return because there is no room for more events."""
@@ -53,12 +49,16 @@ def inspect_step(layout: TaylorLayout) -> Procedure:
 
 
 class _Zeros:
-    """The zeros on a step: their times in units of the scale, places and directions, and the sides at its end."""
+    """The zeros on a step: their times in units of the scale, places and directions, and the sides at its end.
 
-    def __init__(self, p: Builder, layout: TaylorLayout, name: str) -> None:
+    There may be two such lists at a time, with the numbers 0 and 1.
+    """
+
+    def __init__(self, watched: Watched, number: int, name: str) -> None:
+        p, layout = watched.p, watched.layout
         room = layout.watched * MOST_ZEROS
-        self.times = p.reserve(room, name=f"{name}_times")
-        self.places, self.directions = (p.reserve(room, WHOLE, name=f"{name}_{of}") for of in ("places", "directions"))
+        self.times = watched.scratch.at(layout.watched * COLUMN + number * room)
+        self.places, self.directions = (watched.whole_scratch.at((2 * number + i) * room) for i in range(2))
         self.signs, self.nears = (p.reserve(layout.watched, WHOLE, name=f"{name}_{of}") for of in ("signs", "nears"))
 
     @property
@@ -78,7 +78,7 @@ def zeros_on_step(layout: TaylorLayout) -> Procedure:
     signs, nears = p.array("signs", WHOLE), p.array("nears", WHOLE)
     found = p.variable(0, "found")
     with p.loop(0, layout.watched) as i:
-        c, count = columns.at(i * ROOM), counts[i]
+        c, count = columns.at(i * COLUMN), counts[i]
         sign, near, begins = before[i], ~came_near[i].equals(0), ~starting[i].equals(0)
         signs[i], nears[i] = sign, came_near[i]
         clear = p.variable(doubtful[i].equals(0), "clear")
@@ -133,7 +133,7 @@ class _Inspection:
         p, layout, watched = self.p, self.layout, self.watched
         self.noise = p.reserve(layout.watched + layout.block, room=layout.block, name="noise")
         values = p.reserve(layout.watched + layout.block, name="values")
-        self.columns = p.reserve(layout.watched * ROOM, name="columns")
+        self.columns = watched.scratch
         self.counts = p.reserve(layout.watched, WHOLE, name="counts")
         self.late, self.early = (p.reserve(layout.watched, name=name) for name in ("late", "early"))
         with p.loop(0, layout.watched) as i:
@@ -148,7 +148,7 @@ class _Inspection:
         with p.when(~whole & (abs(s * self.scale) < shortest)):
             p.leave(LEAVE, s)
         self.signs, self.nears = self.sides_now(s)
-        found, zeros = _Zeros(p, layout, "found"), _Zeros(p, layout, "shorter")
+        found, zeros = _Zeros(watched, 0, "found"), _Zeros(watched, 1, "shorter")
         count = self.find(found, s, whole & self.final)
         change = self.first_change(found, count, p.constant(math.inf, REAL))
         with p.when(change >= 0) as ways:
@@ -166,7 +166,7 @@ class _Inspection:
         """
         p, layout, s = self.p, self.layout, self.s
         with self.doubted() as i:
-            c, first = self.columns.at(i * ROOM), self.rows.at(i + layout.watched_at)
+            c, first = self.columns.at(i * COLUMN), self.rows.at(i + layout.watched_at)
             total, power = p.variable(0.0), p.variable(1.0)
             late, early, used = p.variable(0.0), p.variable(0.0), p.variable(LEAST_COUNT)
             with p.loop(0, self.count) as k:
@@ -205,7 +205,7 @@ class _Inspection:
         p, s = self.p, self.p.variable(self.s, "trusted")
         tolerance = p.larger(self.rtol, 2.0**-52) * EVENT_SLACK
         with self.doubted() as i:
-            c, noise = self.columns.at(i * ROOM), self.noise[i]
+            c, noise = self.columns.at(i * COLUMN), self.noise[i]
             with p.when(~(self.late[i] <= p.fma(tolerance, self.early[i], noise)), likely=False):
                 s.value = p.smaller(s.value, p.call(reach(), c, self.count, self.s, tolerance, noise))
         with p.when(ends, likely=False):
@@ -213,7 +213,7 @@ class _Inspection:
             with p.repeat(lambda: ~balanced.value & (halvings.value < 200)):
                 balanced.value = p.true
                 with self.doubted() as i:
-                    c = self.columns.at(i * ROOM)
+                    c = self.columns.at(i * COLUMN)
                     balanced.value = balanced.value & p.call(is_balanced(), c, self.counts[i], s.value)
                 halvings.value = halvings.value + 1
                 s.value = p.choose(balanced.value, s.value, s.value * 0.5)
@@ -227,7 +227,7 @@ class _Inspection:
         with p.loop(0, count) as i:
             signs[i], nears[i] = self.watched.side(SIGN)[i], self.watched.side(NEAR)[i]
         with self.doubted() as i:
-            c, sign = self.columns.at(i * ROOM), signs[i]
+            c, sign = self.columns.at(i * COLUMN), signs[i]
             with p.when(p.real(sign) * c[0] < 0.0, likely=False):
                 jumped = abs(c[0]) > JUMP * p.call(largest_term(), c, self.counts[i], s)
                 signs[i] = p.choose(jumped, -sign, sign)

@@ -148,7 +148,7 @@ class _Reset:
         p, layout, watched = self.p, self.layout, self.watched
         with p.loop(0, layout.padded) as i:
             there[i], there[i + layout.lost] = self.work[i], 0.0
-        given = p.reserve(layout.padded * layout.watched + layout.block, room=layout.block, name="given")
+        given = watched.scratch
         self.leave_if(watched.resets(self.t, self.work, watched.reset_numbers, given))
         first, size = watched.setting(RESET_AT, place), watched.setting(RESET_SIZE, place)
         entries = watched.settings.at(SETTINGS * layout.watched)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from lagrange.procedure.builder import Builder
+from lagrange.procedure.events.constants import MOST_COEFFICIENTS
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Callee, Record
 from lagrange.procedure.taylor.memory import TaylorLayout
 from lagrange.procedure.values import Flag, Memory, Real, Whole
@@ -67,6 +68,21 @@ the state that are reset."""
 SIDES, SETTINGS = 4, 5
 """How many blocks of these there are."""
 
+COLUMN = MOST_COEFFICIENTS + 1
+"""So many coefficients of each thing watched have room; a linear one that starts at zero has `LEAST_COUNT`."""
+
+MOST_ZEROS = 64
+"""So many zeros on one step are dealt with in the loop."""
+
+
+def scratch_sizes(count: int, dimension: int) -> tuple[int, int]:
+    """Return how many reals and how many whole numbers an inspection or a reset needs beside its arguments.
+
+    They grow with the number of things watched, and the stack of a thread may be small. An inspection keeps a column
+    of each thing watched and two lists of zeros, a reset the results of all resets.
+    """
+    return count * max(COLUMN + 2 * MOST_ZEROS, dimension), count * 4 * MOST_ZEROS
+
 
 class Watched:
     """What is watched, as arguments of a procedure."""
@@ -84,6 +100,8 @@ class Watched:
         self.combinations = p.array("combinations", WHOLE, read=True)
         self.switch_rows = p.array("switch_rows", WHOLE)
         self.switch_combinations = p.array("switch_combinations", WHOLE)
+        self.scratch = p.array("scratch", room=layout.block)
+        self.whole_scratch = p.array("whole_scratch", WHOLE)
 
     @property
     def own_numbers(self) -> Memory:
@@ -95,7 +113,8 @@ class Watched:
         """The arguments for another procedure."""
         functions = self.values, self.resets, self.value_numbers, self.reset_numbers, self.tilts
         switches = self.combinations, self.switch_rows, self.switch_combinations
-        return (self.record, *functions, self.sides, self.settings, *self.events, *switches)
+        scratch = self.scratch, self.whole_scratch
+        return (self.record, *functions, self.sides, self.settings, *self.events, *switches, *scratch)
 
     @property
     def events(self) -> tuple[Memory, ...]:
