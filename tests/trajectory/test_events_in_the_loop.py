@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sympy import Abs, Max, Piecewise, Rational, cos, sign, sin
+from sympy import Abs, Max, Piecewise, Rational, cos, exp, sign, sin, tanh
 
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState
@@ -88,6 +88,22 @@ def test_random_events(seed: int, target: str, monkeypatch: pytest.MonkeyPatch) 
     in_python(monkeypatch)
     assert_same(ours, run(compiled, end, "taylor", events=events))
     assert_same(shown, run(compiled, end, "taylor", events=events, t_eval=times))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_functions_that_hide_what_they_grow_to(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every step is inspected, and no longer than the radius that the series show."""
+    chance = np.random.default_rng(200 + seed)
+    a, b = (Rational(int(k), 10) for k in chance.integers(1, 9, 2))
+    well = build(
+        kinetic=(x.dot**2 + y.dot**2) / 2,
+        potential=exp(a * x - y) + exp(y + b * x) + exp(-2 * x) + tanh(b * x * y),
+        initial=dict(zip((x, y, x.dot, y.dot), chance.uniform(-0.9, 0.9, 4).tolist(), strict=True)),
+    )
+    events = [*random_events(chance), event(exp(y) - exp(x) / 2)]
+    ours = run(well, 8.0, "taylor", events=events)
+    in_python(monkeypatch)
+    assert_same(ours, run(well, 8.0, "taylor", events=events))
 
 
 def random_switches(chance: np.random.Generator, target: str) -> Model:

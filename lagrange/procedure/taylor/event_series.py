@@ -9,7 +9,7 @@ from typing import Any
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.events.constants import MOST_COEFFICIENTS, ROUND_OFF, SURELY
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Procedure
-from lagrange.procedure.taylor.constants import BALANCE, DOUBT, EVENT_NOISE
+from lagrange.procedure.taylor.constants import BALANCE, DOUBT, EVENT_NOISE, RADIUS_FRACTION, ROW_DISTANCE
 from lagrange.procedure.taylor.memory import TaylorLayout
 from lagrange.procedure.taylor.watching import FUNCTION
 from lagrange.procedure.values import Real
@@ -70,6 +70,23 @@ def reach() -> Procedure:
             shorter = p.real(ratio.value) ** share
             far.value = far.value * p.smaller(p.larger(shorter, 0.05), 0.9)
     p.leave(far.value)
+    return p.finish(REAL)
+
+
+@cache
+def safe_step() -> Procedure:
+    """Return the step that the radius of convergence allows which the last coefficients of a series show."""
+    p = Builder("safe_step", "Return how far a series goes that may hide what it grows to.", apart=True)
+    c, count = p.array("c", read=True), p.given("count", WHOLE)
+    radius: Any = p.variable(0.0)
+    for less in (2, 1):
+        late = count - less
+        early = p.larger(late - ROW_DISTANCE, 1)
+        sizes = abs(c[early]), abs(c[late])
+        known = (sizes[0] > 0.0) & (sizes[1] > 0.0)
+        shown = (sizes[0] / sizes[1]) ** (1.0 / p.real(late - early))
+        radius.value = p.larger(radius.value, p.choose(known, shown, math.inf))
+    p.leave(radius.value * 2.0**RADIUS_FRACTION)
     return p.finish(REAL)
 
 

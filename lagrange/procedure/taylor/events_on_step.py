@@ -12,7 +12,7 @@ from lagrange.procedure.builder import Builder
 from lagrange.procedure.events.roots import roots
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
 from lagrange.procedure.taylor.constants import EVENT_SLACK, JUMP, LEAST_PART, TOGETHER
-from lagrange.procedure.taylor.event_series import event_noise, is_balanced, keeps_sign, largest_term, reach
+from lagrange.procedure.taylor.event_series import event_noise, is_balanced, keeps_sign, largest_term, reach, safe_step
 from lagrange.procedure.taylor.memory import TAYLOR, SeriesMemory, TaylorLayout, work_array
 from lagrange.procedure.taylor.sums import increment
 from lagrange.procedure.taylor.watching import (
@@ -131,6 +131,7 @@ class _Inspection:
 
     def build(self) -> Procedure:
         p, layout, watched = self.p, self.layout, self.watched
+        self.wary: Flag = (~watched.record.wary.equals(0)).called("wary")
         self.noise = p.reserve(layout.watched + layout.block, room=layout.block, name="noise")
         values = p.reserve(layout.watched + layout.block, name="values")
         self.columns = watched.scratch
@@ -208,6 +209,8 @@ class _Inspection:
             c, noise = self.columns.at(i * COLUMN), self.noise[i]
             with p.when(~(self.late[i] <= p.fma(tolerance, self.early[i], noise)), likely=False):
                 s.value = p.smaller(s.value, p.call(reach(), c, self.count, self.s, tolerance, noise))
+            with p.when(self.wary, likely=False):
+                s.value = p.smaller(s.value, p.call(safe_step(), c, self.count))
         with p.when(ends, likely=False):
             halvings, balanced = p.variable(0), p.variable(p.false)
             with p.repeat(lambda: ~balanced.value & (halvings.value < 200)):
@@ -330,7 +333,7 @@ class _Inspection:
         with p.when(~still.value):
             self.keep_sides(zeros)
             self.write_events(zeros, count, before)
-        inspect = p.variable(again, "inspect")
+        inspect = p.variable(again | self.wary, "inspect")
         with p.loop(0, size) as i:
             inspect.value = inspect.value | zeros.signs[i].equals(0) | ~zeros.nears[i].equals(0)
         self.taylor.inspect = p.whole(inspect.value)

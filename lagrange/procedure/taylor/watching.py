@@ -23,6 +23,7 @@ WATCH = Record.of(
     "Watch",
     enabled=WHOLE,
     fresh=WHOLE,
+    wary=WHOLE,
     surfaces=WHOLE,
     room=WHOLE,
     done=WHOLE,
@@ -41,6 +42,7 @@ WATCH = Record.of(
 """What a run knows of what it watches.
 
     enabled      1 where steps are inspected here, 0 where the driver is to come back for each
+    wary         1 where series hide what they grow to: every step is inspected, and no longer than they show to be safe
     fresh        1 where a motion begins whose sides are not known
     surfaces     how many of what is watched are surfaces
     room         how many events there is room for

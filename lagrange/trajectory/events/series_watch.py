@@ -52,7 +52,7 @@ class Watch(SharedWatch):
         continuations: Continuations,
     ) -> None:
         self.steep, self.hidden = series.program.watched_degree > order, series.program.hides_growth
-        super().__init__(series, driver, parameters, impacts, enabled=not (self.steep or self.hidden))
+        super().__init__(series, driver, parameters, impacts, enabled=not self.steep, wary=self.hidden)
         self.series, self.order, self.driver = series, order, driver
         self.names, self.continuations = names, continuations
         self._last: tuple[object, Look] | None = None

@@ -24,7 +24,14 @@ class SharedWatch(Record):
     """
 
     def __init__(
-        self, series: Series, driver: TaylorDriver, parameters: FloatArray, impacts: Sequence[Impact], *, enabled: bool
+        self,
+        series: Series,
+        driver: TaylorDriver,
+        parameters: FloatArray,
+        impacts: Sequence[Impact],
+        *,
+        enabled: bool,
+        wary: bool,
     ) -> None:
         super().__init__(len(impacts), 2 * series.program.dimension)
         self.impacts, self.surfaces = tuple(impacts), series.program.sides
@@ -40,6 +47,7 @@ class SharedWatch(Record):
         values, size = series.values if enabled else None, 2 * series.program.dimension
         self._memory = EventMemory(size, self.surfaces, reactions, values, resets, parameters)
         self.enabled = enabled
+        self._memory.record.wary = int(wary)
         driver.watch(self._memory)
 
     @property
