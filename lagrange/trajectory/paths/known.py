@@ -46,5 +46,5 @@ class OutputPath:
 
     def _between(self, times: FloatArray) -> FloatArray:
         if self.path is None:
-            raise RunError(f"there is no state at t = {times[0]:.17g}: {self.refusal}")
+            raise RunError(f"there is no state at t = {times[0]:.16g}: {self.refusal}")
         return self.path(times)
