@@ -10,8 +10,10 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
 
-from examples import double_pendulum, euler_against_rk4, pendulum_period, phase_portraits
+from examples import double_pendulum, euler_against_rk4, pendulum_period, phase_portraits, poincare_section
 
 
 def assert_is_a_picture(path: Path) -> None:
@@ -98,3 +100,35 @@ def test_phase_portraits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert phase_portraits.residual("variational", 0.1, theta) > 1e-6
     assert "integrable" in capsys.readouterr().out
     assert_is_a_picture(tmp_path / "phase_portraits.png")
+
+
+def test_poincare_section(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    orbits = poincare_section.main(tmp_path)
+    found = np.concatenate(orbits)
+    assert len(found) == 10_000
+    # An event is located to round-off, and 500 crossings at rtol 1e-12 leave the energy within some 1e-12.
+    assert np.abs(found[:, 0]).max() < 1e-14
+    assert (found[:, 2] > 0).all()
+    assert np.abs(poincare_section.energy(found) - poincare_section.ENERGY).max() < 1e-11
+    out = capsys.readouterr().out
+    assert "10000 crossings of 20 orbits" in out
+    assert_is_a_picture(tmp_path / "poincare_section.png")
+
+
+def test_orbits_of_the_section_are_those_of_another_solver() -> None:
+    y, y_dot = poincare_section.STARTS[8]
+
+    def rhs(_: float, s: NDArray[np.float64]) -> list[float]:
+        return [s[2], s[3], -s[0] - 2 * s[0] * s[1], -s[1] - s[0] ** 2 + s[1] ** 2]
+
+    def passing(_: float, s: NDArray[np.float64]) -> float:
+        return float(s[0])
+
+    start = [0.0, y, poincare_section.speed_through(y, y_dot), y_dot]
+    solved = solve_ivp(rhs, (0.0, 80.0), start, "DOP853", events=passing, rtol=1e-12, atol=1e-14)
+    assert solved.y_events is not None
+    theirs = np.array([state for state in solved.y_events[0][1:] if state[2] > 0])
+    ours = poincare_section.section(poincare_section.star().compile(), y, y_dot, len(theirs))
+    assert len(theirs) >= 10
+    # SciPy's dense output is of order 7: its states between steps are good to 1e-9 or so.
+    assert ours == pytest.approx(theirs, abs=1e-8)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numbers
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
 
@@ -162,9 +163,16 @@ def declare_events(events: Any, statement: Statement) -> tuple[Event, ...]:
     return found
 
 
-def _check(expression: Any, what: str, statement: Statement) -> Survey:
+@lru_cache(maxsize=256)
+def _surveyed(expression: Any, what: str) -> Survey:
+    """Return what an expression is made of; kept, since many runs have the same events."""
     survey = Survey()
     survey.add(expression, what)
+    return survey
+
+
+def _check(expression: Any, what: str, statement: Statement) -> Survey:
+    survey = _surveyed(expression, what)
     known = (*statement.coordinates, *statement.parameters)
     for leaf in (*survey.coordinates, *survey.parameters):
         if leaf not in known:

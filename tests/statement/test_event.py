@@ -11,6 +11,7 @@ import sympy as sp
 from lagrange.errors import StatementError
 from lagrange.statement.coordinate import coordinate, parameters, t
 from lagrange.statement.event import Event, declare_events, event
+from lagrange.statement.survey import Survey
 from tests.models import stated
 
 x, y, z = coordinate("x"), coordinate("y"), coordinate("z")
@@ -116,3 +117,18 @@ def test_what_the_system_does_not_have_is_refused(given: Any, words: str) -> Non
     with pytest.raises(StatementError) as refusal:
         declare_events(given, STATEMENT)
     assert words in str(refusal.value)
+
+
+def test_an_expression_is_surveyed_once_for_many_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    given = event(x**2 + 3 * x.dot - 17, reset={x.dot: -x.dot / 17})
+    other = stated(kinetic=z.dot**2 / 2)
+    (first,) = declare_events([given], STATEMENT)
+
+    def walked(*_: object) -> None:
+        raise AssertionError("the expression is walked again")
+
+    monkeypatch.setattr(Survey, "add", walked)
+    assert declare_events([given], STATEMENT) == (first,)
+    # Whether a system has what it contains is asked for each system.
+    with pytest.raises(StatementError, match="which this system does not have"):
+        declare_events([given], other)
