@@ -103,3 +103,14 @@ def test_another_tolerance_compiles_its_series_once_and_no_loop_over_steps(watch
     series = [text for text in made if "@jet(" in text]
     assert 8 < len(series) == len(dict.fromkeys(series))
     assert not any("@taylor_steps(" in text for text in made)
+
+
+def test_a_run_with_the_same_events_and_resets_compiles_nothing(made: list[str]) -> None:
+    """What is watched, the resets and the series with the events are each compiled once for a model and its events."""
+    theta = lg.coordinate("theta")
+    model = pendulum().compile(check=False)
+    for again in (False, True):
+        made.clear()
+        stops = [lg.Event(theta - 0.5), lg.Event(theta + 0.5, direction=-1, reset={theta.dot: -theta.dot})]
+        lg.integrate(model, (0.0, 3.0), rtol=1e-9, events=stops)
+        assert (made == []) is again
