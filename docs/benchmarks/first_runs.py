@@ -1,0 +1,104 @@
+"""What a first run of a compiled model costs beside its steps, and what further tolerances cost.
+
+python docs/benchmarks/first_runs.py
+"""
+
+from __future__ import annotations
+
+import gc
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from time import process_time
+from typing import Any
+
+from measure import Page, milliseconds
+
+PROCESSES = 1
+"""So many processes measure each row; the least counts. With one, rows differ by up to a fifth from time to time."""
+
+TOLERANCES = [1e-9, *(10.0**-k for k in range(3, 17) if k != 9)]
+
+RUNS: dict[str, dict[str, Any]] = {
+    "taylor": {"method": "taylor"},
+    "taylor, an event": {"method": "taylor", "event": True},
+    "dop853": {"method": "dop853"},
+    "rk4": {"method": "rk4", "step": 0.01},
+    "radau5": {"method": "radau5"},
+}
+
+HEADER = ("system", "method", "first of its dimension, ms", "first of the system, ms", "14 tolerances, ms")
+
+ABOUT = (
+    "What runs over 0.3 time units of a compiled model cost beside their steps, in a process that has run another "
+    "system with another method. A first run compiles the loop over steps if it is the first with as many coordinates "
+    "and events, the series of the system at the order of its tolerance, and the energy. The tolerances are 1e-3 to "
+    "1e-16, that of the first run, 1e-9, among them; each order has its own series. Code is compiled quickly at first. "
+    "What has taken 5,000 steps is compiled well, once, and gives the same results to the last bit; these runs are too "
+    "short for that. The code of the other methods does not depend on the tolerance. Each row is measured once, in a "
+    "process of its own."
+)
+
+
+def systems() -> dict[str, Callable[[], Any]]:
+    """Return the systems."""
+    from systems import chain, double_pendulum, henon_heiles
+
+    import lagrange as lg
+
+    return {
+        "pendulum": lambda: lg.System(**chain(1)),
+        "Henon-Heiles": henon_heiles,
+        "double pendulum": double_pendulum,
+        "5 links": lambda: lg.System(**chain(5)),
+    }
+
+
+def measured(system: str, run: str) -> dict[str, float]:
+    """Return the processor seconds of first runs beside their steps, and of all tolerances."""
+    import lagrange as lg
+
+    options = dict(RUNS[run])
+    watching = options.pop("event", False)
+    made = systems()
+
+    def taken(model: Any, first: Any, rtol: float) -> float:
+        given = options if "step" in options else {**options, "rtol": rtol}
+        events = [lg.Event(first)] if watching else None
+        began = process_time()
+        lg.integrate(model, (0.0, 0.3), {first: 0.3}, events=events, **given)
+        return process_time() - began
+
+    def costs(tolerances: list[float]) -> list[float]:
+        stated = made[system]()
+        model, first = stated.compile(check=False), stated.coordinates[0]
+        gc.collect()
+        found = [taken(model, first, rtol) for rtol in tolerances]
+        return [one - taken(model, first, rtol) for one, rtol in zip(found, tolerances, strict=True)]
+
+    other = made["5 links" if system == "pendulum" else "pendulum"]()
+    lg.integrate(other.compile(check=False), (0.0, 0.1), method="rk4", step=0.01)
+    (alone,) = costs(TOLERANCES[:1])
+    later = costs(TOLERANCES if options["method"] == "taylor" else TOLERANCES[:1])
+    return {"alone": alone, "later": later[0], "all": sum(later)}
+
+
+def rows() -> Iterator[tuple[str, ...]]:
+    """Measure each row in new processes."""
+    for system in systems():
+        for run, options in RUNS.items():
+            command = [sys.executable, __file__, system, run]
+            found = [json.loads(subprocess.check_output(command, text=True)) for _ in range(PROCESSES)]
+            least = {name: min(one[name] for one in found) for name in found[0]}
+            tolerances = milliseconds(least["all"]) if options["method"] == "taylor" else ""
+            yield system, run, milliseconds(least["alone"]), milliseconds(least["later"]), tolerances
+
+
+if __name__ == "__main__":
+    if sys.argv[1:]:
+        print(json.dumps(measured(*sys.argv[1:])))
+    else:
+        page = Page("First runs and further tolerances", __file__, ABOUT)
+        page.table(HEADER, rows())
+        page.write()
