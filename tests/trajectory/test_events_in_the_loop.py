@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sympy import Abs, Max, Piecewise, Rational, cos, exp, sign, sin, tanh
+from sympy import Abs, Max, Piecewise, Rational, atan2, cos, exp, sign, sin, sqrt, tanh
 
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState
@@ -168,6 +168,20 @@ def test_the_loop_comes_back_for_nothing_that_is_regular(monkeypatch: pytest.Mon
     found = run(well, 300.0, "taylor", events=[wall, event(y)])
     assert found.status is Status.SUCCESS and sum(map(len, found.t_events)) > 150
     assert len(calls) < 40
+
+
+def test_an_event_on_a_surface_counts_in_its_direction() -> None:
+    """A step that ends on a surface may end just behind an event that vanishes there with it, or just before."""
+    kepler = build("llvm", kinetic=(x.dot**2 + y.dot**2) / 2, potential=-1 / sqrt(x**2 + y**2))
+    angle = atan2(y.dot, x)
+    rises, falls = event(angle, direction=1), event(angle, direction=-1)
+    kinked = Piecewise((x, y.dot > 0), (2 * x, True)) - 5
+    for speed in np.linspace(0.7, 0.95, 20):
+        start = {x: 1.0, y: 0.0, x.dot: 0.0, y.dot: float(speed)}
+        alone = run(kepler, 20.0, "taylor", initial=start, events=[rises, falls], rtol=1e-9)
+        there = run(kepler, 20.0, "taylor", initial=start, events=[rises, falls, kinked], rtol=1e-9)
+        expected = list(map(len, alone.t_events))
+        assert min(expected) >= 3 and list(map(len, there.t_events))[:2] == expected
 
 
 SMALL_STACK = """

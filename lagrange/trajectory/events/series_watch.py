@@ -349,7 +349,9 @@ class Watch(SharedWatch):
                 self.relay[m.which] = Side(1)
                 continue
             self.relay[m.which] = Side(after)
-            found.append(replace(m, root=Root(m.root.time, after if after != before[m.which].sign else 0)))
+            # The step may have ended behind the zero: the side before it is the one that it was passed from.
+            side = -m.root.rising or before[m.which].sign
+            found.append(replace(m, root=Root(m.root.time, after if after != side else 0)))
         return found
 
     def _jump(self, met: Sequence[Meeting], state: DriverState, *, ends: bool) -> EventResult:
