@@ -212,7 +212,14 @@ def _advance_to_end(
                 problem.progress(state.t)
     except KeyboardInterrupt:
         rows.collect(state, times, states, call)
-        return Status.INTERRUPTED, ""
+        return _interrupted(watch, state)
+
+
+def _interrupted(watch: Watcher | None, state: DriverState) -> tuple[Status, str]:
+    """Have the events on all rows taken over: an interruption is raised as the loop over steps returns."""
+    if watch is not None:
+        watch.is_due(state)
+    return Status.INTERRUPTED, ""
 
 
 def _final_sentence(problem: Problem, plan: Plan, name: str, state: DriverState, status: Status, cause: str) -> str:

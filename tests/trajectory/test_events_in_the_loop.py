@@ -15,6 +15,7 @@ from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
+from lagrange.trajectory.events.series_watch import Watch
 from lagrange.trajectory.events.shared_watch import SharedWatch
 from lagrange.trajectory.trajectory import Status, Trajectory
 from tests.covering import share
@@ -182,6 +183,24 @@ def test_an_event_on_a_surface_counts_in_its_direction() -> None:
         there = run(kepler, 20.0, "taylor", initial=start, events=[rises, falls, kinked], rtol=1e-9)
         expected = list(map(len, alone.t_events))
         assert min(expected) >= 3 and list(map(len, there.t_events))[:2] == expected
+
+
+def test_an_interruption_keeps_the_events_of_its_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A signal that comes in the loop over steps is raised as the loop returns, before anyone has asked for events."""
+    oscillator = build("llvm", kinetic=x.dot**2 / 2, potential=x**2 / 2, initial={x: 1.0})
+    is_due, calls = Watch.is_due, []
+
+    def interrupted(self: Watch, state: DriverState) -> bool:
+        calls.append(state.t)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return is_due(self, state)
+
+    monkeypatch.setattr(Watch, "is_due", interrupted)
+    found = run(oscillator, 1e6, "taylor", events=[x, event(x - 2, reset={x.dot: -x.dot})])
+    end = float(found.t[-1])
+    assert found.status is Status.INTERRUPTED and end == calls[2] > calls[1] + 2 * math.pi
+    assert len(found.t_events[0]) == math.floor(end / math.pi + 0.5)
 
 
 SMALL_STACK = """
