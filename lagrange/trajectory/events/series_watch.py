@@ -29,7 +29,7 @@ from lagrange.trajectory.events.ending import (
 )
 from lagrange.trajectory.events.nonanalytic_points import SHARE, Continuations
 from lagrange.trajectory.events.occurrence import TOGETHER, Occurrence
-from lagrange.trajectory.events.roots import Root, Side, roots
+from lagrange.trajectory.events.roots import Root, Side, may_vanish, roots
 from lagrange.trajectory.events.series_on_step import Look, near, signed_scale, state_at, unit
 from lagrange.trajectory.events.shared_watch import SharedWatch
 from lagrange.trajectory.events.surfaces import Sliding, clear, is_zero, leaving, settled_sides, stated_sides
@@ -251,7 +251,8 @@ class Watch(SharedWatch):
             if which in self.starting:
                 # What starts at zero is divided by time: its root there is known, and the next may be close.
                 g, noise = g[1:], 0.0
-            met, side = roots(g, s, before, noise=noise, last=last)
+            surely = before.settled and before.sign * g[0] > 0 and not may_vanish(g, s, noise=noise)
+            met, side = ([], before) if surely else roots(g, s, before, noise=noise, last=last)
             found += [Meeting(which, root) for root in met]
             after.append(side)
         return sorted(found, key=lambda m: m.root.time), after
