@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import lagrange as lg
 from lagrange.errors import StatementError
-from lagrange.show.transaction import recover
+from lagrange.show.atomic_folder import recover
 
 if TYPE_CHECKING:
     from lagrange.system import System

@@ -35,8 +35,8 @@ from lagrange.arguments import (
 from lagrange.errors import LagrangeError, StatementError, listing
 from lagrange.interruption import SENTENCE, Signalled
 from lagrange.race_command import add_race
+from lagrange.show.atomic_file import write_atomically
 from lagrange.show.derivation import FORMATS, render
-from lagrange.show.files import write_atomically
 from lagrange.show.names import plain_text
 from lagrange.show.table import text_table
 from lagrange.streams import complain, output

@@ -18,7 +18,7 @@ PLAIN: Mapping[str, tuple[str, ...]] = {
     ),
     "machine entries": ("llvm_machine", "model", "numpy_machine"),
     "trajectory records": ("integrator", "options", "tolerances", "trajectory"),
-    "trajectory runs": ("driver", "inertia", "limits", "messages", "outputs", "plan", "sizes"),
+    "trajectory runs": ("inertia", "memory_limit", "messages", "outputs", "plan", "run_loop", "sizes"),
     "trajectory entries": ("conservation", "flow", "integrate"),
 }
 """The modules beside the rooms: what every room reads, what runs a plan, and what is called from outside. The records
@@ -137,7 +137,7 @@ def test_every_folder_of_tests_is_in_the_floor_plan() -> None:
     [
         ("machine.kernel.llvm_text", "from lagrange.machine.steps.llvm_layout import laid_out"),
         ("machine.llvm.emitter", "import lagrange.machine.kernel.llvm_calling"),
-        ("trajectory.trajectory", "from lagrange.trajectory import driver"),
+        ("trajectory.trajectory", "from lagrange.trajectory import run_loop"),
         (
             "trajectory.paths.sampled",
             "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from lagrange.trajectory.events import roots",

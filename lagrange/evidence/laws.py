@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from lagrange.evidence.differences import Numbers, central, central_mixed
+from lagrange.evidence.central_differences import Numbers, central, central_mixed
 from lagrange.evidence.operations import OutsideDomain
 
 StateFunction = Callable[[Sequence[Any], Sequence[Any], Any], Any]

@@ -26,7 +26,7 @@ from sympy import Symbol
 
 from lagrange.errors import RunError
 from lagrange.evidence import laws
-from lagrange.evidence.differences import Numbers
+from lagrange.evidence.central_differences import Numbers
 from lagrange.evidence.laws import DifferenceSteps, Sources
 from lagrange.evidence.operations import OutsideDomain
 from lagrange.evidence.precise import Precise

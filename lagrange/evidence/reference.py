@@ -15,7 +15,7 @@ from itertools import chain
 from typing import Any
 
 from lagrange.evidence import laws
-from lagrange.evidence.differences import Numbers, extrapolate
+from lagrange.evidence.central_differences import Numbers, extrapolate
 from lagrange.evidence.laws import DifferenceSteps, Sources
 from lagrange.evidence.operations import BeyondDoubles, OutsideDomain
 from lagrange.evidence.precise import Precise

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from lagrange.show.files import Writer
+from lagrange.show.atomic_file import Writer
 from lagrange.statement.number import whole_number
 
 if TYPE_CHECKING:

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from lagrange.errors import StatementError, listing, shown
 from lagrange.evidence.work_precision import Entry, Result
-from lagrange.show.files import write_atomically, write_rows
+from lagrange.show.atomic_file import write_atomically, write_rows
+from lagrange.show.atomic_folder import write_together
 from lagrange.show.picture import picture
 from lagrange.show.race_plot import plot
 from lagrange.show.table import text_table
-from lagrange.show.transaction import write_together
 from lagrange.statement.number import real_number
 
 if TYPE_CHECKING:

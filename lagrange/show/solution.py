@@ -20,12 +20,12 @@ from sympy.core.function import AppliedUndef
 from lagrange.errors import LagrangeError, RunError, StatementError, listing, shown, suggestion
 from lagrange.evidence.stiffness import Stiffness, stiffness
 from lagrange.machine.model import Model
+from lagrange.show.atomic_file import Writer, write_atomically, write_rows
+from lagrange.show.atomic_folder import write_together
 from lagrange.show.drift import EnergyDrift, energy_drift
-from lagrange.show.files import Writer, write_atomically, write_rows
 from lagrange.show.picture import picture
 from lagrange.show.plot import plot
 from lagrange.show.table import text_table
-from lagrange.show.transaction import write_together
 from lagrange.statement.coordinate import name_of, velocity_of
 from lagrange.statement.number import real_array
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory

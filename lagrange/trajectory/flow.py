@@ -16,11 +16,11 @@ from lagrange.machine.backend import Driver
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.statement.number import real_array, real_number
-from lagrange.trajectory.driver import MOST_STEPS_PER_CALL
 from lagrange.trajectory.integrator import Problem, run_by
 from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.options import DEFAULT_OPTIONS, RunOptions
 from lagrange.trajectory.plan import Plan, Planned
+from lagrange.trajectory.run_loop import MOST_STEPS_PER_CALL
 from lagrange.trajectory.sizes import survey
 from lagrange.trajectory.trajectory import FloatArray
 

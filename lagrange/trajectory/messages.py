@@ -10,7 +10,7 @@ import numpy as np
 
 from lagrange.errors import listing
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.limits import memory_limit
+from lagrange.trajectory.memory_limit import memory_limit
 from lagrange.trajectory.tolerances import Tolerances
 from lagrange.trajectory.trajectory import FloatArray, Status
 

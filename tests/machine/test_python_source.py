@@ -10,12 +10,12 @@ import pytest
 
 from lagrange.machine.python_source import source
 from lagrange.procedure.form import Procedure
-from lagrange.procedure.linear import dense, gauss_jordan, inverse
+from lagrange.procedure.linear import gauss_jordan, inverse, ldl
 from tests.procedure.random_procedures import RandomProcedure
 
 LINEAR: dict[str, Procedure] = {
-    "invert_dense": dense.invert_dense(),
-    "solve_lanes": dense.solve_lanes(),
+    "invert_dense": ldl.invert_dense(),
+    "solve_lanes": ldl.solve_lanes(),
     "invert": inverse.invert(),
     "inversion": gauss_jordan.inversion(7),
 }

@@ -114,7 +114,7 @@ def test_a_start_at_zero_is_left_to_arrays(speed: float, monkeypatch: pytest.Mon
 def test_regular_steps_are_not_sampled_on_arrays(monkeypatch: pytest.MonkeyPatch) -> None:
     """A section of 1000 time units, in few bursts, and every crossing that the accepted states show."""
     of, initial = systems()["Henon-Heiles"]
-    monkeypatch.setattr("lagrange.trajectory.events.many_steps.Burst.of", refuse)
+    monkeypatch.setattr("lagrange.trajectory.events.step_batch.StepBatch.of", refuse)
     reviews = counted(monkeypatch, "lagrange.trajectory.events.step_watch.StepWatch.review")
     found = run(of, 1000.0, "dop853", initial=initial, events=[event(y, direction=1), y], rtol=1e-9, atol=1e-9)
     below = found.y[1] < 0
@@ -142,7 +142,7 @@ def test_short_flights_compile_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_kink_is_halved_in_machine_code(monkeypatch: pytest.MonkeyPatch) -> None:
     """|x| - 0.2 is no polynomial on the steps on which x changes its sign, and none of them is left to arrays."""
     of, initial = systems()["Henon-Heiles"]
-    monkeypatch.setattr("lagrange.trajectory.events.many_steps.Burst.of", refuse)
+    monkeypatch.setattr("lagrange.trajectory.events.step_batch.StepBatch.of", refuse)
     found = run(of, 300.0, "dop853", initial=initial, events=[Abs(x) - 0.01, x - 0.01, x + 0.01], rtol=1e-9, atol=1e-9)
     both_sides = np.sort(np.concatenate(found.t_events[1:]))
     assert len(both_sides) > 100 and found.t_events[0] == pytest.approx(both_sides, abs=1e-12)

@@ -101,8 +101,8 @@ def test_ctrl_c_on_the_way_back_from_a_burst_loses_none_of_it(target: str, monke
 
     monkeypatch.setattr(driver, "advance", pressed)
     # However slow the machine is, the second burst is twice as long as the first.
-    monkeypatch.setattr("lagrange.trajectory.driver.SECONDS_PER_CALL", np.inf)
-    monkeypatch.setattr("lagrange.trajectory.driver.MOST_GROWTH", 2)
+    monkeypatch.setattr("lagrange.trajectory.run_loop.SECONDS_PER_CALL", np.inf)
+    monkeypatch.setattr("lagrange.trajectory.run_loop.MOST_GROWTH", 2)
     found = run(compiled, 40.0, "rk4", step=0.1)
     assert found.status is Status.INTERRUPTED and found.steps == len(found.t) - 1 == 64 + 128
     assert (found.y == plain.y[:, :193]).all() and (found.t == plain.t[:193]).all()

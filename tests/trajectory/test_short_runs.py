@@ -11,7 +11,7 @@ import lagrange as lg
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
 from lagrange.machine.steps.llvm_driver import LlvmDriver
-from lagrange.trajectory import driver
+from lagrange.trajectory import run_loop
 
 
 @pytest.mark.parametrize(("seconds", "calls"), [(1e9, [64, 1024]), (0.0, [64] * 16)])
@@ -29,7 +29,7 @@ def test_a_run_of_quick_steps_comes_back_seldom(
         return advance(self, state, budget, *rest)
 
     monkeypatch.setattr(LlvmDriver, "advance", counted)
-    monkeypatch.setattr(driver, "SECONDS_PER_CALL", seconds)
+    monkeypatch.setattr(run_loop, "SECONDS_PER_CALL", seconds)
     assert lg.integrate(model, (0.0, 10.0), method="rk4", step=0.01).steps == 1000
     assert asked == calls
 

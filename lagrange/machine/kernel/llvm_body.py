@@ -10,7 +10,7 @@ from lagrange.machine.llvm.operations import LIBRARY
 from lagrange.machine.llvm.sine_cosine import call_sine_and_cosine, sine_and_cosine
 from lagrange.machine.llvm.spelling import BOOLEAN, element, flag_type, number, spell
 from lagrange.procedure.form import Procedure
-from lagrange.procedure.linear.dense import factor_size
+from lagrange.procedure.linear.ldl import factor_size
 from lagrange.program.program import Instruction, Program
 
 UNROLLED = 6

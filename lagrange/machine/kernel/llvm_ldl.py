@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.spelling import element, flag_type, number
-from lagrange.procedure.linear.dense import PIVOT
+from lagrange.procedure.linear.ldl import PIVOT
 
 Entries = dict[tuple[int, int], str]
 """Values of a lower triangle by (row, column); what is missing is zero."""

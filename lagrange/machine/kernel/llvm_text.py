@@ -23,7 +23,7 @@ from lagrange.machine.llvm.operations import declaration
 from lagrange.machine.llvm.procedures import declaration as announced
 from lagrange.machine.llvm.sine_cosine import angle_function
 from lagrange.machine.llvm.spelling import BOOLEAN, intrinsics, library_functions, number, spell
-from lagrange.procedure.linear.dense import factor_size
+from lagrange.procedure.linear.ldl import factor_size
 from lagrange.program.program import SYSTEMS, Instruction, Program
 
 FEW_RESULTS = 16

@@ -20,7 +20,7 @@ from lagrange.machine.kernel.python_text import (
     rows_of,
 )
 from lagrange.machine.python_source import ATOM
-from lagrange.procedure.linear.dense import PIVOT
+from lagrange.procedure.linear.ldl import PIVOT
 from lagrange.program.program import Instruction, Program
 
 UFUNCS = {op: function.__name__ for op, function in OPERATIONS.items() if isinstance(function, np.ufunc)}

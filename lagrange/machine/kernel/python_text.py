@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 
 from lagrange.machine.python_source import ATOM, LONGEST_VALUE, OPERANDS, SPELLED, literal
 from lagrange.procedure.form import REAL
-from lagrange.procedure.linear.dense import PIVOT
+from lagrange.procedure.linear.ldl import PIVOT
 from lagrange.program.program import Instruction, Program
 
 WRITTEN_OUT = 12

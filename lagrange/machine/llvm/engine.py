@@ -14,8 +14,8 @@ from lagrange.machine.copies import Shared
 from lagrange.machine.llvm.operations import LIBRARY
 from lagrange.machine.llvm.procedures import module
 from lagrange.procedure.form import Procedure
-from lagrange.procedure.linear.dense import factor_dense, invert_dense, solve_factored, solve_lanes
 from lagrange.procedure.linear.inverse import invert
+from lagrange.procedure.linear.ldl import factor_dense, invert_dense, solve_factored, solve_lanes
 from lagrange.program.program import ARITY
 
 _LOADING = threading.Lock()

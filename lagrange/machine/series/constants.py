@@ -6,7 +6,7 @@ import numpy as np
 
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.kernel.arithmetic import FLOATS
-from lagrange.procedure.linear.dense import PIVOT
+from lagrange.procedure.linear.ldl import PIVOT
 from lagrange.program.series import SeriesProgram
 
 

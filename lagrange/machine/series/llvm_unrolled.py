@@ -29,7 +29,7 @@ from lagrange.machine.series.llvm_jet import (
 )
 from lagrange.machine.series.llvm_rules import VectorArithmetic, VectorName, coefficient, divided, reciprocal
 from lagrange.machine.series.packing import ZERO_LANE, Chunk, Operand, PackedStage, Packing
-from lagrange.procedure.linear.dense import factor_size, invert_dense
+from lagrange.procedure.linear.ldl import factor_size, invert_dense
 from lagrange.procedure.taylor.memory import TaylorLayout
 
 EXACT = 10

@@ -12,7 +12,7 @@ from functools import cache
 from lagrange.procedure.blocks import whole_blocks
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, PARTIAL, WHOLE, Procedure
-from lagrange.procedure.linear.dense import PIVOT
+from lagrange.procedure.linear.ldl import PIVOT
 from lagrange.procedure.values import Flag, Memory, Real, Whole
 
 WRITTEN_OUT = 16

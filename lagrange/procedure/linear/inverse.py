@@ -12,7 +12,7 @@ from functools import cache
 from lagrange.procedure.blocks import whole_blocks
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, WHOLE, Procedure
-from lagrange.procedure.linear.dense import PIVOT, factor_size, invert_dense
+from lagrange.procedure.linear.ldl import PIVOT, factor_size, invert_dense
 from lagrange.procedure.values import Whole
 
 WIDTH = 8

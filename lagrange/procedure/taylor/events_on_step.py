@@ -323,7 +323,7 @@ class _Inspection:
         """
         p, watched, record = self.p, self.watched, self.watched.record
         with p.when(record.done + count > record.room):
-            p.leave(WAIT, self.s)
+            p.leave(p.choose(record.done.equals(0), p.constant(LEAVE, WHOLE), p.constant(WAIT, WHOLE)), self.s)
         size = self.layout.watched
         still = p.variable(count.equals(0), "still")
         with p.loop(0, size) as i:

@@ -12,9 +12,9 @@ from lagrange.machine.review import Review, Reviewed, WatchedEvents
 from lagrange.procedure.dense.hermite import hermite_polynomial
 from lagrange.program.program import Program
 from lagrange.trajectory.events.actions import Impact
-from lagrange.trajectory.events.many_steps import Path
-from lagrange.trajectory.events.occurrence import Occurrences
+from lagrange.trajectory.events.event_log import Occurrences
 from lagrange.trajectory.events.roots import Side
+from lagrange.trajectory.events.step_batch import Path
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.paths.step_paths import StepPath
 from lagrange.trajectory.trajectory import FloatArray
@@ -76,15 +76,15 @@ class CompiledReview:
 
 def watched_events(
     impacts: Sequence[Impact],
-    relay: Sequence[Side],
+    zero_sides: Sequence[Side],
     occurrences: Sequence[Occurrences],
     stayed: Mapping[int, float] | None,
 ) -> WatchedEvents:
     """Return what a review is told of events; `stayed` are those at zero where the motion starts, None behind."""
-    left = [1 if one.reset else one.terminal - len(met) for one, met in zip(impacts, occurrences, strict=True)]
+    left = [1 if one.reset else one.terminal - len(zeros) for one, zeros in zip(impacts, occurrences, strict=True)]
     return WatchedEvents(
-        sign=np.array([side.sign for side in relay]),
-        near=np.array([int(side.near) for side in relay]),
+        sign=np.array([side.sign for side in zero_sides]),
+        near=np.array([int(side.near) for side in zero_sides]),
         direction=np.array([one.direction for one in impacts]),
         remaining=np.array(
             [count if one.reset or one.terminal else 0 for one, count in zip(impacts, left, strict=True)]
@@ -101,7 +101,7 @@ def sides(events: WatchedEvents) -> list[Side]:
 
 def keep(found: Reviewed, occurrences: Sequence[Occurrences], taken: int) -> None:
     """Keep the events that a review found; the run had taken so many steps before."""
-    for which, met in enumerate(occurrences):
+    for which, zeros in enumerate(occurrences):
         rows = np.flatnonzero(found.which == which)
         if len(rows):
-            met.extend(found.when[rows], found.there[rows], taken + int(found.where[rows[-1]]) + 1)
+            zeros.extend(found.when[rows], found.there[rows], taken + int(found.where[rows[-1]]) + 1)

@@ -48,19 +48,20 @@ MOST_STEPS = 1000
 class Continuations:
     """The leaps of a run so far, by a method with tolerances of its own.
 
-    `rows` are those that they begin from, `landed` is where the last one ended, `crowd` how many followed in a row.
+    `rows` are those that they begin from, `landed` is where the last one ended, and `continuations_in_a_row` counts those
+    that followed each other.
     """
 
     problem: Problem
     method: Integrator
     rows: list[int] = field(default_factory=list)
     landed: float = math.nan
-    crowd: int = 0
+    continuations_in_a_row: int = 0
 
     def ahead(self, state: DriverState) -> list[float]:
         """Return the times to leap to, the farthest first."""
         span, left = abs(self.problem.t1 - self.problem.t0), float(state.reals[DriverState.END]) - state.t
-        if not left or (state.t == self.landed and self.crowd >= IN_A_ROW):
+        if not left or (state.t == self.landed and self.continuations_in_a_row >= IN_A_ROW):
             return []
         lengths = [SHARE * span * SHORTER**k for k in range(ATTEMPTS)]
         least = 64 * 2.0**-52 * max(abs(state.t), 2.0**-60 * span)
@@ -100,7 +101,7 @@ class Continuations:
         """Let the run go on from a state ahead; `row` is the row that the leap begins from."""
         taylor = state.taylor
         self.rows.append(row)
-        self.crowd = self.crowd + 1 if state.t == self.landed else 1
+        self.continuations_in_a_row = self.continuations_in_a_row + 1 if state.t == self.landed else 1
         self.landed, length = there, there - state.t
         state.outputs.write(there, length, self._path(state, there, y))
         state.reals[DriverState.T] = there

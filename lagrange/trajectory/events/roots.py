@@ -102,5 +102,5 @@ def roots(
             f"the event function has no coefficients or more than {MOST_COEFFICIENTS}, or they, its noise or the "
             "length of the step are not finite"
         )
-    met = zip(times[:found].tolist(), rising[:found].tolist(), strict=True)
-    return [Root(time, way) for time, way in met], Side(sign, near)
+    zeros = zip(times[:found].tolist(), rising[:found].tolist(), strict=True)
+    return [Root(time, way) for time, way in zeros], Side(sign, near)

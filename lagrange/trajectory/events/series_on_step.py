@@ -29,7 +29,7 @@ two digits of the roots are lost to it, and a run of any length takes a few step
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class EventSeries:
     """Series at a state in units of `scale`: those of the state (2n) and of what is watched, and its `noise`.
 
     `rtol` is the tolerance to which they are to be right, `unit` a time for comparing the terms of what is watched.
@@ -45,7 +45,7 @@ class Look:
     @classmethod
     def at(
         cls, series: Series, order: int, t: float, y: FloatArray, scale: float, values: FloatArray, rtol: float
-    ) -> Look:
+    ) -> EventSeries:
         """Look ahead from a state (2n,); the scale has the sign of the run. Raises SingularMassMatrix."""
         size = len(y)
         rows = series.rows(order, t, y, scale, values)
@@ -87,7 +87,7 @@ class Look:
                 there = series.rows(order, end, moved, self.scale, values)[0, len(y) :]
                 wrong = self.disagrees(there, s, self.noise)
                 if wrong.any():
-                    noise = Look.at(series, order, end, moved, self.scale, values, self.rtol).noise
+                    noise = EventSeries.at(series, order, end, moved, self.scale, values, self.rtol).noise
                     wrong = self.disagrees(there, s, self.noise + noise)
             except SingularMassMatrix:
                 break
@@ -112,11 +112,11 @@ class Look:
         """What is watched in a unit of time in which its terms can be compared; see `near`."""
         return near(self.watched, self.unit, self.rtol, self.noise)
 
-    def jumps(self, s: float, relay: Sequence[Side]) -> list[int]:
+    def jumps(self, s: float, zero_sides: Sequence[Side]) -> list[int]:
         """Return what has changed its sign since the step before without a zero: an angle behind the cut of atan2."""
         largest = (np.abs(self.watched) * (s ** _ranks(len(self.watched) - 1))[:, None]).max(axis=0)
         here = self.watched[0]
-        changed = np.array([side.sign for side in relay]) * here < 0
+        changed = np.array([side.sign for side in zero_sides]) * here < 0
         return np.flatnonzero(changed & (np.abs(here) > JUMP * largest)).tolist()
 
     def falls(self, which: int, soon: float) -> bool:

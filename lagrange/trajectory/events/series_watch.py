@@ -16,7 +16,6 @@ from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
 from lagrange.machine.state import DriverState
 from lagrange.procedure.taylor.constants import MOST_FAILURES
 from lagrange.trajectory.events.actions import Impact
-from lagrange.trajectory.events.crossing import Meeting, PlannedStep
 from lagrange.trajectory.events.ending import (
     EventResult,
     accumulating,
@@ -27,10 +26,11 @@ from lagrange.trajectory.events.ending import (
     undefined,
     without_series,
 )
+from lagrange.trajectory.events.event_log import TOGETHER, Occurrence
 from lagrange.trajectory.events.nonanalytic_points import SHARE, Continuations
-from lagrange.trajectory.events.occurrence import TOGETHER, Occurrence
+from lagrange.trajectory.events.planned_step import EventZero, PlannedStep
 from lagrange.trajectory.events.roots import Root, Side, may_vanish, roots
-from lagrange.trajectory.events.series_on_step import Look, near, signed_scale, state_at, unit
+from lagrange.trajectory.events.series_on_step import EventSeries, near, signed_scale, state_at, unit
 from lagrange.trajectory.events.shared_watch import SharedWatch
 from lagrange.trajectory.events.surfaces import Sliding, clear, is_zero, leaving, settled_sides, stated_sides
 from lagrange.trajectory.trajectory import FloatArray, Status
@@ -55,7 +55,7 @@ class Watch(SharedWatch):
         super().__init__(series, driver, parameters, impacts, enabled=not self.steep, wary=self.hidden)
         self.series, self.order, self.driver = series, order, driver
         self.names, self.continuations = names, continuations
-        self._last: tuple[object, Look] | None = None
+        self._last: tuple[object, EventSeries] | None = None
 
     def begin(self, state: DriverState) -> EventResult:
         """Begin at the start of the run: the loop finds the sides there, or asks for them."""
@@ -69,11 +69,11 @@ class Watch(SharedWatch):
     def _begin(self, state: DriverState) -> EventResult:
         """Find the side of everything watched at the start of a motion."""
         self.planned = PlannedStep()
-        verdict = self._start(state, {})
-        if verdict.status is None:
+        result = self._start(state, {})
+        if result.status is None:
             self.pending = self._impacts_at_once(state)
         self.write(state)
-        return verdict
+        return result
 
     def process(self, state: DriverState) -> EventResult:
         """Decide on the step that the driver proposes: set its length, or do what happens at its start."""
@@ -90,11 +90,11 @@ class Watch(SharedWatch):
             self.forget()
         if self.pending:
             return self._finish(state)
-        look = self._look(state)
+        look = self._ahead(state)
         if not np.isfinite(look.watched).all():
-            verdict = undefined(self.names(), look.watched)
+            result = undefined(self.names(), look.watched)
             # On a surface rounding may leave the state where a branch that begins there has no value.
-            return replace(verdict, smooth=verdict.smooth or self._switches(look, 0.0))
+            return replace(result, smooth=result.smooth or self._switches(look, 0.0))
         h, left = float(state.reals[S.H]), float(state.reals[S.END] - state.t - state.taylor.low)
         s, limiting = look.trusted(h / look.scale, wary=self.hidden)
         if self.steep:
@@ -104,15 +104,15 @@ class Watch(SharedWatch):
             name, value = self.names()[limiting], float(look.watched[0, limiting])
             ends = without_series(name, value, smooth=limiting < self.surfaces)
             return rootless(name) if self.is_root(limiting) else ends
-        for which in look.jumps(s, self.relay):
-            self.relay[which] = Side(int(np.sign(look.watched[0, which])))
+        for which in look.jumps(s, self.zero_sides):
+            self.zero_sides[which] = Side(int(np.sign(look.watched[0, which])))
         found, after = self._roots(look, s, last=whole and h == left)
         cut = self._first_change(found)
         if cut is not None:
             return self._shorten(cut.root.time, found, look, state)
         self.remember(state)
         self._record(found, look, state)
-        self.relay, self.starting = after, frozenset()
+        self.zero_sides, self.starting = after, frozenset()
         state.taylor.next_limit = abs(h if whole else s * look.scale)
         state.taylor.inspect = int(self.steep or self.hidden or look.ends or not all(side.settled for side in after))
         return EventResult()
@@ -120,9 +120,9 @@ class Watch(SharedWatch):
     def end(self, state: DriverState) -> EventResult:
         """Do what is pending at the end of the run; how the motion would go on from there is no matter."""
         self.read(state)
-        verdict = self._finish(state) if self.pending else EventResult()
-        ended = verdict.status in (Status.EVENT, Status.NON_FINITE) and not verdict.smooth
-        return verdict if ended else EventResult(Status.SUCCESS, jumped=verdict.jumped)
+        result = self._finish(state) if self.pending else EventResult()
+        ended = result.status in (Status.EVENT, Status.NON_FINITE) and not result.smooth
+        return result if ended else EventResult(Status.SUCCESS, jumped=result.jumped)
 
     def is_due(self, state: DriverState) -> bool:
         """Whether the state is where something pending is to happen, though no series may begin there."""
@@ -136,10 +136,10 @@ class Watch(SharedWatch):
             return begun
         events = [self.surfaces + i for i, impact in enumerate(self.impacts) if not impact.root]
         for there in self.continuations.ahead(state):
-            y = self.continuations.landing(state, there, switched=lambda soon: self._switches(self._look(state), soon))
+            y = self.continuations.landing(state, there, switched=lambda soon: self._switches(self._ahead(state), soon))
             if y is None:
                 continue
-            sides = [self.relay[i].sign for i in events]
+            sides = [self.zero_sides[i].sign for i in events]
             values = np.concatenate([self.parameters, stated_sides(self.series.program, there, y, self.parameters)])
             ends = np.sign(self.series.rows(self.order, there, y, signed_scale(state), values)[0, len(y) :][events])
             # A zero from which the motion begins is no event, but one with a reset is not to be leapt over either.
@@ -154,14 +154,14 @@ class Watch(SharedWatch):
                 return replace(EventResult(Status.SUCCESS) if done else self.begin(state), jumped=True)
         return self._rootless(state)
 
-    def _switches(self, look: Look, soon: float) -> bool:
+    def _switches(self, look: EventSeries, soon: float) -> bool:
         """Whether the state is on a surface, or comes to one within some time."""
         return any(which in self.starting or look.falls(which, soon) for which in range(self.surfaces))
 
     def _rootless(self, state: DriverState) -> EventResult | None:
         """Return the end of the run at a square root that becomes zero where the state is, or None."""
-        look, soon = self._look(state), SHARE * abs(float(state.reals[S.END] - state.reals[S.START]))
-        for which in filter(self.is_root, range(len(self.relay))):
+        look, soon = self._ahead(state), SHARE * abs(float(state.reals[S.END] - state.reals[S.START]))
+        for which in filter(self.is_root, range(len(self.zero_sides))):
             # What is under the root is its square, and falls twice as fast.
             if look.watched[0, which] == 0 or look.falls(which, 2 * soon):
                 return replace(rootless(self.names()[which]), smooth=False)
@@ -174,7 +174,7 @@ class Watch(SharedWatch):
         """
         self.sides = stated_sides(self.series.program, state.t, state.y, self.parameters)
         try:
-            look = self._look(state)
+            look = self._ahead(state)
             noise = look.noise.copy()
             for which, size in stayed.items():
                 noise[which] = max(noise[which], 4 * size)
@@ -182,20 +182,20 @@ class Watch(SharedWatch):
                 g = self._at(state)(self.sides)
                 unsettled = {i: (0, 1, -1) for i in range(self.surfaces) if is_zero(g[:, i], float(noise[i]))}
                 self.sides = settled_sides(self._at(state), self.sides, unsettled) if unsettled else self.sides
-                look = self._look(state)
+                look = self._ahead(state)
         except Sliding as found:
             return sliding(self.names()[found.surface], state.t)
         except SingularMassMatrix:
             return EventResult(Status.SINGULAR)
         if not np.isfinite(look.watched).all():
-            self.relay = [Side(int(sign)) for sign in np.sign(np.nan_to_num(look.watched[0]))]
+            self.zero_sides = [Side(int(sign)) for sign in np.sign(np.nan_to_num(look.watched[0]))]
             return undefined(self.names(), look.watched)
         self._go_on(state)
         columns = list(look.near.T)
         self.starting = frozenset(i for i, g in enumerate(columns) if is_zero(g, float(noise[i])))
         for i, g in enumerate(columns):
             ahead = leaving(g)[0] if i in self.starting else int(np.sign(g[0]))
-            self.relay[i] = Side(int(self.sides[i]) if i < self.surfaces else ahead)
+            self.zero_sides[i] = Side(int(self.sides[i]) if i < self.surfaces else ahead)
         return EventResult()
 
     def _at(self, state: DriverState) -> Callable[[FloatArray], FloatArray]:
@@ -217,7 +217,7 @@ class Watch(SharedWatch):
             self.epochs.append((state.count(S.STEPS) + self.jumps, values))
         state.taylor.inspect = 1
 
-    def _impacts_at_once(self, state: DriverState) -> list[Meeting]:
+    def _impacts_at_once(self, state: DriverState) -> list[EventZero]:
         """Return the events that happen at the very start: those that would turn the motion back where it starts.
 
         A zero at the start is no event otherwise. But a ball that starts on the floor and falls is to bounce.
@@ -225,39 +225,39 @@ class Watch(SharedWatch):
         found = []
         for place, impact in enumerate(self.impacts):
             which = self.surfaces + place
-            if which in self.starting and impact.reset and impact.direction == self.relay[which].sign != 0:
+            if which in self.starting and impact.reset and impact.direction == self.zero_sides[which].sign != 0:
                 y = state.y.copy()
                 impact.apply(state.t, state.y, y)
-                g = self._look(state, y).near[:, which]
+                g = self._ahead(state, y).near[:, which]
                 passes = is_zero(g) and leaving(g) == (impact.direction, 1)
-                found += [] if passes else [Meeting(which, Root(0.0, impact.direction))]
+                found += [] if passes else [EventZero(which, Root(0.0, impact.direction))]
         return found
 
-    def _look(self, state: DriverState, y: FloatArray | None = None) -> Look:
+    def _ahead(self, state: DriverState, y: FloatArray | None = None) -> EventSeries:
         """Look ahead from the state, or y in its place, with the sides as they are; looking again costs nothing."""
         values, scale = self.values, signed_scale(state)
         y = state.y if y is None else y
-        key = (state.t, scale, y.tobytes(), values.tobytes())
+        key, rtol = (state.t, scale, y.tobytes(), values.tobytes()), float(state.reals[S.RTOL])
         if self._last is None or self._last[0] != key:
-            self._last = key, Look.at(self.series, self.order, state.t, y, scale, values, float(state.reals[S.RTOL]))
+            self._last = key, EventSeries.at(self.series, self.order, state.t, y, scale, values, rtol)
         return self._last[1]
 
-    def _roots(self, look: Look, s: float, *, last: bool) -> tuple[list[Meeting], list[Side]]:
+    def _roots(self, look: EventSeries, s: float, *, last: bool) -> tuple[list[EventZero], list[Side]]:
         """Return the roots of all that is watched on a step, in order, and the sides at its end."""
-        found: list[Meeting] = []
+        found: list[EventZero] = []
         after = []
-        for which, before in enumerate(self.relay):
+        for which, before in enumerate(self.zero_sides):
             g, noise = look.watched[:, which], float(look.noise[which])
             if which in self.starting:
                 # What starts at zero is divided by time: its root there is known, and the next may be close.
                 g, noise = g[1:], 0.0
             surely = before.settled and before.sign * g[0] > 0 and not may_vanish(g, s, noise=noise)
-            met, side = ([], before) if surely else roots(g, s, before, noise=noise, last=last)
-            found += [Meeting(which, root) for root in met]
+            zeros, side = ([], before) if surely else roots(g, s, before, noise=noise, last=last)
+            found += [EventZero(which, root) for root in zeros]
             after.append(side)
         return sorted(found, key=lambda m: m.root.time), after
 
-    def _first_change(self, found: Iterable[Meeting]) -> Meeting | None:
+    def _first_change(self, found: Iterable[EventZero]) -> EventZero | None:
         """Return the first root that changes the motion: a surface is crossed, an event ends the run or has a reset."""
         seen = [len(times) for times in self.occurrences]
         for meeting in found:
@@ -271,7 +271,7 @@ class Watch(SharedWatch):
                     return meeting
         return None
 
-    def _shorten(self, s: float, found: list[Meeting], look: Look, state: DriverState) -> EventResult:
+    def _shorten(self, s: float, found: list[EventZero], look: EventSeries, state: DriverState) -> EventResult:
         """End the step at the root at s; what happens there is pending until the driver comes back at its end."""
         while True:
             close = TOGETHER * max(abs(state.t / look.scale), s)
@@ -293,12 +293,12 @@ class Watch(SharedWatch):
             # Forces may have a kink there, and its other side be what the state, rounded, is on: no step proves itself.
             state.taylor.failures = MOST_FAILURES
         self._record([m for m in found if m.root.time < s - close], look, state)
-        self.relay, self.starting = after, frozenset()
+        self.zero_sides, self.starting = after, frozenset()
         state.taylor.next_limit = s * abs(look.scale)
         state.taylor.inspect = 1
         return EventResult()
 
-    def _record(self, found: Iterable[Meeting], look: Look, state: DriverState) -> None:
+    def _record(self, found: Iterable[EventZero], look: EventSeries, state: DriverState) -> None:
         """Keep the events among some roots on the next step."""
         for meeting in found:
             place = meeting.which - self.surfaces
@@ -310,73 +310,75 @@ class Watch(SharedWatch):
     def _finish(self, state: DriverState) -> EventResult:
         """Do what is pending at the state: surfaces are crossed, events kept, the state is reset or the run ended."""
         found, self.pending = self.pending, []
-        if self.crowd.accumulates(state.t, (m.which for m in found)):
+        if self.change_counter.accumulates(state.t, (m.which for m in found)):
             return accumulating(self.names()[found[0].which])
-        before = list(self.relay)
+        before = list(self.zero_sides)
         for m in found:
-            self.relay[m.which] = Side(m.root.rising or self.relay[m.which].sign)
+            self.zero_sides[m.which] = Side(m.root.rising or self.zero_sides[m.which].sign)
         self.starting = frozenset(m.which for m in found)
         crossed = [m for m in found if m.which < self.surfaces and m.root.rising]
-        verdict = self._cross(crossed, state) if crossed else EventResult()
-        met = [m for m in found if m.which >= self.surfaces]
-        if crossed and verdict.status is None:
-            met = self._behind_the_kink(met, before, state)
-        met = [m for m in met if self.impact_of(m).counts(m.root.rising)]
-        roots_met = [m for m in met if self.impact_of(m).root]
-        met = [m for m in met if not self.impact_of(m).root]
-        for m in met:
+        result = self._cross(crossed, state) if crossed else EventResult()
+        zeros = [m for m in found if m.which >= self.surfaces]
+        if crossed and result.status is None:
+            zeros = self._on_surface(zeros, before, state)
+        zeros = [m for m in zeros if self.impact_of(m).counts(m.root.rising)]
+        roots_met = [m for m in zeros if self.impact_of(m).root]
+        zeros = [m for m in zeros if not self.impact_of(m).root]
+        for m in zeros:
             here = Occurrence(state.t, state.y.copy(), state.count(S.STEPS))
             self.occurrences[m.which - self.surfaces].append(here)
-        ends = any(0 < self.impact_of(m).terminal <= len(self.occurrences[m.which - self.surfaces]) for m in met)
-        resets = [m for m in met if self.impact_of(m).reset]
+        ends = any(0 < self.impact_of(m).terminal <= len(self.occurrences[m.which - self.surfaces]) for m in zeros)
+        resets = [m for m in zeros if self.impact_of(m).reset]
         if resets:
             return self._jump(resets, state, ends=ends)
         if ends:
             return EventResult(Status.EVENT)
-        return rootless(self.names()[roots_met[0].which]) if roots_met and verdict.status is None else verdict
+        return rootless(self.names()[roots_met[0].which]) if roots_met and result.status is None else result
 
-    def _behind_the_kink(self, met: Sequence[Meeting], before: Sequence[Side], state: DriverState) -> list[Meeting]:
+    def _on_surface(self, zeros: Sequence[EventZero], before: Sequence[Side], state: DriverState) -> list[EventZero]:
         """Return events met on a surface as the motion leaves it: an event may turn back there, as abs(x) does."""
         found = []
-        for m in met:
-            g = self._look(state).near[:, m.which]
+        for m in zeros:
+            g = self._ahead(state).near[:, m.which]
             if clear(g):  # The event jumps: it came to zero on one side of the surface, and is elsewhere on the other.
-                self.relay[m.which], self.starting = Side(int(np.sign(g[0]))), self.starting - {m.which}
+                self.zero_sides[m.which], self.starting = Side(int(np.sign(g[0]))), self.starting - {m.which}
                 found += [m] * (not self.is_root(m.which))
                 continue
             after = leaving(g)[0]
             if self.is_root(m.which) and g[0] > 0 and not g[1:].any():
                 # The branch in which the root stands ends here, and the motion goes on in another.
-                self.relay[m.which] = Side(1)
+                self.zero_sides[m.which] = Side(1)
                 continue
-            self.relay[m.which] = Side(after)
+            self.zero_sides[m.which] = Side(after)
             # The step may have ended behind the zero: the side before it is the one that it was passed from.
             side = -m.root.rising or before[m.which].sign
             found.append(replace(m, root=Root(m.root.time, after if after != side else 0)))
         return found
 
-    def _jump(self, met: Sequence[Meeting], state: DriverState, *, ends: bool) -> EventResult:
+    def _jump(self, zeros: Sequence[EventZero], state: DriverState, *, ends: bool) -> EventResult:
         """Reset the state, every event from the state before, and start the motion anew."""
         before, after = state.y.copy(), state.y.copy()
-        at_zero = np.abs(self._look(state).watched[0])
-        for impact in dict.fromkeys(self.impacts[m.which - self.surfaces] for m in sorted(met, key=lambda m: m.which)):
+        at_zero = np.abs(self._ahead(state).watched[0])
+        for impact in dict.fromkeys(
+            self.impacts[m.which - self.surfaces] for m in sorted(zeros, key=lambda m: m.which)
+        ):
             impact.apply(state.t, before, after)
         if not np.isfinite(after).all():
-            return nowhere(self.names()[met[0].which])
+            return nowhere(self.names()[zeros[0].which])
         state.y[:] = after
         self.jump()
         self.driver.restart(state)
         if ends:
             return EventResult(Status.EVENT, jumped=True)
-        began = self._start(state, {m.which: float(at_zero[m.which]) for m in met})
+        began = self._start(state, {m.which: float(at_zero[m.which]) for m in zeros})
         if began.status is None:
-            for m in met:
-                sign, order = leaving(self._look(state).near[:, m.which])
+            for m in zeros:
+                sign, order = leaving(self._ahead(state).near[:, m.which])
                 if m.which in self.starting and order > 1 and sign == m.root.rising:
                     return replace(at_rest(self.names()[m.which]), jumped=True)
         return replace(began, jumped=True)
 
-    def _cross(self, crossed: Sequence[Meeting], state: DriverState) -> EventResult:
+    def _cross(self, crossed: Sequence[EventZero], state: DriverState) -> EventResult:
         """Go on with the other side of each surface that is crossed, if the motion leaves to it.
 
         What stayed on a surface by itself may not do so with the new equations.
@@ -390,7 +392,7 @@ class Watch(SharedWatch):
         except SingularMassMatrix:
             return EventResult(Status.SINGULAR)
         for i in choices:
-            self.relay[i] = Side(int(self.sides[i]))
+            self.zero_sides[i] = Side(int(self.sides[i]))
         self.starting |= choices.keys()
         self._go_on(state)
         return EventResult()

@@ -10,13 +10,13 @@ from lagrange.machine.backend import Series, TaylorDriver
 from lagrange.machine.event_memory import EventMemory, Reaction
 from lagrange.machine.state import DriverState
 from lagrange.trajectory.events.actions import Impact
-from lagrange.trajectory.events.crossing import Meeting, PlannedStep
-from lagrange.trajectory.events.occurrence import Crowd, Record
+from lagrange.trajectory.events.event_log import ChangeCounter, EventLog
+from lagrange.trajectory.events.planned_step import EventZero, PlannedStep
 from lagrange.trajectory.events.roots import Root, Side
 from lagrange.trajectory.trajectory import FloatArray
 
 
-class SharedWatch(Record):
+class SharedWatch(EventLog):
     """Where everything watched stands, for the watch and for the loop: between them it is read and written as a whole.
 
     `relay` are the sides of zero before the next step, `starting` has what starts at zero there, `pending` what is to
@@ -35,11 +35,11 @@ class SharedWatch(Record):
     ) -> None:
         super().__init__(len(impacts), 2 * series.program.dimension)
         self.impacts, self.surfaces = tuple(impacts), series.program.sides
-        self.relay = [Side()] * (self.surfaces + len(self.impacts))
+        self.zero_sides = [Side()] * (self.surfaces + len(self.impacts))
         self.starting: frozenset[int] = frozenset()
-        self.pending: list[Meeting] = []
+        self.pending: list[EventZero] = []
         self.planned = PlannedStep()
-        self.crowd = Crowd()
+        self.change_counter = ChangeCounter()
         self.parameters, self.sides = parameters, np.zeros(self.surfaces)
         self.epochs: list[tuple[int, FloatArray]] = []
         reactions = [Reaction(one.direction, one.terminal, one.first, one.rows, one.root) for one in self.impacts]
@@ -64,7 +64,7 @@ class SharedWatch(Record):
         """Count a jump of the state."""
         self._memory.record.jumps += 1
 
-    def impact_of(self, meeting: Meeting) -> Impact:
+    def impact_of(self, meeting: EventZero) -> Impact:
         """Return the event that a zero is of."""
         return self.impacts[meeting.which - self.surfaces]
 
@@ -75,11 +75,11 @@ class SharedWatch(Record):
     def remember(self, state: DriverState) -> None:
         """Keep what holds before a step: the driver takes back a step that does not prove itself."""
         counts = tuple(map(len, self.occurrences))
-        self.planned = PlannedStep(state.count(DriverState.STEPS) + 1, tuple(self.relay), self.starting, counts)
+        self.planned = PlannedStep(state.count(DriverState.STEPS) + 1, tuple(self.zero_sides), self.starting, counts)
 
     def forget(self) -> None:
         """Let what was planned for a step that was taken back not have happened."""
-        self.pending, self.relay, self.starting = [], list(self.planned.relay), self.planned.starting
+        self.pending, self.zero_sides, self.starting = [], list(self.planned.zero_sides), self.planned.starting
         for found, count in zip(self.occurrences, self.planned.counts, strict=True):
             found.cut(count)
         self.planned = PlannedStep()
@@ -94,28 +94,28 @@ class SharedWatch(Record):
             if mine.any():
                 found.extend(times[mine], states[mine], state.count(DriverState.STEPS))
         signs, nears = memory.signs.tolist(), memory.nears.tolist()
-        self.relay = [Side(sign, bool(near)) for sign, near in zip(signs, nears, strict=True)]
+        self.zero_sides = [Side(sign, bool(near)) for sign, near in zip(signs, nears, strict=True)]
         self.starting = frozenset(np.flatnonzero(memory.starting).tolist())
         if record.due:
-            self.pending = [Meeting(record.due - 1, Root(0.0, record.direction))]
+            self.pending = [EventZero(record.due - 1, Root(0.0, record.direction))]
             self.planned = PlannedStep(state.count(DriverState.STEPS))
             record.due = 0
         for row, sides in memory.switched():
             self.sides = sides
             self.epochs.append((row, self.values))
-        if record.changed != self.crowd.last:
-            self.crowd.begin(record.changed, record.changed_at)
+        if record.changed != self.change_counter.last:
+            self.change_counter.begin(record.changed, record.changed_at)
 
     def write(self, state: DriverState) -> None:
         """Leave where everything watched stands to the loop, which does nothing where something is pending."""
         memory, record, planned = self._memory, self._memory.record, self.planned
         record.unproven = int(planned.steps > state.count(DriverState.STEPS))
         if record.unproven:
-            self._put(planned.relay, planned.starting)
+            self._put(planned.zero_sides, planned.starting)
             memory.keep()
-        self._put(self.relay, self.starting)
+        self._put(self.zero_sides, self.starting)
         record.fresh = 0
-        record.planned, record.changed = planned.steps, self.crowd.last
+        record.planned, record.changed = planned.steps, self.change_counter.last
         record.enabled = int(self.enabled and not self.pending)
 
     @property
@@ -132,9 +132,9 @@ class SharedWatch(Record):
         """Have the loop come back before each step on which something may vanish."""
         self._memory.record.enabled = 0
 
-    def _put(self, relay: Sequence[Side], starting: frozenset[int]) -> None:
+    def _put(self, zero_sides: Sequence[Side], starting: frozenset[int]) -> None:
         memory = self._memory
-        memory.signs[:] = [side.sign for side in relay]
-        memory.nears[:] = [side.near for side in relay]
+        memory.signs[:] = [side.sign for side in zero_sides]
+        memory.nears[:] = [side.near for side in zero_sides]
         memory.starting[:] = [place in starting for place in range(memory.count)]
         memory.counts[self.surfaces :] = [len(found) for found in self.occurrences]

@@ -71,7 +71,7 @@ class EventDriver:
 
     def __init__(self, driver: Driver, watch: Reviewer, *, fixed: bool) -> None:
         self._driver, self._watch, self._fixed = driver, watch, fixed
-        self._look = FIRST_LOOK if watch.resets else LONGEST_LOOK
+        self._ahead = FIRST_LOOK if watch.resets else LONGEST_LOOK
         self._since = 0
 
     def adopt(self, state: DriverState) -> None:
@@ -83,7 +83,7 @@ class EventDriver:
         while outcome is Outcome.PAUSED and left > 0:
             if state.t == state.reals[S.END]:
                 return Outcome.DONE
-            tries = min(self._look, left)
+            tries = min(self._ahead, left)
             left -= tries
             reals, counts, y = state.reals.copy(), state.counts.copy(), state.y.copy()
             try:
@@ -99,7 +99,7 @@ class EventDriver:
                 _lower(state, reals[S.FLOORS :], rows[begun : state.count(S.ROWS)])
                 return Outcome.WATCHED
             longest = self._watch.longest
-            self._look = longest if longest == UNBOUNDED else min(2 * self._look, longest)
+            self._ahead = longest if longest == UNBOUNDED else min(2 * self._ahead, longest)
         return outcome
 
     def _review(
@@ -121,7 +121,7 @@ class EventDriver:
         self._since += count if cut is None else cut.steps
         if cut is not None:
             self._set_back(state, cut, begun, taken, times, rows)
-            self._look, self._since = max(1, min(self._since, LONGEST_LOOK)), 0
+            self._ahead, self._since = max(1, min(self._since, LONGEST_LOOK)), 0
         return cut
 
     def _set_back(

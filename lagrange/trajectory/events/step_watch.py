@@ -20,7 +20,6 @@ from lagrange.procedure.events.roots import roots
 from lagrange.trajectory.events.actions import impacts as impacts_of
 from lagrange.trajectory.events.actions import rates
 from lagrange.trajectory.events.compiled_review import CompiledReview, KnownPath, keep, sides, watched_events
-from lagrange.trajectory.events.crossing import Meeting
 from lagrange.trajectory.events.ending import (
     EventResult,
     accumulating,
@@ -30,23 +29,24 @@ from lagrange.trajectory.events.ending import (
     unresolved,
     without_value,
 )
-from lagrange.trajectory.events.many_steps import Burst, Path, Sample, Window
-from lagrange.trajectory.events.occurrence import TOGETHER, Crowd, Flights, Occurrence, Record
+from lagrange.trajectory.events.event_log import TOGETHER, ChangeCounter, EventLog, Occurrence, ResetIntervals
+from lagrange.trajectory.events.planned_step import EventZero
 from lagrange.trajectory.events.roots import Isolate, Root, Side
+from lagrange.trajectory.events.step_batch import Path, Sample, StepBatch, Window
 from lagrange.trajectory.events.step_driver import LONGEST_LOOK, UNBOUNDED, Cut, EventDriver
-from lagrange.trajectory.events.zeros_on_step import Trace, ended, rests, trace, velocity
+from lagrange.trajectory.events.zeros_on_step import StepZeros, ended, rests, trace, velocity
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 S = DriverState
 
-SLIGHT = 2.0**-26
+SMALL_FRACTION = 2.0**-26
 """The part of a step over which the slope of an event is measured where the motion starts, and a slope that is none."""
 
-HALVES = 8.0
+NOISE_HALVES = 8.0
 """So many halves of a spacing are in the noise of one state."""
 
-CLEAR = 16.0
+CLEAR_FACTOR = 16.0
 """An event that starts at zero but for rounding is compared with its value there until it is so many times as large:
 a ball that lies lower than the floor by rounding would be met by it again while it rises."""
 
@@ -60,7 +60,7 @@ class _Start:
 
     first: bool = False
     stayed: Mapping[int, float] = field(default_factory=dict)
-    met: Mapping[int, int] = field(default_factory=dict)
+    zeros: Mapping[int, int] = field(default_factory=dict)
     rested: frozenset[int] = frozenset()
 
 
@@ -72,7 +72,7 @@ class Break:
     whole: tuple[float, FloatArray] | None
 
 
-class StepWatch(Record):
+class StepWatch(EventLog):
     """Watches the events along the run of one state."""
 
     def __init__(
@@ -86,16 +86,16 @@ class StepWatch(Record):
         self._compiled = CompiledReview(problem, self.kernel.program, fixed=fixed)
         self.driver = EventDriver(driver, self, fixed=fixed)
         self.breaks: list[Break] = []
-        self.crowd = Crowd()
+        self.change_counter = ChangeCounter()
         self.jumps = 0
         self.changed = problem.t0
         self._changed_at = 0
-        self._flights = Flights()
+        self._intervals = ResetIntervals()
         self._relay = [Side()] * len(impacts)
         self._levels: dict[int, float] = {}
         self._resting: frozenset[int] = frozenset()
         self._start: _Start | None = _Start(first=True)
-        self._pending: list[Meeting] = []
+        self._pending: list[EventZero] = []
         self._whole: tuple[float, FloatArray] | None = None
         self._verdict: EventResult | None = None
 
@@ -130,16 +130,16 @@ class StepWatch(Record):
         if self._verdict is not None:
             return self._verdict
         found, self._pending = self._pending, []
-        if self.crowd.accumulates(state.t, (m.which for m in found)):
+        if self.change_counter.accumulates(state.t, (m.which for m in found)):
             return accumulating(self.names()[found[0].which])
-        met = [m for m in found if self.impacts[m.which].counts(m.root.rising)]
-        for m in met:
+        zeros = [m for m in found if self.impacts[m.which].counts(m.root.rising)]
+        for m in zeros:
             here = Occurrence(state.t, state.y.copy(), state.count(S.STEPS))
             self.occurrences[m.which].append(here)
-        ends = any(0 < self.impacts[m.which].terminal <= len(self.occurrences[m.which]) for m in met)
-        resets = [m for m in met if self.impacts[m.which].reset]
-        verdict = self._jump(resets, state) if resets else EventResult()
-        return EventResult(Status.EVENT, jumped=verdict.jumped) if ends and verdict.status is None else verdict
+        ends = any(0 < self.impacts[m.which].terminal <= len(self.occurrences[m.which]) for m in zeros)
+        resets = [m for m in zeros if self.impacts[m.which].reset]
+        result = self._jump(resets, state) if resets else EventResult()
+        return EventResult(Status.EVENT, jumped=result.jumped) if ends and result.status is None else result
 
     def end(self, state: DriverState) -> EventResult:
         """Return that the run reached its end at a state; nothing is pending then."""
@@ -166,7 +166,7 @@ class StepWatch(Record):
                 reached = self._pass(regular, path, step, taken)
                 step, width = reached, 1 if reached > step else width
             stop = min(step + width, steps) if regular is not None else steps
-            cut = self._look(Window(path, step, stop), taken + step) if step < steps else None
+            cut = self._ahead(Window(path, step, stop), taken + step) if step < steps else None
             if cut is not None:
                 return replace(cut, steps=cut.steps + step)
             step, width = stop, 2 * width
@@ -182,17 +182,17 @@ class StepWatch(Record):
         stayed = None if self._start is None else self._start.stayed
         last = len(path.times) - 2 if path.times[-1] == self.problem.t1 else -1
         events = watched_events(self.impacts, self._relay, self.occurrences, stayed)
-        found = regular(path.times, path.states, step, events, last=last, rounded=(taken + last) / HALVES)
+        found = regular(path.times, path.states, step, events, last=last, rounded=(taken + last) / NOISE_HALVES)
         if found.step > step:
             self._relay, self._start, self._levels = sides(events), None, {}
         keep(found, self.occurrences, taken)
         return found.step
 
-    def _look(self, path: Path, taken: int) -> Cut | None:
+    def _ahead(self, path: Path, taken: int) -> Cut | None:
         """Find the events on the steps of a path, sampled at once; return where the motion changes."""
         times = path.times
-        burst = Burst.of(self.kernel, self._rates, self.parameters, path)
-        doubtful = ~burst.certain
+        batch = StepBatch.of(self.kernel, self._rates, self.parameters, path)
+        doubtful = ~batch.certain
         coming = iter([*np.flatnonzero(doubtful.any(axis=0)).tolist(), len(times) - 1])
         step, following = 0, next(coming)
         while True:
@@ -203,7 +203,7 @@ class StepWatch(Record):
             if step == len(times) - 1:
                 return None
             watched = [i for i in range(len(self.impacts)) if i in unsettled or doubtful[i, step]]
-            cut = self._step(burst, step, watched, taken)
+            cut = self._step(batch, step, watched, taken)
             if cut is not None:
                 return cut
             step += 1
@@ -221,69 +221,69 @@ class StepWatch(Record):
         values = self.kernel(state.t, state.y, self.parameters)
         return EventResult() if np.isfinite(values).all() else undefined(self.names(), values[None])
 
-    def _step(self, burst: Burst, step: int, watched: Sequence[int], taken: int) -> Cut | None:
+    def _step(self, batch: StepBatch, step: int, watched: Sequence[int], taken: int) -> Cut | None:
         """Find the zeros of some events on a step; keep them, or return where the motion changes first."""
-        sample, begun = burst.sample(step), self._start
-        last = bool(burst.path.times[step + 1] == self.problem.t1)
-        zero = self._at_zero(burst, step, watched)
+        sample, begun = batch.sample(step), self._start
+        last = bool(batch.path.times[step + 1] == self.problem.t1)
+        zero = self._at_zero(batch, step, watched)
         candidates = self._resting if begun is None or begun.rested else zero
-        self._resting = frozenset(i for i in candidates if rests(burst, step, sample, i))
+        self._resting = frozenset(i for i in candidates if rests(batch, step, sample, i))
         traces = {}
         for i in watched:
             if i in self._resting:
                 continue
-            level, noise = self._levels.get(i, 0.0), float(burst.noise[i, step])
+            level, noise = self._levels.get(i, 0.0), float(batch.noise[i, step])
             # What the steps have rounded adds up, half a spacing each; no step follows that could still tell.
-            noise = max(noise, float(burst.edge[i, step + 1]) / HALVES * (taken + step)) if last else noise
+            noise = max(noise, float(batch.edge[i, step + 1]) / NOISE_HALVES * (taken + step)) if last else noise
             traces[i] = trace(
                 sample, i, noise, self._relay[i], level=level, zero=i in zero, last=last, isolate=self._isolate
             )
         if begun is not None and self._changes_at_once(begun, {i: traces[i] for i in zero if i in traces}, sample):
-            return _cut(burst, step, sample, 0.0)
+            return _cut(batch, step, sample, 0.0)
         resting = frozenset(i for i in zero if i in self._resting and self.impacts[i].reset)
         self._start = replace(begun, rested=resting) if begun is not None and resting else None
-        found = [Meeting(i, root) for i, one in traces.items() for root in one.found]
+        found = [EventZero(i, root) for i, one in traces.items() for root in one.found]
         found.sort(key=lambda m: m.root.time)
         without = min(traces, key=lambda i: traces[i].until, default=0)
         until = traces[without].until if traces else math.inf
         first = self._first_change(m for m in found if m.root.time < until)
         if first is not None:
             self._part(first, found, traces, sample, taken + step)
-            return _cut(burst, step, sample, first.root.time)
+            return _cut(batch, step, sample, first.root.time)
         self._record((m for m in found if m.root.time < until), sample, taken + step)
         if until < math.inf:
             value = float(sample.events(np.array([until]))[without, 0])
             self._verdict = without_value(self.names()[without], value)
-            return _cut(burst, step, sample, until)
+            return _cut(batch, step, sample, until)
         for i, one in traces.items():
             self._relay[i] = one.after
-            value = float(burst.ends[i, step + 1])
-            if abs(value) > CLEAR * abs(self._levels.get(i, 0.0)) and value * one.after.sign > 0:
+            value = float(batch.ends[i, step + 1])
+            if abs(value) > CLEAR_FACTOR * abs(self._levels.get(i, 0.0)) and value * one.after.sign > 0:
                 self._levels.pop(i, None)
         return None
 
-    def _at_zero(self, burst: Burst, step: int, watched: Sequence[int]) -> list[int]:
+    def _at_zero(self, batch: StepBatch, step: int, watched: Sequence[int]) -> list[int]:
         """Return the events that start a step at zero because the motion started there; note their values."""
-        begun, ends = self._start, burst.ends[:, step]
+        begun, ends = self._start, batch.ends[:, step]
         if begun is None:
             return []
         if begun.rested:
             zero = [i for i in watched if i in begun.rested]
         else:
-            sizes = {i: max(float(burst.edge[i, step]), 4 * begun.stayed.get(i, 0.0)) for i in watched}
+            sizes = {i: max(float(batch.edge[i, step]), 4 * begun.stayed.get(i, 0.0)) for i in watched}
             zero = [i for i in watched if abs(ends[i]) <= sizes[i]]
             self._levels = {}
         self._levels.update((i, float(ends[i])) for i in zero)
         return zero
 
-    def _changes_at_once(self, begun: _Start, zero: Mapping[int, Trace], sample: Sample) -> bool:
+    def _changes_at_once(self, begun: _Start, zero: Mapping[int, StepZeros], sample: Sample) -> bool:
         """Whether the motion cannot go on from its start: an event turns it back, or is met again without a velocity.
 
         A zero at the start is no event otherwise. But a ball that starts on the floor and falls is to bounce.
         """
         for i, one in zero.items():
             sign, order = one.leaving
-            back = sign == begun.met.get(i, 0) != 0
+            back = sign == begun.zeros.get(i, 0) != 0
             if not back and not (begun.first and self.impacts[i].reset and self.impacts[i].direction == sign != 0):
                 continue
             # A path of low order, as multistep methods begin with, may start against the velocity that is there.
@@ -291,7 +291,7 @@ class StepWatch(Record):
             if along < 0:
                 self._verdict = unresolved(self.names()[i])
             elif not back:
-                self._pending += [] if self._passes(i, sample) else [Meeting(i, Root(0.0, sign))]
+                self._pending += [] if self._passes(i, sample) else [EventZero(i, Root(0.0, sign))]
             elif along == 0:
                 self._verdict = at_rest(self.names()[i])
         return bool(self._pending) or self._verdict is not None
@@ -302,12 +302,12 @@ class StepWatch(Record):
         after = y.copy()
         one.apply(t, y, after)
         slope = self.problem.model.rhs(t, after, self.parameters)
-        h = SLIGHT * sample.h
+        h = SMALL_FRACTION * sample.h
         around = [float(self.kernel(t + s * h, after + s * h * slope, self.parameters)[place]) for s in (-1, 0, 1)]
-        rise = (around[2] - around[0]) / (2 * SLIGHT)
-        return one.direction * rise > SLIGHT * float(np.abs(sample.values[place]).max())
+        rise = (around[2] - around[0]) / (2 * SMALL_FRACTION)
+        return one.direction * rise > SMALL_FRACTION * float(np.abs(sample.values[place]).max())
 
-    def _first_change(self, found: Iterable[Meeting]) -> Meeting | None:
+    def _first_change(self, found: Iterable[EventZero]) -> EventZero | None:
         """Return the first zero that changes the motion: an event ends the run or has a reset."""
         seen = [len(times) for times in self.occurrences]
         for m in found:
@@ -319,7 +319,7 @@ class StepWatch(Record):
         return None
 
     def _part(
-        self, first: Meeting, found: Sequence[Meeting], traces: Mapping[int, Trace], sample: Sample, taken: int
+        self, first: EventZero, found: Sequence[EventZero], traces: Mapping[int, StepZeros], sample: Sample, taken: int
     ) -> None:
         """Keep what happens before the first change; what happens together with it is pending."""
         s = first.root.time
@@ -331,18 +331,18 @@ class StepWatch(Record):
                 # What is zero there to within its noise is met there: with another motion it would not be met later.
                 at_end = [root for root in ended(one, s, self._isolate) if root.time >= s - close]
                 if at_end:
-                    mine[i] = Meeting(i, Root(s, at_end[0].rising))
+                    mine[i] = EventZero(i, Root(s, at_end[0].rising))
         self._record(before, sample, taken)
         self._pending = [mine[i] for i in sorted(mine)]
 
-    def _record(self, found: Iterable[Meeting], sample: Sample, taken: int) -> None:
+    def _record(self, found: Iterable[EventZero], sample: Sample, taken: int) -> None:
         """Keep the events among some zeros on a step."""
         for m in found:
             if self.impacts[m.which].counts(m.root.rising):
                 s = m.root.time
                 self.occurrences[m.which].append(Occurrence(sample.t + s * sample.h, sample.state(s), taken + 1))
 
-    def _through(self, met: Sequence[Meeting], t: float, before: FloatArray, after: FloatArray) -> Meeting | None:
+    def _through(self, zeros: Sequence[EventZero], t: float, before: FloatArray, after: FloatArray) -> EventZero | None:
         """Return a zero that is met against the motion there, where its reset would send the motion on through it.
 
         The path of a long step may come down to the floor with a velocity that rises already: reset, it would fall.
@@ -350,44 +350,44 @@ class StepWatch(Record):
         states = np.column_stack([before, after])
         along = math.copysign(1.0, self.problem.t1 - self.problem.t0)
         coming, going = along * self._rates()(np.full(2, t), states, self.parameters).T
-        for m in met:
+        for m in zeros:
             if coming[m.which] * m.root.rising < 0 < going[m.which] * m.root.rising:
                 return m
         return None
 
-    def _jump(self, met: Sequence[Meeting], state: DriverState) -> EventResult:
+    def _jump(self, zeros: Sequence[EventZero], state: DriverState) -> EventResult:
         """Reset the state, every event from the state before, and start the motion anew."""
         before, after = state.y.copy(), state.y.copy()
         at_zero = np.abs(self.kernel(state.t, before, self.parameters))
-        for m in met:
+        for m in zeros:
             self.impacts[m.which].apply(state.t, before, after)
         if not np.isfinite(after).all():
-            return nowhere(self.names()[met[0].which])
-        through = self._through(met, state.t, before, after)
+            return nowhere(self.names()[zeros[0].which])
+        through = self._through(zeros, state.t, before, after)
         # A flight of one step is as long as its velocity says; one of several ends by how its heights are rounded.
         several = state.count(S.STEPS) > self._changed_at + 1
-        unseen = several and any(m.which in self._levels for m in met)
-        if self._flights.idle(abs(state.t - self.changed), unseen=unseen):
-            through = met[0]
+        unseen = several and any(m.which in self._levels for m in zeros)
+        if self._intervals.idle(abs(state.t - self.changed), unseen=unseen):
+            through = zeros[0]
         if through is not None:
             return unresolved(self.names()[through.which])
         state.y[:] = after
         self.jumps += 1
         self.changed, self._changed_at = state.t, state.count(S.STEPS)
         self._relay = [Side()] * len(self.impacts)
-        stayed = {m.which: float(at_zero[m.which]) for m in met}
-        self._start = _Start(stayed=stayed, met={m.which: m.root.rising for m in met})
-        verdict = self._defined(state)
+        stayed = {m.which: float(at_zero[m.which]) for m in zeros}
+        self._start = _Start(stayed=stayed, zeros={m.which: m.root.rising for m in zeros})
+        result = self._defined(state)
         model = self.problem.model
         where = (state.t, *model.layout.split(after), self.parameters)
-        if verdict.status is None and model.column_without_inertia(*where) is not None:
+        if result.status is None and model.column_without_inertia(*where) is not None:
             return EventResult(Status.SINGULAR, jumped=True)
-        return EventResult(verdict.status, verdict.detail, jumped=True)
+        return EventResult(result.status, result.detail, jumped=True)
 
 
-def _cut(burst: Burst, step: int, sample: Sample, s: float) -> Cut:
+def _cut(batch: StepBatch, step: int, sample: Sample, s: float) -> Cut:
     """Return the cut at a place in a step of a burst."""
-    times, states = burst.path.times, burst.path.states
+    times, states = batch.path.times, batch.path.states
     if s == 0:
         return Cut(step, float(times[step]), states[step], sample.h)
     end = float(times[step + 1])

@@ -9,8 +9,8 @@ import numpy as np
 
 from lagrange.procedure.events.chebyshev import DEGREE, nodes, to_chebyshev
 from lagrange.procedure.events.constants import EPSILON
-from lagrange.trajectory.events.many_steps import Burst, Sample
 from lagrange.trajectory.events.roots import Isolate, Root, Side, roots
+from lagrange.trajectory.events.step_batch import Sample, StepBatch
 from lagrange.trajectory.paths.chebyshev import LocalPolynomial, local_polynomials, powers
 
 RATE_NOISE = 1024 * EPSILON
@@ -18,7 +18,7 @@ RATE_NOISE = 1024 * EPSILON
 
 
 @dataclass(frozen=True, eq=False)
-class Trace:
+class StepZeros:
     """The zeros of an event on a step, in units of the step, in order.
 
     `parts` are the parts of the step with the side before each. `after` is the side at the end, `until` where the event
@@ -43,7 +43,7 @@ def trace(
     zero: bool = False,
     last: bool = False,
     isolate: Isolate | None = None,
-) -> Trace:
+) -> StepZeros:
     """Find where the event at a place among the events has the value `level`.
 
     `zero` says that it starts there, on a side that is to be found, `last` that no step follows. What isolates roots is
@@ -56,7 +56,7 @@ def trace(
         lambda s: sample.events(s)[place] - level, sample.values[place] - level, noise, smooth=zero
     ):
         if piece.coefficients is None:
-            return Trace(tuple(parts), tuple(found), before, piece.start, leaving)
+            return StepZeros(tuple(parts), tuple(found), before, piece.start, leaving)
         if zero and piece.start == 0:
             piece = _divided(piece)
             leaving = _leaving(piece)
@@ -67,21 +67,21 @@ def trace(
         if piece.coefficients is not None and len(piece.coefficients):
             parts.append((piece, before))
             final = last and piece.start + piece.width == 1.0
-            met, before = roots(piece.coefficients, 1.0, before, noise=piece.noise, last=final, isolate=isolate)
-            found += [replace(root, time=piece.start + piece.width * root.time) for root in met]
-    return Trace(tuple(parts), tuple(found), before, math.inf, leaving)
+            zeros, before = roots(piece.coefficients, 1.0, before, noise=piece.noise, last=final, isolate=isolate)
+            found += [replace(root, time=piece.start + piece.width * root.time) for root in zeros]
+    return StepZeros(tuple(parts), tuple(found), before, math.inf, leaving)
 
 
-def ended(found: Trace, s: float, isolate: Isolate | None = None) -> list[Root]:
+def ended(found: StepZeros, s: float, isolate: Isolate | None = None) -> list[Root]:
     """Return the zeros up to a place where the motion ends: what has come to zero there is decided by its slope."""
-    met: list[Root] = []
+    zeros: list[Root] = []
     for piece, before in found.parts:
         length = (s - piece.start) / piece.width
         if length > 0 and piece.coefficients is not None:
             cut = min(length, 1.0)
             here, _ = roots(piece.coefficients, cut, before, noise=piece.noise, last=length <= 1, isolate=isolate)
-            met += [replace(root, time=piece.start + piece.width * root.time) for root in here]
-    return met
+            zeros += [replace(root, time=piece.start + piece.width * root.time) for root in here]
+    return zeros
 
 
 def _divided(piece: LocalPolynomial) -> LocalPolynomial:
@@ -120,12 +120,12 @@ def _leaving(piece: LocalPolynomial) -> tuple[int, int]:
     return int(np.sign(piece.coefficients[first])), 1 + first
 
 
-def rests(burst: Burst, step: int, sample: Sample, place: int) -> bool:
+def rests(batch: StepBatch, step: int, sample: Sample, place: int) -> bool:
     """Whether an event that started at zero stays there on a step, as a conserved quantity less its value does.
 
     Its derivative along the motion tells: the path itself strays from the motion by more than round-off, to and fro.
     """
-    return bool((np.abs(sample.rates(nodes())[place]) <= burst.owed[place, step]).all())
+    return bool((np.abs(sample.rates(nodes())[place]) <= batch.sensitive[place, step]).all())
 
 
 def velocity(sample: Sample, place: int) -> float:

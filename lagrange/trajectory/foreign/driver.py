@@ -17,7 +17,6 @@ from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.procedure.step.constants import FAR_FROM_ZERO, FIRST_SHARE, LEAST_FLOOR, MOST_SURVEYS
 from lagrange.statement.number import real_number
-from lagrange.trajectory.driver import drive
 from lagrange.trajectory.events.step_watch import StepWatch
 from lagrange.trajectory.foreign.fault import Fault
 from lagrange.trajectory.foreign.guarded_rhs import GuardedRhs, StopError
@@ -25,6 +24,7 @@ from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.settings import adaptive_settings
 from lagrange.trajectory.paths.piecewise import PiecewisePath
 from lagrange.trajectory.paths.sampled import SampledPath, StepInterpolant, StepInterpolants
+from lagrange.trajectory.run_loop import drive
 from lagrange.trajectory.sizes import first_floors, slopes_of
 from lagrange.trajectory.tolerances import Tolerances
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory

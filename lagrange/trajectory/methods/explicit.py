@@ -17,12 +17,12 @@ from lagrange.program.step import Control, StepProgram, trace
 from lagrange.statement.choice import text
 from lagrange.statement.expression import MOST_ENTRIES, entries
 from lagrange.statement.number import whole_number
-from lagrange.trajectory.driver import drive
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.settings import adaptive_settings, check_options, fixed_settings
 from lagrange.trajectory.paths.step_paths import StepPath, hermite_path, runge_kutta_path
 from lagrange.trajectory.plan import StepPlan
+from lagrange.trajectory.run_loop import drive
 from lagrange.trajectory.tableaux import classical, dop853, dopri5, tsit5
 from lagrange.trajectory.tableaux.butcher import HIGHEST_CHECKED, ButcherTableau, ErrorEstimate
 from lagrange.trajectory.tableaux.rooted_trees import Coefficients

@@ -14,12 +14,12 @@ from typing import Any
 from lagrange.errors import StatementError, shown
 from lagrange.program.step import Control, StepProgram, trace
 from lagrange.statement.choice import one_of, text
-from lagrange.trajectory.driver import drive
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.settings import adaptive_settings, check_options, fixed_settings
 from lagrange.trajectory.paths.step_paths import StepPath, hermite_path
 from lagrange.trajectory.plan import StepPlan
+from lagrange.trajectory.run_loop import drive
 from lagrange.trajectory.tableaux.gauss import Abscissa, collocation_tableau, gauss_tableau
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 

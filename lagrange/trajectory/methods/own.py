@@ -19,13 +19,13 @@ from lagrange.machine.steps.numbers import numbers_of
 from lagrange.program.step import StepProgram, trace
 from lagrange.statement.choice import text
 from lagrange.statement.number import whole_number
-from lagrange.trajectory.driver import drive
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.settings import check_options, fixed_settings
 from lagrange.trajectory.methods.splitting import check_splits
 from lagrange.trajectory.methods.trial import TrialVector, kind_of, number, refusal
 from lagrange.trajectory.paths.step_paths import hermite_path
 from lagrange.trajectory.plan import StepPlan
+from lagrange.trajectory.run_loop import drive
 from lagrange.trajectory.tableaux.butcher import CONDITION_TOLERANCE, ButcherTableau
 from lagrange.trajectory.tableaux.rooted_trees import Coefficient
 from lagrange.trajectory.trajectory import Trajectory

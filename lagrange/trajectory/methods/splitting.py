@@ -19,12 +19,12 @@ from lagrange.program.step import StepProgram, trace
 from lagrange.statement.choice import text
 from lagrange.statement.expression import entries
 from lagrange.statement.number import real_array, real_number, whole_number
-from lagrange.trajectory.driver import drive
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.settings import check_options, check_problem, fixed_settings
 from lagrange.trajectory.paths.step_paths import hermite_path
 from lagrange.trajectory.plan import StepPlan
+from lagrange.trajectory.run_loop import drive
 from lagrange.trajectory.tableaux.splitting_conditions import check_words
 from lagrange.trajectory.trajectory import Trajectory
 

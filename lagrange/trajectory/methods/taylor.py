@@ -14,7 +14,6 @@ from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
 from lagrange.machine.model import Model
 from lagrange.machine.series.order import LOWEST_ORDER
 from lagrange.machine.state import DriverState
-from lagrange.trajectory.driver import drive
 from lagrange.trajectory.events.actions import Impact, root_of
 from lagrange.trajectory.events.actions import impacts as impacts_of
 from lagrange.trajectory.events.nonanalytic_points import Continuations
@@ -26,6 +25,7 @@ from lagrange.trajectory.methods.explicit import DOP853
 from lagrange.trajectory.methods.settings import adaptive_settings, check_options
 from lagrange.trajectory.paths.series import SeriesPath
 from lagrange.trajectory.paths.step_paths import hermite_path
+from lagrange.trajectory.run_loop import drive
 from lagrange.trajectory.tolerances import Tolerances
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 

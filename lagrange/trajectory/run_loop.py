@@ -14,7 +14,7 @@ from lagrange.machine.state import DriverState, Outcome, Outputs
 from lagrange.trajectory.events.ending import EventResult
 from lagrange.trajectory.inertia import lost_inertia
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.limits import compiled_late, memory_limit
+from lagrange.trajectory.memory_limit import compiled_late, memory_limit
 from lagrange.trajectory.messages import coarse, message, outputs_alone, unsolved
 from lagrange.trajectory.outputs import AcceptedStates
 from lagrange.trajectory.paths.known import OutputPath

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from lagrange.errors import RunError, StatementError, listing
-from lagrange.show.files import Writer, fill, in_words, old_mode, real_path
+from lagrange.show.atomic_file import Writer, fill, in_words, old_mode, real_path
 from lagrange.show.temporary import abandoned, lock, locked, sync_folder, uninterrupted
 
 WRITING, LEAVING, ARRIVING = "writing", "leaving", "arriving"

@@ -8,7 +8,7 @@ from lagrange.trajectory.events.roots import Root, Side
 
 
 @dataclass(frozen=True)
-class Meeting:
+class EventZero:
     """A root of something that is watched: its place among the watched, and when, in units of the scale."""
 
     which: int
@@ -20,6 +20,6 @@ class PlannedStep:
     """The step that a run is to take next, by number, and what holds before it."""
 
     steps: int = 0
-    relay: tuple[Side, ...] = ()
+    zero_sides: tuple[Side, ...] = ()
     starting: frozenset[int] = frozenset()
     counts: tuple[int, ...] = ()

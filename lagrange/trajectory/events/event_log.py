@@ -19,10 +19,10 @@ TOGETHER = 4 * 2.0**-52
 CLOSEST = 64 * 2.0**-52
 """An event or surface that is met again and again closer than this part of the time accumulates."""
 
-AGAIN = 3
+MOST_REPEATS = 3
 """How often in a row that is."""
 
-SAME, IDLE = 0.999, 8
+SAME_INTERVAL, MOST_SAME = 0.999, 8
 """A time between resets that is no shorter than this part of the shortest before, and how many such are too many."""
 
 
@@ -66,7 +66,7 @@ class Occurrences:
         return np.concatenate(times), np.concatenate(states)
 
 
-class Record:
+class EventLog:
     """What happened at each of some events along the run of one state of a `size`; `state` is where it stands."""
 
     def __init__(self, events: int, size: int) -> None:
@@ -88,7 +88,7 @@ class Record:
         return 0 if self.state is None else self.state.count(DriverState.STEPS)
 
 
-class Crowd:
+class ChangeCounter:
     """Tells whether changes of the motion follow one another so closely that time stands still."""
 
     def __init__(self) -> None:
@@ -106,10 +106,10 @@ class Crowd:
             self.counts.clear()
         self.last = t
         self.counts.update(which)
-        return max(self.counts.values()) > AGAIN
+        return max(self.counts.values()) > MOST_REPEATS
 
 
-class Flights:
+class ResetIntervals:
     """Tells whether times between resets stop falling where nothing is seen between them but round-off."""
 
     def __init__(self) -> None:
@@ -118,8 +118,8 @@ class Flights:
 
     def idle(self, length: float, *, unseen: bool) -> bool:
         """Count a time between two resets; `unseen` says that the event did not leave zero by more than round-off."""
-        if unseen and length >= SAME * self.least:
+        if unseen and length >= SAME_INTERVAL * self.least:
             self.count += 1
         else:
             self.least, self.count = length, 0
-        return self.count > IDLE
+        return self.count > MOST_SAME

@@ -66,7 +66,7 @@ class Sample:
     h: float
     states: FloatArray
     values: FloatArray
-    burst: Burst
+    batch: StepBatch
 
     def state(self, s: float) -> FloatArray:
         """Return the state (2n,) at a place in the step."""
@@ -74,16 +74,16 @@ class Sample:
 
     def rates(self, s: FloatArray) -> FloatArray:
         """Return the derivatives of the events by time (E, K) along the motion at places s (K,), per step."""
-        rates = self.burst.rates()
-        return self.h * rates(self.t + self.h * s, evaluate(self.states, s), self.burst.parameters)
+        rates = self.batch.rates()
+        return self.h * rates(self.t + self.h * s, evaluate(self.states, s), self.batch.parameters)
 
     def events(self, s: FloatArray) -> FloatArray:
         """Return the events (E, K) at places s (K,) in the step."""
-        return self.burst.kernel(self.t + self.h * s, evaluate(self.states, s), self.burst.parameters)
+        return self.batch.kernel(self.t + self.h * s, evaluate(self.states, s), self.batch.parameters)
 
 
 @dataclass(frozen=True, eq=False)
-class Burst:
+class StepBatch:
     """Accepted steps of a burst behind the state that it began with: their path, and the events (E, ...) along it.
 
     `rates` makes the derivatives of the events by time. `ends` are the events at the states (E, S+1), `edge` is by how
@@ -98,12 +98,12 @@ class Burst:
     ends: FloatArray
     edge: FloatArray
     noise: FloatArray
-    owed: FloatArray
+    sensitive: FloatArray
     certain: NDArray[np.bool_]
     samples: dict[int, Sample] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, kernel: Kernel, rates: Callable[[], Kernel], parameters: FloatArray, path: Path) -> Burst:
+    def of(cls, kernel: Kernel, rates: Callable[[], Kernel], parameters: FloatArray, path: Path) -> StepBatch:
         """Look along a path."""
         times, states = path.times, path.states.T
         ends = kernel(times, states, parameters)
@@ -126,17 +126,17 @@ class Burst:
             moves = states[:, :-1] + RELATIVE_PERTURBATION * np.ptp(found, axis=-1) * tilt[:-1, None]
             gain = np.abs(kernel(times[:-1], moves, parameters) - ends[:, :-1]) / RELATIVE_PERTURBATION
             spread = np.fmax(np.ptp(values, axis=-1), gain)
-            owed = DENSE_ROUND_OFF * np.where(np.isfinite(spread), spread, 0.0)
-            noise = noise + owed
+            sensitive = DENSE_ROUND_OFF * np.where(np.isfinite(spread), spread, 0.0)
+            noise = noise + sensitive
             sure = certain(values @ to_chebyshev(degree).T, noise)
-        burst = cls(kernel, rates, parameters, path, ends, edge, noise, owed, sure)
+        batch = cls(kernel, rates, parameters, path, ends, edge, noise, sensitive, sure)
         if degree == DEGREE:
-            burst._keep(steps, found, values)
+            batch._keep(steps, found, values)
         elif not sure.all():
             doubtful: Places = np.flatnonzero(~sure.all(axis=0))
             found = _sampled(path, doubtful, DEGREE)
-            burst._keep(doubtful, found, _along(kernel, parameters, path, doubtful, found))
-        return burst
+            batch._keep(doubtful, found, _along(kernel, parameters, path, doubtful, found))
+        return batch
 
     def sample(self, step: int) -> Sample:
         """Return a step at the full degree."""
