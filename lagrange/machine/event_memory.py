@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 from lagrange.machine.backend import FloatArray, Kernel
 from lagrange.machine.state import MOST_LANES
 from lagrange.procedure.step.constants import RELATIVE_PERTURBATION, perturbation_factors
+from lagrange.procedure.taylor.constants import MOST_SURFACES
 from lagrange.procedure.taylor.watching import COUNT, NEAR, SETTINGS, SIDES, SIGN, STARTING, WATCH, scratch_sizes
 from lagrange.program.series import SeriesProgram
-
-MOST_SURFACES = 3
-"""With more surfaces the loop comes back to change a side: the numbers for all combinations of sides are kept."""
 
 ROOM = 4096
 """So many events are written before the loop comes back."""

@@ -9,6 +9,17 @@ from lagrange.machine.state import DriverState
 from lagrange.procedure.step.constants import LEAST_FLOOR
 from lagrange.trajectory.trajectory import FloatArray
 
+FLOOR_SHARE = 1e-3
+"""Without an absolute tolerance, that of an entry is RTOL times this share of its largest size in the run.
+
+It is added to RTOL times the present size. So each entry has its own scale, and the same motion in other units has the
+same steps. A share of 1 would lose three digits of a comet that comes a thousand times nearer to the sun; a share of 0
+would follow entries that have decayed to round-off. For sizes near 1 the default is an absolute tolerance of 1e-12.
+"""
+
+LEAST_SHARE = 2.0**-52
+"""The absolute tolerance that follows the scale is at least the spacing of doubles at the largest size."""
+
 
 @dataclass(frozen=True)
 class Tolerances:

@@ -122,3 +122,6 @@ CLOSEST = 64 * 2.0**-52
 
 LEAST_PART = 2.0**-70
 """A step shorter than this part of what is left of the run does not get on."""
+
+MOST_SURFACES = 3
+"""With more surfaces the loop comes back to change a side: the numbers for all combinations of sides are kept."""

@@ -48,8 +48,8 @@ MOST_STEPS = 1000
 class Continuations:
     """The leaps of a run so far, by a method with tolerances of its own.
 
-    `rows` are those that they begin from, `landed` is where the last one ended, and `continuations_in_a_row` counts those
-    that followed each other.
+    `rows` are those that they begin from, `landed` is where the last one ended, and `continuations_in_a_row` counts
+    those that followed each other.
     """
 
     problem: Problem

@@ -12,7 +12,7 @@ from lagrange.errors import StatementError, shown
 from lagrange.procedure.step.constants import LEAST_FLOOR
 from lagrange.statement.number import real_number
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.tolerances import Tolerances
+from lagrange.trajectory.tolerances import FLOOR_SHARE, LEAST_SHARE, Tolerances
 
 RTOL = 1e-9
 """The default relative tolerance.
@@ -20,17 +20,6 @@ RTOL = 1e-9
 On the double pendulum over 20 s, started at 30 degrees each, DOP853 then ends within 5e-9 of a run at 1e-13, in 0.5 ms.
 At 1e-6 the difference would be 1e-5; SciPy's default is 1e-3.
 """
-
-FLOOR_SHARE = 1e-3
-"""Without an absolute tolerance, that of an entry is RTOL times this share of its largest size in the run.
-
-It is added to RTOL times the present size. So each entry has its own scale, and the same motion in other units has the
-same steps. A share of 1 would lose three digits of a comet that comes a thousand times nearer to the sun; a share of 0
-would follow entries that have decayed to round-off. For sizes near 1 the default is an absolute tolerance of 1e-12.
-"""
-
-LEAST_SHARE = 2.0**-52
-"""The absolute tolerance that follows the scale is at least the spacing of doubles at the largest size."""
 
 EQUAL_STEPS = 1000
 """Number of equal steps of a run if no step is given; the status card says so."""
