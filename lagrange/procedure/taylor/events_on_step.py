@@ -42,8 +42,8 @@ def inspect_step(layout: TaylorLayout) -> Procedure:
     """Return what decides on a step of length s in units of the scale: what is to follow, and how long it may be.
 
     What is not `doubtful` keeps its sign on all of it. `final` says that it ends at the end of the run, which is `left`
-    away. Where the step is to follow, its events are
-    written, and the sides are those at its end. Otherwise nothing has changed.
+    away. Where the step is to follow, its events are written, and the sides are those at its end. Otherwise nothing has
+    changed.
     """
     return _Inspection(layout).build()
 
@@ -325,7 +325,7 @@ class _Inspection:
         with p.when(record.done + count > record.room):
             p.leave(p.choose(record.done.equals(0), p.constant(LEAVE, WHOLE), p.constant(WAIT, WHOLE)), self.s)
         size = self.layout.watched
-        still = p.variable(count.equals(0), "still")
+        still = p.variable(count.equals(0) & ~again, "still")
         with p.loop(0, size) as i:
             begins = ~watched.side(STARTING)[i].equals(0)
             same = watched.side(SIGN)[i].equals(zeros.signs[i]) & watched.side(NEAR)[i].equals(zeros.nears[i])
