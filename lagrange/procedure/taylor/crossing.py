@@ -4,17 +4,12 @@ from __future__ import annotations
 
 import math
 from functools import cache
-from typing import Any
 
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
-from lagrange.procedure.step.constants import EARLIEST
-from lagrange.procedure.step.run import COUNTS
-from lagrange.procedure.taylor.constants import CLOSEST
-from lagrange.procedure.taylor.memory import JET, TAYLOR, SeriesMemory, TaylorLayout, work_array
-from lagrange.procedure.taylor.resets import sides_at_start
-from lagrange.procedure.taylor.watching import NEAR, SIGN, STARTING, Watched
-from lagrange.procedure.values import Flag, Memory, Whole
+from lagrange.procedure.form import FLAG, WHOLE, Procedure
+from lagrange.procedure.taylor.memory import TaylorLayout
+from lagrange.procedure.taylor.resets import DueChange, sides_at_start
+from lagrange.procedure.taylor.watching import NEAR, SIGN, STARTING
+from lagrange.procedure.values import Memory, Whole
 
 
 @cache
@@ -26,25 +21,17 @@ def cross_surface(layout: TaylorLayout) -> Procedure:
     return _Crossing(layout).build()
 
 
-class _Crossing:
+class _Crossing(DueChange):
     """Builds the procedure."""
 
     def __init__(self, layout: TaylorLayout) -> None:
-        self.p = p = Builder("cross_surface", "Go on with the other side of a surface, if possible.", apart=True)
-        self.layout = layout
-        self.jet = p.function("jet", JET)
-        self.prepared, self.constants = p.array("prepared", read=True), p.array("constants", read=True)
-        self.t, self.rtol = p.given("t", REAL), p.given("rtol", REAL)
-        self.counts: Any = p.record("counts", COUNTS)
-        self.taylor: Any = p.record("taylor", TAYLOR)
-        self.watched = Watched(p, layout)
-        self.memory = SeriesMemory(p, layout, work_array(p, layout))
+        about = "Go on with the other side of a surface, if possible."
+        super().__init__(layout, "cross_surface", about, writes_row=False)
 
     def build(self) -> Procedure:
         p, record = self.p, self.watched.record
-        place = (record.due - 1).called("place")
-        since = abs(self.t - record.changed)
-        self.leave_if(~(since > CLOSEST * p.larger(abs(self.t), EARLIEST)) | (record.combination < 0))
+        place = self.due()
+        self.leave_if(record.combination < 0)
         self.leave_if(record.switches >= record.room)
         other = self.other_side(place)
         numbers = self.watched.combinations[other].called("numbers")
@@ -53,10 +40,6 @@ class _Crossing:
         self.commit(place, other, numbers)
         p.leave(p.true)
         return p.finish(FLAG)
-
-    def leave_if(self, condition: Flag) -> None:
-        """Leave what is due to who watches on a condition."""
-        self.p.leave_if(condition, self.p.false)
 
     def other_side(self, place: Whole) -> Whole:
         """Return the combination of sides with the other one of a surface, as a binary number: 1 is the side above."""
@@ -72,7 +55,7 @@ class _Crossing:
 
     def leave_unless_consistent(self, place: Whole, numbers: Whole) -> None:
         """Leave unless the motion with the other side goes there, and is on no other surface."""
-        p, layout, watched, work = self.p, self.layout, self.watched, self.memory.work
+        p, layout, watched, work = self.p, self.layout, self.watched, self.work
         there = work.at(p.whole(layout.ahead(self.memory.order)))
         with p.loop(0, 2 * layout.padded) as i:
             there[i] = work[i]

@@ -105,28 +105,49 @@ def reset_state(layout: TaylorLayout) -> Procedure:
     return _Reset(layout).build()
 
 
-class _Reset:
-    """Builds the procedure."""
+class DueChange:
+    """What builders of procedures share that change the motion where a step has led: their arguments, and the refusal.
 
-    def __init__(self, layout: TaylorLayout) -> None:
-        self.p = p = Builder("reset_state", "Reset the state at an event; return if that was done.", apart=True)
+    One that writes a row of the run takes where to.
+    """
+
+    def __init__(self, layout: TaylorLayout, name: str, about: str, *, writes_row: bool) -> None:
+        self.p = p = Builder(name, about, apart=True)
         self.layout = layout
         self.jet = p.function("jet", JET)
         self.prepared, self.constants = p.array("prepared", read=True), p.array("constants", read=True)
         self.t, self.rtol = p.given("t", REAL), p.given("rtol", REAL)
         self.counts: Any = p.record("counts", COUNTS)
         self.taylor: Any = p.record("taylor", TAYLOR)
-        self.times, self.rows = p.array("times"), p.array("rows", room=layout.block)
+        if writes_row:
+            self.times, self.rows = p.array("times"), p.array("rows", room=layout.block)
         self.watched = Watched(p, layout)
         self.memory = SeriesMemory(p, layout, work_array(p, layout))
-        self.work, self.count = self.memory.work, self.memory.order + 1
+        self.work = self.memory.work
+
+    def due(self) -> Whole:
+        """Return the place of what is due; leave it where the motion has just changed: changes may accumulate."""
+        p, record = self.p, self.watched.record
+        since = abs(self.t - record.changed)
+        self.leave_if(~(since > CLOSEST * p.larger(abs(self.t), EARLIEST)))
+        place: Whole = (record.due - 1).called("place")
+        return place
+
+    def leave_if(self, condition: Flag) -> None:
+        """Leave what is due to who watches on a condition."""
+        self.p.leave_if(condition, self.p.false)
+
+
+class _Reset(DueChange):
+    """Builds the procedure."""
+
+    def __init__(self, layout: TaylorLayout) -> None:
+        super().__init__(layout, "reset_state", "Reset the state at an event, if possible.", writes_row=True)
 
     def build(self) -> Procedure:
         p, layout, record = self.p, self.layout, self.watched.record
-        place = (record.due - 1).called("place")
+        place = self.due()
         number = (self.watched.side(COUNT)[place] + 1).called("number")
-        since = abs(self.t - record.changed)
-        self.leave_if(~(since > CLOSEST * p.larger(abs(self.t), EARLIEST)))
         self.leave_if(self.watched.setting(RESET_SIZE, place).equals(0) | self.watched.is_last(place, number))
         self.leave_if(record.done >= record.room)
         there = self.work.at(p.whole(layout.ahead(self.memory.order)))
@@ -138,10 +159,6 @@ class _Reset:
         self.commit(place, number, there, signs, starting)
         p.leave(p.true)
         return p.finish(FLAG)
-
-    def leave_if(self, condition: Flag) -> None:
-        """Leave what is due to who watches on a condition."""
-        self.p.leave_if(condition, self.p.false)
 
     def write_new_state(self, place: Whole, there: Memory) -> None:
         """Write the state behind the reset; of it nothing is lost to rounding."""

@@ -19,8 +19,8 @@ from lagrange.trajectory.trajectory import FloatArray
 class SharedWatch(EventLog):
     """Where everything watched stands, for the watch and for the loop: between them it is read and written as a whole.
 
-    `relay` are the sides of zero before the next step, `starting` has what starts at zero there, `pending` what is to
-    happen at the state, and `planned` what holds before the step that the watch has planned.
+    `zero_sides` are the sides of zero before the next step, `starting` has what starts at zero there, `pending` what is
+    to happen at the state, and `planned` what holds before the step that the watch has planned.
     """
 
     def __init__(
@@ -64,9 +64,9 @@ class SharedWatch(EventLog):
         """Count a jump of the state."""
         self._memory.record.jumps += 1
 
-    def impact_of(self, meeting: EventZero) -> Impact:
+    def impact_of(self, zero: EventZero) -> Impact:
         """Return the event that a zero is of."""
-        return self.impacts[meeting.which - self.surfaces]
+        return self.impacts[zero.which - self.surfaces]
 
     def is_root(self, which: int) -> bool:
         """Whether something watched is a square root in the equations of motion."""
