@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
     from lagrange.statement.energy import gravity, kinetic_energy, rotational_energy, spring
     from lagrange.statement.event import Event, event
+    from lagrange.statement.multiplier import multiplier
     from lagrange.system import System, scene, scenes
     from lagrange.trajectory.integrator import Claims, Integrator, Problem
     from lagrange.trajectory.trajectory import Status, Trajectory
@@ -39,6 +40,7 @@ _HOMES = {
     "lagrange.show.race": ("Race",),
     "lagrange.show.solution": ("Solution",),
     "lagrange.statement.coordinate": ("coordinate", "coordinates", "parameters", "t"),
+    "lagrange.statement.multiplier": ("multiplier",),
     "lagrange.statement.energy": ("gravity", "kinetic_energy", "rotational_energy", "spring"),
     "lagrange.statement.event": ("Event", "event"),
     "lagrange.system": ("System", "scene", "scenes"),
@@ -75,6 +77,7 @@ __all__ = [
     "integrate",
     "kinetic_energy",
     "methods",
+    "multiplier",
     "parameters",
     "race",
     "rotational_energy",

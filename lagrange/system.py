@@ -44,7 +44,7 @@ class System:
         coordinates: Sequence[Any] | None = None,
         forces: Mapping[Any, Any] | None = None,
         dissipation: Any = 0,
-        constraints: Sequence[Any] = (),
+        constraints: Sequence[Any] | Mapping[str, Any] = (),
         parameters: Mapping[Any, Any] | None = None,
         initial: Mapping[Any, Any] | None = None,
         positions: Mapping[str, Any] | None = None,
@@ -55,6 +55,8 @@ class System:
 
         Give `kinetic` and `potential`, or `lagrangian`. `coordinates` are inferred in order of appearance, T before V.
         `forces` maps a coordinate to its generalized force, `dissipation` is Rayleigh's D with force -dD/dv.
+        `constraints` are expressions that stay zero, or Eq, in a list or by name; those free of velocities are
+        holonomic.
         `parameters` maps symbols or names to default values, `initial` coordinates and velocities to numbers; what is
         not named starts at 0. `positions` names points (x, y) or (x, y, z) to draw, `links` pairs of them.
         """

@@ -15,8 +15,7 @@ from lagrange.evidence.precise import Precise
 from lagrange.machine.kernel.arithmetic import Arithmetic
 from lagrange.machine.series.interpreted_jet import Jet
 from lagrange.program.series import SeriesProgram
-from lagrange.program.switching import switch
-from lagrange.program.taylor import assemblies, series_program
+from lagrange.program.taylor import assemblies, series_program, switched_equations
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
 from tests.operations import operations
@@ -73,12 +72,7 @@ def coefficients(
 
 def all_forms(equations: Equations) -> list[SeriesProgram]:
     """Return the program of every form of the equations, the rates of sums taken whole and apart."""
-    e = equations
-    mass = [e.mass[i][j] for block in e.structure.blocks for i in block for j in block if j <= i]
-    switched = switch(e.graph, (*e.momenta, *e.forces, *mass))
-    n = len(e.q)
-    p, f, triangles = switched.outputs[:n], switched.outputs[n : 2 * n], switched.outputs[2 * n :]
-    found = assemblies(e, switched, p, f, triangles, switched.surfaces)
+    found = assemblies(equations, switched_equations(equations))
     return [assembly.program("series") for assembly in found]
 
 

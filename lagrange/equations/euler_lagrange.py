@@ -1,4 +1,4 @@
-"""The laws of motion as graph nodes: p = dL/dv, f = dL/dq + Q - dD/dv, M a = h.
+"""The laws of motion as graph nodes: p = dL/dv, f = dL/dq + Q - dD/dv, M a = h + G^T lambda, G a + gamma = 0.
 
 M = d2L/dv2 and h = f - (d2L/dv dq) v - d2L/dv dt. The bias in h is one forward sweep over p along (v, 0, 1);
 nothing is expanded and nothing is simplified beyond what the graph does by itself.
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from lagrange.equations.constraints import ConstraintEquations, constraint_equations
 from lagrange.equations.solve_plan import SolvePlan, plan_of
 from lagrange.equations.state_layout import StateLayout
 from lagrange.equations.structure import Structure, find_structure
@@ -22,6 +23,7 @@ from lagrange.graph.node import Binding, Graph, Kind, Node
 from lagrange.graph.share import share_sums
 from lagrange.graph.to_sympy import to_sympy
 from lagrange.statement.coordinate import acceleration_of, t
+from lagrange.statement.multiplier import multiplier
 from lagrange.statement.statement import Statement
 
 
@@ -30,8 +32,9 @@ class Equations:
     """Every law of one system, as nodes of one graph.
 
     `q`, `v` and `parameters` are the symbols, n, n and k of them; `rate`, which is dq/dt, `momenta`, `forces`, `bias`
-    and `accelerations` have n entries, `mass` n rows; `plan` solves with it; `leaves` maps the statement's SymPy leaves
-    to symbols.
+    and `accelerations` have n entries, `mass` n rows. `matrix` is M, or with m constraints [[M, G^T], [G, 0]], and
+    `plan` solves with it: for the accelerations and behind them the `multipliers`, m of them, with the other sign.
+    `leaves` maps the statement's SymPy leaves to symbols.
     """
 
     graph: Graph
@@ -48,6 +51,9 @@ class Equations:
     bias: tuple[Node, ...]
     energy: Node
     accelerations: tuple[Node, ...]
+    multipliers: tuple[Node, ...]
+    constraints: ConstraintEquations
+    matrix: tuple[tuple[Node, ...], ...]
     plan: SolvePlan
     structure: Structure
     layout: StateLayout
@@ -82,17 +88,23 @@ def euler_lagrange(statement: Statement) -> Equations:
     stated = [translate(e) for e in (statement.kinetic, statement.potential, statement.dissipation, *statement.forces)]
     kinetic, potential, dissipation, *applied = share_sums(graph, stated)
     lagrangian = kinetic - potential
+    held = {one.name: translate(one.expression) for one in statement.constraints}
+    constraints = constraint_equations(held, [one.holonomic for one in statement.constraints], q, v, time)
 
     momenta = conjugate_momenta(lagrangian, v)
     extra = applied_forces(applied, dissipation, v)
     forces = generalized_forces(lagrangian, q, extra)
     mass = mass_matrix(momenta, v)
-    check_inertia(statement.names, mass)
+    check_inertia(statement.names, mass, constraints)
     bias = bias_forces(forces, momenta, q, rate, time)
-    plan = plan_of(mass)
-    accelerations = solve_accelerations(plan, mass, bias)
-    structure = find_structure(graph, statement.names, q, time, lagrangian, momenta, extra, plan, accelerations)
+    matrix = system_matrix(mass, constraints)
+    plan = plan_of(matrix, tuple(range(len(q), len(matrix))))
+    accelerations, multipliers = solve_motion(plan, matrix, bias, constraints)
+    structure = find_structure(
+        graph, statement.names, q, time, lagrangian, momenta, extra, mass, constraints, accelerations
+    )
     known = dict(zip(map(acceleration_of, statement.coordinates), accelerations, strict=True))
+    known |= dict(zip(map(multiplier, constraints.names), multipliers, strict=True))
     return Equations(
         graph=graph,
         q=q,
@@ -108,6 +120,9 @@ def euler_lagrange(statement: Statement) -> Equations:
         bias=tuple(bias),
         energy=jacobi_integral(lagrangian, momenta, v),
         accelerations=tuple(accelerations),
+        multipliers=tuple(multipliers),
+        constraints=constraints,
+        matrix=matrix,
         plan=plan,
         structure=structure,
         layout=StateLayout(statement.names, statement.names),
@@ -140,10 +155,11 @@ def mass_matrix(momenta: Sequence[Node], v: Sequence[Node]) -> tuple[tuple[Node,
     return tuple(tuple(rows[max(i, j)][min(i, j)] for j in range(n)) for i in range(n))
 
 
-def check_inertia(names: Sequence[str], mass: Sequence[Sequence[Node]]) -> None:
-    """Raise StatementError for a coordinate whose row of the mass matrix is zero."""
-    for name, row in zip(names, mass, strict=True):
-        if all(entry is entry.graph.zero for entry in row):
+def check_inertia(names: Sequence[str], mass: Sequence[Sequence[Node]], constraints: ConstraintEquations) -> None:
+    """Raise StatementError for a coordinate whose row of the mass matrix is zero, if no constraint holds it."""
+    for i, (name, row) in enumerate(zip(names, mass, strict=True)):
+        alone = all(line[i] is line[i].graph.zero for line in constraints.gradient)
+        if alone and all(entry is entry.graph.zero for entry in row):
             raise StatementError(no_inertia(name))
 
 
@@ -171,9 +187,22 @@ def jacobi_integral(lagrangian: Node, momenta: Sequence[Node], v: Sequence[Node]
     return graph.sum([*powers, (-1, lagrangian)])
 
 
-def solve_accelerations(plan: SolvePlan, mass: Sequence[Sequence[Node]], bias: Sequence[Node]) -> list[Node]:
-    """Return a of M a = h."""
-    return plan.solved(mass, bias)
+def system_matrix(mass: tuple[tuple[Node, ...], ...], constraints: ConstraintEquations) -> tuple[tuple[Node, ...], ...]:
+    """Return [[M, G^T], [G, 0]], which is M itself without constraints."""
+    if not len(constraints):
+        return mass
+    gradient, zero = constraints.gradient, mass[0][0].graph.zero
+    upper = [(*row, *(line[i] for line in gradient)) for i, row in enumerate(mass)]
+    return (*upper, *((*line, *(zero for _ in gradient)) for line in gradient))
+
+
+def solve_motion(
+    plan: SolvePlan, matrix: Sequence[Sequence[Node]], bias: Sequence[Node], constraints: ConstraintEquations
+) -> tuple[list[Node], list[Node]]:
+    """Return a and lambda of M a = h + G^T lambda and G a + gamma = 0."""
+    found = plan.solved(matrix, [*bias, *(-gamma for gamma in constraints.bias)])
+    n = len(bias)
+    return found[:n], [-one for one in found[n:]]
 
 
 def _symbols(graph: Graph, statement: Statement) -> tuple[tuple[Node, ...], tuple[Node, ...], Node, tuple[Node, ...]]:

@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from lagrange.equations.solve_plan import SolvePlan
+from lagrange.equations.constraints import ConstraintEquations
+from lagrange.equations.solve_plan import plan_of
 from lagrange.errors import listing
 from lagrange.graph.node import Binding, Graph, Kind, Node, reachable
 
@@ -20,6 +21,8 @@ class Structure:
 
     `position_only`: the accelerations are free of velocities. `brief`: time stands in some other function than a
     polynomial, a sine or a cosine, so that a force may act briefly and leave no trace before and after.
+    `constraints` are the names of the constraints, `nonlinear` of those that are not linear in the velocities.
+    `workless`: the forces of no constraint do work.
     """
 
     names: tuple[str, ...]
@@ -31,11 +34,17 @@ class Structure:
     cyclic: tuple[int, ...]
     position_only: bool
     brief: bool
+    constraints: tuple[str, ...] = ()
+    nonlinear: tuple[str, ...] = ()
+    workless: bool = True
 
     @property
     def conservative(self) -> bool:
-        """Whether the energy v.p - L is conserved: no explicit time, no forces, no dissipation."""
-        return self.autonomous and not self.forced
+        """Whether the energy v.p - L is conserved: no explicit time, no forces, no dissipation.
+
+        Constraints that depend on time, or are not homogeneous in the velocities, may do work.
+        """
+        return self.autonomous and not self.forced and self.workless
 
     def sentences(self) -> list[str]:
         """Return the findings in words, one sentence each."""
@@ -44,9 +53,27 @@ class Structure:
             "The momenta depend on velocities alone: all else in the Lagrangian acts as a potential."
             if self.separable
             else "The momenta depend on more than the velocities: the Lagrangian does not separate.",
+            *self._constraints(),
             self._energy(),
             *self._momenta(),
         ]
+
+    def _constraints(self) -> list[str]:
+        count = len(self.constraints)
+        if not count:
+            return []
+        held = (
+            f"constraint {listing(self.constraints)} is"
+            if count == 1
+            else f"constraints {listing(self.constraints)} are"
+        )
+        sentences = [f"The {held} kept by multipliers, {count} for {len(self.names)} coordinates."]
+        for name in self.nonlinear:
+            sentences.append(
+                f"The constraint {name} is not linear in the velocities: its force is along its derivative in the "
+                "velocities (Chetaev's rule)."
+            )
+        return sentences
 
     def _mass(self) -> str:
         kind = "constant" if self.constant_mass else "changes along the motion"
@@ -63,6 +90,9 @@ class Structure:
         causes = ["the Lagrangian depends on time"] * (not self.autonomous) + [
             "forces or dissipation act"
         ] * self.forced
+        causes += ["constraints that depend on time, or on velocities other than in proportion, may do work"] * (
+            not self.workless
+        )
         return f"The energy is not conserved: {listing(causes)}."
 
     def _momenta(self) -> list[str]:
@@ -80,20 +110,26 @@ def find_structure(
     lagrangian: Node,
     momenta: Sequence[Node],
     extra: Sequence[Node],
-    plan: SolvePlan,
+    mass: Sequence[Sequence[Node]],
+    constraints: ConstraintEquations,
     accelerations: Sequence[Node],
 ) -> Structure:
     """Find the structure; `extra` are the generalized forces less dissipation, Q - dD/dv."""
     free = [force is graph.zero for force in extra]
+    held = [any(row[i] is not graph.zero for row in constraints.gradient) for i in range(len(q))]
+    inertia = plan_of(mass)
     return Structure(
         names=names,
-        blocks=plan.blocks,
-        constant_mass=not plan.moving,
+        blocks=inertia.blocks,
+        constant_mass=not inertia.moving,
         separable=not any(p.binding in (Binding.TIME, Binding.CONFIGURATION) or _mixed(p, q, time) for p in momenta),
         autonomous=not lagrangian.depends & time.depends,
         forced=not all(free),
-        cyclic=tuple(i for i, x in enumerate(q) if not lagrangian.depends & x.depends and free[i]),
+        cyclic=tuple(i for i, x in enumerate(q) if not lagrangian.depends & x.depends and free[i] and not held[i]),
         position_only=all(a.binding <= Binding.CONFIGURATION for a in accelerations),
+        constraints=constraints.names,
+        nonlinear=constraints.nonlinear,
+        workless=constraints.workless,
         brief=any(_is_brief(node) for node in reachable([lagrangian, *extra], time.depends)),
     )
 

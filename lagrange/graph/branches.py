@@ -7,6 +7,7 @@ asked of it: neither its sign, nor whether the motion leaves its domain.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from fractions import Fraction
 
 from lagrange.graph.node import Binding, Graph, Kind, Node, reachable
 
@@ -101,3 +102,19 @@ def where_read(node: Node, condition: Node) -> Node:
     """Return the node where it is read, and 1 elsewhere: finite, positive, and without a zero."""
     graph = node.graph
     return node if condition is graph.one else graph.piecewise([(condition, node)], graph.one)
+
+
+def square_roots(graph: Graph, nodes: Sequence[Node]) -> dict[Node, Node]:
+    """Return the square roots of what has a fractional power in some nodes, with what is under each.
+
+    A root in a branch that is not taken counts as 1. Powers of positions from -1 down are left out.
+    """
+    powers = [node for node in reachable(nodes) if node.kind is Kind.POWER and node.binding > Binding.PARAMETER]
+    bases: dict[Node, Node] = {}
+    read = read_when(graph, nodes)
+    for node in powers:
+        broken = isinstance(node.data, Fraction) and node.data.denominator > 1
+        if broken and (node.data > -1 or node.binding >= Binding.VELOCITY):
+            base, when = node.args[0], read(node)
+            bases[base] = either(bases[base], when) if base in bases else when
+    return {where_read(graph.power(base, Fraction(1, 2)), when): base for base, when in bases.items()}

@@ -205,7 +205,7 @@ class KernelProvider(Protocol):
         """The machine of the kernels."""
 
     def kernel(self, name: str) -> Kernel:
-        """Return the kernel of a quantity of `QUANTITIES`."""
+        """Return the kernel of a quantity of the system."""
 
     def interpreted(self, name: str) -> Kernel:
         """Return such a kernel for a few states, for which compilation would take longer."""

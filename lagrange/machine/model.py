@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from fractions import Fraction
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -13,16 +12,17 @@ from numpy.typing import ArrayLike
 
 from lagrange.equations.euler_lagrange import Equations
 from lagrange.errors import RunError, StatementError, listing, shown
-from lagrange.graph.branches import either, read_when, where_read
-from lagrange.graph.node import Binding, Kind, Node, reachable
+from lagrange.graph.branches import square_roots
+from lagrange.graph.node import Node
 from lagrange.machine.backend import FloatArray, Kernel, KernelProvider, Machine, Series, SingularMassMatrix
 from lagrange.machine.calls import Quick, scalar, surely_finite
 from lagrange.machine.kernel.python_kernel import PythonKernel, printed
 from lagrange.machine.parameters import Parameters, ParameterValues
-from lagrange.program.catalogue import QUANTITIES
+from lagrange.program.catalogue import quantities_of
 from lagrange.program.switching import Switched
 from lagrange.statement.choice import one_of, text
 from lagrange.statement.expression import expression as expression_of
+from lagrange.statement.multiplier import multiplier
 from lagrange.statement.number import real_array, real_number, whole_number
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
@@ -93,17 +93,18 @@ class Model:
     def kernel(self, name: str) -> Kernel:
         """Return the kernel of a quantity by name, compiled when it is first asked for.
 
-        The names are rhs, jacobian, accelerations, mass_matrix, energy, momenta, lagrangian, forces and bias. On the
-        llvm target a kernel has an `address` to call from compiled code.
+        The names are rhs, jacobian, accelerations, mass_matrix, energy, momenta, lagrangian, forces and bias, and of a
+        system with constraints multipliers, constraint_forces (m, n) and constraints. On the llvm target a kernel has
+        an `address` to call from compiled code.
         """
         if not isinstance(name, str) or name not in self._kernels:
-            one_of(name, QUANTITIES, NO_QUANTITY)
+            one_of(name, quantities_of(self.equations), NO_QUANTITY)
             self._kernels[name] = self._made.kernel(name)
         return self._kernels[name]
 
     def interpreted(self, name: str) -> Kernel:
         """Return the kernel of a quantity for a few states, for which compiling would take longer."""
-        one_of(name, QUANTITIES, NO_QUANTITY)
+        one_of(name, quantities_of(self.equations), NO_QUANTITY)
         return self._made.interpreted(name)
 
     def source(self, name: str) -> str:
@@ -146,16 +147,7 @@ class Model:
         is not taken counts as 1. Powers of positions from -1 down, as in gravity, are left out: there the forces
         themselves are infinite, and the steps shrink.
         """
-        graph, nodes = self.equations.graph, _nodes(nodes)
-        powers = [node for node in reachable(nodes) if node.kind is Kind.POWER and node.binding > Binding.PARAMETER]
-        bases: dict[Node, Node] = {}
-        read = read_when(graph, nodes)
-        for node in powers:
-            broken = isinstance(node.data, Fraction) and node.data.denominator > 1
-            if broken and (node.data > -1 or node.binding >= Binding.VELOCITY):
-                base, when = node.args[0], read(node)
-                bases[base] = either(bases[base], when) if base in bases else when
-        return {where_read(graph.power(base, Fraction(1, 2)), when): base for base, when in bases.items()}
+        return square_roots(self.equations.graph, _nodes(nodes))
 
     def accelerations(
         self, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Parameters = None
@@ -214,6 +206,16 @@ class Model:
         """Return the conjugate momenta p = dL/dv, (n,) or (n, batch)."""
         return self._of_parts("momenta", t, q, v, parameters)
 
+    def multipliers(
+        self, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Parameters = None
+    ) -> FloatArray:
+        """Return the multipliers of the constraints in their order, (m,) or (m, batch).
+
+        Constraint i exerts the generalized forces lambda_i dpsi_i/dv, psi being the constraint on the velocities.
+        Raises StatementError for a system without constraints.
+        """
+        return self._of_parts("multipliers", t, q, v, parameters)
+
     def evaluate(
         self,
         name: str,
@@ -235,8 +237,9 @@ class Model:
         """
         expression = expression_of(expression, "the expression")
         survey = Survey()
-        survey.add(expression, "the expression", accelerations=True)
-        unknown = [leaf for leaf in (*survey.coordinates, *survey.parameters) if leaf not in self.equations.leaves]
+        survey.add(expression, "the expression", accelerations=True, multipliers=True)
+        leaves = (*survey.coordinates, *survey.parameters, *map(multiplier, survey.multipliers))
+        unknown = [leaf for leaf in leaves if leaf not in self.equations.leaves]
         if unknown:
             raise StatementError(f"the expression contains {unknown[0]}, which this system does not have.")
         kernel = self.function("expression", (self.equations.translate(expression),))
@@ -310,7 +313,7 @@ class Model:
     @cached_property
     def _alone(self) -> list[int]:
         """The coordinates whose acceleration is a division: a kernel gives inf or NaN where their inertia is zero."""
-        return [block[0] for block in self.equations.structure.blocks if len(block) == 1]
+        return [block[0] for block in self.equations.plan.blocks if len(block) == 1]
 
     @cached_property
     def _masses(self) -> Kernel:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -16,6 +17,8 @@ from lagrange.program.program import Program
 @dataclass(frozen=True)
 class Quantity:
     """What a model offers: the nodes of its results by name, and how many indices each entry has.
+
+    Several results with two indices are the rows, and a single one is a square matrix.
 
     For `solved` and `returned` see `Program`.
     """
@@ -34,21 +37,28 @@ def rhs(equations: Equations) -> Named:
 def jacobian(equations: Equations) -> Named:
     """Return d rhs / dy, (2n, 2n).
 
-    With r = M a - h as a function of y at fixed a, the lower rows solve M da/dy = -dr/dy; r is one forward
-    sweep over p along (v, a, 1), so no entry of M is differentiated.
+    With r = M a - h - G^T lambda and r = G a + gamma as functions of y at fixed a and lambda, the lower rows solve
+    [[M, G^T], [G, 0]] d[a, -lambda]/dy = -dr/dy. The rows M a - h are one forward sweep over p along (v, a, 1), so that
+    no entry of M is differentiated, and G a + gamma one over the constraints.
     """
-    graph = equations.graph
+    graph, held = equations.graph, equations.constraints
+    n, m = len(equations.v), len(equations.constraints)
     # Symbols stand for the accelerations while differentiating: M times the solution of M a = h would cancel.
-    a = [graph.symbol(f"acceleration {i}", Binding.ACCELERATION) for i in range(len(equations.v))]
+    a = [graph.symbol(f"acceleration {i}", Binding.ACCELERATION) for i in range(n)]
     direction = dict(zip((*equations.q, *equations.v), (*equations.rate, *a), strict=True))
-    along = tangents(equations.momenta, {**direction, equations.time: graph.one})
+    along = tangents([*equations.momenta, *held.velocities], {**direction, equations.time: graph.one})
     residual = [along(p) - f for p, f in zip(equations.momenta, equations.forces, strict=True)]
     known = dict(zip(a, equations.accelerations, strict=True))
+    if m:
+        multipliers = [graph.symbol(f"multiplier {i}", Binding.ACCELERATION) for i in range(m)]
+        residual = [r - force for r, force in zip(residual, held.forces(multipliers), strict=True)]
+        residual += [along(psi) for psi in held.velocities]
+        known |= dict(zip(multipliers, equations.multipliers, strict=True))
     columns = []
     for symbol in (*equations.q, *equations.v):
         column = tangents([*equations.rate, *residual], {symbol: graph.one})
         slopes = substitute([-column(entry) for entry in residual], known)
-        columns.append([*map(column, equations.rate), *equations.plan.solved(equations.mass, slopes)])
+        columns.append([*map(column, equations.rate), *equations.plan.solved(equations.matrix, slopes)[:n]])
     return {"jacobian": [entry for row in zip(*columns, strict=True) for entry in row]}
 
 
@@ -64,6 +74,22 @@ def momentum_jacobian(equations: Equations) -> Named:
     return {"momentum_jacobian": [column(row) for row in rows for column in columns]}
 
 
+def constraint_forces(equations: Equations) -> Named:
+    """Return G_i^T lambda_i of each constraint, a block of n."""
+    forces = [
+        entry * one
+        for row, one in zip(equations.constraints.gradient, equations.multipliers, strict=True)
+        for entry in row
+    ]
+    return {"constraint_forces": forces}
+
+
+def _positions(equations: Equations) -> list[Node]:
+    """Return phi of every constraint, zero for those that are stated in velocities."""
+    zero = equations.graph.zero
+    return [zero if phi is None else phi for phi in equations.constraints.positions]
+
+
 QUANTITIES: dict[str, Quantity] = {
     "rhs": Quantity(rhs, solved=True, returned=("acceleration",)),
     "jacobian": Quantity(jacobian, 2, solved=True),
@@ -77,15 +103,29 @@ QUANTITIES: dict[str, Quantity] = {
     "momentum": Quantity(momentum, returned=("momenta", "forces")),
     "momentum_jacobian": Quantity(momentum_jacobian, 2),
 }
-"""Every quantity by name; `forces` is f = dL/dq + Q - dD/dv, `bias` is h of M a = h."""
+"""Every quantity by name; `forces` is f = dL/dq + Q - dD/dv, `bias` is h of M a = h + G^T lambda."""
+
+
+CONSTRAINT_QUANTITIES: dict[str, Quantity] = {
+    "multipliers": Quantity(lambda e: {"multipliers": e.multipliers}, solved=True),
+    "constraint_forces": Quantity(constraint_forces, 2, solved=True),
+    "constraints": Quantity(lambda e: {"positions": _positions(e), "velocities": e.constraints.velocities}),
+}
+"""Those that a system with constraints has as well; `constraints` is phi, then psi = dphi/dt."""
+
+
+def quantities_of(equations: Equations) -> dict[str, Quantity]:
+    """Return the quantities of a system by name."""
+    return {**QUANTITIES, **(CONSTRAINT_QUANTITIES if len(equations.constraints) else {})}
 
 
 def program_of(name: str, equations: Equations) -> Program:
-    """Return the program of a quantity of `QUANTITIES`."""
-    quantity = QUANTITIES[name]
+    """Return the program of a quantity of the system."""
+    quantity = quantities_of(equations)[name]
     results = quantity.results(equations)
     count = sum(map(len, results.values()))
-    shape = (round(count ** (1 / quantity.indices)),) * quantity.indices if quantity.indices else ()
+    rows = len(results) if len(results) > 1 else math.isqrt(count)
+    shape = {0: (), 1: (count,), 2: (rows, count // rows)}[quantity.indices]
     return lower(
         name,
         results,

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import accumulate, pairwise
+from typing import NamedTuple
 
 from lagrange.equations.euler_lagrange import Equations, bias_forces
 from lagrange.graph.node import Binding, Exact, Kind, Node
@@ -27,31 +29,50 @@ def series_program(equations: Equations, watched: Sequence[Node] = ()) -> tuple[
 
     The values watched are the surfaces, then the nodes given (of events).
     """
-    mass = [equations.mass[i][j] for i, j in equations.plan.triangle]
-    n, count = len(equations.q), len(watched)
-    switched = switch(equations.graph, (*equations.momenta, *equations.forces, *mass), watched)
-    p, f = switched.outputs[:n], switched.outputs[n : 2 * n]
-    end = len(switched.outputs) - count
-    triangles, seen = switched.outputs[2 * n : end], (*switched.surfaces, *switched.outputs[end:])
-    best = min(assemblies(equations, switched, p, f, triangles, seen), key=lambda assembly: assembly.cost)
+    switched = switched_equations(equations, watched)
+    best = min(assemblies(equations, switched), key=lambda assembly: assembly.cost)
     return best.program("series"), switched
 
 
-def assemblies(
-    e: Equations,
-    switched: Switched,
-    p: Sequence[Node],
-    f: Sequence[Node],
-    triangles: Sequence[Node],
-    seen: Sequence[Node],
-) -> list[_Assembly]:
+def switched_equations(equations: Equations, watched: Sequence[Node] = ()) -> Switched:
+    """Return what a series is made of, with one branch of every choice: its outputs are those that `_Parts` names."""
+    e, held = equations, equations.constraints
+    gradient = [entry for row in held.gradient for entry in row]
+    matrix = [e.matrix[i][j] for i, j in e.plan.triangle]
+    return switch(e.graph, (*e.momenta, *e.forces, *held.velocities, *gradient, *matrix), watched)
+
+
+class _Parts(NamedTuple):
+    """The momenta, forces, constraints on velocities and their gradients G, the system matrix, and what is watched."""
+
+    momenta: Sequence[Node]
+    forces: Sequence[Node]
+    velocities: Sequence[Node]
+    gradient: Sequence[Node]
+    triangle: Sequence[Node]
+    watched: Sequence[Node]
+
+    @classmethod
+    def of(cls, e: Equations, switched: Switched) -> _Parts:
+        """Divide the outputs."""
+        n, m = len(e.q), len(e.constraints)
+        ends = accumulate((0, n, n, m, m * n, len(e.plan.triangle), len(switched.outputs)))
+        p, f, psi, gradient, triangle, rest = (switched.outputs[begin:end] for begin, end in pairwise(ends))
+        return cls(p, f, psi, gradient, triangle, (*switched.surfaces, *rest))
+
+
+def assemblies(e: Equations, switched: Switched) -> list[_Assembly]:
     """Return every form of the equations worth comparing."""
-    if _constant(triangles):
+    parts = _Parts.of(e, switched)
+    p, f = list(parts.momenta), list(parts.forces)
+    n = len(e.q)
+    steady = _constant([entry for (i, _), entry in zip(e.plan.triangle, parts.triangle, strict=True) if i < n])
+    if steady:
         # Of p only M v is solved for: the rest of it, of a potential that depends on velocities, is a force, and no
         # form may count on p.
         f, p = bias_forces(f, p, e.q, e.rate, e.time), [e.graph.zero] * len(p)
     return [
-        _Assembly(e, form, triangles, seen, switched, apart=apart)
+        _Assembly(e, form, parts, switched, steady=steady, apart=apart)
         for form in forms(p, f, e.q, e.rate, e.time)
         for apart in (False, True)
     ]
@@ -64,41 +85,79 @@ class _Assembly:
         self,
         equations: Equations,
         form: Form,
-        triangles: Sequence[Node],
-        watched: Sequence[Node],
+        parts: _Parts,
         switched: Switched,
         *,
+        steady: bool,
         apart: bool,
     ) -> None:
         self.equations = equations
-        self.triangles, self.switched = triangles, switched
-        self.plan = replace(equations.plan, moving=not _constant(triangles))
+        self.triangles, self.switched = parts.triangle, switched
+        self.plan = replace(equations.plan, moving=not _constant(parts.triangle))
+        self.steady = steady
+        lower = dict(zip(equations.plan.triangle, parts.triangle, strict=True))
+        self.entries = {**lower, **{(j, i): entry for (i, j), entry in lower.items()}}
         graph = equations.graph
         forces = [node for terms in form.forces for _, node in terms]
-        inertia = form.nodes if self.plan.moving else forces
-        nodes = [*inertia, *watched]
+        inertia = forces if steady else form.nodes
+        nodes = [*inertia, *parts.velocities, *parts.gradient, *parts.watched]
         self.builder = RecurrenceBuilder(
             graph, equations.q, equations.v, equations.time, nodes, rate=equations.rate, apart=apart
         )
         self.builder.starts.update(switched.starts)
-        self.parts = form.parts
+        self.sums = form.parts
         self.known: dict[Node, int | None] = {}
-        self.momenta = [self.momentum(node) if self.plan.moving else None for node in form.momenta]
+        self.momenta = [None if steady else self.momentum(node) for node in form.momenta]
         self.forces = [self.force(terms) for terms in form.forces]
-        self.seen = tuple(watched)
-        self.watched = [self.builder.value(node) for node in watched]
+        self.constrain(parts.velocities, parts.gradient)
+        self.seen = tuple(parts.watched)
+        self.watched = [self.builder.value(node) for node in parts.watched]
         self.rates = tuple(self.builder.value(rate) for rate in equations.rate)
+
+    def constrain(self, velocities: Sequence[Node], gradient: Sequence[Node]) -> None:
+        """Add the constraints to the solve.
+
+        The unknown of each is the integral of -lambda: G^T times its differential is part of the momenta, and psi = 0.
+        """
+        b, n, m = self.builder, len(self.equations.q), len(velocities)
+        self.impulses = [b.add(SeriesRule("unknown", (), (n + j,)), None) for j in range(m)]
+        for i in range(n) if m else ():
+            terms = self.inertia(i)
+            for j, one in enumerate(self.impulses):
+                scale, value = self.impulse(one, gradient[j * n + i])
+                terms.append((value, scale))
+            terms = [(value, scale) for value, scale in terms if scale is not b.graph.zero]
+            values, scales = zip(*terms, strict=True)
+            self.momenta[i] = b.add(SeriesRule("linear", values, tuple(map(b.constant, scales))), None)
+        self.momenta += [b.value(psi) for psi in velocities]
+        self.forces += [None] * m
+
+    def inertia(self, i: int) -> list[tuple[int, Node]]:
+        """Return a momentum as values times constants: of a constant mass matrix M v itself."""
+        known, b, e = self.momenta[i], self.builder, self.equations
+        if known is not None:
+            return [(known, b.graph.one)]
+        entries = {j: entry for (k, j), entry in self.entries.items() if k == i and j < len(e.q)}
+        return [(b.values[e.v[j]], entry) for j, entry in entries.items()] if self.steady else []
+
+    def impulse(self, multiplier: int, entry: Node) -> tuple[Node, int]:
+        """Return the integral of an entry of G along that of its multiplier, as a constant times a value."""
+        b = self.builder
+        if entry.binding <= Binding.PARAMETER:
+            return entry, multiplier
+        scale, value = b.split(entry)
+        return scale, b.add(SeriesRule("along", (multiplier, value), (b.constant(1),)), None)
 
     def momentum(self, node: Node) -> int | None:
         """Return the value of a momentum, up to a constant; those inside it come first."""
         todo = [node]
         while todo:
-            inner = [other for _, _, other in self.parts[todo[-1]].inner if other not in self.known]
+            inner = [other for _, _, other in self.sums[todo[-1]].inner if other not in self.known]
             if inner:
                 todo += inner
             else:
                 ready = todo.pop()
-                self.known[ready] = self.combined(self.parts[ready])
+                self.known[ready] = self.combined(self.sums[ready])
         return self.known[node]
 
     def combined(self, part: Momentum) -> int | None:
@@ -171,7 +230,7 @@ class _Assembly:
             start=lower(f"{name}_start", first, {**e.state, **lost}, e.time, (*symbols, *entries)),
             started=started,
             rates=self.rates,
-            stages=(Stage(tuple(range(n, 2 * n)), tuple(self.momenta), tuple(self.forces), self.plan),),
+            stages=(Stage((*range(n, 2 * n), *self.impulses), tuple(self.momenta), tuple(self.forces), self.plan),),
             watched=tuple(self.watched),
             values=lower(f"{name}_values", {"values": self.seen or (e.graph.zero,)}, e.state, e.time, symbols),
         )

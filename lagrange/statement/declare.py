@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Container, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache, partial
 from types import MappingProxyType
 from typing import Any
@@ -13,6 +14,7 @@ from sympy.core.function import AppliedUndef
 
 from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.statement.choice import one_of, text
+from lagrange.statement.constraint import Constraint, declare_constraints
 from lagrange.statement.coordinate import check_name, check_symbol, name_of, t, velocity_of
 from lagrange.statement.expression import entries, expression
 from lagrange.statement.number import real_number
@@ -31,7 +33,7 @@ def declare(
     coordinates: Sequence[Any] | None = None,
     forces: Mapping[Any, Any] | None = None,
     dissipation: Any = 0,
-    constraints: Sequence[Any] = (),
+    constraints: Sequence[Any] | Mapping[str, Any] = (),
     parameters: Mapping[Any, Any] | None = None,
     initial: Mapping[Any, Any] | None = None,
     positions: Mapping[str, Any] | None = None,
@@ -42,19 +44,17 @@ def declare(
     run: RunSettings | None = None,
 ) -> Statement:
     """Check every part of a statement and return it frozen. Raises StatementError in the user's symbols."""
-    stated = constraints if isinstance(constraints, Mapping) else entries(constraints, "constraints")
-    if stated is None or len(stated):
-        raise StatementError(
-            "constraints are not supported yet: choose coordinates that satisfy them, and leave constraints empty."
-        )
     main = "the kinetic energy" if lagrangian is None else "the Lagrangian"
     kinetic, potential, lagrangian = _energies(kinetic, potential, lagrangian)
     survey = Survey()
     survey.add(kinetic, main)
     survey.add(potential, "the potential energy")
+    moving = dict.fromkeys(survey.velocities)
+    held = declare_constraints(constraints, survey)
     chosen = _coordinates(coordinates, survey)
     by_name = {name_of(q): q for q in chosen}
-    _check_velocities(chosen, survey, main)
+    _check_velocities(chosen, moving, held, main)
+    _check_constraints(held, chosen)
 
     force_table = _forces(forces, by_name, survey)
     dissipation = expression(dissipation, "the dissipation")
@@ -73,6 +73,7 @@ def declare(
         lagrangian=clean(lagrangian),
         forces=tuple(clean(force_table.get(q, sympy.S.Zero)) for q in chosen),
         dissipation=clean(dissipation),
+        constraints=tuple(replace(one, expression=clean(one.expression)) for one in held),
         parameters=tuple(symbols.values()),
         defaults=MappingProxyType(_defaults(values, symbols)),
         initial=initial_state({} if initial is None else initial, chosen, (0.0,) * (2 * len(chosen))),
@@ -206,13 +207,27 @@ def _coordinates(given: Sequence[Any] | None, survey: Survey) -> tuple[Any, ...]
     return tuple(found.values())
 
 
-def _check_velocities(coordinates: tuple[Any, ...], survey: Survey, main: str) -> None:
+def _check_velocities(
+    coordinates: tuple[Any, ...], velocities: Container[Any], constraints: Sequence[Constraint], main: str
+) -> None:
+    """Refuse a coordinate whose velocity stands nowhere in the energy, unless a constraint may determine it."""
     for q in coordinates:
-        if velocity_of(q) not in survey.velocities:
+        if velocity_of(q) not in velocities and not any(one.expression.has(q) for one in constraints):
             raise StatementError(
                 f"{main} does not contain {name_of(q)}.dot, so {name_of(q)} has no inertia and its acceleration is "
                 f"undefined: add its kinetic energy, or make {name_of(q)} a parameter."
             )
+
+
+def _check_constraints(constraints: Sequence[Constraint], coordinates: tuple[Any, ...]) -> None:
+    """Refuse more constraints than coordinates."""
+    if len(constraints) > len(coordinates):
+        names = listing(name_of(q) for q in coordinates)
+        many = "coordinates" if len(coordinates) > 1 else "coordinate"
+        raise StatementError(
+            f"there are {len(constraints)} constraints ({listing(one.name for one in constraints)}) for "
+            f"{len(coordinates)} {many} ({names}): give at most as many constraints as coordinates."
+        )
 
 
 def _check_declared(survey: Survey, coordinates: tuple[Any, ...]) -> None:

@@ -85,11 +85,6 @@ class _Scene:
         values = self.parameters(coordinates)
         symbols = {name: sympy.Symbol(name, real=True) for name in values}
         names = {**coordinates, **velocities, **symbols}
-        if self.data.get("constraints", []) != []:
-            document.refuse(
-                "constraints are not supported yet: choose coordinates that satisfy them, and leave constraints empty.",
-                "constraints",
-            )
         forces = document.table("forces", coordinates, "coordinate of this scene")
         initial = document.table("initial", [*coordinates, *velocities], "coordinate or velocity of this scene")
         try:
@@ -98,6 +93,7 @@ class _Scene:
                 coordinates=list(coordinates.values()),
                 forces={coordinates[name]: document.expression(names, "forces", name) for name in forces},
                 dissipation=document.expression(names, "dissipation") if "dissipation" in self.data else 0,
+                constraints=self.constraints(names),
                 parameters={symbols[name]: value for name, value in values.items()},
                 initial={name: document.number("initial", name) for name in initial},
                 positions=self.positions(names),
@@ -176,14 +172,28 @@ class _Scene:
             )
         energies = {key: self.document.expression(names, key) for key in (main, "potential") if key in self.data}
         present = energies[main].atoms(sympy.Derivative)
+        held = "constraints" in self.data
         for name, q in coordinates.items():
-            if velocity_of(q) not in present:
+            if velocity_of(q) not in present and not held:
                 self.document.refuse(
                     f"{main} does not contain {name}_dot, so {name} has no inertia and its acceleration is "
                     f"undefined: add its kinetic energy, or make {name} a parameter.",
                     main,
                 )
         return energies
+
+    def constraints(self, names: Mapping[str, Any]) -> dict[str, Any] | list[Any]:
+        """Return the constraints: a list of expressions that are zero, or a table of them by name."""
+        given = self.data.get("constraints", [])
+        if isinstance(given, list):
+            return [self.document.expression(names, "constraints", i) for i in range(len(given))]
+        table = self.document.table("constraints")
+        for name in table:
+            try:
+                check_name(name, "constraint")
+            except StatementError as error:
+                self.document.refuse(str(error), "constraints", name, key=True)
+        return {name: self.document.expression(names, "constraints", name) for name in table}
 
     def positions(self, names: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
         """Return the named points, two or three expressions each."""

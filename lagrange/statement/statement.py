@@ -9,6 +9,7 @@ from typing import Any
 
 from sympy import Symbol
 
+from lagrange.statement.constraint import Constraint
 from lagrange.statement.coordinate import acceleration_of, name_of, velocity_of
 
 
@@ -29,6 +30,7 @@ class Statement:
 
     Expressions are SymPy, in the coordinates q(t), their velocities Derivative(q(t), t), the parameters and t.
     `forces` has one entry per coordinate, in the order of `coordinates`; `initial` holds (q, v), 2n numbers.
+    `constraints` are expressions that stay zero.
     `defaults` lacks the parameters that were given no value.
     """
 
@@ -47,6 +49,7 @@ class Statement:
     about: str = ""
     source: str = ""
     run: RunSettings = field(default_factory=RunSettings)
+    constraints: tuple[Constraint, ...] = ()
 
     def __getstate__(self) -> dict[str, Any]:
         # Read-only views of dicts do not pickle.

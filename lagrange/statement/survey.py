@@ -14,6 +14,7 @@ from sympy.logic.boolalg import And, BooleanAtom, Not, Or
 
 from lagrange.errors import StatementError, listing
 from lagrange.statement.coordinate import check_symbol, name_of, t, velocity_of
+from lagrange.statement.multiplier import constraint_of
 from lagrange.statement.vocabulary import SYMPY_CLASSES, WORDS
 
 _PLAIN = (sympy.Add, sympy.Mul, sympy.Pow, ExprCondPair, Relational, And, Or, Not, BooleanAtom)
@@ -26,20 +27,33 @@ class Survey:
     coordinates: dict[Any, None] = field(default_factory=dict)
     velocities: dict[Any, None] = field(default_factory=dict)
     parameters: dict[Any, None] = field(default_factory=dict)
+    multipliers: dict[str, None] = field(default_factory=dict)
     seen: set[Any] = field(default_factory=set)
 
-    def add(self, expression: Any, what: str, *, accelerations: bool = False) -> None:
+    def add(self, expression: Any, what: str, *, accelerations: bool = False, multipliers: bool = False) -> None:
         """Walk the expression, called `what` in messages; refuse what the package cannot differentiate or run."""
         for node in _distinct(expression, self.seen):
             if isinstance(node, sympy.Symbol):
                 if node != t:
-                    self.parameters[node] = None
+                    self._add_symbol(node, what, multipliers)
             elif isinstance(node, AppliedUndef):
                 self._add_function(node, what)
             elif isinstance(node, sympy.Derivative):
                 self._add_derivative(node, what, accelerations)
             else:
                 _check_supported(node, what)
+
+    def _add_symbol(self, node: Any, what: str, multipliers: bool) -> None:
+        constraint = constraint_of(node)
+        if constraint is None:
+            self.parameters[node] = None
+        elif multipliers:
+            self.multipliers[constraint] = None
+        else:
+            raise StatementError(
+                f"{what} contains {node}, the multiplier of a constraint, which is found from the motion. It may stand "
+                "in events and in solution.evaluate(...): state a force by coordinates and velocities."
+            )
 
     def _add_function(self, node: Any, what: str) -> None:
         if node.args != (t,):

@@ -14,6 +14,7 @@ from sympy.physics.mechanics import dynamicsymbols
 from lagrange.errors import StatementError
 from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
 from lagrange.statement.declare import declare, initial_state, parameter_values
+from lagrange.statement.multiplier import multiplier
 from lagrange.statement.statement import Statement
 
 theta, x, y = coordinates("theta x y")
@@ -130,7 +131,30 @@ def test_two_forces_on_two_coordinates() -> None:
 
 
 REFUSALS: list[tuple[dict[str, Any], str]] = [
-    ({"constraints": [x - y]}, "constraints are not supported yet: choose coordinates that satisfy them"),
+    # constraints
+    ({"constraints": x - y}, "give a list such as [x**2 + y**2 - l**2], or a dict such as {'rod': "),
+    (
+        {"constraints": ["x - y"]},
+        "constraint 'constraint_1' is the text 'x - y': give a SymPy expression that is zero, or",
+    ),
+    ({"constraints": {"a b": x}}, "'a b' cannot name a constraint"),
+    (
+        {"constraints": [x > 0]},
+        "an inequality. Constraints are equations: state the equation that holds, and end the run",
+    ),
+    ({"constraints": [x == y]}, "constraint 'constraint_1' is never true: no motion satisfies it. Where == was meant"),
+    ({"constraints": [x - x]}, "constraint 'constraint_1' is 0 = 0, which always holds: leave it out."),
+    ({"constraints": [x - x + 1]}, "constraint 'constraint_1' is 1 = 0, which never holds: no motion satisfies it."),
+    ({"constraints": {"c": m - 1}}, "constraint 'c' contains no coordinate and no velocity (m - 1 = 0)"),
+    (
+        {"constraints": [x.dot.diff(t)]},
+        "the derivative of order 2 of x. Only coordinates and velocities may stand there",
+    ),
+    (
+        {"constraints": [theta, theta - 1]},
+        "there are 2 constraints (constraint_1 and constraint_2) for 1 coordinate (theta)",
+    ),
+    ({"kinetic": x.dot**2 * multiplier("rod")}, "contains lambda[rod], the multiplier of a constraint"),
     # energies
     ({"kinetic": None}, "no kinetic energy: give kinetic= and potential=, or lagrangian=."),
     ({"lagrangian": T}, "give either lagrangian=, or kinetic= and potential=, not both."),

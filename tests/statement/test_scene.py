@@ -93,8 +93,9 @@ FIELDS: list[Bad] = [
     ({"about": "\x1b[2J"}, 11, 9, "about contains a control character: write plain text."),
     ({"source": "a\u202eb"}, 11, 10, "source contains a control character"),
     ({"about": True}, 11, 9, "about is true or false: give a text in quotation marks."),
-    ({"constraints": ["theta"]}, 11, 15, "constraints are not supported yet: choose coordinates that satisfy them"),
-    ({"constraints": "theta"}, 11, 15, "constraints are not supported yet"),
+    ({"constraints": "theta"}, 11, 15, "constraints is a text: write a table [constraints] of names and values."),
+    ({"constraints": {"0": "theta"}}, 11, 16, "'0' cannot name a constraint"),
+    ({"constraints": ["theta - q"]}, 11, 25, "constraints[0]: 'q' is not declared"),
     # coordinates
     ({"coordinates": DROP}, 1, 1, 'coordinates is missing or is no list of names: write coordinates = ["theta"].'),
     ({"coordinates": []}, 2, 15, "coordinates is missing or is no list of names"),

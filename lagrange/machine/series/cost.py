@@ -38,10 +38,15 @@ def inverts(packing: Packing) -> bool:
     return any(stage.plan.inverted for stage in packing.stages)
 
 
+def inversion_size(packing: Packing) -> int:
+    """Return the cube of the size of each matrix that is inverted at each step, in all."""
+    return sum(stage.plan.size**3 for stage in packing.stages if stage.plan.inverted)
+
+
 def operations(packing: Packing, order: int) -> int:
     """Return the number of operations of a series that is written out: sums, chunks, order 0 and the inverse."""
     program = packing.program
-    inverse = program.dimension**3 // 2 if inverts(packing) else 0
+    inverse = inversion_size(packing) // 2
     start = len(program.start.instructions) + inverse
     return sums(packing) * order * (order - 1) // 2 + 3 * chunks(packing) * order + start
 
@@ -67,7 +72,7 @@ def jet_cost(packing: Packing, *, looped: bool) -> Cost:
     fixed = 50.0 + 6.0 * count
     each = 3.0 + 0.8 * count + 0.9 * sums(packing)
     if looped:
-        fixed += 0.4 * len(program.start.instructions) + (0.1 * program.dimension**3 if inverts(packing) else 0.0)
+        fixed += 0.4 * len(program.start.instructions) + 0.1 * inversion_size(packing)
         each = 1.15 * each + 9.0
     width = sum(len(chunk.values) * len(chunk.sums) for chunk in packing.computed)
     return Cost(fixed=fixed, each=each, pairs=0.027 * width)

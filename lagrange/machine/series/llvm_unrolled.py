@@ -213,8 +213,8 @@ class UnrolledJet:
         plan = stage.plan
         if plan.diagonal and not plan.moving:
             return self.lightest(stage, inverse)
-        right = zip(right_sides(self, stage), (len(chunk.values) for chunk in stage.unknowns), strict=True)
-        entries = [(vector, lanes, lane) for vector, lanes in right for lane in range(lanes)][: plan.size]
+        right = zip(right_sides(self, stage), stage.unknowns, strict=True)
+        entries = [(vector, len(chunk.values), lane) for vector, chunk in right for lane in range(chunk.count)]
         found = []
         for chunk, columns in zip(stage.unknowns, inverse, strict=True):
             lanes, total = len(chunk.values), None
@@ -291,12 +291,13 @@ class UnrolledJet:
             e.put(value, memory, j * n + i)
         singular = e.value(f"call i1 @{body.name_of(invert_dense())}(i64 {n}, ptr {memory}, ptr {result}, ptr {work})")
         slow = [e.get(result, j * n + i) for i, j in places]
+        cold = e.block
         e.jump(f"{name}.join")
         e.label(f"{name}.join")
-        body.singular.append(e.value(f"phi i1 [ false, %{before} ], [ {singular}, %{name}.cold ]"))
+        body.singular.append(e.value(f"phi i1 [ false, %{before} ], [ {singular}, %{cold} ]"))
         found = {}
         for (i, j), there in zip(places, slow, strict=True):
-            value = e.value(f"phi double [ {columns[j][i]}, %{before} ], [ {there}, %{name}.cold ]")
+            value = e.value(f"phi double [ {columns[j][i]}, %{before} ], [ {there}, %{cold} ]")
             found[i, j] = found[j, i] = value
         return found
 

@@ -133,7 +133,7 @@ def pack(program: SeriesProgram, lanes: int) -> Packing:
     """Return the program packed into vectors of up to `lanes` values."""
     packer = _Packer(program, lanes)
     coordinates = tuple(packer.chunks("coordinate", list(range(program.dimension))))
-    unknowns = [tuple(packer.chunks("unknown", list(stage.unknowns))) for stage in program.stages]
+    unknowns = [packer.unknowns(stage) for stage in program.stages]
     trials, founds = ([frozenset(part) for part in parts] for parts in (program.trials, program.found))
     groups: dict[_Group, list[int]] = {}
     for i in sorted({*program.before}.union(*trials, *founds)):
@@ -205,6 +205,13 @@ class _Packer:
         self.program, self.lanes = program, lanes
         self.level = levels(program)
         self.position: dict[int, int] = {}
+
+    def unknowns(self, stage: Stage) -> tuple[Chunk, ...]:
+        """Return the unknowns of a stage, velocities apart from others."""
+        end = 2 * self.program.dimension
+        velocities = [value for value in stage.unknowns if value < end]
+        others = [value for value in stage.unknowns if value >= end]
+        return (*self.chunks("unknown", velocities), *self.chunks("unknown", others))
 
     def chunks(self, op: str, members: list[int]) -> list[Chunk]:
         """Return the chunks of one group."""

@@ -1,0 +1,78 @@
+"""Constraints as graph nodes: on velocities G v + b = 0, and on accelerations G a + gamma = 0.
+
+A holonomic constraint phi(q, t) = 0 is differentiated: psi = dphi/dt = (dphi/dq) v + dphi/dt. A constraint that is
+stated in velocities is psi as it stands. Then G = dpsi/dv, and gamma is what dpsi/dt has beside G a. The generalized
+forces of a constraint are G^T lambda: for constraints that are linear in velocities this is d'Alembert's principle, for
+others Chetaev's rule.
+Source: J. G. Papastavridis, Analytical Mechanics, 2nd ed., 2014, sections 2.4, 3.5 and 5.2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from lagrange.graph.differentiate import tangents
+from lagrange.graph.node import Binding, Node
+from lagrange.graph.rebuild import substitute
+
+
+@dataclass(frozen=True, eq=False)
+class ConstraintEquations:
+    """The m constraints of n coordinates.
+
+    `positions` has phi of each holonomic one and None for the others, `velocities` psi, `gradient` the m rows of G, and
+    `bias` gamma. `rest` is psi at velocities of zero.
+    """
+
+    names: tuple[str, ...] = ()
+    positions: tuple[Node | None, ...] = ()
+    velocities: tuple[Node, ...] = ()
+    gradient: tuple[tuple[Node, ...], ...] = ()
+    bias: tuple[Node, ...] = ()
+    rest: tuple[Node, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def workless(self) -> bool:
+        """Whether each is linear and homogeneous in the velocities, so that its forces do no work."""
+        return not self.nonlinear and all(rest is rest.graph.zero for rest in self.rest)
+
+    @property
+    def nonlinear(self) -> tuple[str, ...]:
+        """The names of those that are not linear in the velocities."""
+        moving = [any(entry.binding >= Binding.VELOCITY for entry in row) for row in self.gradient]
+        return tuple(name for name, depends in zip(self.names, moving, strict=True) if depends)
+
+    def forces(self, multipliers: Sequence[Node]) -> list[Node]:
+        """Return the generalized forces G^T lambda, one for each coordinate."""
+        graph = multipliers[0].graph
+        return [
+            graph.sum([(1, row[i] * one) for row, one in zip(self.gradient, multipliers, strict=True)])
+            for i in range(len(self.gradient[0]))
+        ]
+
+
+def constraint_equations(
+    stated: Mapping[str, Node], holonomic: Sequence[bool], q: Sequence[Node], v: Sequence[Node], time: Node
+) -> ConstraintEquations:
+    """Return the constraints of some stated expressions by name, each with whether it is holonomic."""
+    if not stated:
+        return ConstraintEquations()
+    graph = time.graph
+    along = {**dict(zip(q, v, strict=True)), time: graph.one}
+    positions = tuple(node if place else None for node, place in zip(stated.values(), holonomic, strict=True))
+    moved = tangents(stated.values(), along)
+    velocities = tuple(moved(node) if place else node for node, place in zip(stated.values(), holonomic, strict=True))
+    columns = [tangents(velocities, {symbol: graph.one}) for symbol in v]
+    rate = tangents(velocities, along)
+    return ConstraintEquations(
+        names=tuple(stated),
+        positions=positions,
+        velocities=velocities,
+        gradient=tuple(tuple(column(psi) for column in columns) for psi in velocities),
+        bias=tuple(map(rate, velocities)),
+        rest=tuple(substitute(velocities, dict.fromkeys(v, graph.zero))),
+    )
