@@ -47,6 +47,12 @@ def one_state(kernel: Kernel, parameters: FloatArray) -> Callable[[float, FloatA
     return call
 
 
+def quickly(kernel: Kernel, parameters: FloatArray, t: float, y: FloatArray) -> FloatArray | None:
+    """Return a kernel's result at one state if that is quickly found and finite, else None; see `one_state`."""
+    quick = kernel.quick(parameters)
+    return None if quick is None else quick.whole(t, y)
+
+
 def nothing(*_: Any) -> None:
     """Return None: the caller takes the other way."""
 

@@ -62,6 +62,8 @@ class Model:
         self._function = lru_cache(maxsize=FUNCTIONS_KEPT)(made.function)
         self._kernels: dict[str, Kernel] = {}
         self._series: dict[tuple[Node, ...], tuple[Series, Switched]] = {}
+        self.prepared: dict[Any, Any] = {}
+        """What runs have prepared for other runs, by what it was prepared for."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         return self._made.again, (self.statement,)

@@ -121,10 +121,29 @@ class DriverState:
         self.fault: Any = None
         self.kept = 0
 
+    def restart(
+        self,
+        first: NDArray[np.float64],
+        span: tuple[float, float],
+        y: NDArray[np.float64],
+        step: float,
+        longest: float,
+    ) -> None:
+        """Begin another run by the same driver, over a span from y; `first` are the `reals` with which one began."""
+        reals, floats = self.reals, self.floats
+        reals[:] = first
+        floats[self.T], floats[self.END] = span
+        floats[self.START] = span[0]
+        floats[self.H] = floats[self.STEP] = step
+        floats[self.LONGEST] = longest
+        self.counts.fill(0)
+        self.y[:] = y
+        self.fault, self.kept = None, 0
+
     @property
     def t(self) -> float:
         """The time reached."""
-        return float(self.reals[self.T])
+        return float(self.floats[self.T])
 
     @property
     def cause(self) -> Outcome:
@@ -133,4 +152,4 @@ class DriverState:
 
     def count(self, which: int) -> int:
         """Return one of the counts."""
-        return int(self.counts[which])
+        return int(self.integers[which])

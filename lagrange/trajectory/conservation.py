@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lagrange.machine.calls import one_state
+from lagrange.machine.calls import quickly
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import DEFAULT
 from lagrange.trajectory.paths.known import OutputPath
@@ -56,8 +56,10 @@ def verified(problem: Problem, trajectory: Trajectory, before: float, *, adaptiv
     if not trajectory.status.complete or not model.conservative or not trajectory.y.size:
         return trajectory
     end, until = _last(problem, trajectory)
+    after = energy(problem, end)
+    if abs(after - before) <= NOTABLE_CHANGE * abs(before):
+        return trajectory
     with np.errstate(all="ignore"):
-        after = energy(problem, end)
         if math.isfinite(after) and _kept(problem, trajectory, end, until, before, after):
             return trajectory
     return replace(trajectory, status=Status.UNRELIABLE, message=_with_energy_loss(trajectory, before, after, adaptive))
@@ -66,8 +68,6 @@ def verified(problem: Problem, trajectory: Trajectory, before: float, *, adaptiv
 def _kept(problem: Problem, trajectory: Trajectory, end: FloatArray, until: float, before: float, after: float) -> bool:
     """Return whether the energy of `end`, at the time `until`, is that of the start; cheap tests come first."""
     change = abs(after - before)
-    if change <= NOTABLE_CHANGE * abs(before):
-        return True
     if change <= SMALL_CHANGE * float(_kinetic(problem, np.stack([problem.y0, end], axis=1)).max()):
         return True
     return change <= LARGEST_LOSS * _mean_kinetic_energy(problem, trajectory, until) or change <= _noise(
@@ -77,11 +77,15 @@ def _kept(problem: Problem, trajectory: Trajectory, end: FloatArray, until: floa
 
 def energy(problem: Problem, y: FloatArray) -> float:
     """Return the energy of a state, at the time of the start."""
-    return float(one_state(problem.model.kernel("energy"), problem.parameter_array)(problem.t0, y))
+    kernel, parameters = problem.model.kernel("energy"), problem.parameter_array
+    found = quickly(kernel, parameters, problem.t0, y)
+    return float(kernel(problem.t0, y, parameters) if found is None else found)
 
 
 def _last(problem: Problem, trajectory: Trajectory) -> tuple[FloatArray, float]:
     """Return the last state before a reset, or of the run, and its time."""
+    if not problem.events:
+        return trajectory.y[:, -1], float(trajectory.t[-1])
     direction = 1 if problem.t1 >= problem.t0 else -1
     resets = [
         (direction * float(times[0]), states[0])

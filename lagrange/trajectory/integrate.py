@@ -107,7 +107,7 @@ def _check_start(problem: Problem) -> float:
 
 def time_span(span: Sequence[float]) -> tuple[float, float]:
     """Return the first and the last time. Raises StatementError if these are not two numbers."""
-    many = span.ndim == 1 if isinstance(span, np.ndarray) else isinstance(span, Sequence)
+    many = type(span) is tuple or (span.ndim == 1 if isinstance(span, np.ndarray) else isinstance(span, Sequence))
     if not many or isinstance(span, (str, bytes)) or len(span) != 2:
         raise StatementError(f"the time span is {shown(span)}: give two times, such as (0.0, 10.0).")
     return real_number(span[0], "the first time"), real_number(span[1], "the last time")

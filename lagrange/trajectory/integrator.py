@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, Protocol
 
 from lagrange.errors import StatementError, shown
@@ -70,16 +69,23 @@ class Problem:
     events: tuple[Event, ...] = ()
     progress: Callable[[float], None] | None = None
     began: float = field(default_factory=time.perf_counter)
+    _values: FloatArray | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "y0", real_array(self.y0, "y0"))
+        y0 = real_array(self.y0, "y0")
+        if y0 is not self.y0:
+            object.__setattr__(self, "y0", y0)
         if self.t_eval is not None:
             object.__setattr__(self, "t_eval", real_array(self.t_eval, "t_eval"))
 
-    @cached_property
+    @property
     def parameter_array(self) -> FloatArray:
-        """The parameters' values (k,), as kernels take them."""
-        return ordered(self.parameters, self.model.statement.parameters)
+        """The parameters' values (k,), as kernels take them; made once."""
+        found = self._values
+        if found is None:
+            found = ordered(self.parameters, self.model.statement.parameters)
+            object.__setattr__(self, "_values", found)
+        return found
 
 
 def run_by(integrator: Integrator, problem: Problem) -> Trajectory:

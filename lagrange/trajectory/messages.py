@@ -175,7 +175,7 @@ def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tol
     if not status.complete or not tolerances.rtol:
         return
     least = tolerances.atol / (COARSE_ATOL * tolerances.rtol)
-    if all(max(abs(a), abs(b)) >= least for a, b in zip(states[0].tolist(), states[-1].tolist(), strict=True)):
+    if min(map(max, map(abs, states[0].tolist()), map(abs, states[-1].tolist()))) >= least:
         return
     sizes = np.abs(states).max(axis=0).tolist()
     kinds = [max(part) for part in problem.model.layout.split(sizes) for _ in part]

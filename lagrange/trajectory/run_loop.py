@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.machine.backend import Driver, SingularMassMatrix
-from lagrange.machine.calls import one_state, surely_finite
+from lagrange.machine.calls import quickly
 from lagrange.machine.state import DriverState, Outcome, Outputs
 from lagrange.trajectory.events.ending import EventResult
 from lagrange.trajectory.inertia import lost_inertia
@@ -18,7 +18,8 @@ from lagrange.trajectory.memory_limit import compiled_late, memory_limit
 from lagrange.trajectory.messages import coarse, message, outputs_alone, unsolved
 from lagrange.trajectory.outputs import AcceptedStates
 from lagrange.trajectory.paths.known import OutputPath
-from lagrange.trajectory.plan import PathFunction, Plan, StepPlan, Watcher
+from lagrange.trajectory.plan import PathFunction, Plan, Planned, StepPlan, Watcher
+from lagrange.trajectory.prepared import Prepared, prepared
 from lagrange.trajectory.sizes import survey
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
@@ -40,7 +41,6 @@ It shows whether the equations lose their value there.
 """
 
 _STATUS = {
-    Outcome.DONE: Status.SUCCESS,
     Outcome.NON_FINITE: Status.NON_FINITE,
     Outcome.SINGULAR: Status.SINGULAR,
     Outcome.STEP_TOO_SMALL: Status.STEP_TOO_SMALL,
@@ -48,22 +48,41 @@ _STATUS = {
 }
 
 
+NOTHING = np.empty(0)
+"""What the driver has written before its first call."""
+
+GOES_ON, REACHED = EventResult(), EventResult(Status.SUCCESS)
+"""What comes of a call of the driver without events, where the run goes on or is at its end."""
+
+
 def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
     """Run a problem by a plan; see `Integrator.integrate` for the result."""
+    return _driven(problem, Prepared(plan), name)
+
+
+def drive_by(method: Planned, problem: Problem, name: str) -> Trajectory:
+    """Run a problem by the plan of a method, which the model keeps for other runs; see `Integrator.integrate`."""
+    return _driven(problem, prepared(method, problem), name)
+
+
+def _driven(problem: Problem, kept: Prepared, name: str) -> Trajectory:
     began = time.perf_counter()
-    tolerances, parameters = plan.tolerances, problem.parameter_array
-    state = tolerances.begin(problem.t0, problem.t1, problem.y0)
+    plan, parameters = kept.plan, problem.parameter_array
+    tolerances, idle = plan.tolerances, kept.take(problem)
+    state = tolerances.begin(problem.t0, problem.t1, problem.y0) if idle is None else idle.state
     alone = problem.t_eval is not None and (plan.writes_outputs or isinstance(plan, StepPlan))
     if problem.t_eval is not None and plan.writes_outputs:
         state.outputs = Outputs(problem.t_eval, len(problem.y0))
     rows = AcceptedStates(problem.t0, problem.y0, outputs_alone=alone)
-    status, sentence = _check_first_slope(problem, name, parameters)
+    # An idle driver has run with these parameters, and a constant mass matrix is what it was then.
+    inert = idle is None or not problem.model.equations.structure.constant_mass
+    status, sentence = _check_first_slope(problem, name, parameters, inertia=inert)
     watch = None
     if status is None and (late := compiled_late(problem)):
         status, sentence = Status.MAX_WALL, message(Status.MAX_WALL, problem, state.t, state.y, name, cause=late)
     if status is None:
         try:
-            driver = plan.driver(problem.model, parameters)
+            driver = plan.driver(problem.model, parameters) if idle is None else idle.driver
             watch = plan.watch(problem, driver)
             driver = driver if watch is None else watch.driver
             if problem.t_eval is not None and isinstance(plan, StepPlan):
@@ -71,8 +90,11 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
             late = compiled_late(problem)
             # Compilation is done once for many runs and is not counted.
             began = time.perf_counter()
+            per_call = FIRST_STEPS_PER_CALL if idle is None else max(FIRST_STEPS_PER_CALL, idle.steps)
             status, detail = (
-                (Status.MAX_WALL, late) if late else _advance_to_end(problem, driver, watch, state, rows, began)
+                (Status.MAX_WALL, late)
+                if late
+                else _advance_to_end(problem, driver, watch, state, rows, began, per_call)
             )
         except SingularMassMatrix:
             status, detail = Status.SINGULAR, ""
@@ -80,21 +102,39 @@ def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
             detail = lost_inertia(problem, state.t, state.y)
             status = Status.SINGULAR if detail else status
         sentence = _final_sentence(problem, plan, name, state, status, detail)
+    found = _trajectory(problem, plan, state, rows, watch, (name, status, sentence, began))
+    if status is Status.SUCCESS:
+        tried = min(found.steps + found.rejected + 2, MOST_STEPS_PER_CALL)
+        kept.give(problem, idle, driver, state, tried if found.wall < SECONDS_PER_CALL else 0)
+    return found
+
+
+def _trajectory(
+    problem: Problem,
+    plan: Plan,
+    state: DriverState,
+    rows: AcceptedStates,
+    watch: Watcher | None,
+    ended: tuple[str, Status, str, float],
+) -> Trajectory:
+    """Return the trajectory of a run that has ended: the method's name, the status, its sentence, and the begin."""
+    name, status, sentence, began = ended
+    tolerances, counts = plan.tolerances, state.integers
     rows.follow(last=True)
     times, states = rows.joined()
     t, y, path = _outputs(problem, plan, state, rows, (times, states), watch)
+    notes = [*tolerances.notes, *coarse(problem, status, states, tolerances)]
+    if rows.dropped:
+        notes.append(outputs_alone(problem))
     return Trajectory(
         t=t,
         y=y,
         status=status,
-        message=" ".join(
-            [sentence, *tolerances.notes, *coarse(problem, status, states, tolerances)]
-            + ([outputs_alone(problem)] if rows.dropped else [])
-        ),
+        message=" ".join([sentence, *notes]),
         method=name,
-        steps=state.count(DriverState.STEPS),
-        rejected=state.count(DriverState.REJECTED),
-        evaluations=state.count(DriverState.EVALUATIONS) + 1,
+        steps=counts[DriverState.STEPS],
+        rejected=counts[DriverState.REJECTED],
+        evaluations=counts[DriverState.EVALUATIONS] + 1,
         wall=time.perf_counter() - began,
         span=(float(times[0]), float(times[-1])),
         dense=path,
@@ -136,30 +176,40 @@ def _outputs(
     return t, y, OutputPath(t, y, path, outputs_alone(problem) if path is None else "")
 
 
-def _check_first_slope(problem: Problem, name: str, parameters: FloatArray) -> tuple[Status | None, str]:
-    """Return a status and its message if the first slope does not exist."""
+def _check_first_slope(
+    problem: Problem, name: str, parameters: FloatArray, *, inertia: bool
+) -> tuple[Status | None, str]:
+    """Return a status and its message if the first slope does not exist; `inertia` says to look for one of zero."""
     model, y0 = problem.model, problem.y0
-    q, v = model.layout.split(y0)
-    singular, slope = model.column_without_inertia(problem.t0, q, v, parameters) is not None, y0
+    kernel = model.kernel("rhs")
     try:
-        slope = one_state(model.kernel("rhs"), parameters)(problem.t0, y0)
+        singular = inertia and model.column_without_inertia(problem.t0, *model.layout.split(y0), parameters) is not None
+        if not singular and quickly(kernel, parameters, problem.t0, y0) is not None:
+            return None, ""
+        slope = y0 if singular else kernel(problem.t0, y0, parameters)
     except SingularMassMatrix:
-        singular = True
+        singular, slope = True, y0
     if singular:
         detail = model.singular_message(problem.t0, y0)
         return Status.SINGULAR, message(Status.SINGULAR, problem, problem.t0, y0, name, detail=detail)
-    if not surely_finite(slope) and not np.isfinite(slope).all():
+    if not np.isfinite(slope).all():
         return Status.NON_FINITE, message(Status.NON_FINITE, problem, problem.t0, problem.y0, name, slope=slope)
     return None, ""
 
 
 def _advance_to_end(
-    problem: Problem, driver: Driver, watch: Watcher | None, state: DriverState, rows: AcceptedStates, began: float
+    problem: Problem,
+    driver: Driver,
+    watch: Watcher | None,
+    state: DriverState,
+    rows: AcceptedStates,
+    began: float,
+    per_call: int,
 ) -> tuple[Status, str]:
-    """Advance until the run ends; return its status, and a detail for the message."""
-    per_call, limit = FIRST_STEPS_PER_CALL, memory_limit(problem)
-    times, states, call = np.empty(0), np.empty((0, len(problem.y0))), 0
-    result = EventResult() if watch is None else watch.begin(state)
+    """Advance until the run ends; return its status, and a detail for the message. `per_call` steps come first."""
+    limit, counts, dimension = memory_limit(problem), state.integers, len(problem.y0)
+    times, states, call = NOTHING, NOTHING, 0
+    result = GOES_ON if watch is None else watch.begin(state)
     try:
         while True:
             while result.smooth and watch is not None and (onwards := watch.continue_past(state)) is not None:
@@ -174,7 +224,7 @@ def _advance_to_end(
                 return Status.NON_FINITE, ""
             if result.status is not None:
                 return result.status, result.detail
-            left = problem.max_steps - state.count(DriverState.STEPS) - state.count(DriverState.REJECTED)
+            left = problem.max_steps - counts[DriverState.STEPS] - counts[DriverState.REJECTED]
             if state.t != problem.t1 and left <= 0:
                 return Status.MAX_STEPS, ""
             if problem.max_wall is not None and time.perf_counter() - began > problem.max_wall:
@@ -184,8 +234,8 @@ def _advance_to_end(
                 return Status.MAX_MEMORY, ""
             budget = min(per_call, left, room) if left > 0 and room > 0 else 1
             # A reset is written as a row too: steps and resets are one for each turn of the loop, and the last step.
-            times, states = np.empty(budget + 1), np.empty((budget + 5, len(problem.y0)))
-            state.counts[DriverState.ROWS] = 0
+            times, states = np.empty(budget + 1), np.empty((budget + 5, dimension))
+            counts[DriverState.ROWS] = 0
             call += 1
             before = time.perf_counter()
             outcome = driver.advance(state, budget, times, states)
@@ -194,16 +244,8 @@ def _advance_to_end(
                 result = watch.end(state) if outcome is Outcome.DONE else watch.process(state)
                 if result.jumped:
                     rows.add(state.t, state.y)
-            elif outcome is Outcome.UNSCALED:
-                survey(problem.model, problem.parameter_array, state)
-            elif outcome is Outcome.BROKEN:
-                return state.fault.status, ""
-            elif outcome is Outcome.STEP_TOO_SMALL:
-                # A step may shrink below the spacing of times without a rejection: then no trial step is the cause.
-                cause = state.cause if state.count(DriverState.AFTER_REJECT) else outcome
-                result = EventResult(_STATUS[cause], smooth=True)
-            elif outcome is not Outcome.PAUSED:
-                result = EventResult(_STATUS[outcome], smooth=outcome is Outcome.NON_FINITE)
+            else:
+                result = _after_call(problem, outcome, state)
             taken = time.perf_counter() - before
             if taken < SECONDS_PER_CALL:
                 growth = MOST_GROWTH if MOST_GROWTH * taken < SECONDS_PER_CALL else 2
@@ -215,6 +257,24 @@ def _advance_to_end(
         return _interrupted(watch, state)
 
 
+def _after_call(problem: Problem, outcome: Outcome, state: DriverState) -> EventResult:
+    """Return what comes of a call of the driver that found no event; a run that asks for sizes gets them."""
+    if outcome is Outcome.DONE:
+        return REACHED
+    if outcome is Outcome.PAUSED:
+        return GOES_ON
+    if outcome is Outcome.UNSCALED:
+        survey(problem.model, problem.parameter_array, state)
+        return GOES_ON
+    if outcome is Outcome.BROKEN:
+        return EventResult(state.fault.status)
+    if outcome is Outcome.STEP_TOO_SMALL:
+        # A step may shrink below the spacing of times without a rejection: then no trial step is the cause.
+        cause = state.cause if state.count(DriverState.AFTER_REJECT) else outcome
+        return EventResult(_STATUS[cause], smooth=True)
+    return EventResult(_STATUS[outcome], smooth=outcome is Outcome.NON_FINITE)
+
+
 def _interrupted(watch: Watcher | None, state: DriverState) -> tuple[Status, str]:
     """Have the events on all rows taken over: an interruption is raised as the loop over steps returns."""
     if watch is not None:
@@ -224,6 +284,8 @@ def _interrupted(watch: Watcher | None, state: DriverState) -> tuple[Status, str
 
 def _final_sentence(problem: Problem, plan: Plan, name: str, state: DriverState, status: Status, cause: str) -> str:
     """Return the message of the end of a run; the failed step is taken again to find the cause."""
+    if status is Status.SUCCESS and not cause:
+        return message(status, problem, state.t, state.y, name)
     told = partial(message, status, problem, rtol=plan.tolerances.rtol or None)
     if status is Status.SINGULAR and cause:
         return told(state.t, state.y, name, detail=cause)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,10 +88,15 @@ class Trajectory:
             )
         if not isinstance(self.span, tuple) or len(self.span) != 2:
             raise StatementError(f"a trajectory has the span {shown(self.span)}: give its first and last time.")
+        self._hold("t", t)
+        self._hold("y", y)
+        self._hold("span", (real_number(self.span[0], "span"), real_number(self.span[1], "span")))
         for name in ("step", "rtol", "atol"):
             given = getattr(self, name)
             if given is not None:
-                object.__setattr__(self, name, real_number(given, f"{name} of a trajectory"))
-        object.__setattr__(self, "t", t)
-        object.__setattr__(self, "y", y)
-        object.__setattr__(self, "span", (real_number(self.span[0], "span"), real_number(self.span[1], "span")))
+                self._hold(name, real_number(given, f"{name} of a trajectory"))
+
+    def _hold(self, name: str, value: Any) -> None:
+        """Put what was checked in the place of what was given, if it is another object."""
+        if value is not getattr(self, name):
+            object.__setattr__(self, name, value)

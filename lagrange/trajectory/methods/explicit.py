@@ -22,7 +22,7 @@ from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.settings import adaptive_settings, check_options, fixed_settings
 from lagrange.trajectory.paths.step_paths import StepPath, hermite_path, runge_kutta_path
 from lagrange.trajectory.plan import StepPlan
-from lagrange.trajectory.run_loop import drive
+from lagrange.trajectory.run_loop import drive_by
 from lagrange.trajectory.tableaux import classical, dop853, dopri5, tsit5
 from lagrange.trajectory.tableaux.butcher import HIGHEST_CHECKED, ButcherTableau, ErrorEstimate
 from lagrange.trajectory.tableaux.rooted_trees import Coefficients
@@ -75,7 +75,7 @@ class RungeKutta:
 
     def integrate(self, problem: Problem) -> Trajectory:
         """Run the problem; see `Integrator`."""
-        return drive(problem, self.plan(problem), self.name)
+        return drive_by(self, problem, self.name)
 
     def _path(self, problem: Problem, times: FloatArray, states: FloatArray) -> StepPath:
         dense, order = self.tableau.dense, self.tableau.order

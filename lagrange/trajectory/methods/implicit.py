@@ -19,7 +19,7 @@ from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.settings import adaptive_settings, check_options, fixed_settings
 from lagrange.trajectory.paths.step_paths import StepPath, hermite_path
 from lagrange.trajectory.plan import StepPlan
-from lagrange.trajectory.run_loop import drive
+from lagrange.trajectory.run_loop import drive_by
 from lagrange.trajectory.tableaux.gauss import Abscissa, collocation_tableau, gauss_tableau
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
@@ -73,7 +73,7 @@ class ImplicitMethod:
 
     def integrate(self, problem: Problem) -> Trajectory:
         """Run the problem; see `Integrator`."""
-        return drive(problem, self.plan(problem), self.name)
+        return drive_by(self, problem, self.name)
 
 
 @lru_cache(maxsize=64)

@@ -25,7 +25,7 @@ from lagrange.trajectory.methods.splitting import check_splits
 from lagrange.trajectory.methods.trial import TrialVector, kind_of, number, refusal
 from lagrange.trajectory.paths.step_paths import hermite_path
 from lagrange.trajectory.plan import StepPlan
-from lagrange.trajectory.run_loop import drive
+from lagrange.trajectory.run_loop import drive_by
 from lagrange.trajectory.tableaux.butcher import CONDITION_TOLERANCE, ButcherTableau
 from lagrange.trajectory.tableaux.rooted_trees import Coefficient
 from lagrange.trajectory.trajectory import Trajectory
@@ -77,7 +77,7 @@ class StepMethod:
 
     def integrate(self, problem: Problem) -> Trajectory:
         """Run the problem; see `Integrator`."""
-        return drive(problem, self.plan(problem), self.name)
+        return drive_by(self, problem, self.name)
 
 
 def step_method(function: Callable[..., Any], *, order: int, name: str = "", step: float | None = None) -> StepMethod:

@@ -24,7 +24,7 @@ from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.settings import check_options, check_problem, fixed_settings
 from lagrange.trajectory.paths.step_paths import hermite_path
 from lagrange.trajectory.plan import StepPlan
-from lagrange.trajectory.run_loop import drive
+from lagrange.trajectory.run_loop import drive_by
 from lagrange.trajectory.tableaux.splitting_conditions import check_words
 from lagrange.trajectory.trajectory import Trajectory
 
@@ -103,7 +103,7 @@ class Splitting:
 
     def integrate(self, problem: Problem) -> Trajectory:
         """Run the problem; see `Integrator`."""
-        return drive(problem, self.plan(problem), self.name)
+        return drive_by(self, problem, self.name)
 
 
 def _pairs(name: str, stages: Any) -> SplittingStages:

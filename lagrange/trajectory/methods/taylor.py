@@ -25,7 +25,7 @@ from lagrange.trajectory.methods.explicit import DOP853
 from lagrange.trajectory.methods.settings import adaptive_settings, check_options
 from lagrange.trajectory.paths.series import SeriesPath
 from lagrange.trajectory.paths.step_paths import hermite_path
-from lagrange.trajectory.run_loop import drive
+from lagrange.trajectory.run_loop import drive_by
 from lagrange.trajectory.tolerances import Tolerances
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
@@ -90,7 +90,7 @@ class Taylor:
 
     def integrate(self, problem: Problem) -> Trajectory:
         """Run the problem; see `Integrator`."""
-        return drive(problem, self.plan(problem), self.name)
+        return drive_by(self, problem, self.name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ class TaylorPlan:
     tolerances: Tolerances
     impacts: tuple[Impact, ...] = ()
 
-    @property
+    @cached_property
     def form(self) -> str:
         """The order, and how the series is computed; see `Plan`."""
         return f"order {self.order}, {self.series.form(self.order)}"
