@@ -138,12 +138,25 @@ class System:
         return render(self.derivation(), style, self.structure)
 
     def equations(self) -> list[Any]:
-        """Return the Euler-Lagrange equations, a list of SymPy Eq, one per coordinate, as in a textbook."""
+        """Return the Euler-Lagrange equations, a list of SymPy Eq, one per coordinate, as in a textbook.
+
+        The forces of constraints stand on the right, with their multipliers `lagrange.multiplier(name)`. The
+        constraints themselves are `derivation().constraints`.
+        """
         return list(self._derivation.equations)
 
     def accelerations(self) -> dict[Any, Any]:
-        """Return the accelerations, {coordinate: SymPy expression}."""
+        """Return the accelerations, {coordinate: SymPy expression}; the multipliers are solved for and gone."""
         return dict(self._derivation.accelerations)
+
+    @property
+    def constraint_forces(self) -> dict[str, dict[Any, Any]]:
+        """What each constraint exerts, {name: {coordinate: SymPy expression in lagrange.multiplier(name)}}.
+
+        These are generalized forces, G^T lambda: lambda dphi/dq of a constraint phi = 0 on positions, lambda dpsi/dv of
+        a constraint psi = 0 on velocities (Chetaev's rule where psi is not linear in them).
+        """
+        return {name: dict(forces) for name, forces in self._derivation.constraint_forces.items()}
 
     @property
     def lagrangian(self) -> Any:

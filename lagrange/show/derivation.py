@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from lagrange.errors import StatementError
-from lagrange.show.names import latex_text, letters, markdown_text, plain_text
+from lagrange.show.names import latex_text, letters, markdown_text, plain_text, word
 from lagrange.statement.choice import one_of
+from lagrange.statement.multiplier import multiplier
 
 if TYPE_CHECKING:
     from lagrange.equations.derivation import Derivation
@@ -22,7 +23,7 @@ FORMATS = ("text", "latex", "markdown")
 
 @dataclass(frozen=True)
 class ShownQuantity:
-    """A letter such as T or p, with a coordinate for its index or without."""
+    """A letter such as T or phi, with a coordinate or a constraint for its index or without."""
 
     letter: str
     index: str = ""
@@ -43,6 +44,9 @@ class Section:
 def render(derivation: Derivation, style: str = "text", findings: Sequence[str] = ()) -> str:
     """Return the derivation: what was stated, L, momenta, equations of motion, accelerations and energy.
 
+    With constraints the equations of motion have their multipliers and the constraints behind them, and the multipliers
+    are solved for beside the accelerations.
+
     `style` is "text", where formulas are spelled as in a scene file, "latex", a complete document, or "markdown", with
     formulas between dollar signs. `findings` are sentences about the structure. A part that is too large to be written
     out is replaced by the sentence that says so. Raises StatementError for any other format.
@@ -53,9 +57,10 @@ def render(derivation: Derivation, style: str = "text", findings: Sequence[str] 
 
 
 def equations_latex(derivation: Derivation) -> str:
-    """Return the equations of motion as one LaTeX formula, as a notebook shows them."""
+    """Return the equations of motion, and the constraints, as one LaTeX formula, as a notebook shows them."""
     page = LatexPage(derivation.statement)
-    lines = [f"{page.side(law.lhs)} &= {page.side(law.rhs)}" for law in derivation.equations]
+    laws = (*derivation.equations, *derivation.constraints)
+    lines = [f"{page.side(law.lhs)} &= {page.side(law.rhs)}" for law in laws]
     return "$\\displaystyle \\begin{aligned} " + " \\\\ ".join(lines) + " \\end{aligned}$"
 
 
@@ -72,8 +77,17 @@ def _sections(derivation: Derivation) -> Iterator[Section]:
                 for name, p in zip(statement.names, derivation.momenta.values(), strict=True)
             ],
         ),
-        ("Equations of motion", lambda: [(law.lhs, law.rhs) for law in derivation.equations]),
-        ("Accelerations", lambda: list(zip(accelerations, derivation.accelerations.values(), strict=True))),
+        (
+            "Equations of motion",
+            lambda: [(law.lhs, law.rhs) for law in (*derivation.equations, *derivation.constraints)],
+        ),
+        (
+            "Accelerations and multipliers" if statement.constraints else "Accelerations",
+            lambda: [
+                *zip(accelerations, derivation.accelerations.values(), strict=True),
+                *((multiplier(name), value) for name, value in derivation.multipliers.items()),
+            ],
+        ),
         ("Energy", lambda: [(ShownQuantity("E"), derivation.energy)]),
     )
     for heading, part in parts:
@@ -98,6 +112,8 @@ def _stated(statement: Statement) -> Iterator[TableRow]:
             yield ShownQuantity("Q", name), force
     if statement.dissipation != 0:
         yield ShownQuantity("D"), statement.dissipation
+    for one in statement.constraints:
+        yield ShownQuantity("phi" if one.holonomic else "psi", one.name), one.expression
 
 
 class Page(ABC):
@@ -171,8 +187,11 @@ class LatexPage(Page):
         from sympy.printing.latex import LatexPrinter
 
         stated = self.statement
-        self.letters = letters([*stated.names, *(symbol.name for symbol in stated.parameters)])
-        spelled = {symbol: str(self.letters[symbol.name]) for symbol in stated.parameters}
+        held = [one.name for one in stated.constraints]
+        named = [*stated.parameters, *map(multiplier, held)]
+        self.letters = letters([*stated.names, *(symbol.name for symbol in named)])
+        self.indices = letters(held) | self.letters
+        spelled = {symbol: str(self.letters[symbol.name]) for symbol in named}
         motions = iter(self.plain.values())
         for name, position, velocity, acceleration in zip(stated.names, motions, motions, motions, strict=True):
             spelled[position] = str(self.letters[name])
@@ -182,7 +201,8 @@ class LatexPage(Page):
 
     def quantity(self, quantity: ShownQuantity) -> str:
         """Return L, or p with an index."""
-        return f"{quantity.letter}_{{{self.letters[quantity.index]}}}" if quantity.index else quantity.letter
+        letter = word(quantity.letter)
+        return f"{letter}_{{{self.indices[quantity.index]}}}" if quantity.index else letter
 
     def write(self, sections: Sequence[Section]) -> str:
         """Return a document that LaTeX sets as it stands."""

@@ -58,6 +58,9 @@ _LATEX = {
     "|": r"\textbar{}",
     '"': r"\textquotedbl{}",
 }
+_BRACKETS = str.maketrans("[]", "__")
+"""What is in brackets is an index: lambda[rod] is the multiplier of the constraint rod."""
+
 _MARKDOWN = re.compile(r"([\\`*_{}\[\]<>()#+\-.!|$~&@:])")
 
 
@@ -80,7 +83,7 @@ class Letter:
 
 
 def letters(names: Iterable[str]) -> dict[str, Letter]:
-    """Return the LaTeX of each name: theta1 and m_bob get an index, and two names never look the same."""
+    """Return the LaTeX of each name: theta1, m_bob and lambda[rod] get an index, and two names never look the same."""
     found: dict[str, Letter] = {}
     for name in names:
         letter = _letter(name)
@@ -104,26 +107,27 @@ def plain_text(sentence: str) -> str:
 
 
 def _letter(name: str) -> Letter:
-    head, *indices = [part for part in name.split("_") if part]
-    word, digits = _split_digits(head)
+    head, *indices = [part for part in name.translate(_BRACKETS).split("_") if part]
+    letters, digits = _split_digits(head)
     below = [digits, *(_index(part) for part in indices)]
-    return Letter(_word(word), ", ".join(part for part in below if part))
+    return Letter(word(letters), ", ".join(part for part in below if part))
 
 
 def _index(part: str) -> str:
-    word, digits = _split_digits(part)
-    return (_word(word) if word else "") + digits
+    letters, digits = _split_digits(part)
+    return (word(letters) if letters else "") + digits
 
 
 def _split_digits(text: str) -> tuple[str, str]:
-    word = text.rstrip("0123456789")
-    return word, text[len(word) :]
+    letters = text.rstrip("0123456789")
+    return letters, text[len(letters) :]
 
 
-def _word(word: str) -> str:
-    if word in GREEK:
-        return f"\\{word}"
-    return word if len(word) == 1 else _upright(word)
+def word(name: str) -> str:
+    """Return a word without digits: a letter, Greek or not, or upright."""
+    if name in GREEK:
+        return f"\\{name}"
+    return name if len(name) == 1 else _upright(name)
 
 
 def _upright(word: str) -> str:

@@ -14,6 +14,7 @@ from lagrange.errors import StatementError
 from lagrange.show.derivation import FORMATS, equations_latex, render
 from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
 from lagrange.statement.declare import declare
+from lagrange.system import System
 
 m, g, l, k, c = parameters("m g l k c")
 theta, x = coordinates("theta x")
@@ -160,3 +161,61 @@ def test_every_style_holds_every_section() -> None:
         page = render(cart(), style, ["Found."])
         headings = ("Stated", "Lagrangian", "Momenta", "Equations of motion", "Accelerations", "Energy", "Structure")
         assert [page.index(heading) for heading in headings] == sorted(page.index(heading) for heading in headings)
+
+
+# --- constraints -------------------------------------------------------------------------------------------------
+
+
+def constrained(name: str = "rod", **more: Any) -> Derivation:
+    y = coordinate("y")
+    return derive(
+        declare(
+            kinetic=m * (x.dot**2 + y.dot**2) / 2,
+            potential=m * g * y,
+            constraints={name: x**2 + y**2 - l**2, "slide": x.dot - c * y.dot},
+            name="bob",
+            **more,
+        )
+    )
+
+
+def test_constraints_are_stated_and_follow_the_equations() -> None:
+    page = render(constrained())
+    assert "    V = g*m*y\n    phi_rod = -l**2 + x**2 + y**2\n    psi_slide = -c*y_dot + x_dot\n" in page
+    assert (
+        "Equations of motion\n"
+        "    m*x_ddot = 2*lambda[rod]*x + lambda[slide]\n"
+        "    m*y_ddot + g*m = -c*lambda[slide] + 2*lambda[rod]*y\n"
+        "    -l**2 + x**2 + y**2 = 0\n"
+        "    -c*y_dot + x_dot = 0\n"
+    ) in page
+    assert "\nAccelerations and multipliers\n    x_ddot = " in page and "\n    lambda[slide] = " in page
+
+
+def test_multipliers_have_their_constraint_for_an_index() -> None:
+    page = render(constrained(), "latex")
+    assert r"\[ \phi_{\mathrm{rod}} = - l^{2} + x^{2} + y^{2} \]" in page
+    assert r"\[ m \ddot{x} = 2 \lambda_{\mathrm{rod}} x + \lambda_{\mathrm{slide}} \]" in page
+    assert r"\lambda_{\mathrm{rod}} = " in render(constrained(), "markdown")
+    assert equations_latex(constrained()).count("&=") == 4
+
+
+def test_a_multiplier_and_a_parameter_never_look_the_same() -> None:
+    page = render(
+        constrained(parameters={parameters("lambda_rod"): 1.0}, dissipation=parameters("lambda_rod")), "latex"
+    )
+    assert r"\lambda_{\mathrm{rod}}" in page and r"\mathrm{lambda[rod]}" in page
+
+
+def test_a_constraint_may_have_the_name_of_a_coordinate() -> None:
+    page = render(constrained("x"), "latex")
+    assert r"\phi_{x} = " in page and r"2 \lambda_{x} x" in page
+
+
+def test_the_page_says_where_chetaevs_rule_is_used() -> None:
+    y = coordinate("y")
+    system = System(kinetic=m * (x.dot**2 + y.dot**2) / 2, constraints={"speed": x.dot**2 + y.dot**2 - c})
+    assert (
+        "The constraint speed is not linear in the velocities: its force is along its derivative in the velocities "
+        "(Chetaev's rule)."
+    ) in system.page()
