@@ -6,8 +6,9 @@ asked of it: neither its sign, nor whether the motion leaves its domain.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
+from functools import lru_cache
 
 from lagrange.graph.node import Binding, Graph, Kind, Node, reachable
 
@@ -104,10 +105,12 @@ def where_read(node: Node, condition: Node) -> Node:
     return node if condition is graph.one else graph.piecewise([(condition, node)], graph.one)
 
 
-def square_roots(graph: Graph, nodes: Sequence[Node]) -> dict[Node, Node]:
+@lru_cache(maxsize=64)
+def square_roots(graph: Graph, nodes: tuple[Node, ...]) -> Mapping[Node, Node]:
     """Return the square roots of what has a fractional power in some nodes, with what is under each.
 
-    A root in a branch that is not taken counts as 1. Powers of positions from -1 down are left out.
+    A root in a branch that is not taken counts as 1. Powers of positions from -1 down are left out. The last few
+    answers are kept, since many runs have the same events.
     """
     powers = [node for node in reachable(nodes) if node.kind is Kind.POWER and node.binding > Binding.PARAMETER]
     bases: dict[Node, Node] = {}

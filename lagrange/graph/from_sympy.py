@@ -24,6 +24,8 @@ class Translator:
     def __call__(self, expression: Any) -> Node:
         """Return the node of a SymPy expression. Raises StatementError for what the graph has no node for."""
         done = self._done
+        if (known := done.get(expression)) is not None:
+            return known
         stack = [expression]
         while stack:
             top = stack[-1]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +19,9 @@ from lagrange.program.series import SeriesProgram
 
 ROOM = 4096
 """So many events are written before the loop comes back."""
+
+SHORT = 2**16
+"""The first number that 16 bits do not hold."""
 
 
 class Reaction(NamedTuple):
@@ -38,6 +43,22 @@ def idle(program: SeriesProgram) -> EventMemory:
     return EventMemory(2 * program.dimension, program.sides, [Reaction()] * events)
 
 
+@lru_cache(maxsize=64)
+def _tilts(dimension: int) -> FloatArray:
+    """Return the factors by which the entries of a state and the time are moved."""
+    return np.asarray(1 + RELATIVE_PERTURBATION * perturbation_factors(dimension + 1))
+
+
+@lru_cache(maxsize=64)
+def _settings(reactions: tuple[Reaction, ...]) -> NDArray[np.int64]:
+    """Return the settings of all that is watched, which the loop only reads."""
+    own = [(one.direction, one.terminal, one.first, len(one.entries), int(one.root)) for one in reactions]
+    settings = [x for block in zip(*own, strict=True) for x in block]
+    if len(settings) != SETTINGS * len(reactions):
+        raise AssertionError("there is a block for each setting")
+    return np.array([*settings, *(entry for one in reactions for entry in one.entries), 0], dtype=np.int64)
+
+
 class EventMemory:
     """What a run watches, `surfaces` first, then events, and what has happened at them since it was last asked.
 
@@ -57,15 +78,9 @@ class EventMemory:
         self.count, self._dimension = surfaces + len(reactions), dimension
         self.values, self.resets, self.parameters = values, resets, np.empty(0) if parameters is None else parameters
         self.record: Any = WATCH.structure(surfaces=surfaces, room=ROOM, changed=-np.inf)
-        self.tilts = 1 + RELATIVE_PERTURBATION * perturbation_factors(dimension + 1)
+        self.tilts = _tilts(dimension)
         self.sides = np.zeros(2 * SIDES * self.count, dtype=np.int64)
-        rows = [Reaction()] * surfaces + [*reactions]
-        blocks = [[getattr(one, name) for one in rows] for name in ("direction", "terminal", "first")]
-        blocks += [[len(one.entries) for one in rows], [int(one.root) for one in rows]]
-        if len(blocks) != SETTINGS:
-            raise AssertionError("there is a block for each setting")
-        entries = [entry for one in rows for entry in one.entries]
-        self.settings = np.array([*(x for block in blocks for x in block), *entries, 0], dtype=np.int64)
+        self.settings = _settings((*[Reaction()] * surfaces, *reactions))
         self.times = np.empty(ROOM)
         self.states = np.empty(ROOM * dimension + MOST_LANES)
         self.places = np.empty(ROOM, dtype=np.int64)
@@ -129,9 +144,16 @@ class EventMemory:
         half = len(self.sides) // 2
         self.sides[half:] = self.sides[:half]
 
-    def taken(self) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
-        """Return the times (k,), states (k, 2n) and places (k,) of the events since the last call."""
+    def taken(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Return the times (k,) and states (k, 2n) of the events since the last call, for each thing watched."""
         count, size = self.record.done, self._dimension
         self.record.done = self.record.ahead = 0
-        states = self.states[: count * size].reshape(count, size)
-        return self.times[:count].copy(), states.copy(), self.places[:count].copy()
+        times, states = self.times[:count], self.states[: count * size].reshape(count, size)
+        if self.count == 1:
+            return [(times.copy(), states.copy())]
+        places = self.places[:count]
+        # Numbers of 16 bits are sorted without comparisons.
+        order = np.argsort(places.astype(np.uint16) if self.count < SHORT else places, kind="stable")
+        ends = np.cumsum(np.bincount(places, minlength=self.count)).tolist()
+        times, states = times[order], states[order]
+        return [(times[a:b], states[a:b]) for a, b in pairwise((0, *ends))]

@@ -77,7 +77,7 @@ def event(
 
 
 def _sign(direction: float) -> int:
-    side = real_number(direction, "direction")
+    side = direction if type(direction) is int else real_number(direction, "direction")
     return (side > 0) - (side < 0)
 
 
@@ -171,9 +171,15 @@ def _surveyed(expression: Any, what: str) -> Survey:
     return survey
 
 
+@lru_cache(maxsize=64)
+def _known(coordinates: tuple[Any, ...], parameters: tuple[Any, ...]) -> frozenset[Any]:
+    """Return what expressions may contain."""
+    return frozenset((*coordinates, *parameters))
+
+
 def _check(expression: Any, what: str, statement: Statement) -> Survey:
     survey = _surveyed(expression, what)
-    known = (*statement.coordinates, *statement.parameters)
+    known = _known(statement.coordinates, statement.parameters)
     for leaf in (*survey.coordinates, *survey.parameters):
         if leaf not in known:
             raise StatementError(

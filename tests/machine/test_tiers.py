@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -13,11 +14,12 @@ from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine.llvm import tiers
 from lagrange.machine.llvm.engine import Module
 from lagrange.machine.series.llvm_driver import LlvmSeries
-from lagrange.machine.series.llvm_steps import compiled_steps
+from lagrange.machine.series.llvm_steps import _events, compiled_steps
 from lagrange.machine.steps import llvm_driver
 from lagrange.program.taylor import series_program
 from tests.models import SYSTEMS
 
+INSPECTS, STEPS = r"define .*@inspect_step\(", r"define .*@taylor_steps\("
 TOLERANCES = [10.0**-k for k in range(3, 17)]
 
 
@@ -114,3 +116,29 @@ def test_a_run_with_the_same_events_and_resets_compiles_nothing(made: list[str])
         stops = [lg.Event(theta - 0.5), lg.Event(theta + 0.5, direction=-1, reset={theta.dot: -theta.dot})]
         lg.integrate(model, (0.0, 3.0), rtol=1e-9, events=stops)
         assert (made == []) is again
+
+
+def oscillators(dimension: int) -> lg.System:
+    """Return as many as there are coordinates."""
+    q = [lg.coordinate(f"q{i}") for i in range(dimension)]
+    kinetic, potential = sum(one.dot**2 for one in q) / 2, sum(one**2 for one in q) / 2
+    return lg.System(kinetic=kinetic, potential=potential, coordinates=q, name=f"{dimension} oscillators")
+
+
+def test_what_is_done_at_events_is_compiled_once_for_all_layouts(
+    made: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Quickly by the first loop of a process, and well by the first that is compiled well."""
+    monkeypatch.setattr(tiers, "STEPS", 40)
+    compiled_steps.cache_clear()
+    _events.cache_clear()
+    found = []
+    for dimension in (1, 2, 3):
+        system = oscillators(dimension)
+        q = system.coordinates[0]
+        model = system.compile(check=False)
+        ends = [lg.integrate(model, (0.0, 60.0), {q: 1.0}, rtol=1e-9, events=[lg.Event(q)]) for _ in range(3)]
+        times = [end.t_events[0].tobytes() for end in ends]
+        assert len(ends[0].t_events[0]) == 19 and times[1:] == times[:-1]
+        found.append([sum(re.search(kind, text) is not None for text in made) for kind in (INSPECTS, STEPS)])
+    assert found == [[2, 2], [2, 4], [2, 6]]

@@ -15,6 +15,8 @@ from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
+from lagrange.trajectory.events.ending import EventResult
+from lagrange.trajectory.events.planned_step import PlannedStep
 from lagrange.trajectory.events.series_watch import Watch
 from lagrange.trajectory.events.shared_watch import SharedWatch
 from lagrange.trajectory.trajectory import Status, Trajectory
@@ -53,14 +55,19 @@ def random_events(chance: np.random.Generator) -> list[Any]:
 
 
 def in_python(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let the loop come back for everything that is watched."""
+    """Let the loop come back for everything that is watched, and find the sides at the start here as well."""
     write = SharedWatch.write
+
+    def begun(self: Watch, state: DriverState) -> EventResult:
+        self.state, self.planned = state, PlannedStep()
+        return self._begin(state)
 
     def disabled(self: SharedWatch, state: DriverState) -> None:
         write(self, state)
         self.leave_all_to_the_watch()
 
     monkeypatch.setattr(SharedWatch, "write", disabled)
+    monkeypatch.setattr(Watch, "begin", begun)
 
 
 def assert_same(ours: Trajectory, theirs: Trajectory) -> None:
@@ -201,6 +208,44 @@ def test_an_interruption_keeps_the_events_of_its_rows(monkeypatch: pytest.Monkey
     end = float(found.t[-1])
     assert found.status is Status.INTERRUPTED and end == calls[2] > calls[1] + 2 * math.pi
     assert len(found.t_events[0]) == math.floor(end / math.pi + 0.5)
+
+
+STARTS = {
+    "leaves at once": ({x: 0.0, x.dot: 0.3, y: 0.4, y.dot: 0.1}, [x, event(x, direction=-1), event(x, terminal=2)]),
+    "leaves with an acceleration": ({x: 0.5, x.dot: 0.0, y: 0.4, y.dot: 0.0}, [x.dot, y.dot, event(x.dot - y.dot)]),
+    "turns back there": ({x: 0.0, x.dot: 0.0, y: 0.4, y.dot: 0.1}, [x, x.dot, x * y]),
+    "stays there": ({x: 0.0, x.dot: 0.0, y: 0.0, y.dot: 0.4}, [x, y, x.dot]),
+    "is not reset there": (
+        {x: 0.0, x.dot: 0.3, y: 0.4, y.dot: 0.1},
+        [event(x, direction=-1, reset={x.dot: -x.dot}), x * (y + 1)],
+    ),
+}
+
+
+@pytest.mark.parametrize("case", STARTS)
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("end", [7.0, -7.0])
+def test_events_that_are_zero_at_the_start(case: str, target: str, end: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The loop begins by itself where no reset is to be done at the start."""
+    calls = counted(monkeypatch)
+    initial, events = STARTS[case]
+    if end < 0 and case == "is not reset there":
+        initial = {**initial, x.dot: -0.3}
+    well = (x**2 + 2 * y**2) / 2 + x**4 / 4
+    compiled = build(target, kinetic=(x.dot**2 + y.dot**2) / 2, potential=well, initial=initial)
+    ours = run(compiled, end, "taylor", events=events)
+    assert 0.0 not in calls
+    assert ours.status is (Status.EVENT if case == "leaves at once" else Status.SUCCESS)
+    in_python(monkeypatch)
+    assert_same(ours, run(compiled, end, "taylor", events=events))
+
+
+def test_a_reset_that_is_due_at_the_start_is_left_to_the_watch(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = counted(monkeypatch)
+    compiled = build("llvm", kinetic=y.dot**2 / 2, potential=y, initial={y: 0.0, y.dot: -1.0})
+    ours = run(compiled, 7.0, "taylor", events=[event(y, direction=-1, reset={y.dot: -y.dot})])
+    assert calls[0] == 0.0
+    assert ours.t_events[0] == pytest.approx([0.0, 2.0, 4.0, 6.0], abs=1e-12)
 
 
 SMALL_STACK = """

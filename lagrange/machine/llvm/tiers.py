@@ -7,6 +7,7 @@ reassociates nor contracts operations that are not marked, and ours never are.
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 
 from lagrange.machine.copies import Shared
 from lagrange.machine.llvm.engine import Module
@@ -23,12 +24,23 @@ them lose 1 to 40 ms.
 class TieredModule(Shared):
     """A module with a function that takes steps. To `optimize` or to `merge` is to compile well as `Module` does.
 
-    Both modules are kept: other runs may have the address of the first. Threads may share it.
+    Both modules are kept: other runs may have the address of the first. Threads may share it. What the code `needs` of
+    other modules is announced before it is compiled, quickly or well.
     """
 
-    def __init__(self, text: str, name: str, *, merge: bool = False, optimize: bool = False) -> None:
+    def __init__(
+        self,
+        text: str,
+        name: str,
+        *,
+        merge: bool = False,
+        optimize: bool = False,
+        needs: Callable[..., None] | None = None,
+    ) -> None:
         self.ir, self._name = text, name
-        self._passes = {"merge": merge, "optimize": optimize}
+        self._passes, self._needs = {"merge": merge, "optimize": optimize}, needs
+        if needs is not None:
+            needs(well=False)
         self.quick = Module(text, quickly=True)
         self.address = self.quick.address(name)
         self._well: Module | None = None
@@ -50,6 +62,8 @@ class TieredModule(Shared):
             return
         try:
             if self._well is None:
+                if self._needs is not None:
+                    self._needs(well=True)
                 well = Module(self.ir, **self._passes)
                 self.address = well.address(self._name)
                 self._well = well

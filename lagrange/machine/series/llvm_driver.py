@@ -44,10 +44,11 @@ from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
 
 WATCHED = (
-    *("tilts", "sides", "settings", "combinations", "switch_rows", "switch_combinations"),
-    *("scratch", "whole_scratch"),
+    *((name, name) for name in ("tilts", "sides", "settings", "combinations", "switch_rows", "switch_combinations")),
+    *((name, name) for name in ("scratch", "whole_scratch")),
+    *((f"event_{name}", name) for name in ("times", "states", "places")),
 )
-"""What an `EventMemory` has beside events, by the names of the loop's arguments."""
+"""The arrays of an `EventMemory`: the names of the loop's arguments, and its own."""
 
 _PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 _SERIES = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_double, *([ctypes.c_void_p] * 4), ctypes.c_int64)
@@ -239,7 +240,7 @@ class LlvmTaylorDriver:
         self._compiled, self._steps = compiled, compiled_steps(compiled.layout)
         self._work = workspace(compiled.layout.size(order))
         self._y = self._work[: compiled.layout.dimension]
-        self._held = HELD.structure()
+        self._held, self._sizes = HELD.structure(), compiled.layout.sizes()
         self._arguments = np.zeros(len(self._steps.places), dtype=np.int64)
         self._entries: Any = self._arguments.data
         self._give(work=address(self._work), held=ctypes.addressof(self._held), order=order)
@@ -248,7 +249,9 @@ class LlvmTaylorDriver:
         self._state: DriverState | None = None
         self._memory: EventMemory | None = None
         self._numbers: FloatArray | None = None
-        self.use(parameters)
+        self._parameters = parameters
+        if not compiled.layout.watched:
+            self.use(parameters)
 
     def _give(self, **arguments: int) -> None:
         """Put arguments of the loop into their places."""
@@ -294,9 +297,10 @@ class LlvmTaylorDriver:
     def watch(self, memory: EventMemory) -> None:
         """Deal with what is watched; see `TaylorDriver`."""
         self._memory, self._numbers = memory, None
-        arrays = {name: getattr(memory, name) for name in WATCHED}
-        arrays |= {f"event_{name}": getattr(memory, name) for name in ("times", "states", "places")}
-        self._give(watch=ctypes.addressof(memory.record), **{name: address(array) for name, array in arrays.items()})
+        entries, places = self._entries, self._steps.places
+        entries[places["watch"]], entries[places["sizes"]] = map(ctypes.addressof, (memory.record, self._sizes))
+        for name, attribute in WATCHED:
+            entries[places[name]] = address(getattr(memory, attribute))
         if isinstance(memory.values, LlvmKernel):
             self._give(values=memory.values.address)
         self.use(self._parameters)

@@ -1,29 +1,42 @@
-"""The loop over Taylor steps in machine code, which takes a series by its address: one for all series of a layout."""
+"""The loop over Taylor steps in machine code, which takes a series by its address: one for all series of a layout.
+
+What it does at events depends on no layout, and is compiled once per process.
+"""
 
 from __future__ import annotations
 
 import ctypes
-from functools import lru_cache
+import threading
+from collections.abc import Sequence
+from functools import cache, lru_cache
 from typing import Any
 
+import llvmlite.binding as llvm
+
 from lagrange.machine.llvm.emitter import Emitter
+from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.operations import declarations
-from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA, argument_type, function, result_type
+from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA, argument_type, declaration, function, result_type
 from lagrange.machine.llvm.tiers import TieredModule
-from lagrange.procedure.form import Procedure
+from lagrange.procedure.form import Procedure, calls
+from lagrange.procedure.taylor.crossing import cross_surface
+from lagrange.procedure.taylor.events_on_step import inspect_step
 from lagrange.procedure.taylor.loop import taylor_steps
 from lagrange.procedure.taylor.memory import TaylorLayout
+from lagrange.procedure.taylor.resets import begin_sides, reset_state
 
 _RUN = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)
+_LINKING = threading.Lock()
 
 
 class CompiledSteps:
     """The loop for a layout. Its arguments stand in memory, for a call through ctypes takes 0.1 us for each."""
 
     def __init__(self, layout: TaylorLayout) -> None:
-        procedure = taylor_steps(layout)
+        procedure, watches = taylor_steps(layout), layout.watched > 0
         self.places = {parameter.name: place for place, parameter in enumerate(procedure.parameters)}
-        self.module = TieredModule(steps_ir(procedure), "run", merge=True)
+        text = steps_ir(procedure, event_procedures() if watches else ())
+        self.module = TieredModule(text, "run", merge=True, needs=link_events if watches else None)
 
     @property
     def run(self) -> Any:
@@ -37,11 +50,44 @@ def compiled_steps(layout: TaylorLayout) -> CompiledSteps:
     return CompiledSteps(layout)
 
 
-def steps_ir(procedure: Procedure) -> str:
-    """Return the IR of a loop: what it calls is merged into it, but for what stands apart."""
-    functions = [function(one, hidden=True, merged=True) for one in procedure.callees]
-    functions.append(function(procedure, hidden=True))
-    return "\n".join([declarations(), *functions, _run(procedure), METADATA, ATTRIBUTES])
+def event_procedures() -> tuple[Procedure, ...]:
+    """Return what a loop calls for events and surfaces."""
+    return inspect_step(), begin_sides(), reset_state(), cross_surface()
+
+
+def link_events(*, well: bool) -> None:
+    """Let the modules that are loaded from now on call the procedures of events, compiled `well` or quickly."""
+    with _LINKING:
+        if well or not _events.cache_info().currsize:
+            _events(well)
+
+
+@cache
+def _events(well: bool) -> Module:
+    """Compile the procedures of events and announce them: what has been compiled well stays announced."""
+    reached = _reached(event_procedures())
+    texts = [function(one, hidden=one not in event_procedures(), merged=not one.apart) for one in reached]
+    made = Module("\n".join([declarations(), *texts, METADATA, ATTRIBUTES]), merge=well, quickly=not well)
+    for one in event_procedures():
+        llvm.add_symbol(one.name, made.address(one.name))
+    return made
+
+
+def steps_ir(procedure: Procedure, elsewhere: Sequence[Procedure] = ()) -> str:
+    """Return the IR of a loop: what it calls is merged into it, but for what stands apart or `elsewhere`."""
+    reached = _reached([procedure], elsewhere)
+    functions = [function(one, hidden=True, merged=one is not procedure) for one in reached]
+    return "\n".join([declarations(), *map(declaration, elsewhere), *functions, _run(procedure), METADATA, ATTRIBUTES])
+
+
+def _reached(procedures: Sequence[Procedure], elsewhere: Sequence[Procedure] = ()) -> tuple[Procedure, ...]:
+    """Return procedures and what they call, callees first, but for what only those that stand elsewhere call."""
+    found: dict[Procedure, None] = {}
+    for procedure in procedures:
+        called = [call.callee for call in calls(procedure.body) if isinstance(call.callee, Procedure)]
+        found |= dict.fromkeys(_reached([one for one in called if one not in elsewhere], elsewhere))
+        found[procedure] = None
+    return tuple(found)
 
 
 def _run(procedure: Procedure) -> str:

@@ -40,7 +40,7 @@ class Arguments:
         self.times, self.rows = p.array("times"), p.array("rows", room=layout.block)
         self.watched = Watched(p, layout) if layout.watched else None
         self.own = [p.given(name, kind) for name, kind in own.items()]
-        self.series = SeriesMemory(p, layout, work_array(p, layout))
+        self.series = SeriesMemory(p, layout, work_array(p))
 
     def handed(self, *own: Any) -> tuple[Any, ...]:
         """Return the arguments for another procedure, with those of its own."""

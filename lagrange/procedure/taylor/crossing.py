@@ -5,28 +5,27 @@ from __future__ import annotations
 import math
 from functools import cache
 
-from lagrange.procedure.form import FLAG, WHOLE, Procedure
-from lagrange.procedure.taylor.memory import TaylorLayout
+from lagrange.procedure.form import FLAG, Procedure
 from lagrange.procedure.taylor.resets import DueChange, sides_at_start
 from lagrange.procedure.taylor.watching import NEAR, SIGN, STARTING
 from lagrange.procedure.values import Memory, Whole
 
 
 @cache
-def cross_surface(layout: TaylorLayout) -> Procedure:
+def cross_surface() -> Procedure:
     """Return what crosses the surface that is due at the state, if the motion leaves to its other side at once.
 
     It returns whether that was done; otherwise nothing has changed.
     """
-    return _Crossing(layout).build()
+    return _Crossing().build()
 
 
 class _Crossing(DueChange):
     """Builds the procedure."""
 
-    def __init__(self, layout: TaylorLayout) -> None:
+    def __init__(self) -> None:
         about = "Go on with the other side of a surface, if possible."
-        super().__init__(layout, "cross_surface", about, writes_row=False)
+        super().__init__("cross_surface", about, writes_row=False)
 
     def build(self) -> Procedure:
         p, record = self.p, self.watched.record
@@ -57,16 +56,14 @@ class _Crossing(DueChange):
         """Leave unless the motion with the other side goes there, and is on no other surface."""
         p, layout, watched, work = self.p, self.layout, self.watched, self.work
         there = work.at(p.whole(layout.ahead(self.memory.order)))
-        with p.loop(0, 2 * layout.padded) as i:
+        with p.loop(0, layout.padded * 2) as i:
             there[i] = work[i]
         series, scale = there.at(layout.rows), self.taylor.scale
         own = self.prepared.at(numbers), self.constants.at(numbers)
         self.leave_if(self.jet(self.t, scale, there, *own, series, self.memory.order))
-        signs, starting = (p.reserve(layout.watched, WHOLE, name=name) for name in ("signs", "starting"))
-        function = watched.values, watched.value_numbers.at(numbers), watched.tilts
-        given = self.t, scale, self.rtol, math.inf, place
-        memory = there, series, signs, starting, *self.memory.handed[1:]
-        self.leave_if(~p.call(sides_at_start(layout), *given, *function, *memory))
+        given = watched.value_numbers.at(numbers), there, series, *watched.handed, self.memory.order
+        self.leave_if(~p.call(sides_at_start(), self.t, scale, self.rtol, math.inf, place, *given))
+        signs, starting = (watched.kept.wholes("begun", number) for number in (0, 1))
         self.leave_if(~starting[place].equals(1))
         with p.loop(0, watched.record.surfaces) as i:
             expected = p.choose(i.equals(place), watched.record.direction, watched.side(SIGN)[i])

@@ -39,7 +39,7 @@ def defect_is_small(layout: TaylorLayout) -> Procedure:
     """
     p = Builder("defect_is_small", "Whether the derivative that is held is what the equations say.")
     length, order, first = p.given("length", REAL), p.given("order", WHOLE), p.given("first", WHOLE)
-    weights, work = weights_array(p, layout), work_array(p, layout)
+    weights, work = weights_array(p, layout), work_array(p)
     rows, slopes, own = (memory.at(layout.moving) for memory in (work.at(first), work.at(layout.slope), weights))
     with entries(p, layout, layout.moving) as i:
         weight, there = own[i], rows[i]
@@ -79,7 +79,7 @@ def reject_step(layout: TaylorLayout) -> Procedure:
     counts: Any = p.record("counts", COUNTS)
     taylor: Any = p.record("taylor", TAYLOR)
     held: Any = p.record("held", HELD)
-    work = work_array(p, layout)
+    work = work_array(p)
     p.copy(work.at(layout.held), work, 2 * layout.padded, width=layout.block)
     run.t, taylor.low, taylor.scale = held.t, held.low, held.scale
     held.unproven = 0
@@ -96,7 +96,7 @@ def record_step(layout: TaylorLayout) -> Procedure:
     taylor: Any = p.record("taylor", TAYLOR)
     held: Any = p.record("held", HELD)
     outputs: Any = p.record("outputs", OUTPUTS)
-    work, times, rows = work_array(p, layout), p.array("times"), p.array("rows", room=layout.block)
+    work, times, rows = work_array(p), p.array("times"), p.array("rows", room=layout.block)
     failed = (taylor.failures > 0) & ~retries_exhausted(taylor)
     limit = p.choose(failed, abs(held.h), taylor.limit)
     taylor.limit = limit + limit
@@ -120,7 +120,7 @@ def defect_along_step(layout: TaylorLayout) -> Procedure:
     jet, prepared, constants = p.function("jet", JET), p.array("prepared", read=True), p.array("constants", read=True)
     rtol, floors = p.given("rtol", REAL), floors_array(p, layout)
     t, scale, s = (p.given(name, REAL) for name in ("t", "scale", "s"))
-    run = SeriesMemory(p, layout, work_array(p, layout))
+    run = SeriesMemory(p, layout, work_array(p))
     weights = p.reserve(layout.padded, room=layout.block, name="weights")
     p.call(weigh(layout), rtol, floors, weights, run.work)
     begin = p.whole(layout.ahead(run.order))

@@ -10,35 +10,40 @@ from lagrange.procedure.builder import Builder
 from lagrange.procedure.events.constants import MOST_COEFFICIENTS, ROUND_OFF, SURELY
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Procedure
 from lagrange.procedure.taylor.constants import BALANCE, DOUBT, EVENT_NOISE, RADIUS_FRACTION, ROW_DISTANCE
-from lagrange.procedure.taylor.memory import TaylorLayout
-from lagrange.procedure.taylor.watching import FUNCTION
-from lagrange.procedure.values import Real
+from lagrange.procedure.taylor.memory import BLOCK
+from lagrange.procedure.taylor.watching import FUNCTION, Watched
+from lagrange.procedure.values import Memory, Real
 
 READ = Array(read=True)
 
 
 @cache
-def event_noise(layout: TaylorLayout) -> Procedure:
+def event_noise() -> Procedure:
     """Return what finds how wrong the values that are watched may be: by rounding the state, here and a step before.
 
-    Time and state are moved by about the square root of the round-off, each entry by another part: else the difference
-    of two equal entries would seem to owe nothing to either.
+    Time and state, of `size` entries, are moved by about the square root of the round-off, each entry by another part:
+    else the difference of two equal entries would seem to owe nothing to either.
     """
     p = Builder("event_noise", "Write how wrong what is watched may be; `values` is what it is.", apart=True)
     function = p.function("function", FUNCTION)
     numbers, tilts = p.array("numbers", read=True), p.array("tilts", read=True)
-    t = p.given("t", REAL)
+    t, size, count = p.given("t", REAL), p.given("size", WHOLE), p.given("count", WHOLE)
     y, values = p.array("y", read=True), p.array("values", read=True)
-    noise = p.array("noise", room=layout.block)
-    size = layout.dimension
-    moved = p.reserve(layout.padded + layout.block, room=layout.block, name="moved")
+    noise, moved = p.array("noise", room=BLOCK), p.array("moved", room=BLOCK)
     with p.loop(0, size) as i:
         moved[i] = y[i] * tilts[i]
     function(t * tilts[size], moved, numbers, noise)
-    with p.loop(0, layout.watched) as i:
+    with p.loop(0, count) as i:
         found = abs(noise[i] - values[i]) * EVENT_NOISE
         noise[i] = p.choose(found < math.inf, found, 0.0)
     return p.finish()
+
+
+def write_noise(watched: Watched, numbers: Memory, t: Real, state: Memory) -> None:
+    """Write how wrong what is watched may be behind its values, which stand among what is kept on the way."""
+    kept, layout = watched.kept, watched.layout
+    function, sizes = (watched.values, numbers, watched.tilts), (layout.dimension, layout.watched)
+    watched.p.call(event_noise(), *function, t, *sizes, state, kept.reals("values"), kept.reals("noise"), kept.moved)
 
 
 @cache

@@ -12,9 +12,9 @@ from lagrange.procedure.builder import Builder
 from lagrange.procedure.events.roots import roots
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
 from lagrange.procedure.taylor.constants import EVENT_SLACK, JUMP, LEAST_PART, TOGETHER
-from lagrange.procedure.taylor.event_series import event_noise, is_balanced, keeps_sign, largest_term, reach, safe_step
-from lagrange.procedure.taylor.memory import TAYLOR, SeriesMemory, TaylorLayout, work_array
-from lagrange.procedure.taylor.sums import increment
+from lagrange.procedure.taylor.event_series import is_balanced, keeps_sign, largest_term, reach, safe_step, write_noise
+from lagrange.procedure.taylor.memory import TAYLOR, SeriesMemory, work_array
+from lagrange.procedure.taylor.sums import state_on_step
 from lagrange.procedure.taylor.watching import (
     COLUMN,
     COUNT,
@@ -38,14 +38,14 @@ GO_ON, LEAVE, WAIT = range(3)
 
 
 @cache
-def inspect_step(layout: TaylorLayout) -> Procedure:
+def inspect_step() -> Procedure:
     """Return what decides on a step of length s in units of the scale: what is to follow, and how long it may be.
 
     What is not `doubtful` keeps its sign on all of it. `final` says that it ends at the end of the run, which is `left`
     away. Where the step is to follow, its events are written, and the sides are those at its end. Otherwise nothing has
     changed.
     """
-    return _Inspection(layout).build()
+    return _Inspection().build()
 
 
 class _Zeros:
@@ -54,12 +54,11 @@ class _Zeros:
     There may be two such lists at a time, with the numbers 0 and 1.
     """
 
-    def __init__(self, watched: Watched, number: int, name: str) -> None:
-        p, layout = watched.p, watched.layout
-        room = layout.watched * MOST_ZEROS
-        self.times = watched.scratch.at(layout.watched * COLUMN + number * room)
-        self.places, self.directions = (watched.whole_scratch.at((2 * number + i) * room) for i in range(2))
-        self.signs, self.nears = (p.reserve(layout.watched, WHOLE, name=f"{name}_{of}") for of in ("signs", "nears"))
+    def __init__(self, watched: Watched, number: int) -> None:
+        kept = watched.kept
+        self.times = kept.reals("times", number * MOST_ZEROS)
+        self.places, self.directions = (kept.wholes("zeros", (2 * number + i) * MOST_ZEROS) for i in range(2))
+        self.signs, self.nears = (kept.wholes("ends", 2 * number + i) for i in range(2))
 
     @property
     def handed(self) -> tuple[Memory, ...]:
@@ -67,21 +66,24 @@ class _Zeros:
 
 
 @cache
-def zeros_on_step(layout: TaylorLayout) -> Procedure:
-    """Return what finds the zeros of all that is watched on a step, in order; it returns how many, or -1."""
+def zeros_on_step() -> Procedure:
+    """Return what finds the zeros of all that is watched on a step, in order; it returns how many, or -1.
+
+    So many things are watched as `watched` says.
+    """
     p = Builder("zeros_on_step", "Find the zeros of what is watched on a step, in order.", apart=True)
-    s, last = p.given("s", REAL), p.given("last", FLAG)
+    s, last, watched = p.given("s", REAL), p.given("last", FLAG), p.given("watched", WHOLE)
     columns, noise = p.array("columns", read=True), p.array("noise", read=True)
-    counts, doubtful = (p.array(name, WHOLE, read=True) for name in ("counts", "doubtful"))
+    counts, doubtful = p.array("counts", WHOLE, read=True), p.array("doubtful", read=True)
     before, came_near, starting = (p.array(name, WHOLE, read=True) for name in ("before", "came_near", "starting"))
     times, places, directions = p.array("times"), p.array("places", WHOLE), p.array("directions", WHOLE)
     signs, nears = p.array("signs", WHOLE), p.array("nears", WHOLE)
     found = p.variable(0, "found")
-    with p.loop(0, layout.watched) as i:
+    with p.loop(0, watched) as i:
         c, count = columns.at(i * COLUMN), counts[i]
         sign, near, begins = before[i], ~came_near[i].equals(0), ~starting[i].equals(0)
         signs[i], nears[i] = sign, came_near[i]
-        clear = p.variable(doubtful[i].equals(0), "clear")
+        clear = p.variable(doubtful[i].equals(0.0), "clear")
         with p.when(~clear.value & ~begins & ~near):
             clear.value = p.call(keeps_sign(), c, count, s, noise[i], p.real(sign))
         with p.when(~clear.value):
@@ -118,30 +120,28 @@ def _sorted(p: Builder, count: Whole, keys: Memory) -> Iterator[tuple[Whole, Who
 class _Inspection:
     """Builds the procedure."""
 
-    def __init__(self, layout: TaylorLayout) -> None:
+    def __init__(self) -> None:
         self.p = p = Builder("inspect_step", "Decide on a step on which something watched may vanish.", apart=True)
-        self.layout = layout
         self.t, self.low, self.scale, self.rtol = (p.given(name, REAL) for name in ("t", "low", "scale", "rtol"))
         self.s, self.left, self.final = p.given("s", REAL), p.given("left", REAL), p.given("final", FLAG)
-        self.doubtful = p.array("doubtful", WHOLE, read=True)
+        self.doubtful = p.array("doubtful", read=True)
         self.taylor: Any = p.record("taylor", TAYLOR)
-        self.watched = Watched(p, layout)
-        self.memory = SeriesMemory(p, layout, work_array(p, layout))
-        self.rows, self.count = self.memory.work.at(layout.rows), self.memory.order + 1
+        self.watched = Watched(p)
+        self.layout = self.watched.layout
+        self.memory = SeriesMemory(p, self.layout, work_array(p))
+        self.layout.read()
+        self.rows, self.count = self.memory.work.at(self.layout.rows), self.memory.order + 1
 
     def build(self) -> Procedure:
-        p, layout, watched = self.p, self.layout, self.watched
+        p, watched, kept = self.p, self.watched, self.watched.kept
         self.wary: Flag = (~watched.record.wary.equals(0)).called("wary")
-        self.noise = p.reserve(layout.watched + layout.block, room=layout.block, name="noise")
-        values = p.reserve(layout.watched + layout.block, name="values")
-        self.columns = watched.scratch
-        self.counts = p.reserve(layout.watched, WHOLE, name="counts")
-        self.late, self.early = (p.reserve(layout.watched, name=name) for name in ("late", "early"))
-        with p.loop(0, layout.watched) as i:
-            values[i] = self.rows[i + layout.watched_at]
+        self.columns, self.noise, self.counts = kept.reals("columns"), kept.reals("noise"), kept.wholes("counts")
+        self.late, self.early, self.size = kept.reals("late"), kept.reals("early"), self.layout.watched
+        values, first = kept.reals("values"), self.rows.at(self.layout.watched_at)
+        with p.loop(0, self.size) as i:
+            values[i] = first[i]
         self.read_columns()
-        numbers = watched.own_numbers, watched.tilts, self.t, self.memory.work, values, self.noise
-        p.call(event_noise(layout), watched.values, *numbers)
+        write_noise(watched, watched.own_numbers, self.t, self.memory.work)
         ends = self.terminates()
         s = self.trusted(ends)
         whole = s.equals(self.s)
@@ -149,11 +149,11 @@ class _Inspection:
         with p.when(~whole & (abs(s * self.scale) < shortest)):
             p.leave(LEAVE, s)
         self.signs, self.nears = self.sides_now(s)
-        found, zeros = _Zeros(watched, 0, "found"), _Zeros(watched, 1, "shorter")
+        found, shorter = _Zeros(watched, 0), _Zeros(watched, 1)
         count = self.find(found, s, whole & self.final)
         change = self.first_change(found, count, p.constant(math.inf, REAL))
         with p.when(change >= 0) as ways:
-            self.shorten(found, count, change, zeros)
+            self.shorten(found, count, change, shorter)
         with ways.otherwise():
             self.accept(found, count, p.constant(math.inf, REAL), ends)
             p.leave(GO_ON, s)
@@ -165,38 +165,45 @@ class _Inspection:
         What is known of each: how many coefficients it has before it is zero, and its largest terms on the step, among
         the last two and among the lower half.
         """
-        p, layout, s = self.p, self.layout, self.s
+        p, s, width = self.p, self.s, self.layout.width
+        watched_rows = self.rows.at(self.layout.watched_at)
         with self.doubted() as i:
-            c, first = self.columns.at(i * COLUMN), self.rows.at(i + layout.watched_at)
+            c, first = self.columns.at(i * COLUMN), watched_rows.at(i)
             total, power = p.variable(0.0), p.variable(1.0)
-            late, early, used = p.variable(0.0), p.variable(0.0), p.variable(LEAST_COUNT)
-            with p.loop(0, self.count) as k:
-                value = first[k * layout.width]
-                c[k] = value
-                size = abs(value) * power.value
-                total.value = total.value + value * 0.0
-                early.value = p.choose(k <= (self.count - 1) // 2, p.larger(early.value, size), early.value)
-                late.value = p.choose(k >= self.count - 2, p.larger(late.value, size), late.value)
-                used.value = p.choose(value.equals(0.0), used.value, p.larger(used.value, k + 1))
-                power.value = power.value * s
+            early, late, last = p.variable(0.0), p.variable(0.0), p.variable(0.0)
+            middle = (self.count - 1) // 2 + 1
+            for begin, end in ((0, middle), (middle, self.count)):
+                with p.loop(begin, end) as k:
+                    value = first[k * width]
+                    c[k] = value
+                    size = abs(value) * power.value
+                    total.value = total.value + value * 0.0
+                    if end is middle:
+                        early.value = p.magnitude(early.value, size)
+                    else:
+                        late.value, last.value = last.value, size
+                    power.value = power.value * s
+            used = p.variable(self.count, "used")
+            with p.repeat(lambda: (used.value > LEAST_COUNT) & c[used.value - 1].equals(0.0)):
+                used.value = used.value - 1
             with p.when(~total.value.equals(0.0), likely=False):
                 p.leave(LEAVE, s)
             self.counts[i] = used.value
-            self.late[i], self.early[i] = late.value, early.value
+            self.late[i], self.early[i] = p.magnitude(late.value, last.value), early.value
 
     @contextmanager
     def doubted(self) -> Iterator[Whole]:
         """Go through what is doubtful."""
         p = self.p
-        with p.loop(0, self.layout.watched) as i, p.when(~self.doubtful[i].equals(0)):
+        with p.loop(0, self.size) as i, p.when(~self.doubtful[i].equals(0.0)):
             yield i
 
     def terminates(self) -> Flag:
         """Whether the series of the state terminate, and say nothing about the length of a step."""
-        p, most = self.p, self.p.variable(0.0)
+        p, most, width = self.p, self.p.variable(0.0), self.layout.width
         with p.loop(0, self.layout.dimension) as i:
             for less in (0, 1):
-                row = self.rows.at((self.memory.order - less) * self.layout.width)
+                row = self.rows.at((self.memory.order - less) * width)
                 most.value = p.larger(most.value, abs(row[i]))
         found: Flag = most.value.equals(0.0)
         return found
@@ -225,10 +232,11 @@ class _Inspection:
 
     def sides_now(self, s: Real) -> tuple[Memory, Memory]:
         """Return the sides before the step: what has jumped over zero since the step before is on the other."""
-        p, count = self.p, self.layout.watched
-        signs, nears = (p.reserve(count, WHOLE, name=name) for name in ("signs", "nears"))
-        with p.loop(0, count) as i:
-            signs[i], nears[i] = self.watched.side(SIGN)[i], self.watched.side(NEAR)[i]
+        p, kept = self.p, self.watched.kept
+        signs, nears = kept.wholes("sides"), kept.wholes("sides", 1)
+        sides = self.watched.side(SIGN), self.watched.side(NEAR)
+        with p.loop(0, self.size) as i:
+            signs[i], nears[i] = sides[0][i], sides[1][i]
         with self.doubted() as i:
             c, sign = self.columns.at(i * COLUMN), signs[i]
             with p.when(p.real(sign) * c[0] < 0.0, likely=False):
@@ -242,7 +250,7 @@ class _Inspection:
         p = self.p
         series = self.columns, self.noise, self.counts, self.doubtful
         sides = self.signs, self.nears, self.watched.side(STARTING)
-        count: Whole = p.call(zeros_on_step(self.layout), s, last, *series, *sides, *zeros.handed)
+        count: Whole = p.call(zeros_on_step(), s, last, self.size, *series, *sides, *zeros.handed)
         with p.when(count < 0):
             p.leave(LEAVE, s)
         return count
@@ -250,9 +258,9 @@ class _Inspection:
     def first_change(self, zeros: _Zeros, count: Whole, before: Real) -> Whole:
         """Return the number of the first zero before a time that changes the motion, -1 if none does."""
         p, watched = self.p, self.watched
-        seen = p.reserve(self.layout.watched, WHOLE)
-        with p.loop(0, self.layout.watched) as i:
-            seen[i] = watched.side(COUNT)[i]
+        seen, before_step = watched.kept.wholes("seen"), watched.side(COUNT)
+        with p.loop(0, self.size) as i:
+            seen[i] = before_step[i]
         found, j = p.variable(-1), p.variable(0)
         with p.repeat(lambda: (j.value < count) & (found.value < 0)):
             place, direction = zeros.places[j.value], zeros.directions[j.value]
@@ -324,25 +332,25 @@ class _Inspection:
         p, watched, record = self.p, self.watched, self.watched.record
         with p.when(record.done + count > record.room):
             p.leave(p.choose(record.done.equals(0), p.constant(LEAVE, WHOLE), p.constant(WAIT, WHOLE)), self.s)
-        size = self.layout.watched
         still = p.variable(count.equals(0) & ~again, "still")
-        with p.loop(0, size) as i:
-            begins = ~watched.side(STARTING)[i].equals(0)
-            same = watched.side(SIGN)[i].equals(zeros.signs[i]) & watched.side(NEAR)[i].equals(zeros.nears[i])
+        signs, nears, starting = (watched.side(block) for block in (SIGN, NEAR, STARTING))
+        with p.loop(0, self.size) as i:
+            begins = ~starting[i].equals(0)
+            same = signs[i].equals(zeros.signs[i]) & nears[i].equals(zeros.nears[i])
             still.value = still.value & same & ~begins
         with p.when(~still.value):
             self.keep_sides(zeros)
             self.write_events(zeros, count, before)
         inspect = p.variable(again | self.wary, "inspect")
-        with p.loop(0, size) as i:
+        with p.loop(0, self.size) as i:
             inspect.value = inspect.value | zeros.signs[i].equals(0) | ~zeros.nears[i].equals(0)
         self.taylor.inspect = p.whole(inspect.value)
 
     def keep_sides(self, zeros: _Zeros) -> None:
         """Keep the sides before the step, and write those at its end."""
-        p, watched, size = self.p, self.watched, self.layout.watched
-        kept = watched.sides.at(SIDES * size)
-        with p.loop(0, SIDES * size) as i:
+        p, watched, size = self.p, self.watched, self.size
+        kept = watched.sides.at(size * SIDES)
+        with p.loop(0, size * SIDES) as i:
             kept[i] = watched.sides[i]
         sides = [watched.side(block) for block in (SIGN, NEAR, STARTING)]
         with p.loop(0, size) as i:
@@ -360,13 +368,6 @@ class _Inspection:
             with p.when(counts & (time < before)):
                 watched.side(COUNT)[place] = watched.side(COUNT)[place] + 1
                 state = write_event(watched, slot.value, (self.t + self.low) + time * self.scale, place)
-                self.write_state(time, state)
+                p.call(state_on_step(), time, state, watched.sizes, *self.memory.handed)
                 slot.value = slot.value + 1
         record.ahead, record.due, record.unproven = slot.value, 0, 1
-
-    def write_state(self, s: Real, to: Memory) -> None:
-        """Write the state at a time on the step."""
-        p, layout, work = self.p, self.layout, self.memory.work
-        sums, lost = increment(self.memory, s), work.at(layout.lost)
-        with p.each(layout.dimension, width=layout.block, unrolled=layout.chains) as i:
-            to[i] = work[i] + (sums(i) + lost[i])

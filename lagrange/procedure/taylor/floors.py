@@ -18,7 +18,7 @@ from lagrange.procedure.taylor.memory import SeriesMemory, TaylorLayout, entries
 def raise_floors(layout: TaylorLayout) -> Procedure:
     """Return the procedure that raises the floors to their share of the state."""
     p = Builder("raise_floors", "Raise the floor of each entry to a share of its size.")
-    share, floors, work = p.given("share", REAL), floors_array(p, layout, read=False), work_array(p, layout)
+    share, floors, work = p.given("share", REAL), floors_array(p, layout, read=False), work_array(p)
     with entries(p, layout) as i:
         floors[i] = higher(p, share * abs(work[i]), floors[i])
     return p.finish()
@@ -32,7 +32,7 @@ def first_floors(layout: TaylorLayout) -> Procedure:
     """
     p = Builder("first_floors", "Begin floors of entries that are zero; return if some begin too late.", apart=True)
     share, floors = p.given("share", REAL), floors_array(p, layout, read=False)
-    run = SeriesMemory(p, layout, work_array(p, layout))
+    run = SeriesMemory(p, layout, work_array(p))
     rows = [run.row(k) for k in range(1, START_ROWS + 1)]
     late = [run.row(run.less(less)) for less in (1, 0)]
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -54,8 +55,49 @@ OUTPUTS = Record.of("Outputs", done=WHOLE, ahead=WHOLE)
 The output times stand in the order of the run, and NaN stands behind the last."""
 
 
+BLOCK = 8
+"""Vectors are computed on at most so many entries at once, and the last block of one may be written as a whole."""
+
+SIZES = Record.of(
+    "Sizes", dimension=WHOLE, padded=WHOLE, width=WHOLE, watched=WHOLE, watched_at=WHOLE, scratch=WHOLE, chains=WHOLE
+)
+"""The sizes of a layout, for procedures that serve every layout; see `TaylorLayout`. `chains` is 1 or 0."""
+
+
+class Offsets:
+    """Where the parts of a work array begin."""
+
+    padded: Any
+    width: Any
+    scratch: Any
+
+    @property
+    def lost(self) -> Any:
+        """Offset of the compensation of the state: what rounding lost."""
+        return self.padded
+
+    @property
+    def held(self) -> Any:
+        """Offset of the beginning of the step: the state there, its compensation, and a derivative."""
+        return self.padded * 2
+
+    @property
+    def slope(self) -> Any:
+        """Offset of the derivative of the series at the end of its step."""
+        return self.padded * 4
+
+    @property
+    def rows(self) -> Any:
+        """Offset of the rows."""
+        return self.padded * 5
+
+    def ahead(self, order: Any) -> Any:
+        """Return the offset of a second state and its rows, for evaluations along a step."""
+        return (order + 1) * self.width + (self.rows + self.scratch)
+
+
 @dataclass(frozen=True)
-class TaylorLayout:
+class TaylorLayout(Offsets):
     """Offsets in the work array: the state, its compensation, the beginning of the step, and the rows.
 
     `dimension` is 2n. Rows are `width` doubles apart. A row begins with q and v; its coefficients of the event
@@ -71,30 +113,10 @@ class TaylorLayout:
     scratch: int = 0
     chains: bool = False
 
-    @property
+    @cached_property
     def padded(self) -> int:
         """The length of the state in whole blocks."""
         return whole_blocks(self.dimension, self.block)
-
-    @property
-    def lost(self) -> int:
-        """Offset of the compensation of the state: what rounding lost."""
-        return self.padded
-
-    @property
-    def held(self) -> int:
-        """Offset of the beginning of the step: the state there, its compensation, and a derivative."""
-        return 2 * self.padded
-
-    @property
-    def slope(self) -> int:
-        """Offset of the derivative of the series at the end of its step."""
-        return 4 * self.padded
-
-    @property
-    def rows(self) -> int:
-        """Offset of the rows."""
-        return 5 * self.padded
 
     @property
     def moving(self) -> int:
@@ -107,19 +129,36 @@ class TaylorLayout:
         watched = slice(self.watched_at, self.watched_at + self.watched)
         return np.concatenate([rows[:, : self.dimension], rows[:, watched]], axis=1)
 
-    def ahead(self, order: Any) -> Any:
-        """Return the offset of a second state and its rows, for evaluations along a step."""
-        return (order + 1) * self.width + (self.rows + self.scratch)
-
     def size(self, order: int) -> int:
         """Return the length of the work array: a state and its rows twice."""
         return 2 * int(self.ahead(order)) + 8
+
+    def sizes(self) -> Any:
+        """Return the sizes as a record."""
+        return SIZES.structure(**{name: int(getattr(self, name)) for name in SIZES.places})
+
+
+class RecordedLayout(Offsets):
+    """The sizes of the layout that a record has, for a procedure that reads them once, behind its parameters."""
+
+    dimension: Any
+    watched: Any
+    watched_at: Any
+    chains: Any
+
+    def __init__(self, record: Any) -> None:
+        self._record = record
+
+    def read(self) -> None:
+        """Read the sizes."""
+        for name in SIZES.places:
+            setattr(self, name, getattr(self._record, name).called(name))
 
 
 class SeriesMemory:
     """The work array of a procedure, and the order of its series, which is the last argument and at least 4."""
 
-    def __init__(self, p: Builder, layout: TaylorLayout, work: Memory) -> None:
+    def __init__(self, p: Builder, layout: Any, work: Memory) -> None:
         self.p, self.layout, self.work = p, layout, work
         self.order: Whole = p.given("order", WHOLE)
 
@@ -162,9 +201,9 @@ def entries(p: Builder, layout: TaylorLayout, start: int = 0) -> Iterator[Whole]
         yield i
 
 
-def work_array(p: Builder, layout: TaylorLayout) -> Memory:
+def work_array(p: Builder) -> Memory:
     """Return the work array, as a parameter."""
-    return p.array("work", room=layout.block)
+    return p.array("work", room=BLOCK)
 
 
 def weights_array(p: Builder, layout: TaylorLayout, *, read: bool = True) -> Memory:

@@ -29,7 +29,7 @@ def write_outputs(layout: TaylorLayout) -> Procedure:
     held: Any = p.record("held", HELD)
     outputs: Any = p.record("outputs", OUTPUTS)
     wanted, states = p.array("wanted", read=True), p.array("states", room=layout.block)
-    run = SeriesMemory(p, layout, work_array(p, layout))
+    run = SeriesMemory(p, layout, work_array(p))
     t, low, scale = held.t, held.low, held.scale
     inverse = 1.0 / scale
     before, lost = (run.work.at(layout.held + place) for place in (0, layout.padded))

@@ -12,14 +12,15 @@ from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
 from lagrange.procedure.step.constants import EARLIEST
 from lagrange.procedure.step.run import COUNTS
 from lagrange.procedure.taylor.constants import CLOSEST, EVENT_SLACK
-from lagrange.procedure.taylor.event_series import comparable_unit, event_noise, start_of_series
-from lagrange.procedure.taylor.memory import JET, TAYLOR, SeriesMemory, TaylorLayout, work_array
+from lagrange.procedure.taylor.event_series import comparable_unit, start_of_series, write_noise
+from lagrange.procedure.taylor.memory import JET, TAYLOR, SeriesMemory, work_array
 from lagrange.procedure.taylor.watching import (
     COUNT,
-    FUNCTION,
+    DIRECTION,
     NEAR,
     RESET_AT,
     RESET_SIZE,
+    ROOT,
     SETTINGS,
     SIGN,
     STARTING,
@@ -34,24 +35,26 @@ AT_REST = 4.0
 
 
 @cache
-def sides_at_start(layout: TaylorLayout) -> Procedure:
+def sides_at_start() -> Procedure:
     """Return what finds the sides with which a motion begins, and what starts at zero there.
 
-    It returns False where that is not decided here: a series is not finite, or something starts at zero and does not
-    leave at once; but for the event at `place`, which is as good as zero where it is not above `margin`, nothing may.
+    The event at `place` is as good as zero where it is not above `margin`. It returns False where that is not decided
+    here: a series is not finite, that event does not leave zero at once, or something else starts at zero. Where a run
+    begins, the place is -1, and an event may start at zero that does not reset the state there.
     """
     p = Builder("sides_at_start", "Find the sides with which a motion begins.", apart=True)
     t, scale, rtol, margin = (p.given(name, REAL) for name in ("t", "scale", "rtol", "margin"))
     place = p.given("place", WHOLE)
-    function, numbers = p.function("values", FUNCTION), p.array("numbers", read=True)
-    tilts, state, series = (p.array(name, read=True) for name in ("tilts", "state", "series"))
-    signs, starting = p.array("signs", WHOLE), p.array("starting", WHOLE)
-    count = p.given("order", WHOLE) + 1
+    numbers, state, series = (p.array(name, read=True) for name in ("numbers", "state", "series"))
+    watched, order = Watched(p), p.given("order", WHOLE)
+    layout, kept, count = watched.layout, watched.kept, order + 1
+    layout.read()
+    signs, starting = kept.wholes("begun"), kept.wholes("begun", 1)
     c, size = p.reserve(MOST_COEFFICIENTS + 1, name="c"), layout.watched
-    values, noise = (p.reserve(size + layout.block, room=layout.block, name=name) for name in ("value", "noise"))
+    values, noise, first = kept.reals("values"), kept.reals("noise"), series.at(layout.watched_at)
     with p.loop(0, size) as i:
-        values[i] = series[i + layout.watched_at]
-    p.call(event_noise(layout), function, numbers, tilts, t, state, values, noise)
+        values[i] = first[i]
+    write_noise(watched, numbers, t, state)
     unit = comparable_unit(p, t, scale)
     tolerance = p.larger(rtol, 2.0**-52) * EVENT_SLACK
     with p.loop(0, size) as i:
@@ -60,36 +63,38 @@ def sides_at_start(layout: TaylorLayout) -> Procedure:
         with p.loop(0, count) as k:
             total.value = total.value + c[k] * 0.0
         p.leave_if(~total.value.equals(0.0), p.false)
-        mine = i.equals(place)
+        mine = i.equals(place).called("mine")
         allowed = p.choose(mine, p.larger(noise[i], margin), noise[i])
         sign, order = p.call(start_of_series(), c, count, unit, tolerance, noise[i], allowed)
-        p.leave_if(~order.equals(0) & (~mine | ~order.equals(1)), p.false)
+        turned = (watched.setting(RESET_SIZE, i) > 0) & sign.equals(watched.setting(DIRECTION, i))
+        quiet = watched.is_event(i) & watched.setting(ROOT, i).equals(0) & ~turned
+        p.leave_if(~order.equals(0) & ~((mine & order.equals(1)) | ((place < 0) & quiet)), p.false)
         signs[i], starting[i] = sign, order
     p.leave(p.true)
     return p.finish(FLAG)
 
 
 @cache
-def begin_sides(layout: TaylorLayout) -> Procedure:
+def begin_sides() -> Procedure:
     """Return what begins to watch at the state, if that can be done here; it returns whether it was done."""
     p = Builder("begin_sides", "Find the sides at the beginning, and return whether that was done.", apart=True)
     t, scale, rtol = (p.given(name, REAL) for name in ("t", "scale", "rtol"))
-    watched, memory = Watched(p, layout), SeriesMemory(p, layout, work_array(p, layout))
-    signs, starting = (p.reserve(layout.watched, WHOLE, name=name) for name in ("signs", "starting"))
-    state, series = memory.work, memory.work.at(layout.rows)
-    function = watched.values, watched.own_numbers, watched.tilts
-    found = p.call(
-        sides_at_start(layout), t, scale, rtol, 0.0, -1, *function, state, series, signs, starting, *memory.handed[1:]
-    )
+    watched = Watched(p)
+    memory = SeriesMemory(p, watched.layout, work_array(p))
+    watched.layout.read()
+    series = memory.work.at(watched.layout.rows)
+    given = watched.own_numbers, memory.work, series
+    found = p.call(sides_at_start(), t, scale, rtol, 0.0, -1, *given, *watched.handed, memory.order)
     with p.when(found):
-        put_sides(watched, signs, starting)
+        put_sides(watched)
         watched.record.fresh = 0
     p.leave(found)
     return p.finish(FLAG)
 
 
-def put_sides(watched: Watched, signs: Memory, starting: Memory) -> None:
-    """Write the sides at the beginning of a motion."""
+def put_sides(watched: Watched) -> None:
+    """Write the sides at the beginning of a motion, as `sides_at_start` has found them."""
+    signs, starting = (watched.kept.wholes("begun", number) for number in (0, 1))
     sides = [watched.side(block) for block in (SIGN, NEAR, STARTING)]
     with watched.p.loop(0, watched.count) as i:
         for side, value in zip(sides, (signs[i], 0, starting[i]), strict=True):
@@ -97,12 +102,12 @@ def put_sides(watched: Watched, signs: Memory, starting: Memory) -> None:
 
 
 @cache
-def reset_state(layout: TaylorLayout) -> Procedure:
+def reset_state() -> Procedure:
     """Return what does what is due at the state, if that is a reset behind which the motion leaves zero at once.
 
     It returns whether that was done; otherwise nothing has changed.
     """
-    return _Reset(layout).build()
+    return _Reset().build()
 
 
 class DueChange:
@@ -111,19 +116,20 @@ class DueChange:
     One that writes a row of the run takes where to.
     """
 
-    def __init__(self, layout: TaylorLayout, name: str, about: str, *, writes_row: bool) -> None:
+    def __init__(self, name: str, about: str, *, writes_row: bool) -> None:
         self.p = p = Builder(name, about, apart=True)
-        self.layout = layout
         self.jet = p.function("jet", JET)
         self.prepared, self.constants = p.array("prepared", read=True), p.array("constants", read=True)
         self.t, self.rtol = p.given("t", REAL), p.given("rtol", REAL)
         self.counts: Any = p.record("counts", COUNTS)
         self.taylor: Any = p.record("taylor", TAYLOR)
         if writes_row:
-            self.times, self.rows = p.array("times"), p.array("rows", room=layout.block)
-        self.watched = Watched(p, layout)
-        self.memory = SeriesMemory(p, layout, work_array(p, layout))
+            self.times, self.rows = p.array("times"), p.array("rows")
+        self.watched = Watched(p)
+        self.layout = self.watched.layout
+        self.memory = SeriesMemory(p, self.layout, work_array(p))
         self.work = self.memory.work
+        self.layout.read()
 
     def due(self) -> Whole:
         """Return the place of what is due; leave it where the motion has just changed: changes may accumulate."""
@@ -141,8 +147,8 @@ class DueChange:
 class _Reset(DueChange):
     """Builds the procedure."""
 
-    def __init__(self, layout: TaylorLayout) -> None:
-        super().__init__(layout, "reset_state", "Reset the state at an event, if possible.", writes_row=True)
+    def __init__(self) -> None:
+        super().__init__("reset_state", "Reset the state at an event, if possible.", writes_row=True)
 
     def build(self) -> Procedure:
         p, layout, record = self.p, self.layout, self.watched.record
@@ -155,8 +161,8 @@ class _Reset(DueChange):
         series = there.at(layout.rows)
         numbers = self.prepared, self.constants
         self.leave_if(self.jet(self.t, self.taylor.scale, there, *numbers, series, self.memory.order))
-        signs, starting = self.sides_behind(place, there, series)
-        self.commit(place, number, there, signs, starting)
+        self.find_sides(place, there, series)
+        self.commit(place, number, there)
         p.leave(p.true)
         return p.finish(FLAG)
 
@@ -165,28 +171,26 @@ class _Reset(DueChange):
         p, layout, watched = self.p, self.layout, self.watched
         with p.loop(0, layout.padded) as i:
             there[i], there[i + layout.lost] = self.work[i], 0.0
-        given = watched.scratch
+        given = watched.kept.new_entries
         self.leave_if(watched.resets(self.t, self.work, watched.reset_numbers, given))
         first, size = watched.setting(RESET_AT, place), watched.setting(RESET_SIZE, place)
-        entries = watched.settings.at(SETTINGS * layout.watched)
+        entries = watched.settings.at(layout.watched * SETTINGS)
         with p.loop(first, first + size) as j:
             there[entries[j]] = given[j]
             self.leave_if(~(abs(given[j]) < math.inf))
 
-    def sides_behind(self, place: Whole, there: Memory, series: Memory) -> tuple[Memory, Memory]:
-        """Return the sides behind the reset, and what starts at zero there: nothing else than the event may."""
+    def find_sides(self, place: Whole, there: Memory, series: Memory) -> None:
+        """Find the sides behind the reset, and what starts at zero there: nothing else than the event may."""
         p, layout, watched = self.p, self.layout, self.watched
-        signs, starting = (p.reserve(layout.watched, WHOLE, name=name) for name in ("signs", "starting"))
         before = abs(self.work[place + (layout.rows + layout.watched_at)]) * AT_REST
         numbers = self.t, self.taylor.scale, self.rtol, before, place
-        function = watched.values, watched.own_numbers, watched.tilts
-        memory = there, series, signs, starting, *self.memory.handed[1:]
-        self.leave_if(~p.call(sides_at_start(layout), *numbers, *function, *memory))
+        given = watched.own_numbers, there, series, *watched.handed, self.memory.order
+        self.leave_if(~p.call(sides_at_start(), *numbers, *given))
+        signs, sides = watched.kept.wholes("begun"), watched.side(SIGN)
         with p.loop(0, watched.record.surfaces) as i:
-            self.leave_if(~signs[i].equals(watched.side(SIGN)[i]))
-        return signs, starting
+            self.leave_if(~signs[i].equals(sides[i]))
 
-    def commit(self, place: Whole, number: Whole, there: Memory, signs: Memory, starting: Memory) -> None:
+    def commit(self, place: Whole, number: Whole, there: Memory) -> None:
         """Write the event and the new state, and begin a motion there."""
         p, layout, watched, record = self.p, self.layout, self.watched, self.watched.record
         state = write_event(watched, record.done, self.t, place)
@@ -197,8 +201,8 @@ class _Reset(DueChange):
         record.changed, record.changed_at = self.t, place
         record.jumps = record.jumps + 1
         watched.side(COUNT)[place] = number
-        put_sides(watched, signs, starting)
-        with p.loop(0, 2 * layout.padded) as i:
+        put_sides(watched)
+        with p.loop(0, layout.padded * 2) as i:
             self.work[i] = there[i]
         self.taylor.low, self.taylor.next_limit, self.taylor.inspect = 0.0, math.inf, 1
         with p.when(~self.counts.record.equals(0)):

@@ -24,8 +24,9 @@ from lagrange.procedure.taylor.constants import (
 from lagrange.procedure.taylor.crossing import cross_surface
 from lagrange.procedure.taylor.defect_test import defect_along_step, retries_exhausted, retry_shorter
 from lagrange.procedure.taylor.events_on_step import GO_ON, WAIT, inspect_step
+from lagrange.procedure.taylor.exclusion import doubtful_events
 from lagrange.procedure.taylor.floors import raise_floors
-from lagrange.procedure.taylor.memory import TAYLOR, TaylorLayout
+from lagrange.procedure.taylor.memory import BLOCK, TAYLOR, TaylorLayout
 from lagrange.procedure.taylor.outputs import outstanding, write_outputs
 from lagrange.procedure.taylor.powers import logarithm, power
 from lagrange.procedure.taylor.resets import begin_sides, reset_state
@@ -133,7 +134,7 @@ class _TaylorStep:
         p = self.p
         with p.when(~watched.record.fresh.equals(0), likely=False):
             numbers = self.t, self.scale, self.run.rtol
-            begun = p.call(begin_sides(self.layout), *numbers, *watched.handed, *self.series.handed)
+            begun = p.call(begin_sides(), *numbers, *watched.handed, *self.series.handed)
             p.leave_if(~begun, Outcome.WATCHED)
 
     def reset(self, watched: Watched) -> None:
@@ -144,10 +145,10 @@ class _TaylorStep:
             done = p.variable(p.false, "done")
             with p.when(watched.is_event(record.due - 1)) as ways:
                 written = given.times, given.rows
-                done.value = p.call(reset_state(self.layout), given.jet, *given.numbers, *records, *written, *kept)
+                done.value = p.call(reset_state(), given.jet, *given.numbers, *records, *written, *kept)
             with ways.otherwise():
                 jet = given.jet, given.prepared, given.constants
-                done.value = p.call(cross_surface(self.layout), *jet, *records, *kept)
+                done.value = p.call(cross_surface(), *jet, *records, *kept)
             p.leave_if(done.value, Outcome.PAUSED)
 
     def inspect(self, watched: Watched, s: Real, h: Real, final: Flag) -> tuple[Real, Real, Flag]:
@@ -155,30 +156,18 @@ class _TaylorStep:
 
         Come back where that is not to be decided here.
         """
-        p, series, work = self.p, self.series, self.series.work
-        inspected: Flag = ~self.taylor.inspect.equals(0)
-        some = p.variable(inspected, "some")
-        doubtful = p.reserve(self.layout.watched, WHOLE, name="doubtful")
-        for i in range(self.layout.watched):
-            first = self.layout.rows + self.layout.watched_at + i
-            rest = p.variable(0.0)
-            with p.loop(0, series.order - 1) as j:
-                rest.value = (rest.value + abs(work[(series.order - j) * self.layout.width + first])) * s
-            start = work[first]
-            end = p.fma(work[first + self.layout.width], s, start)
-            # The linear part outweighs the rest at both ends of the step, and has one sign there.
-            outweighs = p.smaller(abs(start), abs(end)) > rest.value * s
-            doubt = inspected | ~(outweighs & (start * end > 0.0))
-            doubtful[i] = p.whole(doubt)
-            some.value = some.value | doubt
+        p, series = self.p, self.series
+        doubtful = p.reserve(self.layout.watched, room=BLOCK, name="doubtful")
+        every = ~self.taylor.inspect.equals(0)
+        some: Flag = p.call(doubtful_events(self.layout), s, every, doubtful, *series.handed)
         taken = p.variable(s, "taken")
-        with p.when(some.value & self.taylor.next_limit.equals(math.inf), likely=False):
+        with p.when(some & self.taylor.next_limit.equals(math.inf), likely=False):
             record = watched.record
             here = ~record.enabled.equals(0) & record.due.equals(0) & (record.planned <= self.counts.steps)
             p.leave_if(~here, Outcome.WATCHED)
             numbers = self.t, self.low, self.scale, self.run.rtol, s, self.left, final
             given = *numbers, doubtful, self.taylor, *watched.handed, *series.handed
-            answer, shorter = p.call(inspect_step(self.layout), *given)
+            answer, shorter = p.call(inspect_step(), *given)
             p.leave_if(answer.equals(WAIT), Outcome.PAUSED)
             p.leave_if(~answer.equals(GO_ON), Outcome.WATCHED)
             taken.value = shorter

@@ -32,7 +32,7 @@ def weigh(layout: TaylorLayout) -> Procedure:
     """Return the procedure that writes the weights, the reciprocals of the tolerances."""
     p = Builder("weigh", "Write one over the tolerance of each entry: of its size in the step, and its floor.")
     rtol, floors = p.given("rtol", REAL), floors_array(p, layout, read=True)
-    weights, work = weights_array(p, layout, read=False), work_array(p, layout)
+    weights, work = weights_array(p, layout, read=False), work_array(p)
     first = work.at(layout.rows + layout.width)
     with entries(p, layout) as i:
         weights[i] = 1.0 / p.fma(rtol, p.magnitude(work[i], first[i]), floors[i])
@@ -60,7 +60,7 @@ class _Exponent:
         self.rtol, self.digits = p.given("rtol", REAL), p.given("digits", REAL)
         self.floors = floors_array(p, layout)
         self.weights = weights_array(p, layout)
-        self.run = SeriesMemory(p, layout, work_array(p, layout))
+        self.run = SeriesMemory(p, layout, work_array(p))
         self.sizes: dict[int, Real] = {}
 
     def build(self) -> Procedure:
@@ -113,7 +113,7 @@ def bound_by_earlier_rows(layout: TaylorLayout) -> Procedure:
         "bound_by_earlier_rows", "Return the step that the upper half of all rows but the last allow.", apart=True
     )
     rtol, floors, before = p.given("rtol", REAL), floors_array(p, layout), p.given("before", REAL)
-    run = SeriesMemory(p, layout, work_array(p, layout))
+    run = SeriesMemory(p, layout, work_array(p))
     weights = p.reserve(layout.padded, room=layout.block, name="weights")
     p.call(weigh(layout), rtol, floors, weights, run.work)
     found = p.variable(before, "found")

@@ -9,7 +9,14 @@ from typing import Any
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, Procedure
-from lagrange.procedure.taylor.memory import SeriesMemory, TaylorLayout, work_array
+from lagrange.procedure.taylor.memory import (
+    BLOCK,
+    SIZES,
+    RecordedLayout,
+    SeriesMemory,
+    TaylorLayout,
+    work_array,
+)
 from lagrange.procedure.values import Real, Whole
 
 
@@ -23,7 +30,7 @@ def advance(layout: TaylorLayout) -> Procedure:
     """
     p = Builder("advance", "Add the series to the state, and return whether it stays finite.")
     s, longer = p.given("s", REAL), p.given("longer", REAL)
-    run = SeriesMemory(p, layout, work_array(p, layout))
+    run = SeriesMemory(p, layout, work_array(p))
     new, lost = (p.reserve(layout.padded, room=layout.block, name=name) for name in ("new", "lost"))
     state, low, slopes = (run.work.at(place) for place in (0, layout.lost, layout.slope))
     chains = _Chains(run, s) if layout.chains else None
@@ -108,6 +115,25 @@ def increment(run: SeriesMemory, s: Real) -> Callable[[Whole], Real]:
     if run.layout.chains:
         return _Chains(run, s).increment
     return lambda i: horner(run, s, i)[0]
+
+
+@cache
+def state_on_step() -> Procedure:
+    """Return what writes the state at a time on a step, for every layout."""
+    p = Builder("state_on_step", "Write the state at a time on a step.", apart=True)
+    s, to = p.given("s", REAL), p.array("to", room=BLOCK)
+    sizes: Any = p.record("sizes", SIZES)
+    layout = RecordedLayout(sizes)
+    run = SeriesMemory(p, layout, work_array(p))
+    layout.read()
+    work, lost = run.work, run.work.at(layout.lost)
+    with p.when(~layout.chains.equals(0), likely=True) as ways:
+        sums = _Chains(run, s).increment
+        with p.each(layout.dimension, width=BLOCK) as i:
+            to[i] = work[i] + (sums(i) + lost[i])
+    with ways.otherwise(), p.each(layout.dimension, width=BLOCK) as i:
+        to[i] = work[i] + (horner(run, s, i)[0] + lost[i])
+    return p.finish()
 
 
 def horner(run: SeriesMemory, s: Real, i: Whole) -> tuple[Real, Real]:

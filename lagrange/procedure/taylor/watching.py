@@ -11,7 +11,7 @@ from typing import Any
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.events.constants import MOST_COEFFICIENTS
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Callee, Record
-from lagrange.procedure.taylor.memory import TaylorLayout
+from lagrange.procedure.taylor.memory import BLOCK, SIZES, RecordedLayout, TaylorLayout
 from lagrange.procedure.values import Flag, Memory, Real, Whole
 
 READ = Array(read=True)
@@ -77,33 +77,77 @@ MOST_ZEROS = 64
 """So many zeros on one step are dealt with in the loop."""
 
 
-def scratch_sizes(count: int, dimension: int) -> tuple[int, int]:
-    """Return how many reals and how many whole numbers an inspection or a reset needs beside its arguments.
+REALS = {"columns": COLUMN, "times": 2 * MOST_ZEROS, "late": 1, "early": 1, "values": 1, "noise": 1}
+WHOLES = {"zeros": 4 * MOST_ZEROS, "ends": 4, "sides": 2, "seen": 1, "counts": 1, "begun": 2}
+"""What is kept of each thing watched on the way: how many numbers of each part."""
 
-    They grow with the number of things watched, and the stack of a thread may be small. An inspection keeps a column
-    of each thing watched and two lists of zeros, a reset the results of all resets.
-    """
-    return count * max(COLUMN + 2 * MOST_ZEROS, dimension), count * 4 * MOST_ZEROS
+
+def scratch_sizes(count: int, dimension: int) -> tuple[int, int]:
+    """Return how many reals and how many whole numbers procedures need beside their arguments; see `Scratch`."""
+    return count * (sum(REALS.values()) + dimension) + dimension + 4 * BLOCK, count * sum(WHOLES.values())
+
+
+class Scratch:
+    """Memory on the way, each part at its own place: it grows with what is watched, and stacks may be small."""
+
+    def __init__(self, layout: Any, reals: Memory, wholes: Memory) -> None:
+        self.layout, self._reals, self._wholes = layout, reals, wholes
+
+    def reals(self, part: str, number: int = 0) -> Memory:
+        """Return one of `REALS`, of which there may be more than one, behind so many of each thing watched."""
+        return self._reals.at(self.layout.watched * (_begin(REALS, part) + number))
+
+    def wholes(self, part: str, number: int = 0) -> Memory:
+        """Return one of `WHOLES`."""
+        return self._wholes.at(self.layout.watched * (_begin(WHOLES, part) + number))
+
+    @property
+    def moved(self) -> Memory:
+        """Another state, in whole blocks."""
+        return self._reals.at(self.layout.watched * sum(REALS.values()) + BLOCK)
+
+    @property
+    def new_entries(self) -> Memory:
+        """The results of all resets."""
+        return self.moved.at(self.layout.dimension + 2 * BLOCK)
+
+
+def _begin(parts: dict[str, int], wanted: str) -> int:
+    """Return how many numbers of each thing watched stand before a part."""
+    names = list(parts)
+    return sum(parts[name] for name in names[: names.index(wanted)])
 
 
 class Watched:
-    """What is watched, as arguments of a procedure."""
+    """What is watched, as arguments of a procedure: of one for a layout, or of one that serves every layout."""
 
-    def __init__(self, p: Builder, layout: TaylorLayout) -> None:
-        self.p, self.layout, self.count = p, layout, layout.watched
+    def __init__(self, p: Builder, layout: TaylorLayout | None = None) -> None:
+        self.p = p
         self.record: Any = p.record("watch", WATCH)
+        self.sizes: Any = p.record("sizes", SIZES)
+        self.layout: Any = RecordedLayout(self.sizes) if layout is None else layout
         self.values, self.resets = p.function("values", FUNCTION), p.function("resets", FUNCTION)
         self.value_numbers, self.reset_numbers = (p.array(f"{name}_numbers", read=True) for name in ("value", "reset"))
         self.tilts = p.array("tilts", read=True)
         self.sides = p.array("sides", WHOLE)
         self.settings = p.array("settings", WHOLE, read=True)
-        self.event_times, self.event_states = p.array("event_times"), p.array("event_states", room=layout.block)
+        self.event_times, self.event_states = p.array("event_times"), p.array("event_states", room=BLOCK)
         self.event_places = p.array("event_places", WHOLE)
         self.combinations = p.array("combinations", WHOLE, read=True)
         self.switch_rows = p.array("switch_rows", WHOLE)
         self.switch_combinations = p.array("switch_combinations", WHOLE)
-        self.scratch = p.array("scratch", room=layout.block)
+        self.scratch = p.array("scratch", room=BLOCK)
         self.whole_scratch = p.array("whole_scratch", WHOLE)
+
+    @property
+    def count(self) -> Any:
+        """How many things are watched."""
+        return self.layout.watched
+
+    @property
+    def kept(self) -> Scratch:
+        """Memory on the way."""
+        return Scratch(self.layout, self.scratch, self.whole_scratch)
 
     @property
     def own_numbers(self) -> Memory:
@@ -116,7 +160,7 @@ class Watched:
         functions = self.values, self.resets, self.value_numbers, self.reset_numbers, self.tilts
         switches = self.combinations, self.switch_rows, self.switch_combinations
         scratch = self.scratch, self.whole_scratch
-        return (self.record, *functions, self.sides, self.settings, *self.events, *switches, *scratch)
+        return (self.record, self.sizes, *functions, self.sides, self.settings, *self.events, *switches, *scratch)
 
     @property
     def events(self) -> tuple[Memory, ...]:
@@ -125,11 +169,11 @@ class Watched:
 
     def side(self, block: int) -> Memory:
         """Return one of `SIGN`, `NEAR`, `STARTING` and `COUNT` of all that is watched."""
-        return self.sides.at(block * self.count)
+        return self.sides.at(self.count * block)
 
     def setting(self, block: int, place: Whole) -> Whole:
         """Return one of the settings of one thing that is watched."""
-        found: Whole = self.settings[place + block * self.count]
+        found: Whole = self.settings[place + self.count * block]
         return found
 
     def is_event(self, place: Whole) -> Flag:
@@ -150,16 +194,16 @@ class Watched:
         return found
 
 
-def column(p: Builder, layout: TaylorLayout, rows: Memory, place: Whole, count: Any, to: Memory) -> None:
+def column(p: Builder, layout: Any, rows: Memory, place: Whole, count: Any, to: Memory) -> None:
     """Copy the series of something that is watched from the rows."""
-    first = rows.at(place + layout.watched_at)
+    first, width = rows.at(place + layout.watched_at), layout.width
     with p.loop(0, count) as k:
-        to[k] = first[k * layout.width]
+        to[k] = first[k * width]
 
 
 def restore_sides(watched: Watched) -> None:
     """Go back to what held before a step that is not proven; its events have not happened."""
-    p, record, size = watched.p, watched.record, SIDES * watched.count
+    p, record, size = watched.p, watched.record, watched.count * SIDES
     with p.when(~record.unproven.equals(0)):
         with p.loop(0, size) as i:
             watched.sides[i] = watched.sides[i + size]

@@ -39,8 +39,8 @@ class Occurrences:
     """What happened at one event, in order, for states of a `size`: single occurrences, and arrays of many."""
 
     def __init__(self, size: int) -> None:
-        self._parts: list[tuple[FloatArray, FloatArray, int]] = [(np.empty(0), np.empty((0, size)), 0)]
-        self._count = 0
+        self._parts: list[tuple[FloatArray, FloatArray, int]] = []
+        self._count, self._size = 0, size
 
     def __len__(self) -> int:
         return self._count
@@ -62,7 +62,12 @@ class Occurrences:
 
     def until(self, steps: int) -> tuple[FloatArray, FloatArray]:
         """Return the times (k,) and states (k, 2n) of all that has happened with so many accepted steps."""
-        times, states, _ = zip(*(part for part in self._parts if part[2] <= steps), strict=True)
+        parts = [part for part in self._parts if part[2] <= steps]
+        if len(parts) == 1:
+            return parts[0][:2]
+        if not parts:
+            return np.empty(0), np.empty((0, self._size))
+        times, states, _ = zip(*parts, strict=True)
         return np.concatenate(times), np.concatenate(states)
 
 

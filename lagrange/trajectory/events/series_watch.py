@@ -59,10 +59,9 @@ class Watch(SharedWatch):
 
     def begin(self, state: DriverState) -> EventResult:
         """Begin at the start of the run: the loop finds the sides there, or asks for them."""
-        self.state, self.planned = state, PlannedStep()
+        first, self.state, self.planned = self.state is None, state, PlannedStep()
         if self.enabled and not self.surfaces:
-            self._go_on(state)
-            self.leave_start_to_the_loop(state)
+            self.leave_start_to_the_loop(state, first=first)
             return EventResult()
         return self._begin(state)
 
@@ -119,8 +118,11 @@ class Watch(SharedWatch):
 
     def end(self, state: DriverState) -> EventResult:
         """Do what is pending at the end of the run; how the motion would go on from there is no matter."""
-        self.read(state)
-        result = self._finish(state) if self.pending else EventResult()
+        self.read_events(state)
+        if not self.is_pending:
+            return EventResult(Status.SUCCESS)
+        self.read_sides(state)
+        result = self._finish(state)
         ended = result.status in (Status.EVENT, Status.NON_FINITE) and not result.smooth
         return result if ended else EventResult(Status.SUCCESS, jumped=result.jumped)
 

@@ -86,13 +86,29 @@ class SharedWatch(EventLog):
 
     def read(self, state: DriverState) -> None:
         """Take over what the loop has left: events that have happened, and where everything watched stands."""
+        self.read_events(state)
+        self.read_sides(state)
+
+    def read_events(self, state: DriverState) -> None:
+        """Take over the events that have happened, and the changes of sides."""
+        memory = self._memory
+        if memory.record.done:
+            steps = state.count(DriverState.STEPS)
+            for found, (times, states) in zip(self.occurrences, memory.taken()[self.surfaces :], strict=True):
+                state.kept += times.nbytes + states.nbytes
+                found.extend(times, states, steps)
+        for row, sides in memory.switched():
+            self.sides = sides
+            self.epochs.append((row, self.values))
+
+    @property
+    def is_pending(self) -> bool:
+        """Whether something is to happen where the run stands."""
+        return bool(self.pending) or self._memory.record.due != 0
+
+    def read_sides(self, state: DriverState) -> None:
+        """Take over where everything watched stands, and what is to happen there."""
         memory, record = self._memory, self._memory.record
-        times, states, places = memory.taken()
-        state.kept += times.nbytes + states.nbytes
-        for place, found in enumerate(self.occurrences, self.surfaces):
-            mine = places == place
-            if mine.any():
-                found.extend(times[mine], states[mine], state.count(DriverState.STEPS))
         signs, nears = memory.signs.tolist(), memory.nears.tolist()
         self.zero_sides = [Side(sign, bool(near)) for sign, near in zip(signs, nears, strict=True)]
         self.starting = frozenset(np.flatnonzero(memory.starting).tolist())
@@ -100,9 +116,6 @@ class SharedWatch(EventLog):
             self.pending = [EventZero(record.due - 1, Root(0.0, record.direction))]
             self.planned = PlannedStep(state.count(DriverState.STEPS))
             record.due = 0
-        for row, sides in memory.switched():
-            self.sides = sides
-            self.epochs.append((row, self.values))
         if record.changed != self.change_counter.last:
             self.change_counter.begin(record.changed, record.changed_at)
 
@@ -123,10 +136,13 @@ class SharedWatch(EventLog):
         """Whether the loop has not found the sides at the start of the motion."""
         return bool(self._memory.record.fresh)
 
-    def leave_start_to_the_loop(self, state: DriverState) -> None:
-        """Have the loop find the sides at the start of the motion."""
-        self.write(state)
-        self._memory.record.fresh = 1
+    def leave_start_to_the_loop(self, state: DriverState, *, first: bool) -> None:
+        """Have the loop find the sides at the start of a motion; nothing is known before the `first` of a run."""
+        if first:
+            self.epochs.append((0, self.values))
+        else:
+            self.write(state)
+        self._memory.record.enabled = self._memory.record.fresh = state.taylor.inspect = 1
 
     def leave_all_to_the_watch(self) -> None:
         """Have the loop come back before each step on which something may vanish."""
