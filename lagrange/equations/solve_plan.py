@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
+from lagrange.equations.elimination import elimination_order
 from lagrange.graph.node import Binding, Node
 
 
@@ -15,12 +16,14 @@ class SolvePlan:
 
     What is solved for in one block may stand in the rows of later ones, which makes a system of variations. `moving`
     says that A changes along the motion; otherwise it is factored once per set of parameters. A is positive definite
-    but for `multipliers`, unknowns with pivots below zero, which stand last in their block.
+    but for `multipliers`, unknowns with pivots below zero. `present` has the places of A that are not identically zero;
+    without it all are read.
     """
 
     blocks: tuple[tuple[int, ...], ...]
     moving: bool
     multipliers: tuple[int, ...] = ()
+    present: frozenset[tuple[int, int]] | None = None
 
     @property
     def size(self) -> int:
@@ -39,12 +42,13 @@ class SolvePlan:
 
     @cached_property
     def triangle(self) -> tuple[tuple[int, int], ...]:
-        """The places (i, j), i >= j, of the entries that are read: lower triangles by rows, block by block."""
-        return tuple((block[a], block[b]) for block in self.blocks for a in range(len(block)) for b in range(a + 1))
+        """The places (i, j) of the entries that are read: lower triangles by rows, block by block."""
+        lower = ((block[a], block[b]) for block in self.blocks for a in range(len(block)) for b in range(a + 1))
+        return tuple(place for place in lower if self.present is None or place in self.present)
 
-    def negative(self, block: Sequence[int]) -> int:
-        """Return how many of the last pivots of a block are below zero."""
-        return sum(unknown in self.multipliers for unknown in block)
+    def negative(self, block: Sequence[int]) -> tuple[int, ...]:
+        """Return the places in a block of the pivots below zero."""
+        return tuple(place for place, unknown in enumerate(block) if unknown in self.multipliers)
 
     def solved(self, matrix: Sequence[Sequence[Node]], right: Sequence[Node]) -> list[Node]:
         """Return x; the factors of one matrix are shared by all right-hand sides."""
@@ -60,17 +64,30 @@ class SolvePlan:
 
 def plan_of(matrix: Sequence[Sequence[Node]], multipliers: tuple[int, ...] = ()) -> SolvePlan:
     """Return the plan of a symmetric matrix of nodes."""
-    moving = any(entry.binding > Binding.PARAMETER for row in matrix for entry in row)
-    return SolvePlan(coupled(matrix), moving, multipliers)
-
-
-def coupled(matrix: Sequence[Sequence[Node]]) -> tuple[tuple[int, ...], ...]:
-    """Return the groups of indices that the non-zero entries of a symmetric matrix connect, each sorted."""
     n = len(matrix)
-    label = list(range(n))
-    for i in range(n):
-        for j in range(i):
-            if matrix[i][j] is not matrix[i][j].graph.zero and label[i] != label[j]:
-                old, new = max(label[i], label[j]), min(label[i], label[j])
-                label = [new if entry == old else entry for entry in label]
-    return tuple(tuple(i for i in range(n) if label[i] == root) for root in dict.fromkeys(label))
+    moving = any(entry.binding > Binding.PARAMETER for row in matrix for entry in row)
+    neighbours = [[j for j in range(n) if matrix[i][j] is not matrix[i][j].graph.zero] for i in range(n)]
+    blocks = tuple(
+        elimination_order(block, neighbours, multipliers) if any(i in multipliers for i in block) else block
+        for block in coupled(neighbours)
+    )
+    dense = SolvePlan(blocks, moving, multipliers)
+    present = frozenset((i, j) for i, row in enumerate(neighbours) for j in row)
+    return dense if present.issuperset(dense.triangle) else replace(dense, present=present)
+
+
+def coupled(neighbours: Sequence[Sequence[int]]) -> tuple[tuple[int, ...], ...]:
+    """Return the groups of indices that are neighbours of one another, directly or through others, each sorted."""
+    seen: set[int] = set()
+    groups = []
+    for root in range(len(neighbours)):
+        if root in seen:
+            continue
+        group, stack = {root}, [root]
+        while stack:
+            fresh = [j for j in neighbours[stack.pop()] if j not in group]
+            group.update(fresh)
+            stack += fresh
+        seen |= group
+        groups.append(tuple(sorted(group)))
+    return tuple(groups)

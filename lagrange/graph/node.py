@@ -13,17 +13,17 @@ import math
 from collections.abc import Collection, Iterable, Sequence
 from fractions import Fraction
 from numbers import Rational
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 from typing import Any, TypeAlias
 
 from lagrange.errors import StatementError
 from lagrange.graph.functions import EVEN, EXACT, FOLDS, FUNCTIONS, ODD
 
 Exact: TypeAlias = int | Fraction
+Rows: TypeAlias = "Sequence[Sequence[Node]]"
 
 LARGEST_POWER = 4096
 """Largest exponent that is folded into an exact constant; beyond it the number would not fit a double anyway."""
-
 
 LONGEST_FLAT = 16
 """Longest product that merges into another: the adjoints of a deep nesting would grow by a factor per level."""
@@ -49,7 +49,7 @@ class Kind(enum.Enum):
     PRODUCT = "product"  # None
     POWER = "power"  # the exact exponent
     CALL = "call"  # the function's name
-    FACTOR = "factor"  # (n, m): a symmetric matrix, lower triangle by rows, whose last m pivots are below zero
+    FACTOR = "factor"  # (n, (i, ...)): a symmetric matrix, lower triangle by rows, whose pivots i are below zero
     SOLVE = "solve"  # n: (factor, right-hand side) -> solution
     COMPONENT = "component"  # i: one entry of a SOLVE
 
@@ -324,12 +324,13 @@ class Graph:
         flat = [node for pair in branches for node in pair]
         return self._intern(Kind.CALL, (*flat, last), "piecewise")
 
-    def solve(self, matrix: Sequence[Sequence[Node]], right: Sequence[Node], negative: int = 0) -> list[Node]:
+    def solve(self, matrix: Rows, right: Sequence[Node], negative: Sequence[int] = ()) -> list[Node]:
         """Return x of matrix x = right, for a symmetric matrix given by its lower triangle; see `Kind.FACTOR`."""
         n = len(right)
         if n == 1:
             return [right[0] / matrix[0][0]]
-        factor = self._intern(Kind.FACTOR, tuple(matrix[i][j] for i in range(n) for j in range(i + 1)), (n, negative))
+        triangle = tuple(matrix[i][j] for i in range(n) for j in range(i + 1))
+        factor = self._intern(Kind.FACTOR, triangle, (n, tuple(negative)))
         return self.solve_with(factor, right)
 
     def solve_with(self, factor: Node, right: Sequence[Node]) -> list[Node]:
@@ -356,11 +357,7 @@ def reachable(outputs: Iterable[Node], mask: int = -1, held: Collection[Node] = 
         if node not in found:
             found.add(node)
             stack.extend(arg for arg in node.args if mask == -1 or arg.depends & mask)
-    return sorted(found.difference(held), key=_by_id)
-
-
-def _by_id(node: Node) -> int:
-    return node.id
+    return sorted(found.difference(held), key=attrgetter("id"))
 
 
 def _by_binding(node: Node) -> tuple[int, int]:

@@ -8,11 +8,13 @@ per set of parameters. It can be printed, checked, and interpreted by any machin
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 from lagrange.errors import LagrangeError
+from lagrange.program.elimination import Elimination, elimination
 
 ARITY: dict[str, int | None] = {
     "time": 0,
@@ -68,7 +70,7 @@ class Instruction(NamedTuple):
     """One operation on earlier results.
 
     `place` is that of an input, a parameter or a component, `value` a constant, `order` that of a matrix, of which the
-    last `negative` pivots are below zero and all others above.
+    pivots `negative` are below zero and all others above.
     """
 
     op: str
@@ -76,12 +78,13 @@ class Instruction(NamedTuple):
     place: int = 0
     value: float = 0.0
     order: int = 0
-    negative: int = 0
+    negative: tuple[int, ...] = ()
 
     def __str__(self) -> str:
         shown = [self.place] if self.op in PLACED else [self.order] if self.op in SYSTEMS else []
-        shown += [-self.negative] if self.negative else []
-        given = [f"{self.value:.17g}"] if self.op == "constant" else map(str, shown)
+        given = (
+            [f"{self.value:.17g}"] if self.op == "constant" else [*map(str, shown), *(f"-{i}" for i in self.negative)]
+        )
         return " ".join([self.op, *given, *(f"%{arg}" for arg in self.args)])
 
 
@@ -141,6 +144,18 @@ class Program:
             place += block.size
         raise LagrangeError(f"program {self.name} has no result {name}")
 
+    @cached_property
+    def eliminations(self) -> Mapping[int, Elimination]:
+        """How the matrix of each factorization is eliminated in its order, without what is identically zero."""
+        code, found = self.instructions, {}
+        for ref, one in enumerate(code):
+            if one.op == "factor":
+                places = ((i, j) for i in range(one.order) for j in range(i + 1))
+                pairs = zip(places, one.args, strict=True)
+                there = frozenset(place for place, arg in pairs if code[arg].op != "constant" or code[arg].value != 0.0)
+                found[ref] = elimination(one.order, there, one.negative)
+        return found
+
     @property
     def saved(self) -> tuple[int, ...]:
         """The hoisted results that the rest of the program reads, in order, but for constants and parameters.
@@ -177,8 +192,8 @@ def _problems(program: Program) -> Iterator[str]:
             yield f"%{i} = {op} {place} is not there"
         if op == "factor" and len(args) != order * (order + 1) / 2:
             yield f"%{i} factors a matrix of order {order} from {len(args)} entries"
-        if not 0 <= negative <= order * (op == "factor"):
-            yield f"%{i} = {op} of order {order} has {negative} pivots below zero"
+        if any(not 0 <= k < order * (op == "factor") for k in negative) or sorted(negative) != list(negative):
+            yield f"%{i} = {op} of order {order} has the pivots {list(negative)} below zero"
         if op == "solve" and len(args) != order + 1:
             yield f"%{i} solves a system of order {order} with {len(args) - 1} right-hand sides"
     if len(program.outputs) != math.prod(program.shape):

@@ -174,5 +174,5 @@ def test_a_quantity_of_the_equations_reads_nothing_it_may_not(name: str) -> None
 
 def test_blocks_are_solved_each_alone() -> None:
     factors = [node for node in reachable(laws("blocks").accelerations) if node.kind is Kind.FACTOR]
-    assert sorted(node.data for node in factors) == [(2, 0), (2, 0)]
+    assert sorted(node.data for node in factors) == [(2, ()), (2, ())]
     assert laws("blocks").structure.blocks == ((0, 2), (1, 3), (4,))

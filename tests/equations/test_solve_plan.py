@@ -37,7 +37,7 @@ def test_a_block_behind_another_reads_what_that_found(target: str) -> None:
 def test_multipliers_stand_behind_what_they_hold(target: str) -> None:
     whole = np.array([[2.0, 0.5, 1.0], [0.5, 3.0, -2.0], [1.0, -2.0, 0.0]])
     plan = SolvePlan(((0, 1, 2),), moving=True, multipliers=(2,))
-    assert plan.negative(plan.blocks[0]) == 1
+    assert plan.negative(plan.blocks[0]) == (2,)
     right = [1.0, -2.0, 0.5]
     assert solved(plan, whole.tolist(), right, target) == pytest.approx(np.linalg.solve(whole, right), rel=1e-13)
 

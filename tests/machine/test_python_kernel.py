@@ -111,7 +111,7 @@ def test_pivots_of_multipliers_are_below_zero(hoisted: bool) -> None:
         first,
         Instruction("constant", value=2.0),
         Instruction("constant", value=0.0),
-        Instruction("factor", (0, 1, 2), order=2, negative=1),
+        Instruction("factor", (0, 1, 2), order=2, negative=(1,)),
         Instruction("state", place=1),
         Instruction("solve", (3, 4, 2), order=2),
         Instruction("component", (5,)),

@@ -273,7 +273,9 @@ def in_stages(program: SeriesProgram) -> SeriesProgram:
     stages = []
     for block in whole.plan.blocks:
         left, right = (tuple(part[i] for i in block) for part in (whole.left, whole.right))
-        plan = replace(whole.plan, blocks=(tuple(range(len(block))),))
+        places = [(a, b) for a in range(len(block)) for b in range(a + 1)]
+        present = frozenset((a, b) for a, b in places if (block[a], block[b]) in whole.plan.triangle)
+        plan = replace(whole.plan, blocks=(tuple(range(len(block))),), present=present)
         stages.append(Stage(tuple(whole.unknowns[i] for i in block), left, right, plan))
     return replace(program, stages=tuple(stages))
 

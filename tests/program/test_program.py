@@ -63,10 +63,10 @@ def changed(i: int, instruction: Instruction) -> tuple[Instruction, ...]:
         ({"outputs": (9, 6, 10)}, "an output is no result"),
         ({"outputs": (9, 6, -1)}, "an output is no result"),
         (
-            {"instructions": changed(7, I("factor", (3, 1, 4), order=2, negative=3))},
-            "%7 = factor of order 2 has 3",
+            {"instructions": changed(7, I("factor", (3, 1, 4), order=2, negative=(1, 2)))},
+            r"%7 = factor of order 2 has the pivots \[1, 2\] below zero",
         ),
-        ({"instructions": changed(6, I("fma", (2, 3, 5), negative=1))}, "%6 = fma of order 0 has 1 pivots below zero"),
+        ({"instructions": changed(6, I("fma", (2, 3, 5), negative=(0,)))}, "%6 = fma of order 0 has the pivots"),
         ({"instructions": changed(4, I("state", place=2))}, "%4 = state 2 is not there"),
         ({"instructions": changed(0, I("parameter", place=-1))}, "%0 = parameter -1 is not there"),
         ({"results": (ProgramBlock("a", 2),)}, r"3 outputs do not fill a\[2\]"),
@@ -104,8 +104,8 @@ def test_a_program_prints_every_instruction_with_its_exact_numbers() -> None:
     ]
 
 
-def test_an_indefinite_matrix_says_how_many_pivots_are_below_zero() -> None:
-    assert str(I("factor", (3, 1, 4), order=2, negative=1)) == "factor 2 -1 %3 %1 %4"
+def test_an_indefinite_matrix_says_which_pivots_are_below_zero() -> None:
+    assert str(I("factor", (3, 1, 4), order=2, negative=(1,))) == "factor 2 -1 %3 %1 %4"
 
 
 def test_what_is_saved_is_what_the_rest_reads() -> None:

@@ -13,9 +13,6 @@ from lagrange.procedure.form import Procedure
 from lagrange.procedure.linear.ldl import factor_size
 from lagrange.program.program import Instruction, Program
 
-UNROLLED = 6
-"""Largest matrix whose factorization is written out. Beyond it a loop is as fast and compiles at once."""
-
 ANGLES = ("sin", "cos")
 
 INLINE_ANGLES = 8
@@ -53,10 +50,10 @@ def prepared_size(program: Program) -> int:
 def width_of(program: Program, ref: int) -> int:
     """Return how many doubles a result takes."""
     one = program.instructions[ref]
-    n = one.order
     if one.op == "factor":
-        return n * (n + 1) // 2 + 1 if n <= UNROLLED else factor_size(n)
-    return n if one.op == "solve" else 1
+        plan = program.eliminations[ref]
+        return len(plan.places) + 1 if plan.written_out else factor_size(one.order)
+    return one.order if one.op == "solve" else 1
 
 
 class Body:
@@ -109,7 +106,7 @@ class Body:
         """Read a result that `prepare` left behind the parameters."""
         one = self.program.instructions[ref]
         op = one.op
-        if op == "factor" and one.order > UNROLLED:
+        if op == "factor" and not self.program.eliminations[ref].written_out:
             self.values[ref] = self.e.address("%p", slot)
         elif op in ("factor", "solve"):
             width = width_of(self.program, ref)
@@ -198,10 +195,10 @@ class Body:
         return found
 
     def factor(self, i: int, instruction: Instruction) -> None:
-        """Factor a matrix: written out if it is small, by the linear solver if not, in lanes when it is solved."""
-        n = instruction.order
-        if n <= UNROLLED:
-            self.vectors[i] = llvm_ldl.factor(self.e, self.lanes, n, self.entries(instruction), instruction.negative)
+        """Factor a matrix: written out if that is short, by the linear solver if not, in lanes when it is solved."""
+        n, plan = instruction.order, self.program.eliminations[i]
+        if plan.written_out:
+            self.vectors[i] = llvm_ldl.factor(self.e, self.lanes, plan, self.entries(instruction))
         elif self.lanes == 1:
             matrix = self.matrix(instruction)
             self.values[i] = self.e.reserve("double", factor_size(n))
@@ -219,12 +216,12 @@ class Body:
 
     def solve(self, i: int, instruction: Instruction) -> None:
         """Solve a system with a factored matrix."""
-        factor = self.program.instructions[instruction.args[0]]
+        factor, plan = self.program.instructions[instruction.args[0]], self.program.eliminations[instruction.args[0]]
         n = instruction.order
         right = [self.ref(arg) for arg in instruction.args[1:]]
-        if n <= UNROLLED:
-            *rows, trusted = self.vector(instruction.args[0])
-            x = llvm_ldl.solve(self.e, self.lanes, rows, right)
+        if plan.written_out:
+            *entries, trusted = self.vector(instruction.args[0])
+            x = llvm_ldl.solve(self.e, self.lanes, plan, entries, right)
             self.vectors[i] = self.with_pivoting(factor, trusted, x, right)
             return
         memory = self.scratch("right", self.kind, n)

@@ -15,7 +15,7 @@ from lagrange.machine.backend import FloatArray, QuickCalls, SingularMassMatrix
 from lagrange.machine.copies import Shared, UnpickledKernel
 from lagrange.machine.kernel import llvm_calling
 from lagrange.machine.kernel.llvm_arrays import quick_calls
-from lagrange.machine.kernel.llvm_body import UNROLLED, prepared_size
+from lagrange.machine.kernel.llvm_body import prepared_size
 from lagrange.machine.kernel.llvm_text import column_module, scalar_module, solves
 from lagrange.machine.llvm.address import address
 from lagrange.machine.llvm.engine import Module, lanes, linear_solver, vector_routines
@@ -35,7 +35,7 @@ class LlvmKernel(Shared):
     def __init__(self, program: Program) -> None:
         self._program = program
         if solves(program):
-            linear_solver(often=max(instruction.order for instruction in program.instructions) > UNROLLED)
+            linear_solver(often=not all(plan.written_out for plan in program.eliminations.values()))
         self._module = Module(scalar_module(program))
         self._address = self._module.address(program.name)
         self._prepare = _PREPARE(self._module.address(f"{program.name}_prepare"))

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from lagrange.machine.kernel import llvm_calling
-from lagrange.machine.kernel.llvm_body import UNROLLED, Body, shares_angle_function
+from lagrange.machine.kernel.llvm_body import Body, shares_angle_function
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.engine import dense_solver
 from lagrange.machine.llvm.operations import declaration
@@ -76,7 +76,7 @@ def prepare_function(program: Program) -> str:
     e = body.e
     for ref, slot in body.slots.items():
         op, n = program.instructions[ref].op, program.instructions[ref].order
-        if op == "factor" and n > UNROLLED:
+        if op == "factor" and not program.eliminations[ref].written_out:
             for k in range(factor_size(n)):
                 e.put(e.get(body.values[ref], k), "%p", slot + k)
         elif op in ("factor", "solve"):

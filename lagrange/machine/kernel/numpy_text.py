@@ -20,7 +20,7 @@ from lagrange.machine.kernel.python_text import (
     rows_of,
 )
 from lagrange.machine.python_source import ATOM
-from lagrange.procedure.linear.ldl import PIVOT
+from lagrange.procedure.linear.ldl import least_pivot
 from lagrange.program.program import Instruction, Program
 
 UFUNCS = {op: function.__name__ for op, function in OPERATIONS.items() if isinstance(function, np.ufunc)}
@@ -167,10 +167,10 @@ class _Rows(FloatPrinter):
         """Leave where a pivot cannot be trusted; see `factor`."""
         row, spare = self.row(), self.row()
         pivot, size = scaled.get((j, j), "0.0"), self.entry(one, j, j)
-        if j < one.order - one.negative:
+        if j not in one.negative:
             diagonal = "0.0" if size is None else self.text_of(size)
             if pivot not in self.rows and diagonal not in self.rows:
-                self.write(f"if not {pivot} > {PIVOT!r} * abs({diagonal}):")
+                self.write(f"if not {pivot} > {least_pivot(one.negative)!r} * abs({diagonal}):")
                 self.write("    return False")
                 self.release([row, spare])
                 return
@@ -181,7 +181,7 @@ class _Rows(FloatPrinter):
                 self.write(f"np.multiply({a}, {b}, {spare})")
                 self.write(f"np.add({row}, np.absolute({spare}, {spare}), {row})")
             pivot = f"np.negative({pivot}, {spare})"
-        self.write(f"np.multiply({row}, {PIVOT!r}, {row})")
+        self.write(f"np.multiply({row}, {least_pivot(one.negative)!r}, {row})")
         self.write(f"if not ({pivot} > {row}).all():")
         self.write("    return False")
         self.release([row, spare])

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 
 from lagrange.machine.python_source import ATOM, LONGEST_VALUE, OPERANDS, SPELLED, literal
 from lagrange.procedure.form import REAL
-from lagrange.procedure.linear.ldl import PIVOT
+from lagrange.procedure.linear.ldl import least_pivot
 from lagrange.program.program import Instruction, Program
 
 WRITTEN_OUT = 12
@@ -160,13 +160,13 @@ class FloatPrinter:
                     text = first + "".join(f" - {each}" for each in products)
                     scaled[i, j] = self.named(f"m{place}_{i}_{j}", text.strip())
             pivot = scaled.get((j, j), "0.0")
-            if j < n - one.negative:
+            if j not in one.negative:
                 size = self.entry(one, j, j)
                 least = f"abs({'0.0' if size is None else self.text_of(size)})"
             else:
                 pivot, pairs = f"-{pivot}", products_of(scaled, lower, j, j)
                 least = f"({' + '.join(f'abs({a} * {b})' for a, b in pairs) or '0.0'})"
-            self.write(f"if not {pivot} > {PIVOT!r} * {least}:")
+            self.write(f"if not {pivot} > {least_pivot(one.negative)!r} * {least}:")
             self.write("    return None")
             lower[j, j] = self.named(f"d{place}_{j}", f"1.0 / {scaled.get((j, j), '0.0')}")
             for i in range(j + 1, n):

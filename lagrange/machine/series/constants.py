@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from lagrange.equations.solve_plan import SolvePlan
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.kernel.arithmetic import FLOATS
 from lagrange.procedure.linear.ldl import PIVOT
@@ -20,21 +23,20 @@ def constants(program: SeriesProgram, parameters: FloatArray) -> tuple[FloatArra
     table, rest = np.array(values[: len(program.numbers)], dtype=float), values[len(program.numbers) :]
     unknown, found = bool(np.isnan(parameters).any()), []
     for plan in (stage.plan for stage in program.stages if not stage.plan.moving):
-        whole = np.zeros((plan.size, plan.size))
-        for block in plan.blocks:
-            count = len(block) * (len(block) + 1) // 2
-            if not unknown:
-                whole[np.ix_(block, block)] = inverse(symmetric(len(block), rest[:count]))
-            rest = rest[count:]
-        found.append(np.full_like(whole, np.nan) if unknown else whole)
+        matrix, rest = symmetric(plan, rest), rest[len(plan.triangle) :]
+        whole = np.full_like(matrix, np.nan) if unknown else np.zeros_like(matrix)
+        for block in () if unknown else plan.blocks:
+            whole[np.ix_(block, block)] = inverse(matrix[np.ix_(block, block)])
+        found.append(whole)
     return table, found
 
 
-def symmetric(n: int, triangle: list[float]) -> FloatArray:
-    """Return a symmetric matrix (n, n) from its lower triangle by rows."""
-    full = np.zeros((n, n))
-    full[np.tril_indices(n)] = triangle
-    return full + np.tril(full, -1).T
+def symmetric(plan: SolvePlan, triangle: Sequence[float]) -> FloatArray:
+    """Return a symmetric matrix (n, n) from the entries that a plan reads."""
+    full = np.zeros((plan.size, plan.size))
+    for (i, j), entry in zip(plan.triangle, triangle, strict=False):
+        full[i, j] = full[j, i] = entry
+    return full
 
 
 def inverse(matrix: FloatArray) -> FloatArray:

@@ -188,7 +188,12 @@ def lower_triangles(
     plan: SolvePlan, entries: Iterator[str]
 ) -> list[tuple[tuple[int, ...], dict[tuple[int, int], str]]]:
     """Return each block of unknowns with the entries of its lower triangle, taken from those of all stages."""
-    return [(block, {(i, j): next(entries) for i in range(len(block)) for j in range(i + 1)}) for block in plan.blocks]
+    place = {unknown: (number, i) for number, block in enumerate(plan.blocks) for i, unknown in enumerate(block)}
+    found: list[dict[tuple[int, int], str]] = [{} for _ in plan.blocks]
+    for row, column in plan.triangle:
+        number, i = place[row]
+        found[number][i, place[column][1]] = next(entries)
+    return list(zip(plan.blocks, found, strict=True))
 
 
 def right_sides(jet: Orders, stage: PackedStage) -> list[VectorName]:

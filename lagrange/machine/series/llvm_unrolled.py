@@ -31,6 +31,7 @@ from lagrange.machine.series.llvm_rules import VectorArithmetic, VectorName, coe
 from lagrange.machine.series.packing import ZERO_LANE, Chunk, Operand, PackedStage, Packing
 from lagrange.procedure.linear.ldl import factor_size, invert_dense
 from lagrange.procedure.taylor.memory import TaylorLayout
+from lagrange.program.elimination import elimination
 
 EXACT = 10
 """Up to this order a division by the order is rounded once.
@@ -276,19 +277,23 @@ class UnrolledJet:
                 found[block[i], block[j]] = value
         return found
 
-    def inverse_of(self, n: int, lower: dict[tuple[int, int], str], negative: int) -> dict[tuple[int, int], str]:
+    def inverse_of(
+        self, n: int, lower: dict[tuple[int, int], str], negative: tuple[int, ...]
+    ) -> dict[tuple[int, int], str]:
         """Return the entries of the inverse of a symmetric matrix."""
         e, body = self.e, self.origin.body
-        *rows, trusted = llvm_ldl.factor(e, 1, n, lower, negative)
-        columns = [llvm_ldl.solve(e, 1, rows, [literal(float(i == j)) for i in range(n)]) for j in range(n)]
+        plan = elimination(n, frozenset(lower), negative)
+        *rows, trusted = llvm_ldl.factor(e, 1, plan, lower)
+        columns = [llvm_ldl.solve(e, 1, plan, rows, [literal(float(i == j)) for i in range(n)]) for j in range(n)]
         places = [(i, j) for j in range(n) for i in range(j, n)]
         name, before = e.fresh("pivot"), e.block
         e.do(f"br i1 {trusted}, label %{name}.join, label %{name}.cold, !prof !0")
         e.label(f"{name}.cold")
         memory, result = body.scratch("matrix", "double", n * n), body.scratch("inverse", "double", n * n)
         work = body.scratch("work", "double", factor_size(n) + n)
-        for (i, j), value in lower.items():
-            e.put(value, memory, j * n + i)
+        for j in range(n):
+            for i in range(j, n):
+                e.put(lower.get((i, j), literal(0.0)), memory, j * n + i)
         singular = e.value(f"call i1 @{body.name_of(invert_dense())}(i64 {n}, ptr {memory}, ptr {result}, ptr {work})")
         slow = [e.get(result, j * n + i) for i, j in places]
         cold = e.block

@@ -12,6 +12,7 @@ L D L^T, where columns hold L below the diagonal, and 1 for L U, where the secon
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 
 from lagrange.procedure.builder import Builder
@@ -22,6 +23,18 @@ PIVOT = 2.0**-46
 """A symmetric matrix is singular to round-off where elimination with pivoting, its rows scaled, meets a pivot of at
 most this part of its row's largest entry: 64 rounding errors. The entries of its inverse, in units in which its
 diagonal is one, then exceed 1 / PIVOT."""
+
+
+PIVOT_BESIDE_MULTIPLIERS = 2.0**-10
+"""Elimination in a given order is trusted beside multipliers where each pivot exceeds this part of its terms.
+
+It then loses three digits at most. A definite matrix loses none with any pivot.
+"""
+
+
+def least_pivot(negative: Sequence[int]) -> float:
+    """Return the least pivot that is trusted, relative to its terms, in a matrix with some pivots below zero."""
+    return PIVOT_BESIDE_MULTIPLIERS if negative else PIVOT
 
 
 def factor_size(n: int) -> int:

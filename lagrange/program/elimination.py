@@ -1,0 +1,75 @@
+"""The elimination of a symmetric matrix A = L D L^T whose zeros are known: which entries of L there are.
+
+Pivots are taken in the order of the matrix. That is stable where A is positive definite, and for [[M, G^T], [G, 0]]
+with a definite M as long as no pivot is small against what it is made of; where one is, who eliminates takes
+pivots by size instead.
+Source: G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed., 2013, section 4.1; R. J. Vanderbei, Symmetric
+quasidefinite matrices, SIAM J. Optimization 5, 1995.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+WRITTEN_OUT = 6
+"""Largest matrix without multipliers that is written out. Beyond it a loop is as fast and compiles at once."""
+
+MOST_OPERATIONS = 30_000
+"""Most multiplications of an elimination with multipliers that is written out."""
+
+
+@dataclass(frozen=True)
+class Elimination:
+    """A matrix of an order with the places (i, j), i >= j, of its `entries`; `negative` are the pivots below zero."""
+
+    order: int
+    entries: frozenset[tuple[int, int]]
+    negative: tuple[int, ...] = ()
+
+    @cached_property
+    def rows(self) -> tuple[tuple[int, ...], ...]:
+        """The columns k < i of the entries of each row i of L, rising."""
+        columns: list[set[int]] = [set() for _ in range(self.order)]
+        for i, j in self.entries:
+            if i > j:
+                columns[j].add(i)
+        for column in columns:
+            if column:
+                first = min(column)
+                columns[first].update(i for i in column if i > first)
+        found: list[list[int]] = [[] for _ in range(self.order)]
+        for j, column in enumerate(columns):
+            for i in sorted(column):
+                found[i].append(j)
+        return tuple(map(tuple, found))
+
+    @cached_property
+    def columns(self) -> tuple[tuple[int, ...], ...]:
+        """The rows i > j of the entries of each column j of L, rising."""
+        found: list[list[int]] = [[] for _ in range(self.order)]
+        for i, row in enumerate(self.rows):
+            for j in row:
+                found[j].append(i)
+        return tuple(map(tuple, found))
+
+    @cached_property
+    def places(self) -> tuple[tuple[int, int], ...]:
+        """The places of L by rows, the diagonal included."""
+        return tuple((i, j) for i, row in enumerate(self.rows) for j in (*row, i))
+
+    @property
+    def operations(self) -> int:
+        """The number of multiplications of the factorization, or so."""
+        return sum(len(column) * (len(column) + 3) // 2 for column in self.columns)
+
+    @property
+    def written_out(self) -> bool:
+        """Whether the operations are written out one by one."""
+        return self.order <= WRITTEN_OUT or (bool(self.negative) and self.operations <= MOST_OPERATIONS)
+
+
+@lru_cache(maxsize=256)
+def elimination(order: int, entries: frozenset[tuple[int, int]], negative: tuple[int, ...] = ()) -> Elimination:
+    """Return an elimination; what follows from it is kept."""
+    return Elimination(order, entries, negative)
