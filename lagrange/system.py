@@ -11,7 +11,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from lagrange.compiler import compile_model, equations_of, state
+from lagrange.compiler import compile_model, equations_of, machine, model_of, state
 from lagrange.equations.derivation import Derivation, derive
 from lagrange.errors import StatementError, shown
 from lagrange.evidence.check import check
@@ -24,6 +24,7 @@ from lagrange.show.solution import Solution
 from lagrange.statement import scene as scene_files
 from lagrange.statement.number import flag, real_number
 from lagrange.statement.statement import RunSettings, Statement
+from lagrange.trajectory.constraints.consistent import Consistent, consistent
 from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.options import RunOptions
 
@@ -230,6 +231,22 @@ class System:
             RunOptions(chosen, rtol, atol, step, t_eval, events, max_steps, max_wall, max_memory, parameters),
             progress=progress,
         )
+
+    def consistent(
+        self,
+        initial: Mapping[Any, Any] | None = None,
+        *,
+        hold: Iterable[Any] = (),
+        parameters: Mapping[Any, Any] | None = None,
+        t: float = 0.0,
+    ) -> Consistent:
+        """Return the nearest state on the constraints: `.initial` is complete, `.moved` the largest change.
+
+        `initial` overlays the statement's initial state as in `run`. The coordinates move first, by the least amount
+        that the kinetic energy measures, then the velocities; those in `hold`, such as `[x, y.dot]`, stay as they are.
+        Raises StatementError where no such state is near, with the constraints that are not met.
+        """
+        return consistent(model_of(self.statement, machine("numpy"), self.laws), initial, hold, parameters, t)
 
     def check(self, *, target: str = "llvm", points: int = 5, seed: int = 0) -> Report:
         """Compare everything compiled with numerical differentiation of the stated energies, and return a report.

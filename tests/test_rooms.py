@@ -14,7 +14,7 @@ from tests.test_layering import ROOT, TREE, Modules, imports_of
 PLAIN: Mapping[str, tuple[str, ...]] = {
     "machine records": (
         *("array_source", "backend", "calls", "copies", "event_memory"),
-        *("parameters", "printed_run", "python_source", "review", "state"),
+        *("parameters", "printed_run", "python_source", "review", "singular", "state"),
     ),
     "machine entries": ("llvm_machine", "model", "numpy_machine"),
     "trajectory records": ("integrator", "options", "tolerances", "trajectory"),
@@ -38,6 +38,7 @@ MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
     ),
     "trajectory records": ("machine records", "machine entries"),
     "trajectory/tableaux": (),
+    "trajectory/constraints": ("machine records", "machine/kernel", "machine entries"),
     "trajectory/paths": ("machine records", "machine entries", "trajectory records", "trajectory/tableaux"),
     "trajectory/events": (
         *("machine records", "machine/kernel", "machine entries"),
@@ -56,7 +57,7 @@ MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
         *("trajectory records", "trajectory/paths", "trajectory/events", "trajectory runs", "trajectory/methods"),
     ),
     "trajectory entries": (
-        *("machine records", "machine entries"),
+        *("machine records", "machine entries", "trajectory/constraints"),
         *("trajectory records", "trajectory/paths", "trajectory runs", "trajectory/methods"),
     ),
 }

@@ -16,6 +16,7 @@ from lagrange.machine.backend import Driver
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.statement.number import real_array, real_number
+from lagrange.trajectory.constraints.consistent import consistent_start
 from lagrange.trajectory.integrator import Problem, run_by
 from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.options import DEFAULT_OPTIONS, RunOptions
@@ -46,6 +47,7 @@ class Flow:
         self._options = replace(options, method=self._integrator)
         self._model = model
         self._dimension = model.layout.size
+        self._constrained = bool(model.statement.constraints)
         self._max_steps = options.step_limit
         self._local = _Prepared()
         unit = Problem(
@@ -72,7 +74,8 @@ class Flow:
     ) -> FloatArray:
         """Return the state at t1, (2n,). Raises RunError with the sentence of a run that does not get there.
 
-        `parameters` is a dict from parameter to value, or an array (k,) of all values in the statement's order.
+        `parameters` is a dict from parameter to value, or an array (k,) of all values in the statement's order. A start
+        that is off the constraints by rounding is moved onto them; beyond that StatementError names the constraint.
         """
         if isinstance(parameters, np.ndarray):
             values = self._model.parameter_array(parameters).tolist()
@@ -82,6 +85,8 @@ class Flow:
             raise StatementError(f"y0 has shape {start.shape}: give [q, v] of shape ({self._dimension},).")
         if not (type(t0) is type(t1) is float and math.isfinite(t1 - t0)):
             t0, t1 = real_number(t0, "the first time"), real_number(t1, "the last time")
+        if self._constrained:
+            start = consistent_start(self._model, t0, start, self._model.parameter_array(parameters))
         if t0 == t1:
             return start.copy()
         if self._plan is None:

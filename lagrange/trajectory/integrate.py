@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,10 +13,12 @@ from numpy.typing import ArrayLike
 
 from lagrange.errors import StatementError, listing, shown
 from lagrange.machine.model import Model
+from lagrange.machine.parameters import ordered
 from lagrange.statement.declare import initial_state
 from lagrange.statement.event import declare_events
 from lagrange.statement.number import real_array, real_number
 from lagrange.trajectory.conservation import energy, verified
+from lagrange.trajectory.constraints.consistent import consistent_start, moved_sentence
 from lagrange.trajectory.integrator import Integrator, Problem, run_by
 from lagrange.trajectory.memory_limit import memory_limit
 from lagrange.trajectory.methods.registry import DEFAULT, find
@@ -45,12 +48,16 @@ def integrate(
     t0, t1 = time_span(span)
     statement = model.statement
     values = model.parameter_values(options.parameters)
+    given = np.array(initial_state({} if initial is None else initial, statement.coordinates, statement.initial))
+    start = given
+    if statement.constraints:
+        start = consistent_start(model, t0, given, ordered(values, statement.parameters))
     problem = Problem(
         model=model,
         parameters=values,
         t0=t0,
         t1=t1,
-        y0=np.array(initial_state({} if initial is None else initial, statement.coordinates, statement.initial)),
+        y0=start,
         t_eval=_output_times(options.t_eval, t0, t1, model.layout.size),
         rtol=options.rtol,
         atol=options.atol,
@@ -67,6 +74,8 @@ def integrate(
     _check_events(problem, integrator)
     before = _check_start(problem)
     trajectory = run_by(integrator, problem)
+    if start is not given:
+        trajectory = replace(trajectory, message=f"{trajectory.message} {moved_sentence(model, given, start)}")
     return verified(problem, trajectory, before, adaptive=integrator.claims.adaptive), values
 
 

@@ -1,0 +1,100 @@
+"""Why a motion has no accelerations at a state: constraints that are dependent there, or a motion without inertia.
+
+M a = h + G^T lambda and G a + gamma = 0 have one solution where the rows of G are independent and M is definite on the
+motions that they allow, the kernel of G. All tests are made on matrices whose rows are scaled alike, so that units do
+not matter.
+Source: J. Nocedal, S. J. Wright, Numerical Optimization, 2nd ed., 2006, lemma 16.1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lagrange.machine.backend import FloatArray
+
+RANK = 1e-13
+"""A singular value below this fraction of the largest counts as zero once rows and columns are scaled alike."""
+
+NAMED_SHARE = 1e-6
+"""Entries of a null vector below this part of the largest are round-off."""
+
+MOST_NAMED = 8
+"""Most velocities that a message names."""
+
+
+@dataclass(frozen=True, eq=False)
+class Singular:
+    """What is singular: `rows` of G, each with its factor in the sum that vanishes, or a `motion` (n,) without inertia.
+
+    `regularity` is the singular value that vanishes, relative to the largest.
+    """
+
+    regularity: float
+    rows: tuple[tuple[int, float], ...] = ()
+    motion: FloatArray | None = None
+
+
+def balanced(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return A_ij / (s_i s_j), which has entries of about 1 in every row, and s (Ruiz, RAL-TR-2001-034)."""
+    scale = np.ones(len(matrix))
+    for _ in range(30):
+        largest = np.abs(matrix / np.outer(scale, scale)).max(axis=1, initial=0.0)
+        scale = scale * np.sqrt(np.where(largest > 0, largest, 1.0))
+    return matrix / np.outer(scale, scale), scale
+
+
+def least_regular(mass: FloatArray, gradient: FloatArray) -> Singular | None:
+    """Return what is nearest to being singular, None where an entry is not finite.
+
+    `mass` is (n, n) and `gradient` (m, n).
+    """
+    n, m = len(mass), len(gradient)
+    if not (np.isfinite(mass).all() and np.isfinite(gradient).all()):
+        return None
+    whole, scale = balanced(np.block([[mass, gradient.T], [gradient, np.zeros((m, m))]]))
+    held = whole[n:, :n]
+    dependent = _dependent(held, scale[n:]) if m else None
+    if dependent is not None and dependent.regularity <= RANK:
+        return dependent
+    allowed = _kernel(held) if m else np.eye(n)
+    if not allowed.shape[1]:
+        return dependent
+    values, vectors = np.linalg.eigh(allowed.T @ whole[:n, :n] @ allowed)
+    which = int(np.argmin(np.abs(values)))
+    left = float(abs(values[which]) / (np.abs(values).max() or 1.0))
+    if dependent is not None and dependent.regularity < left:
+        return dependent
+    return Singular(left, motion=allowed @ vectors[:, which] / scale[:n])
+
+
+def _dependent(held: FloatArray, scale: FloatArray) -> Singular:
+    """Return the combination of rows that is nearest to zero."""
+    sizes = np.sqrt((held**2).sum(axis=1))
+    units = np.where(sizes > 0, sizes, 1.0)
+    left, values, _ = np.linalg.svd(held / units[:, None])
+    least = float(values[-1] / (values[0] or 1.0)) if len(values) == len(held) else 0.0
+    factors = left[:, -1] / units
+    largest = np.abs(factors * units).max()
+    rows = [(i, float(factors[i] / scale[i])) for i in range(len(held)) if abs(left[i, -1]) > NAMED_SHARE * largest]
+    return Singular(least, rows=tuple(rows))
+
+
+def _kernel(held: FloatArray) -> FloatArray:
+    """Return a basis, (n, n - m), of what the rows allow."""
+    return np.asarray(np.linalg.svd(held)[2][len(held) :].T)
+
+
+def motion_along(names: Sequence[str], null: FloatArray) -> str:
+    """Return a combination of velocities as text, such as ``x.dot = 1, y.dot = -0.5``."""
+    size = np.abs(null)
+    # The first of the largest entries is exactly 1.
+    null = null / null[np.argmax(size > 0.999 * size.max())]
+    return few([f"{name}.dot = {x:.4g}" for name, x in zip(names, null, strict=True) if abs(x) > 1e-9])
+
+
+def few(parts: list[str]) -> str:
+    """Return the parts of a list in one line, the last of many left out."""
+    return ", ".join(parts if len(parts) <= MOST_NAMED else [*parts[: MOST_NAMED - 1], "and so on"])

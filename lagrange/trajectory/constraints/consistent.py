@@ -1,0 +1,112 @@
+"""Initial states on the constraints: projected where only rounding is between, refused beyond that."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from lagrange.errors import StatementError, listing, shown
+from lagrange.machine.backend import FloatArray
+from lagrange.machine.model import Model
+from lagrange.machine.parameters import ordered
+from lagrange.statement.coordinate import name_of
+from lagrange.statement.declare import initial_state, state_rows
+from lagrange.statement.expression import entries
+from lagrange.statement.number import real_number
+from lagrange.trajectory.constraints.projection import Projection
+from lagrange.trajectory.constraints.residuals import residuals_of
+
+
+@dataclass(frozen=True, eq=False)
+class Consistent:
+    """A state on the constraints: `initial` has a value for every coordinate and velocity, as `run` takes it.
+
+    `moved` is the largest change, and `entry` the coordinate or velocity that it is of, None where nothing moved;
+    `changes` has that of every entry.
+    """
+
+    initial: Mapping[Any, float]
+    moved: float
+    entry: Any
+    changes: Mapping[Any, float]
+
+    def __repr__(self) -> str:
+        values = ", ".join(f"{_label(symbol)} = {value:.6g}" for symbol, value in self.initial.items())
+        how = "nothing moved" if self.entry is None else f"moved by at most {self.moved:.3g}, in {_label(self.entry)}"
+        return f"<Consistent: {values}; {how}>"
+
+
+def _label(symbol: Any) -> str:
+    return f"{name_of(symbol.expr)}.dot" if symbol.is_Derivative else name_of(symbol)
+
+
+def consistent(
+    model: Model, initial: Mapping[Any, Any] | None, hold: Any, parameters: Mapping[Any, Any] | None, t: float
+) -> Consistent:
+    """Return the nearest state on the constraints, as a record in the user's symbols; see `System.consistent`."""
+    statement = model.statement
+    time = real_number(t, "the time t")
+    given = np.array(initial_state({} if initial is None else initial, statement.coordinates, statement.initial))
+    values = ordered(model.parameter_values(parameters), statement.parameters)
+    found = consistent_state(model, time, given, values, _rows(hold, statement.coordinates))
+    symbols, changes = (*statement.coordinates, *statement.velocities), found - given
+    row = int(np.argmax(np.abs(changes)))
+    return Consistent(
+        MappingProxyType(dict(zip(symbols, found.tolist(), strict=True))),
+        float(abs(changes[row])),
+        symbols[row] if changes[row] else None,
+        MappingProxyType(dict(zip(symbols, changes.tolist(), strict=True))),
+    )
+
+
+def _rows(hold: Any, coordinates: tuple[Any, ...]) -> list[int]:
+    """Return the rows of the state that are held."""
+    rows, listed = state_rows(coordinates), entries(hold, "hold")
+    known = [label for label in rows if isinstance(label, str)]
+    if listed is None:
+        raise StatementError(f"hold is {shown(hold)}: give a list of coordinates and velocities, such as [x, y.dot].")
+    for key in listed:
+        if not isinstance(key, Hashable) or key not in rows:
+            raise StatementError(
+                f"hold contains {shown(key)}, which is no coordinate or velocity of this system: they are "
+                f"{listing(known)}."
+            )
+    return [rows[key] for key in listed]
+
+
+def consistent_state(
+    model: Model, t: float, y: FloatArray, parameters: FloatArray, held: Sequence[int] = ()
+) -> FloatArray:
+    """Return the state on the constraints that is nearest to a state, the rows that are held as they are.
+
+    The coordinates move by the least amount that the kinetic energy measures, then the velocities. Raises
+    StatementError where no such state is found.
+    """
+    if not len(model.equations.constraints):
+        return y.copy()
+    return Projection(model, t, parameters, held).of(y)
+
+
+def consistent_start(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
+    """Return an initial state as it is where it is on the constraints, else moved there where rounding is between.
+
+    Raises StatementError, with the constraints, for a state that is further away.
+    """
+    if not len(model.equations.constraints) or residuals_of(model).hold(t, y, parameters):
+        return y
+    projection = Projection(model, t, parameters)
+    projection.check(y)
+    return projection.of(y) if projection.off(y) else y
+
+
+def moved_sentence(model: Model, before: FloatArray, after: FloatArray) -> str:
+    """Return a sentence for a run whose initial state was moved onto the constraints."""
+    row = int(np.argmax(np.abs(after - before)))
+    return (
+        f"The initial state was moved onto the constraints, by at most {abs(after[row] - before[row]):.2g}, in "
+        f"{model.layout.names('.dot')[row]}."
+    )

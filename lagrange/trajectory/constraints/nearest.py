@@ -1,0 +1,117 @@
+"""The nearest point of a surface, distances measured by the kinetic energy."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from lagrange.machine.backend import FloatArray
+from lagrange.machine.singular import RANK, balanced
+
+ON_SURFACE = 2.0**-40
+"""A residual of at most this part of its size is round-off: no state of doubles is much closer to the surface."""
+
+ROUND_OFF = 2.0**-52
+"""A residual of at most this part of its size needs no further correction."""
+
+MOST_CORRECTIONS = 60
+"""Newton's method converges within ten corrections from a state that is near, and is given up after this many."""
+
+SHORTEST_SHARE = 2.0**-10
+"""A correction is shortened down to this part of it, and given up where that brings nothing."""
+
+MOST_DESCENTS = 200
+"""Steps along the surface towards its nearest point; each shortens the rest by the curvature times the distance."""
+
+NEAREST = 1e-9
+"""A point is the nearest one where the step along the surface is below this part of the distance."""
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """What is zero on the surface at a point (k,): m values, their gradients (m, k), and what the values count beside.
+
+    `terms` are the sizes of the terms that cancel in each. `sizes` are these, or what the gradient makes of the sizes
+    of the entries where that is more: rounding these makes round-off of it.
+    """
+
+    values: FloatArray
+    gradient: FloatArray
+    terms: FloatArray
+    sizes: FloatArray
+
+    @property
+    def largest(self) -> float:
+        """The largest value, relative to its size; infinite where one is not finite."""
+        with np.errstate(all="ignore"):
+            shares = np.abs(self.values) / np.where(self.sizes > 0, self.sizes, 1.0)
+        return float(shares.max(initial=0.0)) if np.isfinite(shares).all() else np.inf
+
+
+Surface = Callable[[FloatArray], Residuals]
+
+
+class Nearest:
+    """Finds the point of a surface that is nearest to a point, by the metric of a symmetric matrix.
+
+    Only the `free` entries move. The matrix may be singular if it is definite along the surface.
+    """
+
+    def __init__(self, surface: Surface, metric: FloatArray, free: FloatArray) -> None:
+        self._surface, self._metric = surface, metric
+        self._free = np.flatnonzero(free)
+
+    def of(self, start: FloatArray) -> tuple[FloatArray, Residuals]:
+        """Return the nearest point and its residuals, or where Newton's method gave up."""
+        x, found = self._restored(start)
+        if found.largest > ON_SURFACE:
+            return x, found
+        for _ in range(MOST_DESCENTS):
+            along = self._step(found, start - x, np.zeros_like(found.values))
+            if self._length(along) <= NEAREST * self._length(x - start):
+                break
+            share, before = 1.0, self._length(x - start)
+            while share >= SHORTEST_SHARE:
+                trial, there = self._restored(x + share * along)
+                if there.largest <= ON_SURFACE and self._length(trial - start) < before:
+                    break
+                share /= 2
+            else:
+                break
+            x, found = trial, there
+        return x, found
+
+    def _restored(self, start: FloatArray) -> tuple[FloatArray, Residuals]:
+        """Return a point of the surface close to a point, by Newton's method with steps of least length."""
+        x, found = start, self._surface(start)
+        for _ in range(MOST_CORRECTIONS):
+            if not np.isfinite(found.largest) or not np.isfinite(found.gradient).all() or found.largest <= ROUND_OFF:
+                break
+            correction, share = self._step(found, np.zeros_like(x), -found.values), 1.0
+            while share >= SHORTEST_SHARE:
+                there = self._surface(x + share * correction)
+                if there.largest < found.largest:
+                    break
+                share /= 2
+            else:
+                break
+            x, found = x + share * correction, there
+        return x, found
+
+    def _step(self, found: Residuals, towards: FloatArray, right: FloatArray) -> FloatArray:
+        """Return the displacement d of least |d - towards| with G d = right."""
+        free, n = self._free, len(self._free)
+        gradient = found.gradient[:, free]
+        matrix = np.block([[self._metric[np.ix_(free, free)], gradient.T], [gradient, np.zeros((len(right),) * 2)]])
+        scaled, scale = balanced(matrix)
+        known = np.concatenate([(self._metric @ towards)[free], right]) / scale
+        solution = np.linalg.lstsq(scaled, known, rcond=RANK)[0] / scale
+        step = np.zeros_like(towards)
+        step[free] = solution[:n]
+        return step
+
+    def _length(self, displacement: FloatArray) -> float:
+        return math.sqrt(max(float(displacement @ self._metric @ displacement), 0.0))

@@ -1,0 +1,165 @@
+"""The projection of a state onto the constraints of its model, and the refusals where there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from lagrange.errors import StatementError, listing
+from lagrange.machine.backend import FloatArray
+from lagrange.machine.model import Model
+from lagrange.statement.constraint import Constraint
+from lagrange.trajectory.constraints.nearest import ON_SURFACE, Nearest, Residuals
+from lagrange.trajectory.constraints.residuals import ConstraintResiduals, residuals_of, units_of
+
+ROUNDING = 1e-6
+"""A violation of at most this part of the terms of a constraint is rounding of what was typed, six or more digits."""
+
+MOST_NAMED = 3
+"""Most constraints that a refusal names."""
+
+LONGEST_EXPRESSION = 60
+"""A message shows no longer expressions."""
+
+
+class Projection:
+    """The coordinates, then the velocities of states of one model at one time."""
+
+    def __init__(self, model: Model, t: float, parameters: FloatArray, held: Sequence[int] = ()) -> None:
+        self.model, self.t, self.parameters = model, t, parameters
+        self.residuals: ConstraintResiduals = residuals_of(model)
+        self.free = np.ones(model.layout.size, dtype=bool)
+        self.free[list(held)] = False
+
+    def metric(self, y: FloatArray) -> FloatArray:
+        """Return the mass matrix. Raises StatementError where it is not finite."""
+        with np.errstate(all="ignore"):
+            mass = self.model.interpreted("mass_matrix")(self.t, y, self.parameters)
+        if not np.isfinite(mass).all():
+            raise StatementError(
+                f"the mass matrix is not finite at the initial state ({self.place(y)}): give another one."
+            )
+        return mass
+
+    def off(self, y: FloatArray) -> bool:
+        """Whether a state is off the constraints by more than round-off."""
+        units = units_of(self.metric(y))
+        return max(self._at(part, y, units).largest for part in (0, 1)) > ON_SURFACE
+
+    def check(self, y: FloatArray) -> None:
+        """Raise StatementError for a state that is off the constraints by more than rounding of what was typed."""
+        units = units_of(self.metric(y))
+        for part in (0, 1):
+            found = self._at(part, y, units)
+            self.differentiable(found, part, y)
+            far = np.abs(found.values) > np.maximum(ROUNDING * found.terms, ON_SURFACE * found.sizes)
+            if far.any():
+                raise StatementError(self._violated(found, np.flatnonzero(far).tolist(), part, y))
+
+    def of(self, y: FloatArray) -> FloatArray:
+        """Return the nearest state on the constraints. Raises StatementError where there is none."""
+        metric, after = self.metric(y), y.copy()
+        units = units_of(metric)
+        for part, rows in enumerate((self.model.layout.q, self.model.layout.v)):
+            if part:
+                metric = self.metric(after)
+
+            def surface(entries: FloatArray, part: int = part, rows: slice = rows) -> Residuals:
+                moved = after.copy()
+                moved[rows] = entries
+                return self._at(part, moved, units)
+
+            self.differentiable(surface(after[rows]), part, after)
+            nearest, found = Nearest(surface, metric, self.free[rows]).of(after[rows])
+            if not found.largest <= ON_SURFACE:
+                after[rows] = nearest
+                raise StatementError(self._not_met(found, part, after))
+            after[rows] = nearest
+        return after
+
+    def differentiable(self, found: Residuals, part: int, y: FloatArray) -> None:
+        """Raise StatementError where a constraint has no value, or no derivative, at a state."""
+        all_stated, corner = self.model.statement.constraints, self.residuals.at_corner(self.t, y, self.parameters)
+        if corner is not None:
+            raise StatementError(self._not_differentiable(all_stated[corner], y))
+        for row, stated in enumerate(self._stated(part)):
+            if not np.isfinite(found.values[row]):
+                raise StatementError(
+                    f"the constraint {stated.name!r}, {_text(stated, self.model)} = 0, has no finite value at the "
+                    f"initial state ({self.place(y)}): look for a division by zero, or a sqrt or log outside its "
+                    "domain, or give another initial state."
+                )
+            if not np.isfinite(found.gradient[row]).all():
+                raise StatementError(self._not_differentiable(stated, y))
+
+    def _not_differentiable(self, stated: Constraint, y: FloatArray) -> str:
+        return (
+            f"the constraint {stated.name!r}, {_text(stated, self.model)} = 0, is not differentiable at the initial "
+            f"state ({self.place(y)}): give another initial state, or write it smoothly, such as "
+            "x**2 + y**2 - l**2 for sqrt(x**2 + y**2) - l."
+        )
+
+    def place(self, y: FloatArray) -> str:
+        """Return a state for a message."""
+        return listing(f"{name} = {x:.6g}" for name, x in zip(self.model.layout.names(".dot"), y, strict=True))
+
+    def _at(self, part: int, y: FloatArray, units: FloatArray) -> Residuals:
+        of: Callable[..., Residuals] = (self.residuals.of_positions, self.residuals.of_velocities)[part]
+        return of(self.t, y, self.parameters, units)
+
+    def _stated(self, part: int) -> list[Constraint]:
+        """Return the constraints of the coordinates, or those of the velocities."""
+        return [one for one in self.model.statement.constraints if part or one.holonomic]
+
+    def _violated(self, found: Residuals, rows: list[int], part: int, y: FloatArray) -> str:
+        stated = self._stated(part)
+        told = [
+            f"{stated[row].name!r} ({_zero(stated[row], part, self.model)}) is {found.values[row]:.6g}, with terms of "
+            f"size {found.terms[row]:.3g}"
+            for row in rows[:MOST_NAMED]
+        ]
+        more = f", and {len(rows) - MOST_NAMED} more are violated" if len(rows) > MOST_NAMED else ""
+        what = "velocities do" if part else "state does"
+        many = "constraints" if len(rows) > 1 else "constraint"
+        return (
+            f"the initial {what} not satisfy the {many} at t = {self.t:g}: {listing(told)}{more}. Give values that "
+            f"satisfy {'them' if len(rows) > 1 else 'it'} to {ROUNDING:g}, or take the nearest ones, "
+            f"system.consistent({{{self._given(y)}}}).initial."
+        )
+
+    def _given(self, y: FloatArray) -> str:
+        parts = [f"{n!r}: {x:.6g}" for n, x in zip(self.model.layout.names(), y, strict=True) if x]
+        return ", ".join(parts if len(parts) <= 4 else [*parts[:3], "..."])
+
+    def _not_met(self, found: Residuals, part: int, y: FloatArray) -> str:
+        stated = self._stated(part)
+        with np.errstate(all="ignore"):
+            shares = np.abs(found.values) / np.where(found.sizes > 0, found.sizes, 1.0)
+        left = [stated[row].name for row in range(len(stated)) if not shares[row] <= ON_SURFACE]
+        row = int(np.nanargmax(shares))
+        fixed = [name for name, free in zip(self.model.layout.names(".dot"), self.free, strict=True) if not free]
+        remedy = (
+            f"Hold fewer values (held: {listing(fixed)}), or give others"
+            if fixed
+            else "All its derivatives vanish there: give a state away from it"
+            if not found.gradient[row].any()
+            else "Give values that are nearer to them, and look for constraints that contradict one another"
+        )
+        many = "constraints" if len(left) > 1 else "constraint"
+        what = "velocities satisfy" if part else "state near the one given satisfies"
+        return (
+            f"no {what} the {many} {listing(map(repr, left))}: {stated[row].name!r} "
+            f"({_zero(stated[row], part, self.model)}) stays at {found.values[row]:.6g}, at {self.place(y)}. {remedy}."
+        )
+
+
+def _zero(stated: Constraint, part: int, model: Model) -> str:
+    """Return what is zero, in words: the constraint as it stands, or its rate of change."""
+    text = _text(stated, model)
+    return f"the rate of change of {text}" if part and stated.holonomic else text
+
+
+def _text(stated: Constraint, model: Model) -> str:
+    text = str(stated.expression.xreplace(dict(model.statement.plain)))
+    return text if len(text) <= LONGEST_EXPRESSION else text[: LONGEST_EXPRESSION - 3] + "..."

@@ -1,0 +1,131 @@
+"""How far a state is off the constraints of a model, each relative to the terms that cancel in it."""
+
+from __future__ import annotations
+
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from lagrange.graph.differentiate import gradient
+from lagrange.graph.node import Node
+from lagrange.graph.term_size import term_size
+from lagrange.machine.backend import FloatArray, Kernel
+from lagrange.machine.kernel.python_kernel import PythonKernel
+from lagrange.machine.model import Model
+from lagrange.program.switching import switch
+from lagrange.trajectory.constraints.nearest import ON_SURFACE, Residuals
+
+BESIDE = 1e-7
+"""How far beside a corner, relative to the largest coordinate, gradients are compared."""
+
+CORNER = 1e-4
+"""A gradient that changes by this part over so short a way jumps there; a smooth one changes by 1e-7 of itself."""
+
+
+class ConstraintResiduals:
+    """The constraints of one model as functions of the state: m on velocities, and those of them on positions.
+
+    A constraint on velocities counts beside its terms, one on positions also beside what its gradient makes of the
+    largest entry: of y = 0 the only term is y itself.
+    """
+
+    def __init__(self, model: Model) -> None:
+        held = model.equations.constraints
+        self.names = held.names
+        self.holonomic = np.array([phi is not None for phi in held.positions])
+        places = [phi for phi in held.positions if phi is not None]
+        self.places = len(places)
+        stated = (*places, *held.velocities)
+        self._gradient = _kernel(model, tuple(entry for row in held.gradient for entry in row))
+        self._residuals = _kernel(model, (*stated, *map(term_size, stated)))
+        self._layout = model.layout
+        graph, q = model.equations.graph, model.equations.q
+        # Of a piecewise only the branch that is taken counts: its conditions are surfaces as well.
+        surfaces = switch(graph, stated).stated
+        slopes = tuple(slope for surface in surfaces for slope in gradient(surface, q))
+        self._corners = _kernel(model, (*surfaces, *map(term_size, surfaces), *slopes)) if surfaces else None
+
+    def hold(self, t: float, y: FloatArray, parameters: FloatArray) -> bool:
+        """Return whether a state is on the constraints but for round-off, and on no corner of theirs.
+
+        Only the sizes of the terms count here.
+        """
+        if self._corners is not None and self.at_corner(t, y, parameters) is not None:
+            return False
+        quick = self._residuals.quick(parameters)
+        found = None if quick is None else quick.whole(t, y)
+        if found is None:
+            found = self._residuals(t, y, parameters)
+        half = len(found) // 2
+        return bool((np.abs(found[:half]) <= ON_SURFACE * found[half:]).all())
+
+    def of_positions(self, t: float, y: FloatArray, parameters: FloatArray, units: FloatArray) -> Residuals:
+        """Return the residuals of the holonomic constraints as functions of the coordinates."""
+        values, terms = self._of(t, y, parameters)
+        rows, part = self.gradient(t, y, parameters)[self.holonomic], slice(0, self.places)
+        return _residuals(values[part], rows, terms[part], y[self._layout.q], units)
+
+    def of_velocities(self, t: float, y: FloatArray, parameters: FloatArray, units: FloatArray) -> Residuals:
+        """Return the residuals of all constraints on the velocities as functions of these."""
+        values, terms = self._of(t, y, parameters)
+        rows, part = self.gradient(t, y, parameters), slice(self.places, None)
+        return _residuals(values[part], rows, terms[part], y[self._layout.v], units)
+
+    def gradient(self, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
+        """Return G, (m, n), at a state."""
+        with np.errstate(all="ignore"):
+            return self._gradient(t, y, parameters).reshape(len(self.names), -1)
+
+    def at_corner(self, t: float, y: FloatArray, parameters: FloatArray) -> int | None:
+        """Return the first constraint that has a corner at a state, as y = abs(x) has at x = 0, or None."""
+        if self._corners is None:
+            return None
+        found, n = self._corners(t, y, parameters), len(y[self._layout.q])
+        count = len(found) // (n + 2)
+        values, sizes, slopes = found[:count], found[count : 2 * count], found[2 * count :].reshape(count, n)
+        for row in np.flatnonzero(np.abs(values) <= ON_SURFACE * np.maximum(sizes, np.abs(slopes) @ np.abs(y[:n]))):
+            across = slopes[row] / (np.abs(slopes[row]).max() or 1.0) * BESIDE * (np.abs(y[:n]).max() or 1.0)
+            behind, before = (self.gradient(t, _moved(y, sign * across), parameters) for sign in (1, -1))
+            jumps = np.abs(behind - before).max(axis=1) > CORNER * (np.abs(behind) + np.abs(before)).max(axis=1)
+            if jumps.any():
+                return int(np.argmax(jumps))
+        return None
+
+    def _of(self, t: float, y: FloatArray, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+        with np.errstate(all="ignore"):
+            found = self._residuals(t, y, parameters)
+        half = len(found) // 2
+        return found[:half], found[half:]
+
+
+def _moved(y: FloatArray, displacement: FloatArray) -> FloatArray:
+    return np.concatenate([y[: len(displacement)] + displacement, y[len(displacement) :]])
+
+
+def units_of(metric: FloatArray) -> FloatArray:
+    """Return what makes displacements of coordinates comparable: the roots of their inertia, 1 for those without."""
+    sizes = np.abs(np.diag(metric))
+    return np.sqrt(np.where((sizes > 0) & np.isfinite(sizes), sizes, 1.0))
+
+
+def _residuals(
+    values: FloatArray, rows: FloatArray, terms: FloatArray, entries: FloatArray, units: FloatArray
+) -> Residuals:
+    """Return residuals; `units` times the `entries` are comparable, and round-off of any is that of the largest."""
+    largest = np.abs(units * entries).max(initial=0.0)
+    return Residuals(values, rows, terms, np.maximum(terms, np.abs(rows) @ (largest / units)))
+
+
+def _kernel(model: Model, nodes: tuple[Node, ...]) -> Kernel:
+    return PythonKernel(model.function("constraints", nodes).program)
+
+
+_KNOWN: WeakKeyDictionary[Model, ConstraintResiduals] = WeakKeyDictionary()
+
+
+def residuals_of(model: Model) -> ConstraintResiduals:
+    """Return the residuals of a model, which are made once for it."""
+    found = _KNOWN.get(model)
+    if found is None:
+        found = _KNOWN[model] = ConstraintResiduals(model)
+    return found

@@ -1,0 +1,221 @@
+"""Initial states on the constraints: the nearest one, what is moved silently never, and what is refused."""
+
+from __future__ import annotations
+
+import itertools
+import timeit
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from sympy import Abs, Piecewise, cos, sin, sqrt
+
+import lagrange as lg
+from lagrange.errors import StatementError
+from lagrange.trajectory.constraints.consistent import consistent_start
+from tests.models import c, g, l, m, theta, x, y, z
+
+LENGTH = {m: 1.3, g: 9.81, l: 1.0}
+
+
+def pendulum(constraint: Any = None, **given: Any) -> lg.System:
+    """A pendulum in Cartesian coordinates, or a particle of the same energies on something else."""
+    return lg.System(
+        kinetic=m * (x.dot**2 + y.dot**2) / 2,
+        potential=m * g * y,
+        constraints={"rod": x**2 + y**2 - l**2 if constraint is None else constraint},
+        parameters=LENGTH,
+        **{"initial": {x: 0.6, y: -0.8}, **given},
+    )
+
+
+def refusal(call: Any, *arguments: Any, **given: Any) -> str:
+    with pytest.raises(StatementError) as raised:
+        call(*arguments, **given)
+    return str(raised.value)
+
+
+def test_the_nearest_point_of_a_circle_is_in_line_with_its_centre() -> None:
+    found = pendulum().consistent({x: 0.9, y: -1.2, x.dot: 1.0})
+    assert list(found.initial) == [x, y, x.dot, y.dot]
+    # On the circle along the radius; of the velocity (1, 0) the part along the tangent (0.8, 0.6) is left.
+    assert found.initial[x] == pytest.approx(0.6, abs=1e-9) and found.initial[y] == pytest.approx(-0.8, abs=1e-9)
+    assert found.initial[x.dot] == pytest.approx(0.64, abs=1e-9)
+    assert found.initial[y.dot] == pytest.approx(0.48, abs=1e-9)
+    assert found.entry == y.dot and found.moved == pytest.approx(0.48, abs=1e-9)
+    assert found.changes[x] == pytest.approx(-0.3, abs=1e-9)
+    assert "moved by at most 0.48, in y.dot>" in repr(found)
+
+
+def test_the_heavier_coordinate_moves_less() -> None:
+    system = lg.System(kinetic=9 * x.dot**2 / 2 + y.dot**2 / 2, constraints=[x + y - 1], parameters={})
+    found = system.consistent({x: 1.0, y: 1.0})
+    assert found.initial[x] == pytest.approx(0.9) and found.initial[y] == pytest.approx(0.1)
+    assert found.entry == y and found.moved == pytest.approx(0.9)
+
+
+def test_a_point_far_from_an_ellipse_goes_to_the_nearest_one() -> None:
+    system = lg.System(kinetic=(x.dot**2 + y.dot**2) / 2, constraints=[x**2 / 4 + y**2 - 1])
+    found = system.consistent({x: 3.0, y: 2.0}).initial
+    # The rest points along the gradient: (3 - x, 2 - y) is parallel to (x/2, 2 y).
+    assert (3 - found[x]) * 2 * found[y] == pytest.approx((2 - found[y]) * found[x] / 2, abs=1e-7)
+    assert found[x] ** 2 / 4 + found[y] ** 2 == pytest.approx(1.0, abs=1e-12)
+
+
+def test_what_is_held_stays() -> None:
+    found = pendulum().consistent({x: 0.7, y: -0.9, x.dot: 1.0}, hold=[x, "x_dot"]).initial
+    assert found[x] == 0.7 and found[x.dot] == 1.0
+    assert found[y] == pytest.approx(-sqrt(1 - 0.49), abs=1e-12)
+    assert found[x] * found[x.dot] + found[y] * found[y.dot] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_state_on_the_constraints_stays_as_it_is() -> None:
+    found = pendulum().consistent()
+    assert found.moved == 0.0 and found.entry is None and found.initial == {x: 0.6, y: -0.8, x.dot: 0.0, y.dot: 0.0}
+    assert repr(found).endswith("nothing moved>")
+
+
+def test_without_constraints_nothing_moves() -> None:
+    free = lg.System(kinetic=m * x.dot**2 / 2, parameters={m: 1.0})
+    assert free.consistent({x: 2.0}).initial == {x: 2.0, x.dot: 0.0}
+
+
+def test_a_velocity_constraint_moves_velocities_alone() -> None:
+    knife = lg.System(
+        kinetic=(x.dot**2 + y.dot**2 + theta.dot**2) / 2,
+        coordinates=[x, y, theta],
+        constraints={"blade": sin(theta) * x.dot - cos(theta) * y.dot},
+    )
+    found = knife.consistent({theta: 0.3, x.dot: 1.0}).initial
+    assert (found[x], found[y], found[theta], found[theta.dot]) == (0.0, 0.0, 0.3, 0.0)
+    assert np.tan(0.3) * found[x.dot] == pytest.approx(found[y.dot], abs=1e-12)
+
+
+def test_time_and_parameters_are_taken() -> None:
+    driven = lg.System(
+        kinetic=m * (x.dot**2 + y.dot**2) / 2, constraints={"lift": y - c * sin(2 * lg.t)}, parameters={m: 1.0, c: 1.0}
+    )
+    found = driven.consistent({}, t=0.4, parameters={c: 3.0}).initial
+    assert found[y] == pytest.approx(3 * np.sin(0.8), abs=1e-12)
+    assert found[y.dot] == pytest.approx(6 * np.cos(0.8), abs=1e-12)
+
+
+def test_a_singular_mass_matrix_that_is_definite_on_the_surface() -> None:
+    system = lg.System(
+        kinetic=(x.dot**2 + y.dot**2) / 2, potential=x, coordinates=[x, y, z], constraints={"height": z - x * y}
+    )
+    found = system.consistent({x: 2.0, y: 3.0, z: 5.0, x.dot: 1.0}).initial
+    # z has no inertia: its change costs nothing, and it alone moves.
+    assert (found[x], found[y]) == pytest.approx((2.0, 3.0), abs=1e-9) and found[z] == pytest.approx(6.0, abs=1e-9)
+    assert found[z.dot] == pytest.approx(3.0, abs=1e-9)
+
+
+def test_an_example_with_many_constraints_far_from_consistent() -> None:
+    xs, ys = lg.coordinates("x1 x2 x3 x4"), lg.coordinates("y1 y2 y3 y4")
+    points = [(0, 0), *zip(xs, ys, strict=True)]
+    rods = [(a - p) ** 2 + (b - q) ** 2 - 1 for (p, q), (a, b) in itertools.pairwise(points)]
+    chain = lg.System(kinetic=sum(v.dot**2 for v in (*xs, *ys)) / 2, constraints=rods, coordinates=[*xs, *ys])
+    given = {q: 0.7 * i for i, q in enumerate(xs, 1)} | {q: -0.9 * i + 0.1 * i**2 for i, q in enumerate(ys, 1)}
+    found = chain.consistent(given).initial
+    assert max(abs(float(rod.xreplace(dict(found)))) for rod in rods) < 1e-11
+
+
+@pytest.mark.parametrize("target", ["numpy", "llvm"])
+def test_a_run_moves_what_rounding_left_and_says_it(target: str) -> None:
+    given = {x: 0.70710678, y: -0.70710678}
+    solution = pendulum().run(0.1, given, target=target, check=False)
+    assert solution.y[0, 0] ** 2 + solution.y[1, 0] ** 2 == pytest.approx(1.0, abs=1e-15)
+    assert "The initial state was moved onto the constraints, by at most 1.2e-09, in x." in solution.message
+    exact = pendulum().run(0.1, target=target, check=False)
+    assert "moved" not in exact.message and exact.y[:, 0].tolist() == [0.6, -0.8, 0.0, 0.0]
+
+
+def test_round_off_is_not_moved() -> None:
+    angle = 2.0
+    state = {x: np.cos(angle), y: np.sin(angle), x.dot: -3 * np.sin(angle), y.dot: 3 * np.cos(angle)}
+    solution = pendulum().run(0.1, state, check=False)
+    assert solution.y[:, 0].tolist() == list(state.values()) and "moved" not in solution.message
+    lying = pendulum(y).run(0.1, {x: 1.0, y: 1e-17}, check=False)
+    assert lying.y[1, 0] == 1e-17 and "moved" not in lying.message
+
+
+def test_a_state_off_a_constraint_is_refused_by_name() -> None:
+    text = refusal(pendulum().run, 1.0, {x: 0.7, y: -0.7}, check=False)
+    assert "the initial state does not satisfy the constraint at t = 0: 'rod' (-l**2 + x**2 + y**2) is -0.02" in text
+    assert "with terms of size 1.98" in text
+    assert "or take the nearest ones, system.consistent({'x': 0.7, 'y': -0.7}).initial." in text
+
+
+def test_velocities_off_a_constraint_are_refused_by_name() -> None:
+    text = refusal(pendulum().run, 1.0, {x.dot: 1.0}, check=False)
+    assert "the initial velocities do not satisfy the constraint at t = 0: 'rod' (the rate of change of -l**2" in text
+    assert "is 1.2, with terms of size 1.2." in text
+    knife = lg.System(kinetic=(x.dot**2 + y.dot**2) / 2, constraints={"blade": x.dot - 2 * y.dot})
+    text = refusal(knife.run, 1.0, {x.dot: 1.0}, check=False)
+    assert "'blade' (x_dot - 2*y_dot) is 1, with terms of size 1" in text
+
+
+def test_several_violations_are_named_together() -> None:
+    system = lg.System(kinetic=(x.dot**2 + y.dot**2 + z.dot**2) / 2, constraints={"a": x - 1, "b": y - z, "c": z})
+    text = refusal(system.run, 1.0, {y: 0.5}, check=False)
+    assert "the constraints at t = 0: 'a' (x - 1) is -1, with terms of size 1 and 'b' (y - z) is 0.5" in text
+    assert "'c'" not in text
+
+
+def test_the_flow_moves_and_refuses_as_a_run_does() -> None:
+    flow = lg.flow(pendulum().compile(check=False))
+    near, exact = np.array([0.6, -0.8 + 1e-9, 0.0, 0.0]), np.array([0.6, -0.8, 0.0, 0.0])
+    assert flow(near, 0.0, 0.1) == pytest.approx(flow(exact, 0.0, 0.1), abs=1e-8)
+    at_once = flow(near, 0.0, 0.0)
+    assert at_once[0] ** 2 + at_once[1] ** 2 == pytest.approx(1.0, abs=1e-15)
+    assert "'rod'" in refusal(flow, np.array([0.6, -0.7, 0.0, 0.0]), 0.0, 0.1)
+
+
+def test_a_constraint_that_cannot_be_met() -> None:
+    text = refusal(pendulum().consistent, {x: 1.2}, hold=[x])
+    assert "no state near the one given satisfies the constraint 'rod'" in text
+    assert "Hold fewer values (held: x), or give others." in text
+    text = refusal(pendulum(x**2 + y**2 + l**2).consistent, {x: 1.2})
+    assert "Give values that are nearer to them, and look for constraints that contradict one another." in text
+
+
+def test_no_direction_leads_from_the_centre_to_the_circle() -> None:
+    text = refusal(pendulum().consistent, {x: 0.0, y: 0.0})
+    assert "'rod' (-l**2 + x**2 + y**2) stays at -1" in text
+    assert "All its derivatives vanish there: give a state away from it." in text
+
+
+def test_a_constraint_that_is_not_differentiable_at_the_start() -> None:
+    text = refusal(pendulum(sqrt(x**2 + y**2) - l).run, 1.0, {x: 0.0, y: 0.0}, check=False)
+    assert "the constraint 'rod', -l + sqrt(x**2 + y**2) = 0, is not differentiable at the initial state (x = 0" in text
+    assert "such as x**2 + y**2 - l**2 for sqrt(x**2 + y**2) - l" in text
+    text = refusal(pendulum(y - Abs(x)).run, 1.0, {x: 0.0, y: 0.0}, check=False)
+    assert "the constraint 'rod', y - Abs(x) = 0, is not differentiable at the initial state" in text
+    smooth = pendulum(y - Piecewise((x**3, x > 0), (0, True)))
+    assert smooth.run(0.1, {x: 0.0, y: 0.0, x.dot: 1.0}, check=False).status is lg.Status.SUCCESS
+
+
+def test_a_constraint_without_a_value_at_the_start() -> None:
+    text = refusal(pendulum(sp.log(x) - y).run, 1.0, {x: -1.0, y: 0.0}, check=False)
+    assert "the constraint 'rod', -y + log(x) = 0, has no finite value at the initial state (x = -1, y = 0" in text
+
+
+def test_a_mass_matrix_without_a_value_at_the_start() -> None:
+    system = lg.System(kinetic=x.dot**2 / x + y.dot**2, coordinates=[x, y], constraints={"line": x - y})
+    assert "the mass matrix is not finite at the initial state (x = 0, y = 1" in refusal(system.consistent, {y: 1.0})
+
+
+@pytest.mark.parametrize("hold", [3, x, [z], ["nothing"], [[x]]])
+def test_what_is_held_must_be_entries_of_the_state(hold: Any) -> None:
+    text = refusal(pendulum().consistent, {}, hold=hold)
+    assert "hold is " in text or "which is no coordinate or velocity of this system: they are x, x_dot" in text
+
+
+def test_a_start_on_the_constraints_costs_microseconds() -> None:
+    model = pendulum().compile(check=False)
+    state, parameters = np.array([0.6, -0.8, 0.0, 0.0]), model.parameter_array()
+    assert consistent_start(model, 0.0, state, parameters) is state
+    # It takes 5 us; a projection, 500.
+    best = min(timeit.repeat(lambda: consistent_start(model, 0.0, state, parameters), number=200, repeat=5)) / 200
+    assert best < 1e-4
