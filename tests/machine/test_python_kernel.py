@@ -15,6 +15,7 @@ import sympy as sp
 import lagrange as lg
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.kernel.interpreted import InterpretedKernel
+from lagrange.machine.kernel.numpy_text import column_source
 from lagrange.machine.kernel.python_kernel import FUNCTIONS, PythonKernel
 from lagrange.machine.kernel.python_text import WRITTEN_OUT, fits, scalar_source
 from lagrange.machine.python_source import defined
@@ -68,6 +69,100 @@ def test_printed_and_interpreted_are_the_same(name: str, quantity: str) -> None:
     assert many == pytest.approx(expected, rel=1e-11, abs=1e-11)
 
 
+@pytest.mark.parametrize("quantity", QUANTITIES)
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_quick_calls_have_the_bits_of_the_kernel(name: str, quantity: str) -> None:
+    """They are one function with its checks, for one array or two, with few results or many."""
+    model = SYSTEMS[name].compile(target="numpy")
+    kernel, parameters, n = model.kernel(quantity), model.parameter_array(), model.dimension
+    quick = kernel.quick(parameters)
+    assert quick is not None and quick is kernel.quick(parameters.copy())
+    for y in np.random.default_rng(4).normal(size=(8, 2 * n)):
+        expected = kernel(0.3, y, parameters)
+        for found in (quick.whole(0.3, y), quick.parts(np.float64(0.3), y[:n].copy(), y[n:].copy())):
+            if found is None:  # where Python raises in a branch that is not taken, or there is no finite value
+                assert name == "branches"
+                continue
+            assert found is not None and found.dtype == float and found.shape == expected.shape
+            assert np.array_equal(found, expected) and found.flags.writeable
+        wrong: list[Any] = [y[:-1], y.astype(int), y.astype(">f8"), y.tolist(), y[None], np.ma.array(y)]
+        assert all(quick.whole(0.3, one) is None for one in wrong)
+        y[-1] = math.nan
+        assert quick.whole(0, y) is quick.whole(math.inf, y) is quick.parts(0.3, y[:n], y) is None
+        assert (quick.whole(0.3, y) is None) == (not np.isfinite(kernel(0.3, y, parameters)).all())
+
+
+def rows_program() -> Program:
+    """Results that are read after they are put out, that are put out twice or as they came, and chosen ones."""
+    code = (
+        Instruction("parameter"),
+        Instruction("mul", (0, 0)),
+        Instruction("state"),
+        Instruction("state", place=1),
+        Instruction("add", (2, 3)),
+        Instruction("mul", (4, 2)),
+        Instruction("sub", (5, 4)),
+        Instruction("min", (6, 5)),
+        Instruction("less", (4, 6)),
+        Instruction("select", (8, 7, 4)),
+        Instruction("fma", (9, 4, 6)),
+        Instruction("sin", (10,)),
+        Instruction("mul", (1, 11)),
+        Instruction("max", (12, 9)),
+    )
+    outputs = (5, 13, 2, 11, 11, 10, 1)
+    return Program("rows", (ProgramBlock("y", 2),), 1, code, 2, outputs, (ProgramBlock("a", 7),), (7,))
+
+
+def test_rows_are_written_in_place_where_nothing_reads_them_later() -> None:
+    program, parameters = rows_program(), np.array([1.5])
+    y = np.random.default_rng(5).normal(size=(2, 333))
+    given = y.copy()
+    kernel = PythonKernel(program)
+    found = kernel(0.0, y, parameters)
+    assert found == pytest.approx(InterpretedKernel(program)(0.0, y, parameters), rel=1e-14) and (y == given).all()
+    for column in range(0, 333, 50):
+        assert kernel(0.0, y[:, column].copy(), parameters) == pytest.approx(found[:, column], rel=1e-14)
+    text, buffers = column_source(program)
+    assert buffers == 4 and "np.add(y0, y1, b0)" in text and "np.multiply(b0, y0, o0)" in text
+
+
+def test_rows_of_a_solved_system_are_free_when_they_are_read() -> None:
+    """But for those that are results: what is computed after the solve is written elsewhere."""
+    code = (
+        *(Instruction("state", place=i) for i in range(3)),
+        Instruction("exp", (0,)),
+        Instruction("exp", (1,)),
+        Instruction("add", (3, 4)),
+        Instruction("factor", (5, 0, 4), order=2),
+        Instruction("solve", (6, 1, 2), order=2),
+        Instruction("component", (7,)),
+        Instruction("component", (7,), place=1),
+        Instruction("add", (8, 9)),
+        *(Instruction(op, (10,)) for op in ("sin", "cos", "tan", "exp", "sinh", "tanh", "atan")),
+        Instruction("add", (11, 12)),
+        *(Instruction("mul", (18 + k, 13 + k)) for k in range(5)),
+    )
+    program = Program("solved", (ProgramBlock("y", 3),), 0, code, 0, (8, 23, 10), (ProgramBlock("a", 3),), (3,))
+    y, none = np.random.default_rng(6).uniform(0.1, 0.3, size=(3, 100)), np.empty(0)
+    found = PythonKernel(program)(0.0, y, none)
+    assert found == pytest.approx(InterpretedKernel(program)(0.0, y, none), rel=1e-12)
+
+
+def test_what_needs_parameters_alone_is_tested_once() -> None:
+    """The pivot of the first link is a sum of masses: neither it nor the size of the second is computed again."""
+    system = lg.scene("double-pendulum")
+    text = scalar_source(system.compile(target="numpy").kernel("rhs").program)
+    outside, inside = text.split("    def rhs(t, y):")
+    assert outside.count("abs(") == 2 and outside.count("return None") == 1 and outside.count("1.0 / ") == 1
+    assert inside.count("abs(") == 0 and inside.count("return None") == 1 and inside.count("1.0 / ") == 1
+    kernel = system.compile(target="numpy").kernel("rhs")
+    nothing = np.zeros(len(system.parameters))
+    assert kernel.quick(nothing) is None
+    with pytest.raises(SingularMassMatrix):
+        kernel(0.0, np.ones(4), nothing)
+
+
 def test_blocks_of_every_length_join(monkeypatch: pytest.MonkeyPatch) -> None:
     kernel = SYSTEMS["2 links"].compile(target="numpy").kernel("rhs")
     monkeypatch.setattr("lagrange.machine.kernel.python_kernel.MOST_COLUMNS", 64)
@@ -86,6 +181,8 @@ def test_blocks_of_every_length_join(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_what_has_no_value_is_infinite_or_nan(force: Any, value: float) -> None:
     """Python raises there."""
     model = lg.System(kinetic=x.dot**2 / 2, forces={x: force}).compile(target="numpy", check=False)
+    quick = model.kernel("rhs").quick(np.empty(0))
+    assert quick is not None and quick.whole(0.0, np.zeros(2)) is None
     alone, many = (model.kernel("rhs")(0.0, np.zeros(shape), np.empty(0)) for shape in (2, (2, 3)))
     assert alone[1] == pytest.approx(value, nan_ok=True) and many[1, 2] == pytest.approx(value, nan_ok=True)
 

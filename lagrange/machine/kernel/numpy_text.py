@@ -1,6 +1,7 @@
 """Print a program as straight-line NumPy on rows of numbers, one for each of many states.
 
-Each operation writes into a row that is free, so a block of columns stays in the cache.
+Each operation writes into a row that is free, an operand that it is the last to read before all others, and a result
+into its place: so few rows are worked with, a block of columns stays in the cache, and little is moved.
 """
 
 from __future__ import annotations
@@ -51,6 +52,8 @@ class _Rows(FloatPrinter):
         self.last = _last_uses(program)
         self.passed: dict[int, list[int]] = {}
         """The results that are read for the last time by an instruction."""
+        self.outputs = {ref: k for k, ref in enumerate(program.outputs)}
+        """The output that a result is, by instruction: the last of several."""
         for ref, at in enumerate(self.last):
             self.passed.setdefault(at, []).append(ref)
 
@@ -68,17 +71,15 @@ class _Rows(FloatPrinter):
             self.texts[i] = ATOM, "t"
         for i in range(program.hoisted, len(program.instructions)):
             self.wide(i, program.instructions[i])
-            for ref in self.passed.get(i, ()):
-                self.release(self.slots.pop(ref, []))
+            self.release_read(i)
         for k, ref in enumerate(program.outputs):
-            self.write(f"out[{k}] = {self.text_of(ref)}")
+            if self.text_of(ref) != f"o{k}":
+                self.write(f"o{k}[:] = {self.text_of(ref)}")
         self.write("return True")
         body, self.lines, self.depth = self.lines, head, 1
         self.write(f"def {name}(t, y, out, b):")
-        unpacked = [
-            f"{listed(letter, count)} = {letter}" for letter, count in (("y", program.states), ("b", self.most))
-        ]
-        self.lines += [f"        {line}" for line in unpacked if not line.startswith(" =")]
+        given = ("y", "y", program.states), ("o", "out", len(program.outputs)), ("b", "b", self.most)
+        self.lines += [f"        {listed(letter, count)} = {name}" for letter, name, count in given if count]
         return "\n".join([*self.lines, *body, f"    return {name}", ""])
 
     def row(self) -> str:
@@ -92,6 +93,18 @@ class _Rows(FloatPrinter):
     def release(self, rows: Iterable[str]) -> None:
         self.free += [int(row[1:]) for row in rows]
 
+    def release_read(self, i: int) -> None:
+        """Free the rows of the results that instruction i is the last to read."""
+        for ref in self.passed.pop(i, ()):
+            self.release(self.slots.pop(ref, []))
+
+    def row_of(self, i: int) -> str:
+        """Return a row for the result of an instruction, that of an output if it is one."""
+        if i not in self.outputs:
+            return self.row()
+        self.rows.add(f"o{self.outputs[i]}")
+        return f"o{self.outputs[i]}"
+
     def wide(self, i: int, one: Instruction) -> None:
         if one.op in GIVEN:
             return
@@ -104,35 +117,42 @@ class _Rows(FloatPrinter):
         elif one.op in FLAG_OPERATIONS:
             self.texts[i] = ATOM, self.named(f"c{i}", f"np.{UFUNCS[one.op]}({self.operands(one)})")
         else:
-            row = self.row()
-            self.elementwise(one, row)
+            text = self.operands(one)
+            if one.op in UFUNCS:
+                self.release_read(i)
+            row = self.row_of(i)
+            if one.op in UFUNCS:
+                # NumPy wants the row named where it takes any number of operands.
+                named = "out=" if one.op in ("min", "max") else ""
+                self.write(f"np.{UFUNCS[one.op]}({text}, {named}{row})")
+            else:
+                self.composed(one, row)
             self.slots[i], self.texts[i] = [row], (ATOM, row)
 
     def operands(self, one: Instruction) -> str:
         return ", ".join(self.text_of(arg) for arg in one.args)
 
-    def elementwise(self, one: Instruction, row: str) -> None:
+    def composed(self, one: Instruction, row: str) -> None:
+        """Write an operation that takes two functions of NumPy; its row is none of the operands."""
+        a, b, c = (self.text_of(arg) for arg in one.args)
         if one.op == "select":
-            condition, a, b = (self.text_of(arg) for arg in one.args)
-            self.write(f"np.copyto({row}, {b})")
-            self.write(f"np.copyto({row}, {a}, where={condition})")
-        elif one.op == "fma":
-            a, b, c = (self.text_of(arg) for arg in one.args)
+            self.write(f"np.copyto({row}, {c})")
+            self.write(f"np.copyto({row}, {b}, where={a})")
+        else:
             self.write(f"np.multiply({a}, {b}, {row})")
             self.write(f"np.add({row}, {c}, {row})")
-        else:
-            self.write(f"np.{UFUNCS[one.op]}({self.operands(one)}, out={row})")
 
     def less(self, start: str, products: list[tuple[str, str]]) -> str:
         """Return start - the sum of products: `start` itself, or a row of its own."""
         if not products:
             return start
-        row, spare = self.row(), self.row()
-        for a, b in products:
-            self.write(f"np.multiply({a}, {b}, {spare})")
-            self.write(f"np.subtract({start}, {spare}, {row})")
+        row = self.row()
+        for k, (a, b) in enumerate(products):
+            product = self.row() if k else row
+            self.write(f"np.multiply({a}, {b}, {product})")
+            self.write(f"np.subtract({start}, {product}, {row})")
+            self.release([product] if k else [])
             start = row
-        self.release([spare])
         return row
 
     def divided(self, pivot: str) -> str:
@@ -169,8 +189,9 @@ class _Rows(FloatPrinter):
         pivot, size = scaled.get((j, j), "0.0"), self.entry(one, j, j)
         if j not in one.negative:
             diagonal = "0.0" if size is None else self.text_of(size)
-            if pivot not in self.rows and diagonal not in self.rows:
-                self.write(f"if not {pivot} > {least_pivot(one.negative)!r} * abs({diagonal}):")
+            if diagonal not in self.rows:
+                least = f"np.minimum.reduce({pivot})" if pivot in self.rows else pivot
+                self.write(f"if not {least} > {least_pivot(one.negative)!r} * abs({diagonal}):")
                 self.write("    return False")
                 self.release([row, spare])
                 return
@@ -189,14 +210,22 @@ class _Rows(FloatPrinter):
     def solve_rows(self, place: int, one: Instruction) -> None:
         """Write the solution of a system with a factored matrix."""
         n, rows, x = one.order, self.vectors[one.args[0]], [self.text_of(ref) for ref in one.args[1:]]
-        own: set[int] = set()
+        own: dict[int, str] = {}
+        target = {
+            one.place: i
+            for i, one in enumerate(self.program.instructions)
+            if one.op == "component" and one.args[0] == place
+        }
         for i in range(n):
             held = [(rows[i * (i + 1) // 2 + k], x[k]) for k in range(i) if rows[i * (i + 1) // 2 + k]]
             x[i] = self.less(x[i], held)
-            own |= {i} if held else set()
+            if held:
+                own[i] = x[i]
         for i in reversed(range(n)):
-            row = x[i] if i in own else self.row()
+            row = self.row_of(target[i]) if i in target else own.get(i) or self.row()
             self.write(f"np.multiply({x[i]}, {rows[i * (i + 3) // 2]}, {row})")
+            if i in own and own[i] != row:
+                self.release([own[i]])
             held = [(rows[k * (k + 1) // 2 + i], x[k]) for k in range(i + 1, n) if rows[k * (k + 1) // 2 + i]]
             x[i] = row
             for a, b in held:
@@ -204,7 +233,7 @@ class _Rows(FloatPrinter):
                 self.write(f"np.multiply({a}, {b}, {spare})")
                 self.write(f"np.subtract({row}, {spare}, {row})")
                 self.release([spare])
-        self.vectors[place] = x
+        self.vectors[place], self.slots[place] = x, x
 
 
 def _last_uses(program: Program) -> list[int]:

@@ -7,7 +7,8 @@ program is interpreted instead: that has the right infinities and NaNs, pivots, 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+import struct
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -15,18 +16,19 @@ import numpy as np
 
 from lagrange.errors import StatementError
 from lagrange.machine.backend import FloatArray, QuickCalls, SingularMassMatrix
+from lagrange.machine.calls import nothing
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.numpy_text import column_source
-from lagrange.machine.kernel.python_text import WRITTEN_OUT, fits, scalar_source
+from lagrange.machine.kernel.python_text import WRITTEN_OUT, checked_source, fits, scalar_source
 from lagrange.machine.python_source import defined
 from lagrange.procedure.interpreter import OPERATIONS
 from lagrange.program.program import Program
 from lagrange.statement.number import DOUBLE
 
-CACHED = 2**16
-"""Doubles of a block of columns: they fit a second-level cache."""
+CACHED = 2**17
+"""Doubles of a block of columns: 1 MiB, which fits the second-level cache of most processors."""
 
-LEAST_COLUMNS, MOST_COLUMNS = 64, 4096
+LEAST_COLUMNS, MOST_COLUMNS = 64, 8192
 """The least and the largest number of columns of a block."""
 
 FUNCTIONS: dict[str, Any] = {
@@ -40,16 +42,28 @@ FUNCTIONS: dict[str, Any] = {
 }
 """The functions of printed operations. Those of `math` raise if there is no finite value."""
 
+NO_VALUE = (ZeroDivisionError, ValueError, OverflowError)
+"""What Python raises where there is no finite value."""
+
+CHECKS: dict[str, Any] = {
+    "ndarray": np.ndarray,
+    "double": DOUBLE,
+    "isfinite": math.isfinite,
+    "array": np.array,
+    "empty": np.empty,
+    "NO_VALUE": NO_VALUE,
+}
+"""What checks of one state, and what makes an array of its results, are made of."""
+
 SOURCE_NOTE = """\
 # y = {inputs}, p = the parameters, in the statement's order; sin, exp and the like are those of math,
 # power is math.pow, and np is NumPy. None, or an error of math, sends a state to the interpreter.
 
-# One state: {name}(p)(t, y), with sequences of floats, returns a tuple of floats.
+# One state: {name}(p)(t, y), with sequences of floats, returns a tuple of floats. The calls of a model have its
+# lines between those that check arrays and make one.
 """
 
 COLUMNS_NOTE = "\n\n# Many states: rows y and out, (columns,) each, and {buffers} rows b to work with.\n"
-
-NO_VALUE = (ZeroDivisionError, ValueError, OverflowError)
 
 
 def printed(program: Program) -> str:
@@ -95,7 +109,7 @@ class PythonKernel:
 
     def __init__(self, program: Program) -> None:
         self._program = program
-        self._quick: tuple[Callable[..., Any], QuickCalls] | None = None
+        self._quick: tuple[bytes, QuickCalls | None] | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
         return PythonKernel, (self._program,)
@@ -122,37 +136,32 @@ class PythonKernel:
 
     def quick(self, parameters: FloatArray) -> QuickCalls | None:
         """Return quick calls for one state with some parameters; see `Kernel`."""
-        function, known = self._one_state(parameters), self._quick
-        if function is None:
-            return None
-        if known is None or known[0] is not function:
-            known = self._quick = function, self._calls_of(function)
+        key, known = parameters.tobytes(), self._quick
+        if known is None or known[0] != key:
+            known = self._quick = key, self._calls_of(parameters)
         return known[1]
 
-    def _calls_of(self, function: Callable[..., Any]) -> QuickCalls:
-        size, shape = self._program.states, self._program.shape
-        flat, finite, array = len(shape) == 1, math.isfinite, np.array
-
-        def of(t: float, y: list[float]) -> FloatArray | None:
-            try:
-                found = function(t, y)
-            except NO_VALUE:
-                return None
-            if found is None or not finite(t + sum(found)):
-                return None
-            return array(found) if flat else array(found).reshape(shape)
-
-        half = (size // 2,)
-
-        def whole(t: Any, y: Any) -> FloatArray | None:
-            plain = type(y) is np.ndarray and y.dtype is DOUBLE and y.shape == (size,)
-            return of(float(t), y.tolist()) if plain and isinstance(t, float) else None
+    def _calls_of(self, parameters: FloatArray) -> QuickCalls | None:
+        """Return printed functions with their checks; that of two arrays is printed when it is first called."""
+        size, given = self._program.states, parameters.copy()
+        whole = self._checked({"y": size})(given)
+        if whole is None:
+            return None
+        made: list[Callable[..., Any]] = []
 
         def parts(t: Any, q: Any, v: Any) -> FloatArray | None:
-            plain = type(q) is type(v) is np.ndarray and q.dtype is v.dtype is DOUBLE and q.shape == v.shape == half
-            return of(float(t), [*q.tolist(), *v.tolist()]) if plain and isinstance(t, float) else None
+            if not made:
+                made.append(self._checked({"q": size // 2, "v": size - size // 2})(given) or nothing)
+            found: FloatArray | None = made[0](t, q, v)
+            return found
 
         return QuickCalls(whole, parts)
+
+    def _checked(self, arrays: Mapping[str, int]) -> _Prepared:
+        """Return the function of one state as arrays, with checks of what comes and goes; see `checked_source`."""
+        packed = struct.Struct(f"{len(self._program.outputs)}d").pack_into
+        names = {**FUNCTIONS, **CHECKS, "pack": packed}
+        return _Prepared(defined(checked_source(self._program, arrays), self._program.name, names))
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
         """Evaluate every column, by blocks; see `Kernel`."""

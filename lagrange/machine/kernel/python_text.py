@@ -42,6 +42,19 @@ def scalar_source(program: Program) -> str:
     return FloatPrinter(program).text()
 
 
+def checked_source(program: Program, given: Mapping[str, int]) -> str:
+    """Return `def name(p)` as `scalar_source` does, for a function of t and of arrays with so many entries each.
+
+    It returns a new array with finite entries, or None: where an argument is no float or no plain array of doubles of
+    that length, where a result is not finite, and where Python raises. It is one function, since each call of another
+    takes as long as three operations.
+    """
+    return FloatPrinter(program, given).text()
+
+
+MOST_CONVERTED = 6
+"""Up to so many results NumPy makes an array of a tuple in less time than it takes to pack them into one."""
+
 Entries = dict[tuple[int, int], str]
 """The names of a lower triangle by (row, column); what is missing is zero."""
 
@@ -59,9 +72,11 @@ def rows_of(lower: Entries, n: int) -> list[str]:
 class FloatPrinter:
     """Prints the instructions of a program one after the other; see `scalar_source`."""
 
-    def __init__(self, program: Program) -> None:
-        self.program = program
+    def __init__(self, program: Program, arrays: Mapping[str, int] | None = None) -> None:
+        self.program, self.arrays = program, arrays
         self.lines: list[str] = []
+        self.inner = 0
+        """The line before which the inner function begins."""
         self.depth = 1
         self.texts: dict[int, tuple[int, str]] = {}
         self.vectors: dict[int, list[str]] = {}
@@ -108,15 +123,72 @@ class FloatPrinter:
         if program.parameters:
             self.write(f"{listed('p', program.parameters)} = p")
         self.run(range(program.hoisted))
-        self.write(f"def {program.name}(t, y):")
-        self.depth = 2
-        if program.states:
-            self.write(f"{listed('y', program.states)} = y")
-        self.run(range(program.hoisted, len(program.instructions)))
-        self.write(f"return ({''.join(f'{self.text_of(ref)}, ' for ref in program.outputs).rstrip()})")
+        self.inner = len(self.lines)
+        body = range(program.hoisted, len(program.instructions))
+        if self.arrays is None:
+            self.write(f"def {program.name}(t, y):")
+            self.depth = 2
+            if program.states:
+                self.write(f"{listed('y', program.states)} = y")
+            self.run(body)
+            self.write(f"return ({''.join(f'{self.text_of(ref)}, ' for ref in program.outputs).rstrip()})")
+        else:
+            self.checked(self.arrays, body)
         self.depth = 1
         self.write(f"return {program.name}")
         return "\n".join([*self.lines, ""])
+
+    def results(self) -> list[str]:
+        """Return the outputs, each a name or a number: they are read twice, and what is computed may raise."""
+        found = []
+        for k, ref in enumerate(self.program.outputs):
+            text = self.text_of(ref)
+            plain = text.isidentifier() or self.program.instructions[ref].op in GIVEN
+            found.append(text if plain else self.named(f"r{k}", text))
+        return found
+
+    def checked(self, arrays: Mapping[str, int], body: Iterable[int]) -> None:
+        """Write the function of t and arrays around a body; see `checked_source`."""
+        first, unpacked = 0, []
+        self.write(f"def {self.program.name}(t, {', '.join(arrays)}):")
+        self.depth = 2
+        for name, size in arrays.items():
+            self.leave_if(f"type({name}) is not ndarray or {name}.dtype is not double or {name}.shape != ({size},)")
+            if size:
+                unpacked.append(f"{listed('y', size, first)} = {name}.tolist()")
+            first += size
+        self.leave_if("not isinstance(t, float)")
+        for line in [*unpacked, *(["t = float(t)"] if self.places("time") else []), "try:"]:
+            self.write(line)
+        self.depth = 3
+        begin = len(self.lines)
+        self.run(body)
+        found = self.results()
+        self.depth = 2
+        if len(self.lines) == begin:
+            self.lines.pop()  # nothing is computed, and a try is never empty
+        else:
+            self.write("except NO_VALUE:")
+            self.write("    return None")
+        self.made(found)
+
+    def leave_if(self, condition: str) -> None:
+        """Return None on a condition."""
+        self.write(f"if {condition}:")
+        self.write("    return None")
+
+    def made(self, found: list[str]) -> None:
+        """Return an array of the results if they are finite."""
+        shape, results = self.program.shape, "".join(f"{one}, " for one in found).rstrip()
+        if len(found) <= MOST_CONVERTED:
+            self.leave_if(f"not isfinite({' + '.join(['t', *found])})")
+            self.write(f"return array(({results})){'' if len(shape) == 1 else f'.reshape({shape!r})'}")
+            return
+        self.write(f"r = ({results})")
+        self.leave_if("not isfinite(t + sum(r))")
+        self.write(f"out = empty({shape!r})")
+        self.write("pack(out, 0, *r)")
+        self.write("return out")
 
     def run(self, refs: Iterable[int]) -> None:
         """Print some instructions, each after those that it reads."""
@@ -148,6 +220,17 @@ class FloatPrinter:
         self.write(f"{name} = {text}")
         return name
 
+    def write_once(self, line: str) -> None:
+        """Print a line that needs parameters alone, before the inner function."""
+        self.lines.insert(self.inner, f"    {line}")
+        self.inner += 1
+
+    def is_fixed(self, ref: int | None) -> bool:
+        """Return whether a value that is read by the inner function needs parameters alone; a zero, None, does."""
+        return (
+            ref is None or ref < self.program.hoisted or self.program.instructions[ref].op in ("constant", "parameter")
+        )
+
     def factor(self, place: int, one: Instruction) -> None:
         """Write L D L^T of a matrix: its entries below the diagonal, and 1/d, and leave where a pivot vanishes."""
         n, lower, scaled = one.order, Entries(), Entries()
@@ -155,24 +238,35 @@ class FloatPrinter:
             for i in range(j, n):
                 products = [f"{a} * {b}" for a, b in products_of(scaled, lower, i, j)]
                 start = self.entry(one, i, j)
-                if start is not None or products:
+                if start is not None and not products and self.texts[start][0] == ATOM:
+                    scaled[i, j] = self.text_of(start)
+                elif start is not None or products:
                     first = "" if start is None else self.text_of(start, SUM)
                     text = first + "".join(f" - {each}" for each in products)
                     scaled[i, j] = self.named(f"m{place}_{i}_{j}", text.strip())
-            pivot = scaled.get((j, j), "0.0")
-            if j not in one.negative:
-                size = self.entry(one, j, j)
-                least = f"abs({'0.0' if size is None else self.text_of(size)})"
-            else:
-                pivot, pairs = f"-{pivot}", products_of(scaled, lower, j, j)
-                least = f"({' + '.join(f'abs({a} * {b})' for a, b in pairs) or '0.0'})"
-            self.write(f"if not {pivot} > {least_pivot(one.negative)!r} * {least}:")
-            self.write("    return None")
-            lower[j, j] = self.named(f"d{place}_{j}", f"1.0 / {scaled.get((j, j), '0.0')}")
+            lower[j, j] = f"d{place}_{j}"
+            self.trust(place, one, j, scaled, lower)
             for i in range(j + 1, n):
                 if (i, j) in scaled:
                     lower[i, j] = self.named(f"l{place}_{i}_{j}", f"{scaled[i, j]} * {lower[j, j]}")
         self.vectors[place] = rows_of(lower, n)
+
+    def trust(self, place: int, one: Instruction, j: int, scaled: Entries, lower: Entries) -> None:
+        """Leave where a pivot cannot be trusted, and write 1/d; what needs parameters alone is computed once."""
+        pivot, size, pairs = scaled.get((j, j), "0.0"), self.entry(one, j, j), products_of(scaled, lower, j, j)
+        write, divided = self.write, f"{lower[j, j]} = 1.0 / {pivot}"
+        if j not in one.negative:
+            least = f"{least_pivot(one.negative)!r} * abs({'0.0' if size is None else self.text_of(size)})"
+            if place >= self.program.hoisted and self.is_fixed(size):
+                self.write_once(f"e{place}_{j} = {least}")
+                least = f"e{place}_{j}"
+                write = self.write if pairs else self.write_once
+        else:
+            pivot, total = f"-{pivot}", " + ".join(f"abs({a} * {b})" for a, b in pairs) or "0.0"
+            least = f"{least_pivot(one.negative)!r} * ({total})"
+        write(f"if not {pivot} > {least}:")
+        write("    return None")
+        write(divided)
 
     def solve(self, place: int, one: Instruction) -> None:
         """Write the solution of a system with a factored matrix."""
@@ -188,9 +282,9 @@ class FloatPrinter:
         self.vectors[place] = x
 
 
-def listed(letter: str, count: int) -> str:
-    """Return the names of numbered values, to unpack them into."""
-    return "".join(f"{letter}{i}, " for i in range(count)).rstrip()
+def listed(letter: str, count: int, first: int = 0) -> str:
+    """Return the names of so many numbered values, to unpack them into."""
+    return "".join(f"{letter}{i}, " for i in range(first, first + count)).rstrip()
 
 
 def uses_of(program: Program) -> list[int]:
