@@ -19,7 +19,9 @@ from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.trajectory import FloatArray
 from tests.models import model
 
-SCENES = tuple(lg.scenes())
+SCENES = tuple(name for name in lg.scenes() if not lg.scene(name).statement.constraints)
+"""States are moved one entry at a time, which those of the other scenes may not be."""
+
 MODELS = ("Henon-Heiles", "coupled masses", "8 carried masses", "cart and pole", "chain of 7")
 TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14)
 

@@ -1,0 +1,129 @@
+"""Motions stated without constraints or multipliers: by reduced coordinates, by Kane's method, by hand.
+
+A formulation has a state z of its own, the slope dz/dt, and the coordinates q(z, t) and velocities v(z, t) that a scene
+with constraints has there. Its accelerations are dv/dt along the slope.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import sympy
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from lagrange.statement.coordinate import t
+
+Vector = NDArray[np.float64]
+Slope = Callable[[Vector, float], Vector]
+
+
+@dataclass(frozen=True, eq=False)
+class Formulation:
+    """One motion: `state` are the symbols of z, `places` q and `rates` v in them; `start` is z at the scene's start.
+
+    `slope` is dz/dt as a function of (z, t), or its expressions. Random states are `start` with normal deviates of the
+    size `spread`.
+    """
+
+    values: Mapping[Any, float]
+    state: Sequence[Any]
+    places: Sequence[Any]
+    rates: Sequence[Any]
+    slope: Slope | Sequence[Any]
+    start: Sequence[Any]
+    spread: float = 0.5
+
+    @cached_property
+    def rate(self) -> Slope:
+        """Return dz/dt as a function of (z, t)."""
+        return self.slope if callable(self.slope) else self.numbers(self.slope)
+
+    @cached_property
+    def first(self) -> Vector:
+        """Return z at the start of the scene."""
+        return np.array([float(sympy.sympify(one).subs(self.values)) for one in self.start])
+
+    @cached_property
+    def lift(self) -> Slope:
+        """Return (q, v) as a function of (z, t)."""
+        return self.numbers([*self.places, *self.rates])
+
+    @cached_property
+    def _change(self) -> Slope:
+        rates = sympy.Matrix(list(self.rates))
+        return self.numbers(list(rates.jacobian(list(self.state)).row_join(rates.diff(t))))
+
+    def numbers(self, expressions: Sequence[Any]) -> Slope:
+        """Return expressions in z, t and the parameters as a function of (z, t)."""
+        known = [sympy.sympify(one).subs(self.values) for one in expressions]
+        compiled = sympy.lambdify([list(self.state), t], known, cse=True)
+        return lambda z, time: np.array(compiled(z, time), dtype=float)
+
+    def accelerations(self, z: Vector, time: float) -> Vector:
+        """Return dv/dt."""
+        change = self._change(z, time).reshape(len(self.rates), len(self.state) + 1)
+        found: Vector = change[:, :-1] @ self.rate(z, time) + change[:, -1]
+        return found
+
+    def draws(self, count: int) -> list[Vector]:
+        """Return random states."""
+        random = np.random.default_rng(5)
+        return [self.first + self.spread * random.normal(size=len(self.state)) for _ in range(count)]
+
+    def states(self, times: Vector) -> Vector:
+        """Return (q, v) at some times, (2n, K), by DOP853 at the edge of round-off."""
+        found = solve_ivp(
+            lambda time, z: self.rate(z, time),
+            (0.0, times[-1]),
+            self.first,
+            method="DOP853",
+            t_eval=times,
+            rtol=1e-13,
+            atol=1e-14,
+        )
+        assert found.success
+        return np.array([self.lift(z, time) for z, time in zip(found.y.T, times, strict=True)]).T
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """Points with masses and angles with moments of inertia, in reduced coordinates; `force` is in those."""
+
+    masses: Sequence[tuple[Any, Sequence[Any]]] = ()
+    spins: Sequence[tuple[Any, Any]] = ()
+    potential: Any = 0
+    force: Callable[[Sequence[Any], Sequence[Any]], Sequence[Any]] | None = None
+    names: Sequence[Any] = field(default_factory=tuple)
+
+
+def reduced(values: Mapping[Any, float], places: Sequence[Any], bodies: Bodies, **more: Any) -> Formulation:
+    """Return the motion in reduced coordinates `bodies.names`, by Lagrange's equations in SymPy."""
+    s = list(bodies.names)
+    u = [sympy.Symbol(f"{one.name}_rate", real=True) for one in s]
+
+    def rate(expression: Any) -> Any:
+        return sum((sympy.diff(expression, one) * two for one, two in zip(s, u, strict=True)), sympy.Integer(0))
+
+    kinetic = sum(mass * rate(one) ** 2 / 2 for mass, point in bodies.masses for one in point)
+    kinetic += sum(inertia * rate(angle) ** 2 / 2 for inertia, angle in bodies.spins)
+    momenta = [sympy.diff(kinetic, one) for one in u]
+    applied = bodies.force(s, u) if bodies.force else [0] * len(s)
+    forces = [
+        sympy.diff(kinetic - bodies.potential, one) - rate(p) + extra
+        for one, p, extra in zip(s, momenta, applied, strict=True)
+    ]
+    mass = [sympy.diff(p, one) for p in momenta for one in u]
+    n = len(s)
+    plain = Formulation(values, [*s, *u], places, [rate(one) for one in places], [], ())
+    both = plain.numbers([*mass, *forces])
+
+    def slope(z: Vector, time: float) -> Vector:
+        found = both(z, time)
+        return np.concatenate([z[n:], np.linalg.solve(found[: n * n].reshape(n, n), found[n * n :])])
+
+    return Formulation(values, [*s, *u], places, plain.rates, slope, **more)

@@ -1,0 +1,61 @@
+"""Every scene with constraints moves as an independent formulation of it says: Kane, Lagrange, Newton and Euler."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lagrange.compiler import machine, model_of
+from lagrange.machine.model import Model
+from lagrange.run import flow
+from lagrange.statement.scene import load
+from tests.mechanisms.formulation import Formulation
+from tests.mechanisms.scenes import FORMULATIONS
+
+
+@cache
+def formulation(name: str) -> Formulation:
+    return FORMULATIONS[name]()
+
+
+@cache
+def model(name: str, target: str = "llvm") -> Model:
+    return model_of(load(name), machine(target))
+
+
+@pytest.mark.parametrize("name", FORMULATIONS)
+def test_a_scene_starts_where_its_formulation_does_and_on_its_constraints(name: str) -> None:
+    start = np.array(load(name).initial)
+    assert formulation(name).lift(formulation(name).first, 0.0) == pytest.approx(start, rel=1e-14, abs=2e-15)
+    n = len(start) // 2
+    off = model(name).evaluate("constraints", start[:n], start[n:])
+    size = max(1.0, np.abs(start).max())
+    assert np.abs(off).max() <= 1e-15 * size**2
+
+
+@pytest.mark.parametrize("target", ["llvm", "numpy"])
+@pytest.mark.parametrize("name", FORMULATIONS)
+def test_the_accelerations_are_those_of_the_formulation(name: str, target: str) -> None:
+    compiled, expected = model(name, target), formulation(name)
+    n = compiled.dimension
+    for z in expected.draws(20):
+        time = 0.7
+        state = expected.lift(z, time)
+        found = compiled.accelerations(state[:n], state[n:], time)
+        right = expected.accelerations(z, time)
+        assert np.abs(found - right).max() <= 1e-11 * max(1.0, np.abs(right).max()), z
+
+
+@pytest.mark.parametrize("name", FORMULATIONS)
+def test_the_run_is_that_of_the_formulation(name: str) -> None:
+    end = load(name).run.t_end
+    times = np.linspace(0.0, end, 6)[1:]
+    right = formulation(name).states(times)
+    run: Any = flow(model(name), rtol=1e-13, atol=1e-15)
+    size = np.maximum(np.abs(right).max(axis=1), 1.0)
+    for time, expected in zip(times, right.T, strict=True):
+        found = run(np.array(load(name).initial), 0.0, time)
+        assert (np.abs(found - expected) / size).max() <= 1e-8, time
