@@ -109,11 +109,10 @@ class EventMemory:
         """Return the sides that a binary number stands for."""
         return np.array([1.0 if combination >> i & 1 else -1.0 for i in range(self.surfaces)])
 
-    def switched(self) -> list[tuple[int, FloatArray]]:
-        """Return the rows and sides of the changes of sides since the last call."""
+    def switched(self) -> list[tuple[int, int]]:
+        """Return the changes of sides since the last call: rows, and the binary numbers of the sides."""
         count, self.record.switches = self.record.switches, 0
-        pairs = zip(self.switch_rows[:count].tolist(), self.switch_combinations[:count].tolist(), strict=True)
-        return [(row, self.sides_of(combination)) for row, combination in pairs]
+        return list(zip(self.switch_rows[:count].tolist(), self.switch_combinations[:count].tolist(), strict=True))
 
     def _block(self, which: int, *, before: bool = False) -> NDArray[np.int64]:
         start = (which + SIDES * before) * self.count

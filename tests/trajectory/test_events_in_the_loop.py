@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,9 @@ import pytest
 from sympy import Abs, Max, Piecewise, Rational, atan2, cos, exp, sign, sin, sqrt, tanh
 
 from lagrange.machine.model import Model
+from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.machine.state import DriverState
+from lagrange.procedure.taylor.constants import PROBES
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
 from lagrange.trajectory.events.ending import EventResult
@@ -246,6 +249,59 @@ def test_a_reset_that_is_due_at_the_start_is_left_to_the_watch(monkeypatch: pyte
     ours = run(compiled, 7.0, "taylor", events=[event(y, direction=-1, reset={y.dot: -y.dot})])
     assert calls[0] == 0.0
     assert ours.t_events[0] == pytest.approx([0.0, 2.0, 4.0, 6.0], abs=1e-12)
+
+
+@pytest.mark.parametrize("change", [{}, {"reset": {x.dot: -x.dot}}, {"terminal": 1}])
+@pytest.mark.parametrize("target", TARGETS)
+def test_events_on_a_step_that_its_defect_refuses_have_not_happened(
+    change: dict[str, Any], target: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From x = 0 the series is a straight line, which leads over x = 5; the wall turns the motion back at 1.1."""
+    wall = build(target, kinetic=x.dot**2 / 2, potential=x**40, initial={x: 0.0, x.dot: 1.0})
+    events = [event(x - 5, **change), x - Rational(1, 2), x + 5]
+    ours = run(wall, 6.0, "taylor", events=events, rtol=1e-6)
+    assert [len(times) for times in ours.t_events] == [0, 4, 0] and ours.rejected > 0
+    in_python(monkeypatch)
+    assert_same(ours, run(wall, 6.0, "taylor", events=events, rtol=1e-6))
+
+
+def test_a_flight_that_an_event_ends_is_not_probed_beyond(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The series of a free particle ends, and says nothing about its step: the event in time says how far it goes."""
+    looks = []
+    rows = NumpySeries.rows
+
+    def counted(self: NumpySeries, *given: Any) -> Any:
+        looks.append(given[1])
+        return rows(self, *given)
+
+    monkeypatch.setattr(NumpySeries, "rows", counted)
+    free = build("numpy", kinetic=x.dot**2 / 2, coordinates=[x], initial={x: 0.25, x.dot: 1.0})
+    walls = [event(x - 1, direction=1, reset={x.dot: -x.dot}), event(x, direction=-1, reset={x.dot: -x.dot})]
+    found = run(free, 40.0, "taylor", events=walls, t_eval=[40.0])
+    assert sum(map(len, found.t_events)) == 40
+    assert len(looks) < 4 * 40 + 2 * PROBES
+
+
+def test_the_numbers_of_a_side_are_kept_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However often a surface is crossed, the path has one array of numbers for each side."""
+    found: list[Watch] = []
+    begin = Watch.begin
+
+    def noted(self: Watch, state: DriverState) -> EventResult:
+        found.append(self)
+        return begin(self, state)
+
+    monkeypatch.setattr(Watch, "begin", noted)
+    spring = build("llvm", kinetic=x.dot**2 / 2, potential=x**2 / 2 + 2 * Max(x, 0) ** 2, initial={x: 1.0})
+    ended = run(spring, 100.0, "taylor")
+    (watch,) = found
+    arrays = {id(values): values.tolist() for _, values in watch.epochs}
+    # The watch finds the sides at the start, and each side where it is met first.
+    assert len(watch.epochs) > 40 and len(arrays) <= 5
+    assert all(one[-1] == -other[-1] for (_, one), (_, other) in pairwise(watch.epochs))
+    # Half a period takes pi / sqrt(5) above and pi below.
+    period = math.pi * (1 + 1 / math.sqrt(5))
+    assert ended.dense(np.array([period * 9]))[0] == pytest.approx(1.0, abs=1e-6)
 
 
 SMALL_STACK = """

@@ -18,6 +18,7 @@ from lagrange.procedure.taylor.sums import state_on_step
 from lagrange.procedure.taylor.watching import (
     COLUMN,
     COUNT,
+    DIRECTION,
     MOST_ZEROS,
     NEAR,
     RESET_SIZE,
@@ -32,6 +33,12 @@ from lagrange.procedure.values import Flag, Memory, Real, Whole
 
 LEAST_COUNT = 3
 """A series is taken to have at least so many coefficients."""
+
+MARGIN = 1 / 64
+"""By this part of a step zeros are looked for behind the first that changes the motion, at least."""
+
+MOST_BALANCING = 200
+"""So many times a step is halved until the low powers of what is watched on it keep their digits."""
 
 GO_ON, LEAVE, WAIT = range(3)
 """What is to follow: the step, a return to who watches, or a return because there is no room for more events."""
@@ -69,17 +76,23 @@ class _Zeros:
 def zeros_on_step() -> Procedure:
     """Return what finds the zeros of all that is watched on a step, in order; it returns how many, or -1.
 
-    So many things are watched as `watched` says.
+    With `until`, zeros matter up to the first that surely changes the motion, and others at once with it: the search
+    goes on to twice its time, and at least by `MARGIN` of the step, where those others are clearly passed.
     """
     p = Builder("zeros_on_step", "Find the zeros of what is watched on a step, in order.", apart=True)
-    s, last, watched = p.given("s", REAL), p.given("last", FLAG), p.given("watched", WHOLE)
+    step, last = p.given("s", REAL), p.given("last", FLAG)
+    until = p.given("until", FLAG)
+    watched, surfaces = p.given("watched", WHOLE), p.given("surfaces", WHOLE)
+    settings = p.array("settings", WHOLE, read=True)
     columns, noise = p.array("columns", read=True), p.array("noise", read=True)
     counts, doubtful = p.array("counts", WHOLE, read=True), p.array("doubtful", read=True)
     before, came_near, starting = (p.array(name, WHOLE, read=True) for name in ("before", "came_near", "starting"))
     times, places, directions = p.array("times"), p.array("places", WHOLE), p.array("directions", WHOLE)
     signs, nears = p.array("signs", WHOLE), p.array("nears", WHOLE)
-    found = p.variable(0, "found")
+    found, far = p.variable(0, "found"), p.variable(step, "far")
+    resets, wanted = (settings.at(watched * block) for block in (RESET_SIZE, DIRECTION))
     with p.loop(0, watched) as i:
+        s = far.value
         c, count = columns.at(i * COLUMN), counts[i]
         sign, near, begins = before[i], ~came_near[i].equals(0), ~starting[i].equals(0)
         signs[i], nears[i] = sign, came_near[i]
@@ -91,13 +104,18 @@ def zeros_on_step() -> Procedure:
             first = p.whole(begins)
             allowed = p.choose(begins, 0.0, noise[i])
             to = found.value
-            given = c.at(first), count - first, s, allowed, sign, near, last
+            given = c.at(first), count - first, s, allowed, sign, near, last & s.equals(step)
             more, signs[i], after = p.call(roots(), *given, times.at(to), directions.at(to), MOST_ZEROS)
             nears[i] = p.whole(after)
             with p.when(more < 0, likely=False):
                 p.leave(-1)
             with p.loop(to, to + more) as j:
                 places[j] = i
+                direction, at = directions[j], times[j]
+                reset = (resets[i] > 0) & (wanted[i].equals(0) | wanted[i].equals(direction))
+                changes = p.choose(i < surfaces, ~direction.equals(0), reset)
+                end = at + p.larger(at, MARGIN * step)
+                far.value = p.choose(until & changes & (end < far.value), end, far.value)
             found.value = to + more
     with _sorted(p, found.value, times) as (a, b):
         t, place, direction = times[a], places[a], directions[a]
@@ -150,7 +168,7 @@ class _Inspection:
             p.leave(LEAVE, s)
         self.signs, self.nears = self.sides_now(s)
         found, shorter = _Zeros(watched, 0), _Zeros(watched, 1)
-        count = self.find(found, s, whole & self.final)
+        count = self.find(found, s, whole & self.final, until_change=True)
         change = self.first_change(found, count, p.constant(math.inf, REAL))
         with p.when(change >= 0) as ways:
             self.shorten(found, count, change, shorter)
@@ -219,14 +237,15 @@ class _Inspection:
             with p.when(self.wary, likely=False):
                 s.value = p.smaller(s.value, p.call(safe_step(), c, self.count))
         with p.when(ends, likely=False):
+            # What is balanced on a step is so on a shorter one.
             halvings, balanced = p.variable(0), p.variable(p.false)
-            with p.repeat(lambda: ~balanced.value & (halvings.value < 200)):
-                balanced.value = p.true
-                with self.doubted() as i:
-                    c = self.columns.at(i * COLUMN)
-                    balanced.value = balanced.value & p.call(is_balanced(), c, self.counts[i], s.value)
-                halvings.value = halvings.value + 1
-                s.value = p.choose(balanced.value, s.value, s.value * 0.5)
+            with self.doubted() as i:
+                c = self.columns.at(i * COLUMN)
+                balanced.value = p.false
+                with p.repeat(lambda: ~balanced.value & (halvings.value < MOST_BALANCING)):
+                    balanced.value = p.call(is_balanced(), c, self.counts[i], s.value)
+                    halvings.value = halvings.value + p.whole(~balanced.value)
+                    s.value = p.choose(balanced.value, s.value, s.value * 0.5)
         found: Real = s.value
         return found
 
@@ -245,12 +264,14 @@ class _Inspection:
                 nears[i] = p.choose(jumped, 0, nears[i])
         return signs, nears
 
-    def find(self, zeros: _Zeros, s: Real, last: Flag) -> Whole:
+    def find(self, zeros: _Zeros, s: Real, last: Flag, *, until_change: bool) -> Whole:
         """Find the zeros on a step of length s; leave where they are not to be found here."""
-        p = self.p
+        p, watched = self.p, self.watched
+        until = p.true if until_change else p.false
+        numbers = s, last, until, self.size, watched.record.surfaces, watched.settings
         series = self.columns, self.noise, self.counts, self.doubtful
         sides = self.signs, self.nears, self.watched.side(STARTING)
-        count: Whole = p.call(zeros_on_step(), s, last, self.size, *series, *sides, *zeros.handed)
+        count: Whole = p.call(zeros_on_step(), *numbers, *series, *sides, *zeros.handed)
         with p.when(count < 0):
             p.leave(LEAVE, s)
         return count
@@ -289,7 +310,7 @@ class _Inspection:
         with p.repeat(lambda: again.value):
             with p.when((at.value <= 0.0) | ~together.value.equals(1)):
                 p.leave(LEAVE, self.s)
-            found.value = self.find(shorter, at.value, p.false)
+            found.value = self.find(shorter, at.value, p.false, until_change=False)
             earlier = self.first_change(shorter, found.value, at.value - self.close(at.value))
             again.value = earlier >= 0
             with p.when(again.value):

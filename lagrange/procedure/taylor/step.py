@@ -32,7 +32,7 @@ from lagrange.procedure.taylor.powers import logarithm, power
 from lagrange.procedure.taylor.resets import begin_sides, reset_state
 from lagrange.procedure.taylor.step_size import ends
 from lagrange.procedure.taylor.sums import advance
-from lagrange.procedure.taylor.watching import Watched
+from lagrange.procedure.taylor.watching import Watched, restore_sides
 from lagrange.procedure.values import Flag, Real
 
 
@@ -69,9 +69,9 @@ class _TaylorStep:
         s, whole, final = self.length()
         h = p.choose(final, self.left, s * self.scale).called("h")
         self.run.h = h
-        self.probe(s, h)
         if self.given.watched:
             s, h, final = self.inspect(self.given.watched, s, h, final)
+        self.probe(s, h)
         p.call(raise_floors(self.layout), self.run.share, self.given.floors, self.series.work)
         # A series that terminates says nothing about the next one.
         whole = p.choose(whole > LARGEST_SCALE_RATIO, 0.0, whole)
@@ -118,7 +118,10 @@ class _TaylorStep:
         return s, whole, final
 
     def probe(self, s: Real, h: Real) -> None:
-        """Try a shorter step if a series that terminates does not satisfy the equations along a longer one."""
+        """Try a shorter step if a series that terminates does not satisfy the equations along a longer one.
+
+        An event may have made it short enough; else what the inspection has written has not happened.
+        """
         p, run, series = self.p, self.run, self.series
         with p.when(
             self.ends & (abs(h) > STEP_GROWTH * abs(self.held.h)) & ~retries_exhausted(self.taylor), likely=False
@@ -127,6 +130,8 @@ class _TaylorStep:
             numbers = run.rtol, self.given.floors, self.t, self.scale, s
             with p.when(~p.call(defect_along_step(self.layout), *jet, *numbers, *series.handed)):
                 p.call(retry_shorter(), self.counts, self.taylor, h)
+                if self.given.watched:
+                    restore_sides(self.given.watched)
                 p.leave(Outcome.PAUSED)
 
     def begin(self, watched: Watched) -> None:

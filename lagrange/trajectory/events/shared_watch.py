@@ -42,6 +42,7 @@ class SharedWatch(EventLog):
         self.change_counter = ChangeCounter()
         self.parameters, self.sides = parameters, np.zeros(self.surfaces)
         self.epochs: list[tuple[int, FloatArray]] = []
+        self._values: dict[int, FloatArray] = {}
         reactions = [Reaction(one.direction, one.terminal, one.first, one.rows, one.root) for one in self.impacts]
         resets = next((one.kernel for one in self.impacts if one.kernel is not None), None)
         values, size = series.values if enabled else None, 2 * series.program.dimension
@@ -97,9 +98,13 @@ class SharedWatch(EventLog):
             for found, (times, states) in zip(self.occurrences, memory.taken()[self.surfaces :], strict=True):
                 state.kept += times.nbytes + states.nbytes
                 found.extend(times, states, steps)
-        for row, sides in memory.switched():
-            self.sides = sides
-            self.epochs.append((row, self.values))
+        if memory.record.switches:
+            switched = memory.switched()
+            for combination in dict.fromkeys(which for _, which in switched):
+                if combination not in self._values:
+                    self._values[combination] = np.concatenate([self.parameters, memory.sides_of(combination)])
+            self.epochs += [(row, self._values[combination]) for row, combination in switched]
+            self.sides = memory.sides_of(switched[-1][1])
 
     @property
     def is_pending(self) -> bool:
