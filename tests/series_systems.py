@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import sympy as sp
 from sympy import cos, sin, sqrt
@@ -168,3 +169,81 @@ LARGER: dict[str, Callable[[], Statement]] = {
     "coupled functions": coupled,
 }
 """Everything that a kernel may look like: diagonal, full and constant, in blocks, long, and with every rule."""
+
+
+def rods(n: int) -> Statement:
+    """Return n masses in the plane, each held to the one before it by a rod: a sparse system with multipliers."""
+    places = [coordinates(f"x{i} y{i}") for i in range(n)]
+    ends = [(sp.S.Zero, sp.S.Zero), *places]
+    steps = [(b[0] - a[0], b[1] - a[1]) for a, b in itertools.pairwise(ends)]
+    start: dict[Any, float] = {}
+    for i, (a, b) in enumerate(places):
+        start |= {a: (i + 1) * 0.6 + 0.05 * i, b: -(i + 1) * 0.8, a.dot: 0.25 * i, b.dot: 0.125}
+    return stated(
+        kinetic=m * sum(q.dot**2 for place in places for q in place) / 2 + places[-1][0].dot * places[-1][1].dot / 8,
+        potential=m * g * sum(b for _, b in places),
+        coordinates=[q for place in places for q in place],
+        constraints=[a**2 + b**2 - l**2 for a, b in steps],
+        initial=start,
+    )
+
+
+def ladder(n: int) -> Statement:
+    """Return n four-bar loops side by side, of uniform rods: a mass matrix and constraints with neighbours alone."""
+    places = [coordinates(f"x{i} y{i}") for i in range(n + 1)]
+    feet = [(sp.Integer(i), sp.S.Zero) for i in range(n + 1)]
+    rods_ = [*zip(feet, places, strict=True), *itertools.pairwise(places)]
+    speed = [[(sp.diff(a, t), sp.diff(b, t)) for a, b in zip(*ends, strict=True)] for ends in rods_]
+    start: dict[Any, float] = {}
+    for i, (a, b) in enumerate(places):
+        start |= {a: i + 0.28, b: 0.96, a.dot: 0.48, b.dot: -0.14}
+    return stated(
+        kinetic=m * sum(p**2 + p * q + q**2 for rod in speed for p, q in rod) / 6,
+        potential=m * g * sum(b for _, b in places),
+        coordinates=[q for place in places for q in place],
+        constraints=[sum((b - a) ** 2 for a, b in zip(*ends, strict=True)) - 1 for ends in rods_],
+        initial=start,
+    )
+
+
+def sleigh() -> Statement:
+    """Chaplygin's sleigh, its centre of mass off the blade, on a belt that moves: a constraint on velocities."""
+    skid = -sin(theta) * (x.dot - t / 8) + cos(theta) * y.dot
+    centre = (x + k * cos(theta) / 4, y + k * sin(theta) / 4)
+    speed = sum(sp.diff(part, t) ** 2 for part in centre)
+    return stated(
+        kinetic=m * speed / 2 + M * theta.dot**2 / 8,
+        potential=0,
+        coordinates=[x, y, theta],
+        constraints={"blade": skid},
+        initial={x: 0.5, theta: 0.5, x.dot: 0.25, theta.dot: 0.75},
+    )
+
+
+def quaternion() -> Statement:
+    """A rigid body by a unit quaternion: the kinetic energy is free of one of the four rates."""
+    a, b, d, e = coordinates("qa qb qc qd")
+    spin = (
+        2 * (a * b.dot - b * a.dot - d * e.dot + e * d.dot),
+        2 * (a * d.dot - d * a.dot - e * b.dot + b * e.dot),
+        2 * (a * e.dot - e * a.dot - b * d.dot + d * b.dot),
+    )
+    moments = (m, M, m + M / 4)
+    return stated(
+        kinetic=sum(moment * rate**2 for moment, rate in zip(moments, spin, strict=True)) / 2,
+        potential=k * (b * e + a * d),
+        coordinates=[a, b, d, e],
+        constraints={"unit": a**2 + b**2 + d**2 + e**2 - 1},
+        initial={a: 0.5, b: -0.5, d: 0.5, e: 0.5, a.dot: 0.25, b.dot: 0.5, d.dot: -0.25, e.dot: 0.5},
+    )
+
+
+HELD: dict[str, Callable[[], Statement]] = {
+    "1 rod": lambda: rods(1),
+    "3 rods": lambda: rods(3),
+    "ladder of 1": lambda: ladder(1),
+    "ladder of 6": lambda: ladder(6),
+    "sleigh": sleigh,
+    "quaternion": quaternion,
+}
+"""Systems with constraints: sparse, of velocities, with time, and with a mass matrix that is singular by itself."""

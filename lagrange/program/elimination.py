@@ -12,6 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
+from lagrange.equations.solve_plan import SolvePlan
+
 WRITTEN_OUT = 6
 """Largest matrix without multipliers that is written out. Beyond it a loop is as fast and compiles at once."""
 
@@ -73,3 +75,13 @@ class Elimination:
 def elimination(order: int, entries: frozenset[tuple[int, int]], negative: tuple[int, ...] = ()) -> Elimination:
     """Return an elimination; what follows from it is kept."""
     return Elimination(order, entries, negative)
+
+
+def block_eliminations(plan: SolvePlan) -> list[Elimination]:
+    """Return the elimination of each block of a plan."""
+    found = []
+    for block in plan.blocks:
+        place = {unknown: i for i, unknown in enumerate(block)}
+        there = frozenset((place[i], place[j]) for i, j in plan.triangle if i in place)
+        found.append(elimination(len(block), there, plan.negative(block)))
+    return found

@@ -31,9 +31,12 @@ from tests.covering import share
 from tests.laws.test_random_systems import bent_energies, functions_of, kinetic_energies, potentials
 from tests.models import SYSTEMS, TARGETS, k, stated, x, y
 from tests.series import NUMBER, jet, numbers
-from tests.series_systems import LARGER
+from tests.series_systems import HELD, LARGER
 
 LANES = (1, 2, 4, 8)
+ALL = {**LARGER, **HELD}
+"""The systems of all tests of kernels."""
+
 WRITTEN_OUT = {1: 4, 2: 7, 4: 11, 8: 6}
 """The order of the code that is written out, by lanes."""
 
@@ -42,7 +45,7 @@ few = settings(max_examples=share(8), suppress_health_check=[HealthCheck.too_slo
 
 @cache
 def system(name: str) -> tuple[Statement, SeriesProgram]:
-    statement = LARGER[name]()
+    statement = ALL[name]()
     return statement, series_program(euler_lagrange(statement))[0]
 
 
@@ -83,7 +86,7 @@ def assert_same_rows(kernel: CompiledJet, order: int, t: float, state: Any, give
 
 
 @pytest.mark.parametrize("lanes", LANES)
-@pytest.mark.parametrize("name", LARGER)
+@pytest.mark.parametrize("name", ALL)
 def test_written_out(name: str, lanes: int) -> None:
     rng = np.random.default_rng(lanes)
     statement, program = system(name)
@@ -95,7 +98,7 @@ def test_written_out(name: str, lanes: int) -> None:
 
 
 @pytest.mark.parametrize("lanes", LANES)
-@pytest.mark.parametrize("name", LARGER)
+@pytest.mark.parametrize("name", ALL)
 def test_in_loops(name: str, lanes: int) -> None:
     """One kernel for every order, up to the highest there is and beyond."""
     rng = np.random.default_rng(10 + lanes)
@@ -106,7 +109,7 @@ def test_in_loops(name: str, lanes: int) -> None:
 
 
 def test_every_rule_is_compiled() -> None:
-    assert {rule.op for name in LARGER for rule in system(name)[1].rules} == set(RULES)
+    assert {rule.op for name in ALL for rule in system(name)[1].rules} == set(RULES)
 
 
 @pytest.mark.parametrize("order", [4, 20, 32])
@@ -120,7 +123,7 @@ def test_written_out_at_the_orders_of_a_run(name: str, order: int) -> None:
 
 # --- memory, bits, scales -------------------------------------------------------------------------------------
 
-KERNELS = [(name, order) for name in LARGER for order in (WRITTEN_OUT[8], 0)]
+KERNELS = [(name, order) for name in ALL for order in (WRITTEN_OUT[8], 0)]
 
 
 @pytest.mark.parametrize(("name", "order"), KERNELS)
@@ -195,14 +198,14 @@ def test_a_constant_mass_matrix_that_is_singular_is_told_before_any_step() -> No
 def assert_packed(program: SeriesProgram, lanes: int) -> None:
     """Hold a packing to what the kernels count on: each value once, like with like, arguments before their use."""
     packed = pack(program, lanes)
-    n = program.dimension
+    n, given = program.dimension, [unknown for stage in program.stages for unknown in stage.unknowns]
     parts = [(packed.before, program.before)]
     for stage, trial, after in zip(packed.stages, program.trials, program.found, strict=True):
         parts += [(stage.trial, trial), (stage.found, after)]
     for chunks, members in parts:
         found = [value for chunk in chunks for value in chunk.values[: chunk.count]]
         assert sorted(found) == [i for i in members if i >= 2 * n]
-        known = set(range(2 * n)) | ({*program.before} if members is not program.before else set())
+        known = {*range(n), *given} | ({*program.before} if members is not program.before else set())
         for chunk in chunks:
             assert len(chunk.values) in (1, 2, 4, 8) and len(chunk.values) <= lanes
             assert 0 < chunk.count <= len(chunk.values) < 2 * chunk.count or chunk.count == len(chunk.values)
@@ -220,13 +223,14 @@ def assert_packed(program: SeriesProgram, lanes: int) -> None:
                     assert args == list(rule.args) or rule.op == "mul"
                     assert tuple(places) == rule.coefficients
             known |= set(chunk.values)
-    for chunks, first in ((packed.coordinates, 0), (packed.unknowns, n)):
-        assert [value for chunk in chunks for value in chunk.values[: chunk.count]] == list(range(first, first + n))
+    for chunks, values in ((packed.coordinates, list(range(n))), (packed.unknowns, given)):
+        assert [value for chunk in chunks for value in chunk.values[: chunk.count]] == values
+    assert all(max(chunk.values) < 2 * n for chunk in packed.state)
     assert set(packed.place) >= program.kept | program.lagged | program.ranked
 
 
 @pytest.mark.parametrize("lanes", LANES)
-@pytest.mark.parametrize("name", LARGER)
+@pytest.mark.parametrize("name", ALL)
 def test_a_packing_has_every_value_once_and_in_order(name: str, lanes: int) -> None:
     assert_packed(system(name)[1], lanes)
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 from lagrange.machine.kernel import llvm_ldl
 from lagrange.machine.llvm.emitter import Emitter
@@ -12,6 +13,12 @@ from lagrange.machine.llvm.spelling import BOOLEAN, element, flag_type, number, 
 from lagrange.procedure.form import Procedure
 from lagrange.procedure.linear.ldl import factor_size
 from lagrange.program.program import Instruction, Program
+
+LARGEST_ON_STACK = 128
+"""Largest sparse matrix that is copied to the stack where it is solved with pivoting: 400 kB with its factors."""
+
+MOSTLY_ZERO = 4
+"""A triangle with this many times as many places as entries is cleared in a loop."""
 
 ANGLES = ("sin", "cos")
 
@@ -30,6 +37,11 @@ def shares_angle_function(program: Program) -> bool:
 def angles(program: Program) -> list[int]:
     """Return the results whose sine or cosine is computed, each once."""
     return list(dict.fromkeys(i.args[0] for i in program.instructions if i.op in ANGLES))
+
+
+def work_size(n: int) -> int:
+    """Return how many doubles `solve_lanes` works with."""
+    return n * n + 2 * n + factor_size(n)
 
 
 def saved_slots(program: Program) -> dict[int, int]:
@@ -72,6 +84,8 @@ class Body:
         """The procedures of other modules that are called by name, in order."""
         self.slots = saved_slots(program)
         self.reserved: dict[tuple[str, str, int], str] = {}
+        self.free = ""
+        """Where memory on the heap is free, if scratch memory is taken from there."""
         self.inline = not shares_angle_function(program)
         self.by_code = {instruction: i for i, instruction in enumerate(program.instructions)}
 
@@ -178,9 +192,25 @@ class Body:
     def scratch(self, purpose: str, kind: str, count: int) -> str:
         """Return memory for one purpose, written before every use: the stack has no room for one per solve."""
         key = (purpose, kind, count)
+        if self.free:
+            memory = self.free
+            self.free = self.e.address(memory, count, kind)
+            return memory
         if key not in self.reserved:
             self.reserved[key] = self.e.reserve(kind, count)
         return self.reserved[key]
+
+    @contextmanager
+    def heap(self, doubles: int) -> Iterator[None]:
+        """Take scratch memory from the heap inside, so many doubles; from the stack with none."""
+        if not doubles:
+            yield
+            return
+        memory = self.e.value(f"call ptr @malloc(i64 {8 * doubles})")
+        self.free = memory
+        yield
+        self.free = ""
+        self.e.do(f"call void @free(ptr {memory})")
 
     def entries(self, factor: Instruction) -> dict[tuple[int, int], str]:
         """Return the entries (i, j), i >= j, that are not identically zero."""
@@ -206,12 +236,16 @@ class Body:
 
     def matrix(self, factor: Instruction) -> str:
         """Write the lower triangle to memory, by columns, lanes innermost, and return its address."""
-        n = factor.order
+        n, zero = factor.order, number(0.0, self.lanes)
         entries = self.entries(factor)
         memory = self.scratch("matrix", self.kind, n * n)
-        for j in range(n):
-            for i in range(j, n):
-                self.e.put(entries.get((i, j), number(0.0, self.lanes)), memory, j * n + i, self.kind)
+        places = [(i, j) for j in range(n) for i in range(j, n)]
+        if len(entries) * MOSTLY_ZERO < len(places):
+            with self.e.loop(0, n * n) as index:
+                self.e.put(zero, memory, index, self.kind)
+            places = list(entries)
+        for i, j in places:
+            self.e.put(entries.get((i, j), zero), memory, j * n + i, self.kind)
         return memory
 
     def solve(self, i: int, instruction: Instruction) -> None:
@@ -221,7 +255,7 @@ class Body:
         right = [self.ref(arg) for arg in instruction.args[1:]]
         if plan.written_out:
             *entries, trusted = self.vector(instruction.args[0])
-            x = llvm_ldl.solve(self.e, self.lanes, plan, entries, right)
+            x = llvm_ldl.solve(self.e, self.lanes, plan, llvm_ldl.by_place(plan, entries), right)
             self.vectors[i] = self.with_pivoting(factor, trusted, x, right)
             return
         memory = self.scratch("right", self.kind, n)
@@ -237,7 +271,7 @@ class Body:
 
     def solve_lanes(self, n: int, matrix: str, right: str) -> str:
         """Solve the systems of all lanes in memory, and return whether one is singular."""
-        work = self.scratch("work", "double", n * n + 2 * n + factor_size(n))
+        work = self.scratch("work", "double", work_size(n))
         arguments = f"i64 {n}, i64 {self.lanes}, ptr {matrix}, ptr {right}, ptr {work}"
         return self.e.value(f"call i1 @solve_lanes({arguments})")
 
@@ -253,11 +287,12 @@ class Body:
         e.do(f"br i1 {every}, label %{name}.join, label %{name}.cold, !prof !0")
         e.label(f"{name}.cold")
         known = dict(self.values)  # values loaded on the cold path are not known on the other
-        matrix, memory = self.matrix(factor), self.scratch("right", kind, n)
-        for k, value in enumerate(right):
-            e.put(value, memory, k, kind)
-        singular = self.solve_lanes(n, matrix, memory)
-        slow = [e.get(memory, k, kind) for k in range(n)]
+        with self.heap(self.lanes * (n * n + n) + work_size(n) if n > LARGEST_ON_STACK else 0):
+            matrix, memory = self.matrix(factor), self.scratch("right", kind, n)
+            for k, value in enumerate(right):
+                e.put(value, memory, k, kind)
+            singular = self.solve_lanes(n, matrix, memory)
+            slow = [e.get(memory, k, kind) for k in range(n)]
         self.values = known
         cold = e.block
         e.jump(f"{name}.join")

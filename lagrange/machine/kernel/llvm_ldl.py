@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.spelling import element, flag_type, number
 from lagrange.procedure.linear.ldl import least_pivot
@@ -9,6 +11,12 @@ from lagrange.program.elimination import Elimination
 
 Entries = dict[tuple[int, int], str]
 """Values of a lower triangle by (row, column); what is missing is zero."""
+
+
+def by_place(plan: Elimination, entries: Sequence[str]) -> Callable[[int, int], str]:
+    """Return the entries of L, in the order of `places`, as a function of (i, j)."""
+    table = dict(zip(plan.places, entries, strict=True))
+    return lambda i, j: table[i, j]
 
 
 def factor(e: Emitter, lanes: int, plan: Elimination, a: Entries) -> list[str]:
@@ -61,10 +69,11 @@ def _reduced(e: Emitter, kind: str, value: str | None, products: list[tuple[str,
     return value
 
 
-def solve(e: Emitter, lanes: int, plan: Elimination, entries: list[str], right: list[str]) -> list[str]:
-    """Return the solution for factors as `factor` gives them, without their last entry."""
+def solve(
+    e: Emitter, lanes: int, plan: Elimination, lower: Callable[[int, int], str], right: Sequence[str]
+) -> list[str]:
+    """Return the solution with an L whose entries (i, j) a function gives, on its diagonal 1/d."""
     kind, zero = element(lanes), number(0.0, lanes)
-    lower = dict(zip(plan.places, entries, strict=True))
 
     def less(value: str, entry: str, other: str) -> str:
         return value if zero in (entry, other) else e.fma(e.value(f"fneg {kind} {entry}"), other, value, kind)
@@ -72,9 +81,9 @@ def solve(e: Emitter, lanes: int, plan: Elimination, entries: list[str], right: 
     x = list(right)
     for i, row in enumerate(plan.rows):
         for k in row:
-            x[i] = less(x[i], lower[i, k], x[k])
+            x[i] = less(x[i], lower(i, k), x[k])
     for i in reversed(range(plan.order)):
-        x[i] = x[i] if x[i] == zero else e.value(f"fmul {kind} {x[i]}, {lower[i, i]}")
+        x[i] = x[i] if x[i] == zero else e.value(f"fmul {kind} {x[i]}, {lower(i, i)}")
         for k in plan.columns[i]:
-            x[i] = less(x[i], lower[k, i], x[k])
+            x[i] = less(x[i], lower(k, i), x[k])
     return x

@@ -39,7 +39,8 @@ def intrinsics(lanes: int) -> list[str]:
 
 def library_functions() -> list[str]:
     """Return the declarations of the C library's functions."""
-    return ["declare void @sincos(double, ptr, ptr)", *(declaration(LIBRARY[op], op) for op in sorted(LIBRARY))]
+    own = ["declare void @sincos(double, ptr, ptr)", "declare ptr @malloc(i64)", "declare void @free(ptr)"]
+    return [*own, *(declaration(LIBRARY[op], op) for op in sorted(LIBRARY))]
 
 
 def spell(emitter: Emitter, op: str, args: Sequence[str], lanes: int) -> str:

@@ -6,8 +6,10 @@ ratios matter, and are accurate to a fifth.
 
 from __future__ import annotations
 
+from lagrange.machine.series.llvm_factored import is_factored
 from lagrange.machine.series.order import Cost, best_order
 from lagrange.machine.series.packing import Packing
+from lagrange.program.elimination import block_eliminations
 
 MOST_OPERATIONS = 4000
 """Most vector operations of a series that is written out.
@@ -38,15 +40,22 @@ def inverts(packing: Packing) -> bool:
     return any(stage.plan.inverted for stage in packing.stages)
 
 
-def inversion_size(packing: Packing) -> int:
-    """Return the cube of the size of each matrix that is inverted at each step, in all."""
-    return sum(stage.plan.size**3 for stage in packing.stages if stage.plan.inverted)
+def inversion_size(packing: Packing, *, looped: bool) -> int:
+    """Return the cubes of the sizes of the matrices that are inverted at each step; in loops sparse ones are not."""
+    plans = [stage.plan for stage in packing.stages if stage.plan.inverted]
+    return sum(plan.size**3 for plan in plans if not (looped and is_factored(plan)))
+
+
+def factored_entries(packing: Packing) -> int:
+    """Return how many entries the factors have that are solved with at each order, in loops."""
+    plans = [stage.plan for stage in packing.stages if is_factored(stage.plan)]
+    return sum(len(block.places) for plan in plans for block in block_eliminations(plan))
 
 
 def operations(packing: Packing, order: int) -> int:
     """Return the number of operations of a series that is written out: sums, chunks, order 0 and the inverse."""
     program = packing.program
-    inverse = inversion_size(packing) // 2
+    inverse = inversion_size(packing, looped=False) // 2
     start = len(program.start.instructions) + inverse
     return sums(packing) * order * (order - 1) // 2 + 3 * chunks(packing) * order + start
 
@@ -72,7 +81,8 @@ def jet_cost(packing: Packing, *, looped: bool) -> Cost:
     fixed = 50.0 + 6.0 * count
     each = 3.0 + 0.8 * count + 0.9 * sums(packing)
     if looped:
-        fixed += 0.4 * len(program.start.instructions) + 0.1 * inversion_size(packing)
-        each = 1.15 * each + 9.0
+        entries = factored_entries(packing)
+        fixed += 0.4 * len(program.start.instructions) + 0.1 * inversion_size(packing, looped=True) + 2.0 * entries
+        each = 1.15 * each + 9.0 + 0.8 * entries
     width = sum(len(chunk.values) * len(chunk.sums) for chunk in packing.computed)
     return Cost(fixed=fixed, each=each, pairs=0.027 * width)

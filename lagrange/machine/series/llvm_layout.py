@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from lagrange.machine.series.llvm_factored import factored_size, is_factored
 from lagrange.machine.series.packing import Operand, Packing
 from lagrange.machine.state import MOST_LANES
 from lagrange.procedure.blocks import whole_blocks
@@ -26,9 +27,11 @@ class Slots:
 
 
 def scratch_size(program: SeriesProgram) -> int:
-    """Return how many doubles the inverse of the mass matrix takes behind the rows, on the way to it too."""
-    sizes = (stage.plan.size for stage in program.stages if stage.plan.inverted)
-    return sum(padded(n) ** 2 + n * n + work_size(n) for n in sizes)
+    """Return how many doubles inverses, or factors, take behind the rows, and what is needed on the way to them."""
+    plans = [stage.plan for stage in program.stages if stage.plan.inverted]
+    inverted = (plan.size for plan in plans if not is_factored(plan))
+    factored = sum(factored_size(plan) for plan in plans if is_factored(plan))
+    return factored + sum(padded(n) ** 2 + n * n + work_size(n) for n in inverted)
 
 
 def unrolled_layout(program: SeriesProgram) -> TaylorLayout:

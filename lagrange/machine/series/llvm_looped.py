@@ -10,10 +10,12 @@ and multiplies and adds and nothing else; then the short chain of values that de
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import accumulate
 
 from lagrange.equations.solve_plan import SolvePlan
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.spelling import element, number
+from lagrange.machine.series.llvm_factored import FactoredStage, is_factored
 from lagrange.machine.series.llvm_jet import (
     SIGNATURE,
     OrderZero,
@@ -257,9 +259,13 @@ class LoopedJet:
         first = self.e.value(f"icmp eq i64 {self.k}, 1")
         return self.splat(self.e.choose(first, "%scale", literal(0.0)), lanes)
 
-    def invert(self) -> list[str]:
-        """Find the inverse of the matrix of each stage and return the addresses; of a diagonal one it is a vector."""
-        found, given, triangles = [], 0, iter(self.origin.triangles)
+    def invert(self) -> list[str | FactoredStage]:
+        """Find the inverse of the matrix of each stage, or its factors, and return the addresses.
+
+        The inverse of a diagonal matrix is a vector.
+        """
+        found: list[str | FactoredStage] = []
+        given, triangles = 0, iter(self.origin.triangles)
         behind = self.e.address("%rows", self.row_count()) if self.layout.scratch else ""
         for stage in self.packing.stages:
             plan = stage.plan
@@ -268,6 +274,11 @@ class LoopedJet:
                 given += plan.size if plan.diagonal else plan.size**2
             elif plan.diagonal:
                 found.append(self.divisions(plan, triangles))
+            elif is_factored(plan):
+                entries = [lower for _, lower in lower_triangles(plan, triangles)]
+                factors = FactoredStage(self.origin.body, plan, entries, behind)
+                found.append(factors)
+                behind = factors.end
             else:
                 found.append(behind)
                 behind = self.inverted(plan, triangles, behind)
@@ -305,15 +316,22 @@ class LoopedJet:
     def solved(self, place: int) -> list[VectorName]:
         """Return the unknowns of a stage: v[k] = M0^-1 (f[k-1] scale / k - p^[k])."""
         stage, e = self.packing.stages[place], self.e
-        right = right_sides(self, stage)
+        right, inverse = right_sides(self, stage), self.inverses[place]
         if stage.plan.diagonal:
-            return self.divided(stage, self.inverses[place], right)
+            return self.divided(stage, str(inverse), right)
         memory = self.origin.body.scratch("right", "double", padded(stage.plan.size))
         at = 0
         for chunk, vector in zip(stage.unknowns, right, strict=True):
             store_exactly(e, vector, len(chunk.values), chunk.count, e.address(memory, at))
             at += chunk.count
-        return self.product(stage, self.inverses[place], memory)
+        if isinstance(inverse, str):
+            return self.product(stage, inverse, memory)
+        inverse.solve(memory)
+        starts = accumulate((chunk.count for chunk in stage.unknowns), initial=0)
+        return [
+            self.load_exactly(e.address(memory, start), len(chunk.values), chunk.count)
+            for start, chunk in zip(starts, stage.unknowns, strict=False)
+        ]
 
     def divided(self, stage: PackedStage, inverses: str, right: Sequence[VectorName]) -> list[VectorName]:
         """Return each entry times the inverse of its mass."""

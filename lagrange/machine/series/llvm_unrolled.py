@@ -284,7 +284,8 @@ class UnrolledJet:
         e, body = self.e, self.origin.body
         plan = elimination(n, frozenset(lower), negative)
         *rows, trusted = llvm_ldl.factor(e, 1, plan, lower)
-        columns = [llvm_ldl.solve(e, 1, plan, rows, [literal(float(i == j)) for i in range(n)]) for j in range(n)]
+        entry = llvm_ldl.by_place(plan, rows)
+        columns = [llvm_ldl.solve(e, 1, plan, entry, [literal(float(i == j)) for i in range(n)]) for j in range(n)]
         places = [(i, j) for j in range(n) for i in range(j, n)]
         name, before = e.fresh("pivot"), e.block
         e.do(f"br i1 {trusted}, label %{name}.join, label %{name}.cold, !prof !0")
