@@ -10,8 +10,13 @@ import numpy as np
 import pytest
 
 from lagrange.compiler import machine, model_of
+from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.errors import RunError
 from lagrange.machine.model import Model
+from lagrange.machine.series.interpreted_driver import NumpySeries
+from lagrange.machine.series.llvm_driver import CompiledJet
+from lagrange.machine.series.packing import pack
+from lagrange.program.taylor import series_program
 from lagrange.statement.statement import Statement
 from tests.series_systems import HELD, ladder, rods
 
@@ -95,3 +100,14 @@ def test_a_large_system_that_is_singular_takes_its_memory_from_the_heap() -> Non
         held.accelerations(straight, np.zeros(122), 0.25)
     bent = np.ravel([(i + 0.28, 0.96) for i in range(61)])
     assert np.isfinite(held.accelerations(bent, np.zeros(122), 0.25)).all()
+
+
+@pytest.mark.parametrize("order", [6, 0])
+def test_a_dense_system_beyond_what_is_written_out_has_its_inverse(order: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lagrange.program.elimination.MOST_OPERATIONS", 0)
+    statement = rods(3)
+    program = series_program(euler_lagrange(statement))[0]
+    given = np.array([statement.defaults[p] for p in statement.parameters])
+    expected = NumpySeries(program).rows(6, 0.25, np.array(statement.initial), 0.5, given)
+    found = CompiledJet(pack(program, 8), order).rows(6, 0.25, np.array(statement.initial), 0.5, given)
+    assert found == pytest.approx(expected, rel=1e-11, abs=1e-12)

@@ -245,3 +245,16 @@ def store_exactly(e: Emitter, vector: VectorName, width: int, count: int, target
                 else e.value(f"shufflevector {kind} {vector}, {kind} poison, <{size} x i32> <{mask}>")
             )
         e.store(part, e.address(target, place), element(size))
+
+
+def load_exactly(shuffle: Shuffle, source: str, lanes: int, count: int) -> str:
+    """Return a vector of which only the first entries are read from memory; the others repeat the last."""
+    e = shuffle.e
+    if count == lanes:
+        return e.load(source, element(lanes))
+    found: list[tuple[VectorName, int, int]] = []
+    for place, width in vector_parts(count):
+        part = e.load(e.address(source, place), element(width))
+        found += [(part, width, lane) for lane in range(width)]
+    vector = shuffle.gather(found + [found[-1]] * (lanes - count))
+    return vector or number(0.0, lanes)

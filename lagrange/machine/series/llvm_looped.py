@@ -23,10 +23,10 @@ from lagrange.machine.series.llvm_jet import (
     VectorConstants,
     constant_vector,
     known_numbers,
+    load_exactly,
     lower_triangles,
     right_sides,
     store_exactly,
-    vector_parts,
 )
 from lagrange.machine.series.llvm_layout import Slots
 from lagrange.machine.series.llvm_rules import VectorArithmetic, VectorName, coefficient, divided
@@ -304,7 +304,8 @@ class LoopedJet:
         work = e.address(matrix, n * n)
         placed = {}
         for block, lower in lower_triangles(plan, triangles):
-            placed.update({(block[i], block[j]): value for (i, j), value in lower.items()})
+            pairs = ((sorted((block[i], block[j])), value) for (i, j), value in lower.items())
+            placed.update({(second, first): value for (first, second), value in pairs})
         for j in range(n):
             for i in range(j, n):
                 e.put(placed.get((i, j), literal(0.0)), matrix, j * n + i)
@@ -329,7 +330,7 @@ class LoopedJet:
         inverse.solve(memory)
         starts = accumulate((chunk.count for chunk in stage.unknowns), initial=0)
         return [
-            self.load_exactly(e.address(memory, start), len(chunk.values), chunk.count)
+            load_exactly(self.shuffle, e.address(memory, start), len(chunk.values), chunk.count)
             for start, chunk in zip(starts, stage.unknowns, strict=False)
         ]
 
@@ -339,21 +340,10 @@ class LoopedJet:
         place = 0
         for chunk, vector in zip(stage.unknowns, right, strict=True):
             lanes = len(chunk.values)
-            inverse = self.load_exactly(self.e.address(inverses, place), lanes, chunk.count)
+            inverse = load_exactly(self.shuffle, self.e.address(inverses, place), lanes, chunk.count)
             found.append(self.do.fma(vector, inverse, None, lanes))
             place += chunk.count
         return found
-
-    def load_exactly(self, source: str, lanes: int, count: int) -> str:
-        """Return a vector of which only the first entries are read from memory; the others repeat the last."""
-        if count == lanes:
-            return self.e.load(source, element(lanes))
-        found: list[tuple[VectorName, int, int]] = []
-        for place, width in vector_parts(count):
-            part = self.e.load(self.e.address(source, place), element(width))
-            found += [(part, width, lane) for lane in range(width)]
-        vector = self.shuffle.gather(found + [found[-1]] * (lanes - count))
-        return vector or number(0.0, lanes)
 
     def product(self, stage: PackedStage, inverse: str, right: str) -> list[VectorName]:
         """Return the product of the inverse with a vector in memory."""
@@ -364,7 +354,7 @@ class LoopedJet:
         def column(j: str | int) -> list[str]:
             base = e.address(inverse, j * stride if isinstance(j, int) else e.value(f"mul nsw i64 {j}, {stride}"))
             return [
-                self.load_exactly(e.address(base, at), len(chunk.values), chunk.count)
+                load_exactly(self.shuffle, e.address(base, at), len(chunk.values), chunk.count)
                 for at, chunk in zip(starts, chunks, strict=True)
             ]
 
