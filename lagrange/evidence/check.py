@@ -6,10 +6,12 @@ import math
 import time
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from lagrange.errors import StatementError, listing
 from lagrange.evidence.compare import LIMIT, Comparison, computed, computed_batch, entry_labels, is_finite
+from lagrange.evidence.constraint_surface import ConstraintSurface
 from lagrange.evidence.operations import BeyondDoubles, OutsideDomain
 from lagrange.evidence.precise import Precise
 from lagrange.evidence.quick import quick_check
@@ -47,6 +49,13 @@ QUANTITIES = {
     "rhs": "right-hand side",
     "jacobian": "Jacobian of it",
 }
+CONSTRAINT_QUANTITIES = {
+    "constraints": "constraints phi, dphi/dt",
+    "constraint_gradient": "gradients G of the constraints",
+    "constraint_bias": "gamma of G a + gamma = 0",
+    "multipliers": "multipliers",
+    "constraint_forces": "constraint forces",
+}
 TEXTBOOK = "textbook accelerations"
 BATCH = "batch against single"
 
@@ -56,7 +65,8 @@ def check(
 ) -> Report:
     """Hold every quantity of a compiled model against its definition, at random points inside the domain.
 
-    The reference is numerical differentiation of the stated energies at 90 digits; nothing compiled enters it.
+    The reference is numerical differentiation of the stated energies at 90 digits; nothing compiled enters it. So are
+    the gradients and rates of constraints; some of the points satisfy them, and the others need not.
     `textbook` maps each coordinate to its acceleration as a SymPy expression, derived in another way, and adds a
     row; so does `other`, the same system on another target. The same `seed` gives the same points. The cost grows
     with the cube of the number of coordinates: 0.3 s for two, 5 s for ten, minutes for thirty. Raises
@@ -85,11 +95,13 @@ class _Session:
         self.reference = Reference(self.statement)
         self.textbook = None if textbook is None else textbook_tape(textbook, self.statement)
         self.sampler = Sampler(self.statement, seed)
+        self.surface = ConstraintSurface(self.statement)
+        self.quantities = QUANTITIES | (CONSTRAINT_QUANTITIES if self.statement.constraints else {})
         self.used: list[Point] = []
         self.outside: Counter[str] = Counter()
         self.costly = 0
         self.ways: set[tuple[Any, int]] = set()
-        rows = [*QUANTITIES.values(), BATCH]
+        rows = [*self.quantities.values(), BATCH]
         rows += [TEXTBOOK] if self.textbook else []
         rows += [self._other_label()] if other is not None else []
         self.comparison = Comparison(self.statement.names, rows)
@@ -100,8 +112,22 @@ class _Session:
             if self.costly > COSTLY_REFUSALS:
                 return
             kind = SAMPLE_KINDS[(k + attempt // DRAWS_PER_KIND) % len(SAMPLE_KINDS)]
-            if self._use(self.sampler.point(kind, attempt % DRAWS_PER_KIND)):
+            point = self.sampler.point(kind, attempt % DRAWS_PER_KIND)
+            if self._use(self._on_constraints(point) if kind.state == "initial" else point):
                 return
+
+    def _on_constraints(self, point: Point) -> Point:
+        """Return a point at which the constraints hold, or the point itself where there is none near it.
+
+        The definitions hold at any state; that motions happen on the constraints is why some of the points are there.
+        """
+        if not self.statement.constraints:
+            return point
+        try:
+            q, v = self.surface.nearest(point.q, point.v, point.t, point.parameters)
+        except OutsideDomain:
+            return point
+        return replace(point, q=tuple(map(float, q)), v=tuple(map(float, v)), kind=f"{point.kind}, on the constraints")
 
     def cover_branches(self) -> None:
         """Use a few more points for branches of conditions, Abs, sign, Min or Max that have not been taken yet."""
@@ -164,13 +190,13 @@ class _Session:
 
     def _compare(self, model: Model, point: Point, entries: Mapping[str, ReferenceEntries], columns: list[int]) -> None:
         for name, part in entries.items():
-            row = QUANTITIES[name] if model is self.model else self._other_label()
-            labels = entry_labels(name, self.statement.names, columns)
+            row = self.quantities[name] if model is self.model else self._other_label()
+            labels = entry_labels(name, self.statement, columns)
             self.comparison.add(row, labels, computed(model, name, point, columns), part)
 
     def _compare_batch(self, point: Point, entries: Mapping[str, ReferenceEntries], columns: list[int]) -> None:
         for name, part in entries.items():
-            labels = entry_labels(name, self.statement.names, columns)
+            labels = entry_labels(name, self.statement, columns)
             for many, single in computed_batch(self.model, name, point, columns):
                 self.comparison.add(BATCH, labels, many, part.around(single))
 
@@ -180,7 +206,7 @@ class _Session:
         except OutsideDomain as reason:
             self.comparison.report_unexplained(f"The textbook accelerations have no value ({reason})")
             return
-        labels = entry_labels("accelerations", self.statement.names, [])
+        labels = entry_labels("accelerations", self.statement, [])
         self.comparison.add(TEXTBOOK, labels, computed(self.model, "accelerations", point, []), part.around(expected))
 
     def _compare_absence(self, point: Point) -> None:

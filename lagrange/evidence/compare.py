@@ -14,6 +14,7 @@ from lagrange.evidence.reference import ReferenceEntries
 from lagrange.evidence.report import ReportRow
 from lagrange.evidence.sample import Point
 from lagrange.machine.model import Model
+from lagrange.statement.statement import Statement
 
 LIMIT = 2e-12
 """Largest error that holds, relative to an entry's size: some 10,000 roundings. The worst honest error seen is 1e-14,
@@ -112,19 +113,27 @@ def is_finite(value: Any) -> bool:
     return math.isfinite(value) if isinstance(value, float) else bool(abs(value) < math.inf)
 
 
-def entry_labels(name: str, names: Sequence[str], columns: Sequence[int]) -> list[str]:
+def entry_labels(name: str, statement: Statement, columns: Sequence[int]) -> list[str]:
     """Return the name of each entry of a quantity, in the order of `computed`."""
+    names, held = statement.names, [one.name for one in statement.constraints]
     velocities = [f"{a}_dot" for a in names]
-    if name in ("lagrangian", "energy"):
-        return [name]
-    if name == "mass_matrix":
-        return [f"{a}, {b}" for a in names for b in names]
     rates = [*velocities, *(f"{a}_ddot" for a in names)]
-    if name == "rhs":
-        return rates
-    if name == "jacobian":
-        variables = [*names, *velocities]
-        return [f"d {rate} / d {variables[j]}" for j in columns for rate in rates]
+    match name:
+        case "lagrangian" | "energy":
+            return [name]
+        case "mass_matrix":
+            return [f"{a}, {b}" for a in names for b in names]
+        case "rhs":
+            return rates
+        case "jacobian":
+            variables = [*names, *velocities]
+            return [f"d {rate} / d {variables[j]}" for j in columns for rate in rates]
+        case "constraints":
+            return [*held, *(f"rate of {one}" for one in held)]
+        case "constraint_gradient" | "constraint_forces":
+            return [f"{one}, {a}" for one in held for a in names]
+        case "constraint_bias" | "multipliers":
+            return held
     return list(names)
 
 
@@ -134,7 +143,7 @@ def computed(model: Model, name: str, point: Point, columns: Sequence[int]) -> l
     try:
         block = _evaluate(model, name, q, v, point.t, point.parameters, columns)
     except RunError:
-        return [math.nan] * len(entry_labels(name, model.statement.names, columns))
+        return [math.nan] * len(entry_labels(name, model.statement, columns))
     return [float(x) for x in np.ravel(block)]
 
 

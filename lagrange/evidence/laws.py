@@ -87,7 +87,7 @@ def mass_matrix(source: Sources, q: Numbers, v: Numbers, t: Any, steps: Differen
         for j in range(i + 1):
 
             def at(x: Any, y: Any, i: int = i, j: int = j) -> Numbers:
-                return [source.for_mass(q, _moved(_moved(v, i, x), j, y), t)]
+                return [source.for_mass(q, moved(moved(v, i, x), j, y), t)]
 
             rows[i][j] = rows[j][i] = central_mixed(at, steps.v[i], steps.v[j])[0]
     return rows
@@ -117,23 +117,21 @@ def energy(source: Sources, v: Numbers, p: Numbers, lagrangian: Any) -> Any:
 
 
 def residual_slopes(
-    source: Sources, q: Numbers, v: Numbers, a: Numbers, t: Any, steps: DifferenceSteps, columns: Sequence[int]
+    at: Callable[[Numbers, Numbers], Numbers], q: Numbers, v: Numbers, steps: DifferenceSteps, columns: Sequence[int]
 ) -> list[Numbers]:
-    """Return d(dp/dt - f)/dy_j at fixed accelerations for each j in `columns`, y = (q, v).
+    """Return the slopes of a residual, a function of q and v at fixed accelerations, by y_j for each j in `columns`.
 
-    Differencing M a = h says M da/dy_j = -d(dp/dt - f)/dy_j: the Jacobian of the accelerations without solving
-    for them at every displaced state, at a fraction of the evaluations.
+    y = (q, v). Differencing M a = h says M da/dy_j = -d(dp/dt - f)/dy_j: the Jacobian of the accelerations without
+    solving for them at every displaced state, at a fraction of the evaluations.
     """
     n = len(q)
     slopes = []
     for j in columns:
 
-        def at(x: Any, j: int = j) -> Numbers:
-            if j < n:
-                return residual(source, _moved(q, j, x), v, a, t, steps)
-            return residual(source, q, _moved(v, j - n, x), a, t, steps)
+        def beside(x: Any, j: int = j) -> Numbers:
+            return at(moved(q, j, x), v) if j < n else at(q, moved(v, j - n, x))
 
-        slopes.append(central(at, steps.q[j] if j < n else steps.v[j - n]))
+        slopes.append(central(beside, steps.q[j] if j < n else steps.v[j - n]))
     return slopes
 
 
@@ -163,19 +161,20 @@ def solve(matrix: Sequence[Numbers], right: Sequence[Numbers], threshold: Any) -
     return solutions
 
 
-def factorization_sizes(matrix: Sequence[Numbers]) -> list[Numbers]:
+def factorization_sizes(matrix: Sequence[Numbers], negative: int = 0) -> list[Numbers]:
     """Return the sizes of the numbers in a factorization of a symmetric matrix, n rows of n.
 
-    For M = L D L^T with positive pivots that is |L| |D| |L^T|: solving with the factors in floating point is exact for
-    a matrix within a few roundings of these numbers (N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2nd
-    edition, 2002, theorem 10.3). Other matrices need row exchanges; then the largest entries of the rows are used.
+    For M = L D L^T with positive pivots, but for the last `negative` ones, that is |L| |D| |L^T|: solving with the
+    factors in floating point is exact for a matrix within a few roundings of these numbers (N. J. Higham, Accuracy and
+    Stability of Numerical Algorithms, 2nd edition, 2002, theorem 10.3). Other matrices need row exchanges; then the
+    largest entries of the rows are used.
     """
     n = len(matrix)
     sizes = [[abs(x) for x in row] for row in matrix]
     rest = [list(row) for row in matrix]
     for k in range(n):
         pivot = rest[k][k]
-        if pivot <= TRUSTED * sizes[k][k]:
+        if (pivot if k < n - negative else -pivot) <= TRUSTED * sizes[k][k]:
             largest = [max(map(abs, row)) for row in matrix]
             return [
                 [max(abs(x), (a * b) ** 0.5) for x, b in zip(row, largest, strict=True)]
@@ -198,12 +197,13 @@ def along(x: Sequence[Any], direction: Sequence[Any], s: Any) -> Numbers:
 
 def _gradient(function: Callable[[Numbers], Any], x: Numbers, steps: Numbers) -> Numbers:
     def along_axis(i: int) -> Callable[[Any], Numbers]:
-        return lambda h: [function(_moved(x, i, h))]
+        return lambda h: [function(moved(x, i, h))]
 
     return [central(along_axis(i), step)[0] for i, step in enumerate(steps)]
 
 
-def _moved(x: Sequence[Any], i: int, distance: Any) -> Numbers:
+def moved(x: Sequence[Any], i: int, distance: Any) -> Numbers:
+    """Return x with one entry moved."""
     y = list(x)
     y[i] = y[i] + distance
     return y

@@ -4,9 +4,10 @@ A run in double precision is improved, as a solution of a linear system is by it
 
     d/dt dL/dv = dL/dq + Q - dD/dv
 
-holds at Gauss points [1] to as many digits as asked. What is driven to zero is formed from the stated L, Q and D by
-central differences in multiple precision (`lagrange.evidence.laws`): no derivative rule, no graph and no compiled
-code enters it. Doubles, from compiled code too, only propose where to look next: wrong ones would keep the
+holds at Gauss points [1] to as many digits as asked; with constraints G^T lambda stands on the right, and dpsi/dt = 0
+holds as well. What is driven to zero is formed from the stated L, Q, D and constraints by central differences in
+multiple precision (`lagrange.evidence.precise_laws`): no derivative rule, no graph and no compiled code enters it.
+Doubles, from compiled code too, only propose where to look next: wrong ones would keep the
 improvement from converging and could not change what it converges to.
 
 [1] E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed., 1993, II.7 and II.14.
@@ -25,19 +26,13 @@ import numpy as np
 from sympy import Symbol
 
 from lagrange.errors import RunError
-from lagrange.evidence import laws
 from lagrange.evidence.central_differences import Numbers
-from lagrange.evidence.laws import DifferenceSteps, Sources
 from lagrange.evidence.operations import OutsideDomain
-from lagrange.evidence.precise import Precise
+from lagrange.evidence.precise_laws import PreciseLaws
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
-from lagrange.statement.statement import Statement
 
 Improvement = Callable[[FloatArray], FloatArray]
-
-GUARD = 14
-"""Digits beyond those that the differences lose by design."""
 
 LEAST_POINTS = 8
 """Otherwise there are as many points to an interval as digits are asked for, which makes the work about least."""
@@ -83,7 +78,7 @@ def precise_run(
     """
     run = _PreciseRun(model, parameters, digits, None if max_wall is None else time.perf_counter() + max_wall)
     number = run.laws.number
-    state = [number(x) for x in y0]
+    state = run.laws.on_constraints(t0, [number(x) for x in y0])
     now, found = number(t0), []
     whole = abs(float(times[-1]) - t0) if len(times) else 0.0
     for end in times:
@@ -110,43 +105,6 @@ class _Rule:
     spectrum: FloatArray
     middle: tuple[tuple[Any, ...], ...]
     tail: tuple[tuple[Any, ...], ...]
-
-
-class _Laws:
-    """The residual of the equations of motion, from the stated L, Q and D."""
-
-    def __init__(self, statement: Statement, parameters: Mapping[Any, float], digits: int) -> None:
-        # A first derivative of a first derivative is differenced: twice the digits of the step are lost, and the
-        # step's square is the error.
-        self.exponent = digits // 2 + 3
-        lagrangian = Precise([statement.lagrangian], statement, digits + 2 * self.exponent + GUARD)
-        loads = Precise([*statement.forces, statement.dissipation], statement, digits + 2 * self.exponent + GUARD)
-        self.context = lagrangian.context
-        self.number = self.context.mpf
-        values = {p: self.number(parameters[p]) for p in statement.parameters}
-
-        def energy(q: Sequence[Any], v: Sequence[Any], t: Any) -> Any:
-            return lagrangian(q, v, t, values)[0]
-
-        self.source = Sources(
-            for_momenta=energy,
-            for_forces=energy,
-            for_mass=energy,
-            forces=lambda q, v, t: loads(q, v, t, values)[:-1],
-            dissipation=(lambda q, v, t: loads(q, v, t, values)[-1]) if statement.dissipation != 0 else None,
-            nudge=laws.exactly,
-        )
-
-    def steps(self, q: FloatArray, v: FloatArray, length: float) -> DifferenceSteps:
-        """Return the steps of the differences over an interval, from the sizes of its states, (s, n) each."""
-        unit = self.number(10) ** -self.exponent
-        sizes = [np.abs(x).max(axis=0) for x in (q, v)]
-        by_q, by_v = ([unit * (float(x) or 1.0) for x in size] for size in sizes)
-        return DifferenceSteps(by_q, by_v, unit * abs(length))
-
-    def residual(self, q: Numbers, v: Numbers, a: Numbers, t: Any, steps: DifferenceSteps) -> Numbers:
-        """Return dp/dt - f, n numbers, zero when a is the acceleration."""
-        return laws.residual(self.source, q, v, a, t, steps)
 
 
 @dataclass(frozen=True)
@@ -180,7 +138,7 @@ class _PreciseRun:
     def __init__(self, model: Model, parameters: Mapping[Any, float], digits: int, deadline: float | None) -> None:
         self.parameters = dict(parameters)
         self.digits, self.deadline = digits, deadline
-        self.laws = _Laws(model.statement, parameters, digits)
+        self.laws = PreciseLaws(model.statement, parameters, digits)
         self.rule = _rule(max(LEAST_POINTS, digits), self.laws.context)
         self.model = model
         self.length: float | None = None
@@ -275,17 +233,18 @@ class _PreciseRun:
         """Return the accelerations at the points, s rows of n numbers, corrected until the equations hold."""
         a = [[self.laws.number(float(x)) for x in row] for row in guess.a]
         steps = self.laws.steps(guess.q, guess.v, float(h))
-        masses = self.model.evaluate("mass_matrix", guess.q.T, guess.v.T, guess.times, self.parameters)
-        inverses = np.linalg.inv(np.moveaxis(masses, -1, 0))
+        inverses, multipliers = self._solver(guess)
+        n = self.model.dimension
         last, wanted = 0.0, 10.0 ** -(self.digits + 1)
         for _ in range(SWEEPS):
             q, v = self._states(h, state, a)
             rows = [
-                [float(x) for x in self.laws.residual(q[i], v[i], a[i], t + c * h, steps)]
+                [float(x) for x in self.laws.residual(q[i], v[i], a[i], multipliers[i], t + c * h, steps)]
                 for i, c in enumerate(self.rule.points)
             ]
-            change = guess.improve(np.einsum("ikl,il->ik", inverses, np.array(rows)))
-            a = [[x + float(y) for x, y in zip(row, by, strict=True)] for row, by in zip(a, change, strict=True)]
+            off = np.einsum("ikl,il->ik", inverses, np.array(rows))
+            change = guess.improve(off[:, :n])
+            a, multipliers = _moved(a, change), _moved(multipliers, off[:, n:])
             size = float((np.abs(change) / guess.sizes).max())
             left = size / last if last else AGREED
             if not left <= WORTHWHILE:
@@ -295,6 +254,22 @@ class _PreciseRun:
                 return a
             last = size
         raise _TooLong
+
+    def _solver(self, guess: _Interval) -> tuple[FloatArray, list[Numbers]]:
+        """Return the inverse of M, or of [[M, G^T], [G, 0]], at each point, and the multipliers there in doubles.
+
+        What doubles leave of G^T lambda is formed with all digits: lambda is improved as the accelerations are.
+        """
+        where = (guess.q.T, guess.v.T, guess.times, self.parameters)
+        masses = np.moveaxis(self.model.evaluate("mass_matrix", *where), -1, 0)
+        if not self.laws.held.holonomic:
+            return np.linalg.inv(masses), [[] for _ in masses]
+        rows = np.moveaxis(self.model.evaluate("constraint_gradient", *where), -1, 0)
+        corner = np.zeros((len(rows), rows.shape[1], rows.shape[1]))
+        matrices = np.block([[masses, np.swapaxes(rows, 1, 2)], [rows, corner]])
+        found = self.model.evaluate("multipliers", *where).T
+        inverses = np.asarray(np.linalg.inv(matrices), dtype=float)
+        return inverses, [[self.laws.number(float(x)) for x in row] for row in found]
 
     def _check_tail(self, a: Sequence[Numbers], sizes: FloatArray) -> None:
         """Raise _TooLong if the series of the accelerations stops decreasing, as across a kink."""
@@ -319,6 +294,11 @@ class _PreciseRun:
         return [
             [x + h * dot(row, column) for x, column in zip(start, columns, strict=True)] for row in self.rule.matrix
         ]
+
+
+def _moved(numbers: Sequence[Numbers], by: FloatArray) -> list[Numbers]:
+    """Return rows of numbers, each moved by doubles."""
+    return [[x + float(y) for x, y in zip(row, change, strict=True)] for row, change in zip(numbers, by, strict=True)]
 
 
 @cache

@@ -4,6 +4,9 @@ The compiled accelerations are inserted into the Euler-Lagrange equations as sta
 
     w . (d/dt dL/dv - dL/dq - Q + dD/dv) = 0    along    q + v s + a s^2/2
 
+With constraints w is random among the directions that they allow, G w = 0, along which their forces do no work, and
+the second rates of phi, and the rates of constraints on velocities, vanish in a random combination.
+
 With a random direction, a fault in any entry shows with probability one. The derivatives are central differences of the
 stated L at 50 digits: four evaluations of L for the first term, two for the second. If the left-hand side is not small
 relative to its terms, the evaluation is repeated with every intermediate number slightly perturbed, which estimates
@@ -17,9 +20,12 @@ import random
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from lagrange.errors import RunError
 from lagrange.evidence.compare import LIMIT, TINY, relative_error
-from lagrange.evidence.laws import along
+from lagrange.evidence.constraint_laws import StatedConstraints, acceleration_level
+from lagrange.evidence.laws import DifferenceSteps, along
 from lagrange.evidence.operations import OutsideDomain
 from lagrange.evidence.precise import Precise
 from lagrange.evidence.reference import Reference
@@ -52,7 +58,7 @@ def quick_check(model: Model) -> None:
     for attempt in range(MOST_DRAWS + 1):
         point = sampler.initial() if attempt == MOST_DRAWS else sampler.point(SAMPLE_KINDS[(attempt + 1) % 4], attempt)
         a = _accelerations(model, point)
-        if all(map(math.isfinite, a)) and not probe.suspects(point, a):
+        if all(map(math.isfinite, a)) and not probe.suspects(point, a, _allowed(model, point, probe.direction)):
             return
         if not probe.has_value(point):
             continue
@@ -67,6 +73,24 @@ def _accelerations(model: Model, point: Point) -> list[float]:
         return [float(x) for x in model.accelerations(point.q, point.v, point.t, point.parameters)]
     except RunError:
         return [math.nan] * len(point.q)
+
+
+def _allowed(model: Model, point: Point, direction: Sequence[float]) -> list[float]:
+    """Return the part of a direction that the constraints allow, orthogonal to the rows of G in doubles.
+
+    G comes from what is compiled: if it were wrong, the forces of the constraints would not vanish in that direction.
+    """
+    if not model.statement.constraints:
+        return list(direction)
+    kernel = model.interpreted("constraint_gradient")
+    rows = kernel(point.t, np.array([*point.q, *point.v]), model.parameter_array(point.parameters))
+    if not np.isfinite(rows).all():
+        return list(direction)
+    basis, _ = np.linalg.qr(rows.T)
+    w = np.array(direction)
+    for _ in range(2):  # once leaves what rounding made of the first projection
+        w = w - basis @ (basis.T @ w)
+    return [float(x) for x in w]
 
 
 def _confirm(model: Model, point: Point, a: Sequence[float]) -> bool:
@@ -100,37 +124,64 @@ class _Probe:
         self.forces = Precise(statement.forces, statement, DIGITS) if loaded else None
         self.dissipation = Precise([statement.dissipation], statement, DIGITS) if statement.dissipation != 0 else None
         self.draw = random.Random(0)
-        self.direction = [self.number(self._factor(0.5)) for _ in statement.coordinates]
+        self.direction = [self._factor(0.5) for _ in statement.coordinates]
+        self.holonomic = tuple(one.holonomic for one in statement.constraints)
+        self.held = Precise([one.expression for one in statement.constraints], statement, DIGITS)
+        self.weights = [self.number(self._factor(0.5)) for _ in statement.constraints]
 
     def has_value(self, point: Point) -> bool:
         """Return whether the energies and forces have values at the point."""
         try:
-            for tape in (self.plain, self.forces, self.dissipation):
+            for tape in (self.plain, self.forces, self.dissipation, self.held):
                 if tape is not None:
                     tape(point.q, point.v, point.t, point.parameters)
         except OutsideDomain:
             return False
         return True
 
-    def suspects(self, point: Point, a: Sequence[float]) -> bool:
-        """Return whether the residual exceeds rounding, or cannot be evaluated."""
+    def suspects(self, point: Point, a: Sequence[float], direction: Sequence[float]) -> bool:
+        """Return whether a residual exceeds rounding, or cannot be evaluated; `direction` is one that is allowed."""
         try:
-            q, v, exact = [[self.number(x) for x in numbers] for numbers in (point.q, point.v, a)]
-            residual, largest = self._residual(self.plain, self.plain, point, q, v, exact)
-            if abs(residual) <= SUSPICIOUS * largest:
+            q, v, exact, w = [[self.number(x) for x in numbers] for numbers in (point.q, point.v, a, direction)]
+            residuals = [
+                self._residual(self.plain, self.plain, point, q, v, exact, w),
+                *self._held(self.held, point, q, v, exact),
+            ]
+            if all(abs(residual) <= SUSPICIOUS * largest for residual, largest in residuals):
                 return False
             off = [x * (1 + self.number(PERTURBATION) * self._factor(1.0)) for x in exact]
             tapes = [self.plain.perturbed(PERTURBATION, seed) for seed in (1, 2)]
-            moved, _ = self._residual(tapes[0], tapes[1], point, q, v, off)
+            moved = [
+                self._residual(tapes[0], tapes[1], point, q, v, off, w),
+                *self._held(self.held.perturbed(PERTURBATION, 3), point, q, v, off),
+            ]
         except OutsideDomain:
             return True
-        size = abs(moved - residual) / self.number(PERTURBATION)
-        return bool(abs(residual) > SUSPICIOUS * size + TINY)
+        unit = self.number(PERTURBATION)
+        return any(
+            abs(residual) > SUSPICIOUS * abs(other - residual) / unit + TINY
+            for (residual, _), (other, _) in zip(residuals, moved, strict=True)
+        )
 
-    def _residual(self, for_rate: Precise, for_force: Precise, point: Point, q: Any, v: Any, a: Any) -> tuple[Any, Any]:
-        """Return the left-hand side and its largest term."""
+    def _held(self, tape: Precise, point: Point, q: Any, v: Any, a: Any) -> list[tuple[Any, Any]]:
+        """Return a random combination of G a + gamma, and its largest term: nothing without constraints."""
+        if not self.holonomic:
+            return []
         parameters = {p: self.number(x) for p, x in point.parameters.items()}
-        t, step, w = self.number(point.t), self.number(DIFFERENCE_STEP), self.direction
+        stated = StatedConstraints.alike(lambda q, v, t: tape(q, v, t, parameters), self.holonomic)
+        step = self.number(DIFFERENCE_STEP)
+        steps = DifferenceSteps([step] * len(q), [step] * len(v), step)
+        t, still = self.number(point.t), [self.number(0)] * len(q)
+        whole, bias = (acceleration_level(stated, q, v, along_a, t, steps) for along_a in (a, still))
+        terms = [weight * x for weight, x in zip(self.weights, whole, strict=True)]
+        return [(sum(terms), max(map(abs, [*bias, *(x - b for x, b in zip(whole, bias, strict=True))])))]
+
+    def _residual(
+        self, for_rate: Precise, for_force: Precise, point: Point, q: Any, v: Any, a: Any, w: Any
+    ) -> tuple[Any, Any]:
+        """Return the left-hand side along w, and its largest term."""
+        parameters = {p: self.number(x) for p, x in point.parameters.items()}
+        t, step = self.number(point.t), self.number(DIFFERENCE_STEP)
 
         def slope(tape: Precise, at_q: Any, at_v: Any, at_t: Any, dq: Any, dv: Any) -> Any:
             ahead = tape(along(at_q, dq, step), along(at_v, dv, step), at_t, parameters)[0]

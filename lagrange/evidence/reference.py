@@ -16,6 +16,15 @@ from typing import Any
 
 from lagrange.evidence import laws
 from lagrange.evidence.central_differences import Numbers, extrapolate
+from lagrange.evidence.constraint_laws import (
+    StatedConstraints,
+    acceleration_level,
+    bordered,
+    gradient,
+    position_level,
+    reactions,
+    velocity_level,
+)
 from lagrange.evidence.laws import DifferenceSteps, Sources
 from lagrange.evidence.operations import BeyondDoubles, OutsideDomain
 from lagrange.evidence.precise import Precise
@@ -87,26 +96,30 @@ class Reference:
         self.statement = statement
         self.lagrangian = Precise([statement.lagrangian], statement, DIGITS)
         self.loads = Precise([*statement.forces, statement.dissipation], statement, DIGITS)
+        self.held = Precise([one.expression for one in statement.constraints], statement, DIGITS)
+        self.holonomic = tuple(one.holonomic for one in statement.constraints)
         self.number = self.lagrangian.context.mpf
+        tapes = [self.lagrangian] * 3 + [self.loads] + [self.held] * 2
         self._samples = [
-            [source.perturbed(PERTURBATION, 4 * k + i) for i, source in enumerate([self.lagrangian] * 3 + [self.loads])]
+            [source.perturbed(PERTURBATION, len(tapes) * k + i) for i, source in enumerate(tapes)]
             for k in range(SAMPLES)
         ]
 
     def at(self, point: Point, columns: Sequence[int]) -> dict[str, ReferenceEntries]:
         """Return lagrangian, momenta, forces, mass_matrix, bias, energy, accelerations, rhs and jacobian.
 
-        mass_matrix has its rows one after another; jacobian has those columns of d rhs / d(q, v) that `columns`
-        lists, one after another. Raises OutsideDomain where the point is of no use: L, Q or D has no real, finite
-        value or no derivative there, or M is singular.
+        With constraints also constraints, constraint_gradient, constraint_bias, multipliers and constraint_forces.
+        mass_matrix and constraint_gradient have their rows one after another; jacobian has those columns of
+        d rhs / d(q, v) that `columns` lists, one after another. Raises OutsideDomain where the point is of no use: what
+        was stated has no real, finite value or no derivative there, or the accelerations are not determined.
         """
         self.inspect(point)
         steps = self._steps(point)
-        plain = self._plain(point)
+        plain, held = self._plain(point)
         lengths: dict[str, int] = {}
 
         def rule(scale: Any) -> Numbers:
-            found = self._laws(plain, point, steps.times(scale), columns)
+            found = self._laws(plain, held, point, steps.times(scale), columns)
             lengths.update((name, len(numbers)) for name, numbers in found.items())
             return list(chain.from_iterable(found.values()))
 
@@ -153,16 +166,16 @@ class Reference:
 
     @property
     def switches(self) -> tuple[Any, ...]:
-        """The conditions, Abs, sign, Min and Max in L, Q and D: they select between formulas."""
-        return self.lagrangian.switches + self.loads.switches
+        """The conditions, Abs, sign, Min and Max in L, Q, D and the constraints: they select between formulas."""
+        return self.lagrangian.switches + self.loads.switches + self.held.switches
 
     def inspect(self, point: Point) -> tuple[int | None, ...]:
         """Return the outcome of each switch, None for one that has no effect there.
 
-        Raises OutsideDomain if L, Q or D has no value, or exceeds double precision.
+        Raises OutsideDomain if L, Q, D or a constraint has no value, or exceeds double precision.
         """
         outcomes: tuple[int | None, ...] = ()
-        for source in (self.lagrangian, self.loads):
+        for source in (self.lagrangian, self.loads, self.held):
             found = source.inspect(point.q, point.v, point.t, point.parameters)
             if found.largest > EXPONENT_LIMIT:
                 raise BeyondDoubles("a number beyond the range of double precision")
@@ -183,23 +196,33 @@ class Reference:
         def noisy(tape: Precise, plain: Precise) -> laws.StateFunction:
             # What differencing makes of the rounding of L itself must not pass for an entry: where an entry is zero
             # by structure it is all there is. Noise ten times as large lifts the size above it, and never by nothing.
-            exact, off = (f(point.q, point.v, point.t, parameters)[-1] for f in (plain, tape))
-            amplitude = self.number(VALUE_NOISE) * max(abs(exact), abs(off - exact) / self.number(PERTURBATION))
-            return lambda q, v, t: tape(q, v, t, parameters)[-1] + amplitude * draw.uniform(-1.0, 1.0)
+            exact, off = (f(point.q, point.v, point.t, parameters) for f in (plain, tape))
+            unit, noise = self.number(PERTURBATION), self.number(VALUE_NOISE)
+            amplitudes = [noise * max(abs(a), abs(b - a) / unit) for a, b in zip(exact, off, strict=True)]
 
-        *energies, loads = self._samples[k]
-        scalars = [noisy(tape, self.lagrangian) for tape in energies]
-        sources = self._sources(scalars, loads, noisy(loads, self.loads), parameters, nudge)
-        found = self._laws(sources, point, steps, columns)
+            def values(q: Sequence[Any], v: Sequence[Any], t: Any) -> Numbers:
+                found = zip(tape(q, v, t, parameters), amplitudes, strict=True)
+                return [x + amplitude * draw.uniform(-1.0, 1.0) for x, amplitude in found]
+
+            return values
+
+        *energies, loads, for_gradient, for_rates = self._samples[k]
+        scalars = [_last(noisy(tape, self.lagrangian)) for tape in energies]
+        sources = self._sources(scalars, loads, _last(noisy(loads, self.loads)), parameters, nudge)
+        held = [noisy(tape, self.held) for tape in (for_gradient, for_rates)]
+        stated = StatedConstraints(held[0], held[1], self.holonomic, nudge)
+        found = self._laws(sources, stated, point, steps, columns)
         return list(chain.from_iterable(found.values()))
 
-    def _plain(self, point: Point) -> Sources:
+    def _plain(self, point: Point) -> tuple[Sources, StatedConstraints]:
         parameters = self._parameters(point)
 
         def exact(tape: Precise) -> laws.StateFunction:
-            return lambda q, v, t: tape(q, v, t, parameters)[-1]
+            return lambda q, v, t: tape(q, v, t, parameters)
 
-        return self._sources([exact(self.lagrangian)] * 3, self.loads, exact(self.loads), parameters, laws.exactly)
+        scalars = [_last(exact(self.lagrangian))] * 3
+        sources = self._sources(scalars, self.loads, _last(exact(self.loads)), parameters, laws.exactly)
+        return sources, StatedConstraints.alike(exact(self.held), self.holonomic)
 
     def _sources(
         self,
@@ -229,27 +252,41 @@ class Reference:
         # Along the motion a step must change no argument by more than its own step: in SI units a second is nothing
         # to a planet, and all the digits would be lost in it.
         times = [size / abs(x) for size, x in zip(sizes_q, point.v, strict=True) if x]
-        if self.lagrangian.uses_time or not times:
+        if self.lagrangian.uses_time or self.held.uses_time or not times:
             times.append(abs(self.number(point.t)) or self.number(1))
         return DifferenceSteps([step * x for x in sizes_q], [step * x for x in sizes_v], step * min(times))
 
     def _laws(
-        self, source: Sources, point: Point, steps: DifferenceSteps, columns: Sequence[int]
+        self, source: Sources, held: StatedConstraints, point: Point, steps: DifferenceSteps, columns: Sequence[int]
     ) -> dict[str, Numbers]:
         q, v = [list(map(self.number, x)) for x in (point.q, point.v)]
         t, n, zero = self.number(point.t), len(point.q), self.number(0)
+        still = [zero] * n
         lagrangian = source.for_forces(q, v, t)
         p = laws.momenta(source, q, v, t, steps)
         f = laws.forces(source, q, v, t, steps)
         mass = laws.mass_matrix(source, q, v, t, steps)
-        rate = laws.momentum_rate(source, q, v, [zero] * n, t, steps)
+        rate = laws.momentum_rate(source, q, v, still, t, steps)
         nudge = source.nudge
         bias = [nudge("force", i) * x - nudge("rate", i) * y for i, (x, y) in enumerate(zip(f, rate, strict=True))]
-        solver = mass if nudge is laws.exactly else self._as_factored(mass, nudge)
-        a = laws.solve(solver, [bias], SINGULAR)[0]
-        slopes = laws.residual_slopes(source, q, v, a, t, steps, columns)
-        jacobian = laws.solve(solver, slopes, SINGULAR) if slopes else []
-        return {
+        slopes = gradient(held, q, v, t, steps) if self.holonomic else []
+        held_bias = acceleration_level(held, q, v, still, t, steps) if self.holonomic else []
+        matrix = bordered(mass, slopes)
+        solver = matrix if nudge is laws.exactly else self._as_factored(matrix, nudge)
+        solved = laws.solve(solver, [[*bias, *(-x for x in held_bias)]], SINGULAR)[0]
+        a, multipliers = solved[:n], [-x for x in solved[n:]]
+
+        def residual(q: Numbers, v: Numbers) -> Numbers:
+            free = laws.residual(source, q, v, a, t, steps)
+            if not self.holonomic:
+                return free
+            rows = reactions(gradient(held, q, v, t, steps), multipliers)
+            balance = [x - sum(column) for x, column in zip(free, zip(*rows, strict=True), strict=True)]
+            return [*balance, *acceleration_level(held, q, v, a, t, steps)]
+
+        changes = laws.residual_slopes(residual, q, v, steps, columns)
+        jacobian = laws.solve(solver, changes, SINGULAR) if changes else []
+        found = {
             "lagrangian": [lagrangian],
             "momenta": p,
             "forces": f,
@@ -257,15 +294,30 @@ class Reference:
             "bias": bias,
             "energy": [laws.energy(source, v, p, lagrangian)],
             "accelerations": a,
-            "jacobian": [-x for column in jacobian for x in column],
+            "jacobian": [-x for column in jacobian for x in column[:n]],
         }
+        if self.holonomic:
+            exerted = reactions(slopes, [x * nudge("exerted", i) for i, x in enumerate(multipliers)])
+            found |= {
+                "constraints": [*position_level(held, q, v, t), *velocity_level(held, q, v, t, steps)],
+                "constraint_gradient": list(chain.from_iterable(slopes)),
+                "constraint_bias": held_bias,
+                "multipliers": multipliers,
+                "constraint_forces": list(chain.from_iterable(exerted)),
+            }
+        return found
 
-    def _as_factored(self, mass: Sequence[Numbers], nudge: laws.Nudge) -> list[Numbers]:
-        """Return the mass matrix as the solve sees it, perturbed by the errors of its factorization."""
-        sizes = laws.factorization_sizes(mass)
-        off = [list(row) for row in mass]
+    def _as_factored(self, matrix: Sequence[Numbers], nudge: laws.Nudge) -> list[Numbers]:
+        """Return the matrix of the motion as the solve sees it, perturbed by the errors of its factorization."""
+        sizes = laws.factorization_sizes(matrix, len(self.holonomic))
+        off = [list(row) for row in matrix]
         for i, row in enumerate(sizes):
             for j in range(i + 1):
-                off[i][j] += row[j] * (nudge("factor", i * len(mass) + j) - 1)
+                off[i][j] += row[j] * (nudge("factor", i * len(matrix) + j) - 1)
                 off[j][i] = off[i][j]
         return off
+
+
+def _last(values: laws.StateFunction) -> laws.StateFunction:
+    """Return the last of the values of a function."""
+    return lambda q, v, t: values(q, v, t)[-1]

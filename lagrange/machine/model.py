@@ -96,8 +96,9 @@ class Model:
         """Return the kernel of a quantity by name, compiled when it is first asked for.
 
         The names are rhs, jacobian, accelerations, mass_matrix, energy, momenta, lagrangian, forces and bias, and of a
-        system with constraints multipliers, constraint_forces (m, n) and constraints. On the llvm target a kernel has
-        an `address` to call from compiled code.
+        system with constraints multipliers, constraint_forces (m, n), constraints (phi, then dphi/dt),
+        constraint_gradient (m, n), which is G, and constraint_bias, gamma of G a + gamma = 0. On the llvm target a
+        kernel has an `address` to call from compiled code.
         """
         if not isinstance(name, str) or name not in self._kernels:
             one_of(name, quantities_of(self.equations), NO_QUANTITY)

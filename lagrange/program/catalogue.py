@@ -18,7 +18,7 @@ from lagrange.program.program import Program
 class Quantity:
     """What a model offers: the nodes of its results by name, and how many indices each entry has.
 
-    Several results with two indices are the rows, and a single one is a square matrix.
+    What has two indices is a square matrix, or with `by_constraint` has a row for each constraint.
 
     For `solved` and `returned` see `Program`.
     """
@@ -27,6 +27,7 @@ class Quantity:
     indices: int = 1
     solved: bool = False
     returned: tuple[str, ...] = ()
+    by_constraint: bool = False
 
 
 def rhs(equations: Equations) -> Named:
@@ -84,6 +85,11 @@ def constraint_forces(equations: Equations) -> Named:
     return {"constraint_forces": forces}
 
 
+def constraint_gradient(equations: Equations) -> Named:
+    """Return G = dpsi/dv, a row for each constraint."""
+    return {"constraint_gradient": [entry for row in equations.constraints.gradient for entry in row]}
+
+
 def _positions(equations: Equations) -> list[Node]:
     """Return phi of every constraint, zero for those that are stated in velocities."""
     zero = equations.graph.zero
@@ -108,10 +114,13 @@ QUANTITIES: dict[str, Quantity] = {
 
 CONSTRAINT_QUANTITIES: dict[str, Quantity] = {
     "multipliers": Quantity(lambda e: {"multipliers": e.multipliers}, solved=True),
-    "constraint_forces": Quantity(constraint_forces, 2, solved=True),
+    "constraint_forces": Quantity(constraint_forces, 2, solved=True, by_constraint=True),
     "constraints": Quantity(lambda e: {"positions": _positions(e), "velocities": e.constraints.velocities}),
+    "constraint_gradient": Quantity(constraint_gradient, 2, by_constraint=True),
+    "constraint_bias": Quantity(lambda e: {"constraint_bias": e.constraints.bias}),
 }
-"""Those that a system with constraints has as well; `constraints` is phi, then psi = dphi/dt."""
+"""Those that a system with constraints has as well: `constraints` is phi, then psi = dphi/dt; `constraint_gradient` is
+G, and `constraint_bias` gamma of G a + gamma = 0."""
 
 
 def quantities_of(equations: Equations) -> dict[str, Quantity]:
@@ -124,7 +133,7 @@ def program_of(name: str, equations: Equations) -> Program:
     quantity = quantities_of(equations)[name]
     results = quantity.results(equations)
     count = sum(map(len, results.values()))
-    rows = len(results) if len(results) > 1 else math.isqrt(count)
+    rows = len(equations.constraints) if quantity.by_constraint else math.isqrt(count)
     shape = {0: (), 1: (count,), 2: (rows, count // rows)}[quantity.indices]
     return lower(
         name,

@@ -91,7 +91,7 @@ def test_formulas_agree_with_the_compiled_system(stated: dict[str, Any]) -> None
     system = lg.System(**stated, parameters={m: 1.3, g: 9.7, l: 0.8, R: 0.4, I: 0.9, J: 1.7})
     n = len(system.coordinates)
     q, v = np.random.default_rng(3).uniform(0.3, 1.4, (2, n))
-    model = system.compile(check=False)
+    model = system.compile()
     derivation = system.derivation()
     state = np.concatenate([q, v])[:, None]
     for formulas, numbers in (

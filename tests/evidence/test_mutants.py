@@ -188,15 +188,23 @@ def _elementwise(build: Rule) -> dict[str, Rule]:
 
 def builder_mutants() -> Iterator[Mutant]:
     module = euler_lagrange
-    for name in ("conjugate_momenta", "applied_forces", "generalized_forces", "bias_forces", "solve_accelerations"):
+    for name in ("conjugate_momenta", "applied_forces", "generalized_forces", "bias_forces"):
         for fault, build in _elementwise(getattr(module, name)).items():
             if (name, fault) == ("conjugate_momenta", "first dropped"):
                 continue  # leaves a coordinate without inertia, which is refused when it is stated
             yield Mutant(f"{name} {fault}", _builder_patch(name, build), rich)
+    solve = module.solve_motion
+    for fault, build in _elementwise(lambda *a: solve(*a)[0]).items():
+        yield Mutant(f"solve_motion {fault}", _builder_patch("solve_motion", _without_multipliers(build)), rich)
     for fault, build in _particular().items():
         yield Mutant(fault, _builder_patch(fault.split()[0], build), rich)
     for fault, build in _jacobian_faults().items():
         yield Mutant(f"jacobian {fault}", _quantity_patch("jacobian", build), rich)
+
+
+def _without_multipliers(build: Rule) -> Rule:
+    """Return a builder of accelerations as one of accelerations and multipliers, of which there are none."""
+    return lambda *a: (build(*a), [])
 
 
 def _particular() -> dict[str, Rule]:

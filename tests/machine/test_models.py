@@ -13,6 +13,7 @@ import pytest
 import sympy as sp
 from sympy import cos, sin
 
+import lagrange as lg
 from lagrange.compiler import machine, model_of
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.errors import RunError
@@ -333,3 +334,14 @@ def test_the_name_of_a_program_means_nothing(target: str) -> None:
         assert scalar_module(other.program).replace("@momentum", "@rhs") == scalar_module(program)
         silent = scalar_module(replace(program, returned=()))
         assert "rhs_registers" in scalar_module(program) and "rhs_registers" not in silent
+
+
+def test_quantities_of_constraints_have_a_row_for_each_constraint() -> None:
+    x, y, z, w = lg.coordinates("x y z w")
+    kinetic = (x.dot**2 + y.dot**2 + z.dot**2 + w.dot**2) / 2
+    model = lg.System(kinetic=kinetic, coordinates=[x, y, z, w], constraints={"one": x + 2 * y - z * w}).compile()
+    q, v = [1.0, 2.0, 3.0, 4.0], [0.1, 0.2, 0.3, 0.4]
+    np.testing.assert_allclose(model.evaluate("constraint_gradient", q, v), [[1.0, 2.0, -4.0, -3.0]])
+    np.testing.assert_allclose(model.evaluate("constraint_bias", q, v), [-2 * 0.3 * 0.4])
+    forces = model.evaluate("constraint_forces", q, v)
+    np.testing.assert_allclose(forces, model.multipliers(q, v) * np.array([[1.0, 2.0, -4.0, -3.0]]))
