@@ -1,0 +1,203 @@
+"""Multipliers are forces: tensions, contact forces and joint forces, with the signs that mechanics gives them."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from sympy import sqrt
+
+import lagrange as lg
+from lagrange.compiler import machine, model_of
+from lagrange.machine.model import Model
+from lagrange.run import flow
+from lagrange.statement.declare import declare
+from lagrange.statement.scene import load
+
+x, y, theta = lg.coordinates("x y theta")
+m, g, l = lg.parameters("m g l")
+
+
+@cache
+def model(name: str) -> Model:
+    return model_of(load(name), machine("llvm"))
+
+
+def value(name: str, parameter: str) -> float:
+    """Return the value of a scene's parameter."""
+    return {symbol.name: number for symbol, number in load(name).defaults.items()}[parameter]
+
+
+# --- a rod ----------------------------------------------------------------------------------------------------
+
+
+def pendulum(constraint: Any) -> Model:
+    statement = declare(
+        kinetic=m * (x.dot**2 + y.dot**2) / 2,
+        potential=m * g * y,
+        constraints={"rod": constraint},
+        parameters={m: 1.7, g: 9.81, l: 0.8},
+    )
+    return model_of(statement, machine("llvm"))
+
+
+@pytest.mark.parametrize("angle", [-3.0, -1.1, 0.0, 0.4, 1.5707963267948966, 2.6])
+@pytest.mark.parametrize("turn", [-4.0, 0.0, 1.3])
+def test_the_tension_of_a_rod(angle: float, turn: float) -> None:
+    """m (g cos theta + l theta_dot^2) pulls the bob inwards: against the gradient of the length."""
+    mass, gravity, length = 1.7, 9.81, 0.8
+    q = length * np.array([np.sin(angle), -np.cos(angle)])
+    v = length * turn * np.array([np.cos(angle), np.sin(angle)])
+    tension = mass * (gravity * np.cos(angle) + length * turn**2)
+    size = mass * (gravity + length * turn**2)
+    by_length = pendulum(sqrt(x**2 + y**2) - l).multipliers(q, v)
+    assert by_length == pytest.approx([-tension], abs=1e-12 * size)
+    by_square = pendulum(x**2 + y**2 - l**2).multipliers(q, v)
+    assert 2 * length * by_square == pytest.approx([-tension], abs=1e-12 * size)
+    turned = pendulum(l**2 - x**2 - y**2).multipliers(q, v)
+    assert turned == pytest.approx(-by_square, abs=1e-12 * size)
+
+
+def test_the_rods_of_a_double_pendulum_carry_what_hangs_on_them() -> None:
+    """At rest, straight down, and with different masses: the upper rod carries both, the lower one the second."""
+    m1, m2 = lg.parameters("m1 m2")
+    x1, y1, x2, y2 = lg.coordinates("x1 y1 x2 y2")
+    statement = declare(
+        kinetic=m1 * (x1.dot**2 + y1.dot**2) / 2 + m2 * (x2.dot**2 + y2.dot**2) / 2,
+        potential=m1 * g * y1 + m2 * g * y2,
+        constraints={
+            "upper": sqrt(x1**2 + y1**2) - l,
+            "lower": sqrt((x2 - x1) ** 2 + (y2 - y1) ** 2) - 2 * l,
+        },
+        parameters={m1: 1.0, m2: 5.0, g: 10.0, l: 1.0},
+    )
+    found = model_of(statement, machine("llvm")).multipliers([0.0, -1.0, 0.0, -3.0], [0.0] * 4)
+    assert found == pytest.approx([-60.0, -50.0], rel=1e-13)
+
+
+# --- weights, walls and surfaces ------------------------------------------------------------------------------
+
+
+def test_the_two_sides_of_a_heavy_wheel_pull_differently() -> None:
+    """Tensions m1 (g - a) and m2 (g + a), against the weights."""
+    m1, m2, J, r, gravity = (value("atwood-machine", name) for name in ("m1", "m2", "J", "r", "g"))
+    a = (m1 - m2) * gravity / (m1 + m2 + J / r**2)
+    start = np.array(load("atwood-machine").initial)
+    found = model("atwood-machine").multipliers(start[:3], start[3:])
+    assert found == pytest.approx([-m1 * (gravity - a), -m2 * (gravity + a)], rel=1e-13)
+    assert found[0] != pytest.approx(found[1], rel=0.01)
+
+
+@pytest.mark.parametrize("angle", [0.3, 0.9, 1.4])
+@pytest.mark.parametrize("turn", [-1.0, 0.0, 0.6])
+def test_wall_and_floor_push_a_ladder(angle: float, turn: float) -> None:
+    """Newton's laws of its middle: m x'' = N_wall and m y'' = N_floor - m g."""
+    mass, length, gravity = (value("ladder", name) for name in ("m", "l", "g"))
+    q = np.array([length / 2 * np.cos(angle), length / 2 * np.sin(angle), angle])
+    v = turn * np.array([-q[1], q[0], 1.0])
+    bend = -3 * gravity / (2 * length) * np.cos(angle)
+    along, up = -q[1] * bend - q[0] * turn**2, q[0] * bend - q[1] * turn**2
+    found = model("ladder").multipliers(q, v)
+    assert found == pytest.approx([mass * along, mass * (up + gravity)], rel=1e-12, abs=1e-12)
+
+
+def departure(name: str, index: int, end: float) -> Any:
+    """Return the state at which a multiplier of a scene first vanishes, by bisection along its run."""
+    run: Any = flow(model(name), rtol=1e-15, atol=1e-18)
+    start, n = np.array(load(name).initial), model(name).dimension
+
+    def push(time: float) -> float:
+        state = run(start, 0.0, time)
+        return float(model(name).multipliers(state[:n], state[n:])[index])
+
+    low, high = 0.0, end
+    assert push(low) > 0 > push(high)
+    for _ in range(52):
+        middle = (low + high) / 2
+        low, high = (middle, high) if push(middle) > 0 else (low, middle)
+    return run(start, 0.0, low)
+
+
+def test_a_ladder_leaves_the_wall_at_two_thirds_of_its_height() -> None:
+    found = departure("ladder", 0, 2.0)
+    height, first = np.sin(found[2]), np.sin(load("ladder").initial[2])
+    assert height / first == pytest.approx(2 / 3, abs=1e-10)
+
+
+def test_a_particle_leaves_a_sphere_at_two_thirds_of_its_height() -> None:
+    found = departure("particle-on-sphere", 0, 1.3)
+    assert found[2] / load("particle-on-sphere").initial[2] == pytest.approx(2 / 3, abs=1e-10)
+
+
+# --- linkages: virtual work -----------------------------------------------------------------------------------
+
+
+def virtual_work(name: str, q: Any, v: Any, freed: int) -> float:
+    """Return the force that a constraint exerts, by virtual work: M a - h along a displacement that it alone resists.
+
+    That displacement satisfies the other constraints, and moves the freed one by one.
+    """
+    of = model(name)
+    forces = of.mass_matrix(q) @ of.accelerations(q, v) - of.evaluate("bias", q, v)
+    gradient = differences(name, q)
+    unit = np.zeros(len(gradient))
+    unit[freed] = 1.0
+    displacement = np.linalg.lstsq(gradient, unit, rcond=None)[0]
+    return float(forces @ displacement)
+
+
+def differences(name: str, q: Any) -> Any:
+    """Return the gradient of the constraints by central differences of what the scene states."""
+    of, n, h = model(name), model(name).dimension, 1e-5
+    m_ = len(load(name).constraints)
+    columns = []
+    for i in range(n):
+        unit = np.eye(n)[i]
+        sides = [of.evaluate("constraints", q + s * unit, np.zeros(n))[:m_] for s in (-2 * h, -h, h, 2 * h)]
+        columns.append((sides[0] - 8 * sides[1] + 8 * sides[2] - sides[3]) / (12 * h))
+    return np.array(columns).T
+
+
+@pytest.mark.parametrize("time", [0.0, 0.35, 0.6])
+@pytest.mark.parametrize("name", ["slider-crank", "four-bar", "seven-body-mechanism", "hanging-chain"])
+def test_the_multipliers_of_linkages_are_those_of_virtual_work(name: str, time: float) -> None:
+    run: Any = flow(model(name), rtol=1e-12)
+    state = run(np.array(load(name).initial), 0.0, time * load(name).run.t_end)
+    q, v = np.split(state, 2)
+    found = model(name).multipliers(q, v)
+    expected = [virtual_work(name, q, v, i) for i in range(len(found))]
+    assert found == pytest.approx(expected, rel=1e-7, abs=1e-7 * np.abs(found).max())
+
+
+def test_the_pin_of_a_four_bar_carries_the_rocker() -> None:
+    """The force at the pin turns the rocker: its torque is I theta3'' less that of gravity (an asymmetric linkage)."""
+    m3, l3, gravity = (value("four-bar", name) for name in ("m3", "l3", "g"))
+    run: Any = flow(model("four-bar"), rtol=1e-12)
+    for time in (0.2, 0.9, 3.1):
+        q, v = np.split(run(np.array(load("four-bar").initial), 0.0, time), 2)
+        along, up = model("four-bar").multipliers(q, v)
+        turn = model("four-bar").accelerations(q, v)[2]
+        arm = l3 * np.array([np.cos(q[2]), np.sin(q[2])])
+        # the constraint is pin of the coupler less pin of the rocker: on the rocker its force has the other sign
+        torque = -(arm[0] * up - arm[1] * along) - m3 * gravity * arm[0] / 2
+        assert torque == pytest.approx(m3 * l3**2 / 3 * turn, rel=1e-11, abs=1e-10)
+
+
+def test_the_slider_of_a_crank_is_pushed_by_its_rod() -> None:
+    """Newton's law of the slider: m x'' is the outer force, the pull of the spring and damper, and the multiplier."""
+    of, load_ = model("slider-crank"), load("slider-crank")
+    run: Any = flow(of, rtol=1e-12)
+    mass, F, k, c, a, rest = (value("slider-crank", name) for name in ("m", "F", "k", "c", "a", "rest"))
+    q, v = np.split(run(np.array(load_.initial), 0.0, 2.0), 2)
+    angle, place, rod = q
+    crank = a / 2 * np.array([np.cos(angle), np.sin(angle)])
+    middle = np.array([place - np.cos(rod) / 2, -np.sin(rod) / 2])
+    apart = middle - crank
+    length = np.hypot(*apart)
+    rates = np.array([v[1] + np.sin(rod) * v[2] / 2, -np.cos(rod) * v[2] / 2])
+    rates -= a / 2 * v[0] * np.array([-np.sin(angle), np.cos(angle)])
+    pull = k * (length - rest) + c * (apart @ rates) / length
+    expected = mass * of.accelerations(q, v)[1] - F + pull * apart[0] / length
+    assert of.multipliers(q, v)[0] == pytest.approx(expected, rel=1e-11)
