@@ -14,7 +14,7 @@ from tests.test_layering import ROOT, TREE, Modules, imports_of
 PLAIN: Mapping[str, tuple[str, ...]] = {
     "machine records": (
         *("array_source", "backend", "calls", "copies", "event_memory"),
-        *("parameters", "printed_run", "python_source", "review", "singular", "state"),
+        *("parameters", "printed_run", "python_source", "singular", "state", "step_events"),
     ),
     "machine entries": ("llvm_machine", "model", "numpy_machine"),
     "trajectory records": ("integrator", "options", "tolerances", "trajectory"),

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from lagrange.errors import RunError
 from lagrange.graph.node import Node
-from lagrange.machine.review import Review
 from lagrange.machine.state import DriverState, Outcome
+from lagrange.machine.step_events import EventSteps
 from lagrange.procedure.dense.block import StepPolynomial
 from lagrange.procedure.form import Procedure
 from lagrange.program.program import Program
@@ -187,10 +187,16 @@ class Machine(Protocol):
     def dense(self, kind: StepPolynomial, kernel: Any, parameters: FloatArray, jacobian: Any = None) -> DensePath:
         """Make the dense output of a kind of path; the kernels are this machine's, that of the derivative if wanted."""
 
-    def review(
-        self, program: Program, parameters: FloatArray, dense: DensePath, screen: DensePath | None
-    ) -> Review | None:
-        """Return what finds zeros of the events that a program computes; None where NumPy is to do it on arrays.
+    def event_steps(
+        self,
+        driver: Any,
+        events: Program,
+        resets: Program | None,
+        parameters: FloatArray,
+        dense: DensePath,
+        screen: DensePath | None,
+    ) -> EventSteps | None:
+        """Return what takes the steps of a driver with events and resets; None where NumPy is to do it on arrays.
 
         The dense output is computed on steps on which a cheaper `screen` leaves doubts, or on all without one.
         """

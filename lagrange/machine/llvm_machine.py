@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from lagrange.errors import RunError
 from lagrange.machine.backend import DensePath, FloatArray, SingularMassMatrix
 from lagrange.machine.dense.llvm_dense import LlvmStepDense
-from lagrange.machine.events.llvm_review import LlvmReview
+from lagrange.machine.events.llvm_event_steps import LlvmEventSteps
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
 from lagrange.machine.llvm.called import CompiledProcedure, compiled
 from lagrange.machine.series.llvm_driver import LlvmSeries
@@ -52,11 +52,17 @@ class LlvmMachine:
         """Return the dense output of a kind of path, which is compiled when it is first used."""
         return LlvmStepDense(kind, kernel, parameters, jacobian)
 
-    def review(
-        self, program: Program, parameters: FloatArray, dense: DensePath, screen: DensePath | None
-    ) -> LlvmReview | None:
-        """Return the compiled review; None where a mass matrix that does not move is singular: there are no paths."""
+    def event_steps(
+        self,
+        driver: LlvmDriver,
+        events: Program,
+        resets: Program | None,
+        parameters: FloatArray,
+        dense: DensePath,
+        screen: DensePath | None,
+    ) -> LlvmEventSteps | None:
+        """Return the compiled loop; None where a mass matrix that does not move is singular: there are no paths."""
         try:
-            return LlvmReview(program, parameters, dense, screen)
+            return LlvmEventSteps(driver, events, resets, parameters, dense, screen)
         except SingularMassMatrix:
             return None

@@ -51,5 +51,13 @@ class NumpyMachine:
         """Return the dense output of a kind of path, printed as Python on arrays."""
         return NumpyStepDense(kind, kernel, parameters, jacobian)
 
-    def review(self, program: Program, parameters: FloatArray, dense: DensePath, screen: DensePath | None) -> None:
-        """Return None: NumPy looks at all steps of a burst at once, on arrays, where Python would go step by step."""
+    def event_steps(
+        self,
+        driver: NumpyDriver,
+        events: Program,
+        resets: Program | None,
+        parameters: FloatArray,
+        dense: DensePath,
+        screen: DensePath | None,
+    ) -> None:
+        """Return None: NumPy looks at many steps at once, on arrays, where Python would go step by step."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from lagrange.machine.state import DriverState
-from lagrange.trajectory.events.step_watch import Break
+from lagrange.trajectory.events.event_log import Breaks
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.paths.step_paths import StepPath
 from lagrange.trajectory.trajectory import FloatArray
@@ -18,12 +19,11 @@ PathOf = Callable[[FloatArray, FloatArray], StepPath]
 
 
 class Part(NamedTuple):
-    """Accepted times (k,) and states (k, 2n), the call of the driver that wrote them, or whether the state jumped."""
+    """Accepted times (k,) and states (k, 2n), and the call of the driver that wrote them."""
 
     times: FloatArray
     states: FloatArray
     call: int
-    jumped: bool = False
 
 
 class AcceptedStates:
@@ -48,7 +48,7 @@ class AcceptedStates:
 
     def add(self, t: float, y: FloatArray) -> None:
         """Append a state after a jump, without a step."""
-        self.parts.append(Part(np.array([t]), y[None].copy(), self.parts[-1].call, jumped=True))
+        self.parts.append(Part(np.array([t]), y[None].copy(), self.parts[-1].call))
 
     def collect(self, state: DriverState, times: FloatArray, rows: FloatArray, call: int) -> None:
         """Keep what the driver wrote at a call, by its number; doing so twice, as Ctrl-C may, keeps it once."""
@@ -100,16 +100,19 @@ class FollowedSteps:
     """Evaluates the states at output times while a run by a step program goes, each on the path of its step.
 
     The last two states of a motion are kept until the next call, for a path may join a step to the one before.
-    `breaks` are those of what watches events. What is known changes at once: Ctrl-C may come at any place.
+    `breaks` are those of what watches events, if anything does. What is known changes at once: Ctrl-C may come at any
+    place.
     """
 
-    def __init__(self, problem: Problem, wanted: FloatArray, path_of: PathOf, breaks: Sequence[Break]) -> None:
-        self._wanted, self._path_of, self._breaks = wanted, path_of, breaks
+    def __init__(self, problem: Problem, wanted: FloatArray, path_of: PathOf, breaks: Breaks | None) -> None:
+        self._wanted, self._path_of = wanted, path_of
+        self._breaks = Breaks(len(problem.y0)) if breaks is None else breaks
         self._rising = wanted if problem.t1 >= problem.t0 else -wanted
         self._forward = 1.0 if problem.t1 >= problem.t0 else -1.0
         self._y = np.empty((len(problem.y0), len(wanted)))
         self._done = 0
-        self._known = np.array([problem.t0]), problem.y0[None], 0, 1
+        self._known = np.array([problem.t0]), problem.y0[None], 0, 0, 1
+        """Times and states of the rows that are kept, the number of the first, breaks passed, and parts seen."""
 
     def joined(self, count: int, last: FloatArray) -> FloatArray:
         """Return the states (2n, count) at the first times; those that are left lie at the end, the state `last`."""
@@ -118,32 +121,37 @@ class FollowedSteps:
 
     def follow(self, parts: Sequence[Part], removed: int, *, last: bool) -> None:
         """Evaluate the outputs before the end of the parts that are new, of which so many others are `removed`."""
-        times, states, ended, seen = self._known
-        for part in parts[seen - removed :]:
-            if part.jumped:
-                ended = self._end(times, states, ended)
-                times, states = part.times, part.states
-            else:
-                times, states = np.concatenate([times, part.times]), np.concatenate([states, part.states])
-        if last or ended < len(self._breaks):
-            ended, keep = self._end(times, states, ended), 1
-        else:
-            keep = 2 if len(times) > 2 else len(times)
-            if len(times) > 2:
-                self._write(times, states, times[-1])
-        self._known = times[-keep:].copy(), states[-keep:].copy(), ended, removed + len(parts)
+        times, states, first, ended, seen = self._known
+        new = parts[seen - removed :]
+        times = np.concatenate([times, *(part.times for part in new)])
+        states = np.concatenate([states, *(part.states for part in new)])
+        rows, ends, whole = self._breaks.since(ended)
+        here = rows[rows < first + len(times)] - first
+        begins, lasts = np.append(0, here + 1), np.append(here, len(times) - 1)
+        for motion in self._wanted_of(times[lasts]):
+            begin, end = int(begins[motion]), int(lasts[motion])
+            if motion == len(here) and not last:
+                break
+            t, y = times[begin : end + 1], states[begin : end + 1]
+            if motion < len(here) and not math.isnan(ends[motion]):
+                t, y = np.append(t[:-1], ends[motion]), np.concatenate([y[:-1], whole[motion][None]])
+            if len(t) > 1:
+                self._write(t, y, float(times[end]))
+        keep = self._finish(times[begins[-1] :], states[begins[-1] :], last=last)
+        known = times[len(times) - keep :].copy(), states[len(times) - keep :].copy()
+        self._known = *known, first + len(times) - keep, ended + len(here), removed + len(parts)
 
-    def _end(self, times: FloatArray, states: FloatArray, ended: int) -> int:
-        """Evaluate up to the last state of a motion, which may lie within a step that was cut; count what ended."""
-        end = times[-1]
-        if ended < len(self._breaks):
-            whole = self._breaks[ended].whole
-            ended += 1
-            if whole is not None:
-                times, states = np.append(times[:-1], whole[0]), np.concatenate([states[:-1], whole[1][None]])
-        if len(times) > 1:
-            self._write(times, states, end)
-        return ended
+    def _wanted_of(self, ends: FloatArray) -> list[int]:
+        """Return the numbers of motions that outputs lie in, from the times at which they end."""
+        until = np.searchsorted(self._rising, self._forward * ends)
+        return np.flatnonzero(np.diff(until, prepend=self._done) > 0).tolist()
+
+    def _finish(self, times: FloatArray, states: FloatArray, *, last: bool) -> int:
+        """Evaluate what lies on the motion that goes on; return how many of its states are to be kept."""
+        if last or len(times) < 3:
+            return min(1, len(times)) if last else len(times)
+        self._write(times, states, float(times[-1]))
+        return 2
 
     def _write(self, times: FloatArray, states: FloatArray, end: float) -> None:
         """Write the states at the times before an end of accepted steps."""

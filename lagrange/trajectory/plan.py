@@ -19,7 +19,7 @@ from lagrange.trajectory.events.ending import EventResult
 from lagrange.trajectory.events.step_watch import StepWatch
 from lagrange.trajectory.integrator import Claims, Integrator, Problem
 from lagrange.trajectory.outputs import FollowedSteps
-from lagrange.trajectory.paths.piecewise import PiecewisePath
+from lagrange.trajectory.paths.piecewise import MotionsPath
 from lagrange.trajectory.paths.step_paths import StepPath
 from lagrange.trajectory.tolerances import Tolerances
 from lagrange.trajectory.trajectory import FloatArray
@@ -156,27 +156,13 @@ class StepPlan:
 
     def followed(self, problem: Problem, wanted: FloatArray, watch: Any) -> FollowedSteps:
         """Return what evaluates output times as a run goes."""
-        return FollowedSteps(problem, wanted, partial(self.path_of, problem), [] if watch is None else watch.breaks)
+        return FollowedSteps(problem, wanted, partial(self.path_of, problem), None if watch is None else watch.breaks)
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: StepWatch | None) -> PathFunction:
         """Return the dense output that the method has, of each motion between two resets by itself."""
-        if watch is None or not watch.breaks:
+        if watch is None or not len(watch.breaks):
             return self.path_of(problem, times, states)
-        edges, interpolants, begin = [times[0]], [], 0
-        for one in watch.breaks:
-            end = one.row + 1
-            if end > len(times):
-                break
-            t, y = times[begin:end], states[begin:end]
-            if one.whole is not None:
-                t, y = np.append(t[:-1], one.whole[0]), np.concatenate([y[:-1], one.whole[1][None]])
-            interpolants.append(self.path_of(problem, t, y))
-            edges.append(times[one.row])
-            begin = end
-        if begin < len(times):
-            interpolants.append(self.path_of(problem, times[begin:], states[begin:]))
-            edges.append(times[-1])
-        return PiecewisePath(np.array(edges), states[0], tuple(interpolants))
+        return MotionsPath(times, states, watch.breaks.since(0), partial(self.path_of, problem))
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
         """Take the failed step again, in a simpler way if it is implicit; see `Plan`."""

@@ -1,4 +1,4 @@
-"""The compiled review of steps finds what the review on arrays finds: events, ends, resets, messages."""
+"""The compiled loop over steps with events finds what is found on arrays: events, ends, resets, messages."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from sympy import Abs, cos, exp, sin
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
-from lagrange.trajectory.trajectory import Trajectory
+from lagrange.trajectory.trajectory import Status, Trajectory
 from tests.covering import share
 from tests.models import build, model, x, y
 from tests.trajectory.runs import FIXED, IMPLICIT, SPLITTINGS, STEPPED, run
-from tests.trajectory.watched import G, ball, floor
+from tests.trajectory.watched import FALL, G, ball, floor
 
 METHODS = (*STEPPED, *IMPLICIT)
 
@@ -57,8 +57,9 @@ def events_of(rng: np.random.Generator) -> list[Any]:
     kind = rng.random()
     if kind < 0.3:
         found.append(event(expressions(rng), terminal=int(rng.integers(2, 20))))
-    elif kind < 0.5:
+    elif kind < 0.8:
         found.append(event(y + 0.3, direction=-1, reset={y.dot: -0.9 * y.dot}))
+        found.append(event(x - 0.2, direction=1, reset={x.dot: -x.dot}, terminal=int(rng.integers(0, 9))))
     return found
 
 
@@ -70,10 +71,11 @@ def settings(name: str, rng: np.random.Generator) -> dict[str, Any]:
 
 
 def both(monkeypatch: pytest.MonkeyPatch, go: Callable[[], Trajectory]) -> tuple[Trajectory, Trajectory]:
-    """Return a run with the review on arrays, and one with the compiled review wherever nothing is irregular."""
+    """Return a run with events sought on arrays, and one with the compiled loop wherever nothing is irregular."""
     found = []
+    monkeypatch.setattr("lagrange.trajectory.events.event_loop.ENOUGH", 0)
     for least in (math.inf, 0):
-        monkeypatch.setattr("lagrange.trajectory.events.compiled_review.WORTH_COMPILING", least)
+        monkeypatch.setattr("lagrange.trajectory.events.event_loop.WORTH_COMPILING", least)
         found.append(go())
     return found[0], found[1]
 
@@ -127,16 +129,98 @@ def test_regular_steps_are_not_sampled_on_arrays(monkeypatch: pytest.MonkeyPatch
 
 def test_a_short_run_compiles_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     of, initial = systems()["Henon-Heiles"]
-    monkeypatch.setattr("lagrange.machine.llvm_machine.LlvmMachine.review", refuse)
+    monkeypatch.setattr("lagrange.machine.llvm_machine.LlvmMachine.event_steps", refuse)
     found = run(of, 20.0, "dop853", initial=initial, events=[y], rtol=1e-9, atol=1e-9)
     assert len(found.t_events[0]) == 5
 
 
-def test_short_flights_compile_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A ball that falls from 0.05 bounces every ten steps: there is nothing to go through, however long the run."""
-    monkeypatch.setattr("lagrange.machine.llvm_machine.LlvmMachine.review", refuse)
-    found = run(ball(height=0.05), 20.0, "rk4", events=[floor(0.9, terminal=8)], step=0.02)
-    assert len(found.t_events[0]) == 8
+def test_few_flights_compile_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ten bounces, which are found on arrays in the time that it takes to compile a part of the loop."""
+    monkeypatch.setattr("lagrange.machine.llvm_machine.LlvmMachine.event_steps", refuse)
+    found = run(ball(), 20 * FALL, "dop853", events=[floor(1)], rtol=1e-9, atol=1e-9)
+    assert len(found.t_events[0]) == 10
+
+
+@pytest.mark.parametrize("name", ["dop853", "verlet", "radau5", "gauss2"])
+def test_bounces_are_not_looked_at_on_arrays(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 300 bounces all but the first few are done in machine code, and the output between them is right."""
+    looks = counted(monkeypatch, "lagrange.trajectory.events.step_watch.StepWatch.review")
+    options: dict[str, Any] = {"step": 0.05} if name in FIXED else {"rtol": 1e-9, "atol": 1e-9}
+    found = run(ball(), 600 * FALL, name, events=[floor(1), y.dot], **options)
+    assert [len(times) for times in found.t_events] == [300, 299] and len(looks) < 20
+    assert found.t_events[0] == pytest.approx((2 * np.arange(300) + 1) * FALL, abs=1e-8)
+    # Each bounce is two rows at one time, and what is between two of them is a parabola.
+    assert (np.diff(found.t) == 0).sum() == 300 and (np.diff(found.t) >= 0).all()
+    times = np.linspace(0.0, 600 * FALL, 2000)
+    since = (times + FALL) % (2 * FALL)
+    assert found.dense(times)[0] == pytest.approx(G / 2 * since * (2 * FALL - since), abs=1e-6)
+    outputs = run(ball(), 600 * FALL, name, events=[floor(1)], t_eval=times, **options)
+    assert outputs.y[0] == pytest.approx(found.dense(times)[0], abs=1e-9)
+
+
+def test_the_terminal_count_of_bounces_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    looks = counted(monkeypatch, "lagrange.trajectory.events.step_watch.StepWatch.review")
+    found = run(ball(), 1e4, "dop853", events=[floor(1, terminal=100)], rtol=1e-9, atol=1e-9)
+    assert found.status is Status.EVENT and len(found.t_events[0]) == 100 and len(looks) < 20
+    assert found.t[-1] == found.t_events[0][-1] == pytest.approx(199 * FALL, abs=1e-8)
+    # The state that ends the run is that behind the last reset.
+    assert found.y[1, -1] == pytest.approx(G * FALL) and found.y_events[0][-1][1] == pytest.approx(-G * FALL)
+
+
+@pytest.mark.parametrize("name", ["dop853", "rk4", "radau5", "gauss2", "implicit-midpoint", "bdf2", "verner9"])
+def test_the_digits_of_events_do_not_depend_on_how_many_steps_a_call_takes(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The driver is called for as many steps as it took in the time before: events are those of the problem alone."""
+    of, initial = systems()["Henon-Heiles"]
+    options: dict[str, Any] = {"step": 0.05} if name in FIXED else {"rtol": 1e-6, "atol": 1e-9}
+    wall = event(y + 0.15, direction=-1, reset={y.dot: -y.dot})
+    events = [x, x.dot * y - 0.01, sin(3 * t), Abs(x) - 0.05]
+    for least in (0, 512, math.inf):
+        monkeypatch.setattr("lagrange.trajectory.events.event_loop.WORTH_COMPILING", least)
+        for several in (events, [*events, wall]):
+            found = []
+            for most in (16384, 64, 7, 1):
+                monkeypatch.setattr("lagrange.trajectory.run_loop.MOST_STEPS_PER_CALL", most)
+                found.append(run(of, 20.0, name, initial=initial, events=several, **options))
+            for other in found[1:]:
+                assert other.t.tolist() == found[0].t.tolist() and other.y.tolist() == found[0].y.tolist()
+                for times, states, right, there in zip(
+                    other.t_events, other.y_events, found[0].t_events, found[0].y_events, strict=True
+                ):
+                    assert times.tolist() == right.tolist() and states.tolist() == there.tolist()
+
+
+@pytest.mark.parametrize("name", ["dop853", "rk4", "tsit5", "gauss2"])
+@pytest.mark.parametrize("direction", [0, 1, -1])
+@pytest.mark.parametrize("level", [0, 1, -1, 3])
+def test_a_reset_where_an_angle_jumps_happens_once(level: int, direction: int, name: str) -> None:
+    """The angle of a circle falls by 2 pi at y = 0, x < 0. Behind the reset rounding may have it jump again at once."""
+    begin = 0.1
+    start = {x: math.cos(begin), y: math.sin(begin), x.dot: -math.sin(begin), y.dot: math.cos(begin)}
+    circle = build(kinetic=(x.dot**2 + y.dot**2) / 2, potential=(x**2 + y**2) / 2, initial=start)
+    options: dict[str, Any] = {"step": 0.02} if name in FIXED else {"rtol": 1e-9, "atol": 1e-9}
+    angle = sp.atan2(y, x) - level
+
+    def go(**reset: Any) -> Trajectory:
+        found = run(circle, 40.0, name, events=[event(angle, direction=direction, **reset)], **options)
+        assert found.status is Status.SUCCESS, found.message
+        return found
+
+    # Turned back it comes to the level, or to the jump, on its way: as far again each time, or all around.
+    turned = go(reset={x.dot: -x.dot, y.dot: -y.dot}).t_events[0]
+    assert len(turned) > 2 and np.diff(turned).min() > 0.1
+    # Slowed down it goes on through both.
+    slowed = go(reset={x.dot: 0.9 * x.dot}).t_events[0]
+    expected = 6 * (1 if direction else 2) + (level == 1 and direction == 1)
+    assert len(slowed) in (expected - 1, expected, expected + 1) and np.diff(slowed).min() > 0.1
+    assert slowed[0] == pytest.approx(min(_turns(level, direction, begin)), abs=1e-6)
+
+
+def _turns(level: int, direction: int, begin: float) -> list[float]:
+    """The first times at which the angle, which rises from a little above zero, has a level and at which it jumps."""
+    rises, jumps = (level - begin) % (2 * math.pi), math.pi - begin
+    return [time for time, way in ((rises, 1), (jumps, -1)) if direction in (0, way)]
 
 
 def test_a_kink_is_halved_in_machine_code(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -187,5 +271,6 @@ def test_the_dense_output_of_bursts_is_made_once(monkeypatch: pytest.MonkeyPatch
     of, initial = systems()["Henon-Heiles"]
     made = counted(monkeypatch, "lagrange.machine.llvm_machine.LlvmMachine.dense")
     reviews = counted(monkeypatch, "lagrange.trajectory.events.step_watch.StepWatch.review")
-    run(of, 100.0, "radau5", initial=initial, events=[event(y, terminal=25)], rtol=1e-7, atol=1e-7)
+    monkeypatch.setattr("lagrange.trajectory.events.event_loop.WORTH_COMPILING", math.inf)
+    run(of, 200.0, "radau5", initial=initial, events=[event(y, terminal=50)], rtol=1e-7, atol=1e-7)
     assert len(made) <= 3 < len(reviews)

@@ -47,6 +47,10 @@ class TieredModule(Shared):
         self._left = STEPS
         self._lock = threading.Lock()
 
+    def address_of(self, name: str) -> int:
+        """Return the address of another function beside it."""
+        return (self._well or self.quick).address(name)
+
     @property
     def is_final(self) -> bool:
         """Whether the code is compiled well."""

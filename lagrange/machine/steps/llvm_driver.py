@@ -26,6 +26,7 @@ from lagrange.machine.llvm.operations import declarations
 from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA, function
 from lagrange.machine.llvm.tiers import TieredModule
 from lagrange.machine.state import DriverState, Outcome
+from lagrange.machine.step_events import StepFunction
 from lagrange.procedure.form import Procedure, calls
 from lagrange.procedure.step.controlled_steps import steps_of
 from lagrange.procedure.step.memory import NEWTON, Kept, Layout, kept
@@ -63,13 +64,20 @@ class LlvmDriver:
             self._state, self._records = state, (address(state.reals), address(state.counts))
         before = state.integers[DriverState.STEPS]
         outcome = self._drive(*self._fixed, *self._records, self._work_address, budget, *recorded)
-        if self._quick:
-            self._count(state.integers[DriverState.STEPS] - before)
+        self.count(state.integers[DriverState.STEPS] - before)
         state.y[:] = self._work[self._places]
         return Outcome(outcome)
 
-    def _count(self, steps: int) -> None:
+    @property
+    def function(self) -> StepFunction:
+        """What takes its steps, for a loop that is compiled apart; it is another when it has taken many."""
+        laws = np.array([0 if one is None else one for one in self._fixed], dtype=np.int64)
+        return StepFunction(self._code.module.address_of("steps"), laws, self._work, self._places)
+
+    def count(self, steps: int) -> None:
         """Count steps taken by code that was compiled quickly, and go on with the code that there is by now."""
+        if not self._quick:
+            return
         self._code.module.count(steps)
         if self._code.module.is_final:
             self._drive, self._quick = _DRIVE(self._code.module.address), False
@@ -116,7 +124,7 @@ def driver_ir(step: StepProgram, dimension: int) -> str:
     """Return the IR of the driver of a step for states of that dimension."""
     layout = laid_out(step, dimension)
     loop = steps_of(layout)
-    return "\n".join([declarations(), METADATA, ATTRIBUTES, *_procedures(loop), _drive(layout, loop)])
+    return "\n".join([declarations(), METADATA, ATTRIBUTES, *_procedures(loop), _drive(layout, loop), _steps()])
 
 
 def laid_out(step: StepProgram, dimension: int) -> Layout:
@@ -139,6 +147,16 @@ def _drive(layout: Layout, loop: Procedure) -> str:
         f"define i32 @drive({_LAWS}, ptr noalias %reals, ptr noalias %counts, ptr noalias %work, i64 %budget, "
         "ptr noalias %times, ptr noalias %rows)"
     )
+
+
+def _steps() -> str:
+    """Emit drive with its laws and their parameters in memory: what is a `STEPS` for procedures."""
+    e = Emitter()
+    laws = ", ".join(f"ptr {e.get('%laws', place, 'ptr')}" for place in range(4))
+    rest = "ptr %reals, ptr %counts, ptr %work, i64 %budget, ptr %times, ptr %rows"
+    outcome = e.value(f"call i32 @drive({laws}, {rest})")
+    e.do(f"ret i64 {e.value(f'zext i32 {outcome} to i64')}")
+    return e.function(f"define i64 @steps(ptr %laws, {rest})")
 
 
 def _procedures(loop: Procedure) -> list[str]:

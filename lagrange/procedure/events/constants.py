@@ -64,3 +64,37 @@ LARGEST_NOISE = 1e-8
 
 MOST_HALVINGS = 500
 """Halvings of one step until a function on it is left to others: some tens of roots."""
+
+TOGETHER = 4 * 2.0**-52
+"""Zeros closer than this part of the time happen at once."""
+
+CLEAR_FACTOR = 16.0
+"""An event that starts at zero but for rounding is compared with its value there until it is so many times as large:
+a ball that lies lower than the floor by rounding would be met by it again while it rises."""
+
+CLOSEST = 64 * 2.0**-52
+"""An event or surface that is met again and again closer than this part of the time accumulates."""
+
+NOISE_HALVES = 8.0
+"""So many halves of a spacing are in the noise of one state."""
+
+LONGEST_LOOK = 256
+"""Steps between two reviews, at most, where an event may end the motion: those behind it are taken in vain."""
+
+FIRST_LOOK = 4
+"""Steps up to the first review where an event resets the state: what is taken beyond it is taken in vain."""
+
+AHEAD = 2.0
+"""After a reset an adaptive method starts with this part of the time since the last: flights come in like lengths."""
+
+CLOSE = 256 * 2.0**-52
+"""But with no less than this part of the time: below, it is for the events to say that time stands still."""
+
+ALONG = 2.0**-16
+"""The part of a step over which it is seen that the motion passes zero as its path does."""
+
+CLEARLY = 8.0
+"""An event moves there by more than so many times its noise."""
+
+JUMP = 1e-4
+"""What is watched is not zero where it is larger than this part of its largest term."""

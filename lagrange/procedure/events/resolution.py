@@ -61,14 +61,15 @@ def chebyshev() -> Procedure:
 def local_polynomial() -> Procedure:
     """Return what writes the coefficients of powers of a function that is resolved, or of its sign if that is certain.
 
-    Coefficients below round-off are left out, and counted as noise; so are those beyond, which at a kink fall so slowly
-    that they add up to the last one times some degrees. What halving did not make smaller than `before` is noise that
-    was not known of. It gives how many coefficients there are, 0 if the function is not resolved, by how much they may
-    be wrong, and the size of the last coefficients.
+    Coefficients below round-off, or the `least`, are left out, and counted as noise; so are those beyond, which at a
+    kink fall so slowly that they add up to the last one times some degrees. What halving did not make smaller than
+    `before` is noise that was not known of. It gives how many coefficients there are, 0 if the function is not
+    resolved, by how much they may be wrong, and the size of the last coefficients.
     """
     p = Builder("local_polynomial", "Write a function as powers; return their number and noise.", apart=True)
     given, size = p.array("given", read=True), p.given("size", REAL)
-    noise, before, powers = p.given("noise", REAL), p.given("before", REAL), p.array("powers")
+    noise, before, least = (p.given(name, REAL) for name in ("noise", "before", "least"))
+    powers = p.array("powers")
     coefficients = [given[k] for k in range(DEGREE + 1)]
     tail = p.magnitude(coefficients[-2], coefficients[-1]).called("tail")
     grain = (tail > before * 0.25) & (tail <= LARGEST_NOISE * size)
@@ -79,9 +80,10 @@ def local_polynomial() -> Procedure:
             powers[0] = coefficients[0]
             p.leave(1, blur, tail)
         p.leave(0, blur, tail)
+    floor = p.larger(EPSILON * size, least)
     count, left = p.variable(1, "count"), p.variable(0.0, "left")
     for k, one in enumerate(coefficients):
-        count.value = p.choose(abs(one) > EPSILON * size, p.whole(k + 1), count.value)
+        count.value = p.choose(abs(one) > floor, p.whole(k + 1), count.value)
     kept = []
     for k, one in enumerate(coefficients):
         within = count.value > k

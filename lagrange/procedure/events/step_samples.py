@@ -50,10 +50,10 @@ class Samples:
     """The arguments of a procedure that samples events, with its memory, and what it does with a block of steps.
 
     Vectors are by columns, as in `dense.block`; so are the lines of events. `places` are the steps of the block, and
-    `lines` have what is known of each event on them.
+    `lines` have what is known of each event on them. A procedure that takes steps has them `written`.
     """
 
-    def __init__(self, p: Builder) -> None:
+    def __init__(self, p: Builder, *, written: bool = False) -> None:
         self.p = p
         self.polynomial, self.given = p.function("polynomial", POLYNOMIAL), p.array("given", read=True)
         self.degree, self.both = p.given("degree", WHOLE), p.given("both", WHOLE)
@@ -64,8 +64,16 @@ class Samples:
         self.kernel, self.parameters = p.function("kernel", COLUMNS), p.array("parameters", read=True)
         self.dimension, self.events = p.given("dimension", WHOLE), p.given("events", WHOLE)
         self.factors, self.work = p.array("factors", read=True), p.array("work", room=LANES)
-        self.times, self.states = p.array("times", read=True), p.array("states", read=True)
+        self.times, self.states = (p.array(name, read=not written) for name in ("times", "states"))
         self.steps: Whole = p.given("steps", WHOLE)
+
+    def handed(self, times: Memory, states: Memory, steps: Whole) -> tuple[Any, ...]:
+        """Return the arguments for another procedure, with steps of its own."""
+        screen = self.screen, self.screen_given, self.law, self.law_parameters
+        memory = self.own_memory, self.beside, self.path_work, self.c
+        path = self.polynomial, self.given, self.degree, self.both, *screen, *memory
+        events = self.kernel, self.parameters, self.dimension, self.events, self.factors, self.work
+        return (*path, *events, times, states, steps)
 
     def lay_out(self) -> None:
         """Give everything its place in memory."""

@@ -104,21 +104,12 @@ event function owes to it: half of the digits."""
 EVENT_SLACK = 64.0
 """The series of an event function may end so many tolerances above the end of the state's: it is a sum of products."""
 
-JUMP = 1e-4
-"""What is watched is not zero where it is larger than this part of its largest term."""
-
 BALANCE = 256.0
 """A step without a length of its own ends where what grows with the square of time is this much larger than the rest:
 two digits of the roots are lost to it, and a run of any length takes a few steps more."""
 
 DOUBT = 64 * 2.0**-52
 """A coefficient of an event function below this part of the sum of all counts as zero."""
-
-TOGETHER = 4 * 2.0**-52
-"""Zeros closer than this part of the time happen at once."""
-
-CLOSEST = 64 * 2.0**-52
-"""Changes of the motion closer than this part of the time may accumulate."""
 
 LEAST_PART = 2.0**-70
 """A step shorter than this part of what is left of the run does not get on."""

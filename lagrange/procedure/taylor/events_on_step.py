@@ -9,9 +9,10 @@ from functools import cache
 from typing import Any
 
 from lagrange.procedure.builder import Builder
+from lagrange.procedure.events.constants import JUMP, TOGETHER
 from lagrange.procedure.events.roots import roots
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
-from lagrange.procedure.taylor.constants import EVENT_SLACK, JUMP, LEAST_PART, TOGETHER
+from lagrange.procedure.taylor.constants import EVENT_SLACK, LEAST_PART
 from lagrange.procedure.taylor.event_series import is_balanced, keeps_sign, largest_term, reach, safe_step, write_noise
 from lagrange.procedure.taylor.memory import TAYLOR, SeriesMemory, work_array
 from lagrange.procedure.taylor.sums import state_on_step

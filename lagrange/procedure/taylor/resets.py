@@ -7,11 +7,11 @@ from functools import cache
 from typing import Any
 
 from lagrange.procedure.builder import Builder
-from lagrange.procedure.events.constants import MOST_COEFFICIENTS
+from lagrange.procedure.events.constants import CLOSEST, MOST_COEFFICIENTS
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
 from lagrange.procedure.step.constants import EARLIEST
 from lagrange.procedure.step.run import COUNTS
-from lagrange.procedure.taylor.constants import CLOSEST, EVENT_SLACK
+from lagrange.procedure.taylor.constants import EVENT_SLACK
 from lagrange.procedure.taylor.event_series import comparable_unit, start_of_series, write_noise
 from lagrange.procedure.taylor.memory import JET, TAYLOR, SeriesMemory, work_array
 from lagrange.procedure.taylor.watching import (

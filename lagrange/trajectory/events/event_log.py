@@ -8,16 +8,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lagrange.machine.state import DriverState
+from lagrange.procedure.events.constants import CLOSEST
 from lagrange.procedure.step.constants import EARLIEST
 from lagrange.trajectory.trajectory import FloatArray
-
-TOGETHER = 4 * 2.0**-52
-"""Roots closer than this part of the time happen at once."""
-
-CLOSEST = 64 * 2.0**-52
-"""An event or surface that is met again and again closer than this part of the time accumulates."""
 
 MOST_REPEATS = 3
 """How often in a row that is."""
@@ -71,6 +67,42 @@ class Occurrences:
         return np.concatenate(times), np.concatenate(states)
 
 
+class Breaks:
+    """The rows of a run, by number, behind which the motion is another, for states of a `size`.
+
+    The step before may have been cut within: `times` (k,) and `states` (k, 2n) are its whole end, NaN for none.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._parts = [(np.empty(0, dtype=np.int64), np.empty(0), np.empty((0, size)))]
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def append(self, row: int, whole: tuple[float, FloatArray] | None) -> None:
+        """Add a break."""
+        end, state = (math.nan, np.full(self._parts[0][2].shape[1], math.nan)) if whole is None else whole
+        self.extend(np.array([row]), np.array([end]), state[None])
+
+    def extend(self, rows: NDArray[np.int64], times: FloatArray, states: FloatArray) -> None:
+        """Add many."""
+        if len(rows):
+            self._parts.append((rows, times, states))
+            self._count += len(rows)
+
+    def since(self, first: int) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+        """Return the rows, times and states of all from one on."""
+        parts, begin = [], self._count
+        for part in reversed(self._parts):
+            parts.append(part)
+            begin -= len(part[0])
+            if begin <= first:
+                break
+        rows, times, states = (np.concatenate(arrays) for arrays in zip(*reversed(parts), strict=True))
+        return rows[first - begin :], times[first - begin :], states[first - begin :]
+
+
 class EventLog:
     """What happened at each of some events along the run of one state of a `size`; `state` is where it stands."""
 
@@ -121,10 +153,14 @@ class ResetIntervals:
         self.least = 0.0
         self.count = 0
 
+    def begin(self, length: float) -> None:
+        """Note a time between two resets that is as it should be."""
+        self.least, self.count = length, 0
+
     def idle(self, length: float, *, unseen: bool) -> bool:
         """Count a time between two resets; `unseen` says that the event did not leave zero by more than round-off."""
         if unseen and length >= SAME_INTERVAL * self.least:
             self.count += 1
         else:
-            self.least, self.count = length, 0
+            self.begin(length)
         return self.count > MOST_SAME

@@ -21,11 +21,12 @@ class Root:
 
     `time` is counted from the start of the step, in the units of h and between 0 and h. `rising` is 1 where the
     function goes from negative to positive in the direction of the integration, -1 where it falls, and 0 where it
-    reaches zero and turns back.
+    reaches zero and turns back. At a `jump` it is on one side of zero before and on the other behind, and never there.
     """
 
     time: float
     rising: int
+    jump: bool = False
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ import numpy as np
 
 from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
 from lagrange.machine.state import DriverState
+from lagrange.procedure.events.constants import TOGETHER
 from lagrange.procedure.taylor.constants import MOST_FAILURES
 from lagrange.trajectory.events.actions import Impact
 from lagrange.trajectory.events.ending import (
@@ -26,7 +27,7 @@ from lagrange.trajectory.events.ending import (
     undefined,
     without_series,
 )
-from lagrange.trajectory.events.event_log import TOGETHER, Occurrence
+from lagrange.trajectory.events.event_log import Occurrence
 from lagrange.trajectory.events.nonanalytic_points import SHARE, Continuations
 from lagrange.trajectory.events.planned_step import EventZero, PlannedStep
 from lagrange.trajectory.events.roots import Root, Side, may_vanish, roots
@@ -101,8 +102,8 @@ class Watch(SharedWatch):
         whole = s == h / look.scale
         if not whole and abs(s * look.scale) < TOGETHER * abs(state.t) + 2.0**-70 * abs(left):
             name, value = self.names()[limiting], float(look.watched[0, limiting])
-            ends = without_series(name, value, smooth=limiting < self.surfaces)
-            return rootless(name) if self.is_root(limiting) else ends
+            smooth = limiting < self.surfaces
+            return rootless(name) if self.is_root(limiting) else without_series(name, value, smooth=smooth)
         for which in look.jumps(s, self.zero_sides):
             self.zero_sides[which] = Side(int(np.sign(look.watched[0, which])))
         found, after = self._roots(look, s, last=whole and h == left)
@@ -277,9 +278,8 @@ class Watch(SharedWatch):
         """End the step at the root at s; what happens there is pending until the driver comes back at its end."""
         while True:
             close = TOGETHER * max(abs(state.t / look.scale), s)
-            pending = [m for m in found if abs(m.root.time - s) <= close]
+            pending = self.pending = [m for m in found if abs(m.root.time - s) <= close]
             if s == 0:
-                self.pending = pending
                 return self._finish(state)
             # The shorter step tells more apart: what it has is what is kept, and a change may come out before s.
             found, after = self._roots(look, s, last=False)

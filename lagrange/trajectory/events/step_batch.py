@@ -1,4 +1,4 @@
-"""Events along the steps of a burst: all sampled at once on the dense output, and what is certain set aside."""
+"""Events along some steps: all sampled at once on the dense output, and what is certain set aside."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class Sample:
 
 @dataclass(frozen=True, eq=False)
 class StepBatch:
-    """Accepted steps of a burst behind the state that it began with: their path, and the events (E, ...) along it.
+    """Accepted steps behind the state that they began with: their path, and the events (E, ...) along it.
 
     `rates` makes the derivatives of the events by time. `ends` are the events at the states (E, S+1), `edge` is by how
     much they may be wrong, `noise` (E, S) by how much those on a step may be, `owed` (E, S) the part of it that comes
@@ -123,12 +123,14 @@ class StepBatch:
         with np.errstate(all="ignore"):
             noise = np.maximum(edge[:, 1:], edge[:, :-1])
             # What the event owes to the motion of the state: x**2 + v**2 may stay as it is while x and v do not.
-            moves = states[:, :-1] + RELATIVE_PERTURBATION * np.ptp(found, axis=-1) * tilt[:-1, None]
+            # It is seen at the same nodes however many steps there are: each second one at the full degree.
+            each = slice(None, None, degree // COARSE)
+            moves = states[:, :-1] + RELATIVE_PERTURBATION * np.ptp(found[..., each], axis=-1) * tilt[:-1, None]
             gain = np.abs(kernel(times[:-1], moves, parameters) - ends[:, :-1]) / RELATIVE_PERTURBATION
-            spread = np.fmax(np.ptp(values, axis=-1), gain)
+            spread = np.fmax(np.ptp(values[..., each], axis=-1), gain)
             sensitive = DENSE_ROUND_OFF * np.where(np.isfinite(spread), spread, 0.0)
             noise = noise + sensitive
-            sure = certain(values @ to_chebyshev(degree).T, noise)
+            sure = certain(values[..., each] @ to_chebyshev(COARSE).T, noise)
         batch = cls(kernel, rates, parameters, path, ends, edge, noise, sensitive, sure)
         if degree == DEGREE:
             batch._keep(steps, found, values)
@@ -149,7 +151,10 @@ class StepBatch:
     def _keep(self, steps: Places, states: FloatArray, values: FloatArray) -> None:
         """Keep samples at the full degree, states (2n, k, 17) and events (E, k, 17)."""
         times = self.path.times
-        coefficients = states @ to_chebyshev().T
+        # A product of matrices rounds each step otherwise for each number of steps.
+        coefficients = np.zeros_like(states)
+        for node, column in zip(np.moveaxis(states, -1, 0), to_chebyshev().T, strict=True):
+            coefficients += node[..., None] * column
         for i, step in enumerate(steps.tolist()):
             t, end = float(times[step]), float(times[step + 1])
             self.samples[step] = Sample(t, end - t, coefficients[:, i], values[:, i], self)

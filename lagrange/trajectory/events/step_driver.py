@@ -1,4 +1,8 @@
-"""The driver of a step program with events: its steps are looked at behind it, and taken back beyond a change."""
+"""The driver of a step program with events: its steps are reviewed behind it, and taken back beyond a change.
+
+Steps that were taken wait in memory until they are reviewed: in machine code, together with the steps, where that is
+worth its compilation and nothing is irregular, and on arrays otherwise.
+"""
 
 from __future__ import annotations
 
@@ -10,29 +14,17 @@ import numpy as np
 
 from lagrange.machine.backend import Driver
 from lagrange.machine.state import DriverState, Outcome
+from lagrange.machine.step_events import EventSteps, StepEventMemory
+from lagrange.procedure.events.constants import AHEAD, CLOSE, FIRST_LOOK, LONGEST_LOOK
+from lagrange.procedure.events.event_run import LOOK, MOST_STEPS, READ_EVENTS
 from lagrange.trajectory.trajectory import FloatArray
 
 S = DriverState
 
-LONGEST_LOOK = 256
-"""Steps between two looks on arrays, at most: enough to hide what a look costs, few enough for small arrays."""
-
-UNBOUNDED = 2**62
-"""Steps between two looks where none is taken in vain, and a look costs little: as many as memory and time allow."""
-
-FIRST_LOOK = 4
-"""Steps up to the first look where an event resets the state: what is taken beyond it is taken in vain."""
-
-AHEAD = 2.0
-"""After a reset an adaptive method starts with this part of the time since the last: flights come in like lengths."""
-
-CLOSE = 256 * 2.0**-52
-"""But with no less than this part of the time: below, it is for the events to say that time stands still."""
-
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """Where a burst is set back to: so many of its steps are kept, the last of them up to a time and a state.
+    """Where steps are set back to: so many of them are kept, the last of them up to a time and a state.
 
     `length` is that of the step in which it is, or before which; `whole` is the end of a step that is cut within.
     """
@@ -48,19 +40,39 @@ class Reviewer(Protocol):
     """What looks at accepted steps."""
 
     @property
+    def memory(self) -> StepEventMemory:
+        """What the run and its events share with machine code."""
+
+    @property
     def resets(self) -> bool:
         """Whether the motion goes on otherwise behind an event."""
 
     @property
-    def longest(self) -> int:
-        """How many steps may be taken between two looks."""
+    def ends(self) -> bool:
+        """Whether an event may change the motion: steps behind it are taken in vain."""
 
     @property
     def changed(self) -> float:
         """When the motion began, or changed last."""
 
-    def review(self, times: FloatArray, states: FloatArray, taken: int) -> Cut | None:
-        """Look at steps, times (S+1,) and states (S+1, 2n); return the first change of the motion."""
+    @property
+    def regular(self) -> bool:
+        """Whether no event is known to be at zero, where the motion may have started."""
+
+    def compiled(self, driver: Driver, t: float, steps: int) -> EventSteps | None:
+        """Return what takes steps and reviews them in machine code, where so many steps up to a time are worth it."""
+
+    def review(self, times: FloatArray, states: FloatArray, begin: int, end: int, taken: int) -> Cut | None:
+        """Look at some steps, times (S+1,) and states (S+1, 2n), on arrays; return the first change of the motion."""
+
+    def write(self) -> None:
+        """Leave where everything stands to machine code."""
+
+    def read(self) -> None:
+        """Take over what machine code has left."""
+
+    def collect(self) -> None:
+        """Take over the events and changes of the motion that machine code has written."""
 
     def set_back(self, cut: Cut) -> None:
         """Note that the run was set back."""
@@ -71,81 +83,183 @@ class EventDriver:
 
     def __init__(self, driver: Driver, watch: Reviewer, *, fixed: bool) -> None:
         self._driver, self._watch, self._fixed = driver, watch, fixed
-        self._ahead = FIRST_LOOK if watch.resets else LONGEST_LOOK
-        self._since = 0
+        self._memory, self._run = watch.memory, watch.memory.run
+        self._run.ahead = FIRST_LOOK if watch.resets else LONGEST_LOOK
+        self._run.fixed = int(fixed)
+        self._compiled: EventSteps | None = None
+        self._width, self._owed, self._looked = 1, 0, 0
+        self._first = True
 
     def adopt(self, state: DriverState) -> None:
         """Leave the state where it is; see `Driver`."""
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Advance a run; see `Driver`. WATCHED says that the state stands at a change of the motion."""
-        outcome, left = Outcome.PAUSED, budget
-        while outcome is Outcome.PAUSED and left > 0:
-            if state.t == state.reals[S.END]:
-                return Outcome.DONE
-            tries = min(self._ahead, left)
-            left -= tries
-            reals, counts, y = state.reals.copy(), state.counts.copy(), state.y.copy()
-            try:
-                outcome = self._driver.advance(state, tries, times, rows)
-                begun, taken = int(counts[S.ROWS]), int(counts[S.STEPS])
-                cut = self._review(state, begun, taken, (float(reals[S.T]), y), times, rows)
-            except KeyboardInterrupt:
-                # What has not been looked at has not happened.
-                state.reals[:], state.counts[:], state.y[:] = reals, counts, y
-                state.fault = None
-                raise
-            if cut is not None:
-                _lower(state, reals[S.FLOORS :], rows[begun : state.count(S.ROWS)])
-                return Outcome.WATCHED
-            longest = self._watch.longest
-            self._ahead = longest if longest == UNBOUNDED else min(2 * self._ahead, longest)
-        return outcome
+        run = self._run
+        run.budget = run.left = budget
+        self._memory.keep(state)
+        try:
+            while True:
+                compiled = self._compiled is not None and not self._owed and self._watch.regular
+                outcome = (self._in_loop if compiled else self._on_arrays)(state, times, rows)
+                if outcome is not None:
+                    return outcome
+        except KeyboardInterrupt:
+            self._watch.collect()
+            self._forget(state)
+            raise
+        finally:
+            self._first = False
 
-    def _review(
-        self,
-        state: DriverState,
-        begun: int,
-        taken: int,
-        start: tuple[float, FloatArray],
-        times: FloatArray,
-        rows: FloatArray,
-    ) -> Cut | None:
-        """Look at the steps since a start; set the state back to the first change of the motion, if there is one."""
-        t, y = start
-        count = state.count(S.ROWS) - begun
-        if not count:
+    def _in_loop(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome | None:
+        """Let machine code advance the run; return None where it has left a step."""
+        if self._compiled is None:
+            raise AssertionError("there is machine code")
+        run = self._run
+        run.longest = LONGEST_LOOK if self._watch.ends else MOST_STEPS
+        self._watch.write()
+        code = self._compiled(state, self._memory, times, rows)
+        self._watch.read()
+        if code == READ_EVENTS:
             return None
-        here = slice(begun, begun + count)
-        cut = self._watch.review(np.concatenate([[t], times[here]]), np.concatenate([y[None], rows[here]]), taken)
-        self._since += count if cut is None else cut.steps
-        if cut is not None:
-            self._set_back(state, cut, begun, taken, times, rows)
-            self._ahead, self._since = max(1, min(self._since, LONGEST_LOOK)), 0
-        return cut
+        if code != LOOK:
+            return Outcome(code)
+        if self._memory.reviewed > self._looked:
+            self._width = 1
+        self._owe()
+        return None
 
-    def _set_back(
-        self, state: DriverState, cut: Cut, begun: int, taken: int, times: FloatArray, rows: FloatArray
-    ) -> None:
-        """Let the state stand at a cut, and the next step begin a motion of its own."""
-        reals = state.reals
+    def _owe(self) -> None:
+        """Have steps looked at on arrays: one, and where it does not help twice as many each time."""
+        self._owed, self._width = self._width, min(2 * self._width, LONGEST_LOOK)
+
+    def _on_arrays(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome | None:
+        """Take steps if none waits, and review some on arrays; return an outcome, or None where the run goes on."""
+        memory, run = self._memory, self._run
+        if not memory.waits:
+            if run.starts and self._is_compiled(state.t, state.count(S.STEPS)):
+                return None
+            outcome = self._take(state)
+            if outcome is not None:
+                return outcome
+            if self._first and self._is_compiled(memory.times[run.count + 1], memory.taken + run.count):
+                return None
+        if self._compiled is not None and not self._owed and memory.waits:
+            self._owe()
+        count = run.count - run.begin + 1
+        count = min(count, self._owed) if self._compiled is not None else count
+        self._owed = max(0, self._owed - count)
+        return self._look(state, run.begin + count - 1, times, rows)
+
+    def _is_compiled(self, t: float, steps: int) -> bool:
+        """Whether there is machine code from now on.
+
+        That is decided in the first call and where a motion starts: how many steps other calls take depends on the time
+        that these took before, and the digits of events must not.
+        """
+        if self._compiled is None:
+            self._compiled = self._watch.compiled(self._driver, float(t), steps)
+            return self._compiled is not None
+        return False
+
+    def _take(self, state: DriverState) -> Outcome | None:
+        """Take the next steps as `event_steps` does; return an outcome where there are none to take."""
+        memory, run, reals, counts = self._memory, self._run, state.reals, state.counts
+        if state.t == reals[S.END]:
+            return Outcome.DONE
+        first = bool(run.both and not run.before)
+        if run.left <= 0 or (first and run.left < 2 and run.left < run.budget):
+            return Outcome.PAUSED
+        memory.kept_reals[:], memory.kept_counts[:] = reals, counts
+        memory.times[1], memory.states[1] = reals[S.T], state.y
+        run.rows = int(counts[S.ROWS])
+        counts[S.ROWS] = 0
+        tries = min(run.ahead, run.left, MOST_STEPS)
+        tries = max(tries, min(2, run.left)) if first else tries
+        try:
+            outcome = self._drive(state, tries)
+            while first and run.left < run.budget - 1 and counts[S.ROWS] < 2 and outcome is Outcome.PAUSED:
+                outcome = self._drive(state, 1)
+        except KeyboardInterrupt:
+            counts[:], reals[:], state.y[:] = memory.kept_counts, memory.kept_reals, memory.states[1]
+            raise
+        run.count, run.begin, run.outcome = int(counts[S.ROWS]), 1, int(outcome)
+        counts[S.ROWS] = run.rows
+        if not run.count:
+            run.ahead = min(2 * run.ahead, self._longest)
+        return None if run.count or outcome is Outcome.PAUSED else outcome
+
+    @property
+    def _longest(self) -> int:
+        return LONGEST_LOOK if self._watch.ends or self._compiled is None else MOST_STEPS
+
+    def _drive(self, state: DriverState, tries: int) -> Outcome:
+        self._run.left -= tries
+        return self._driver.advance(state, tries, self._memory.times[2:], self._memory.states[2:])
+
+    def _forget(self, state: DriverState) -> None:
+        """Take back the steps that wait: what has not been reviewed has not happened."""
+        memory, run = self._memory, self._run
+        if memory.waits:
+            state.reals[:], state.counts[:], state.y[:] = memory.kept_reals, memory.kept_counts, memory.states[1]
+            run.count, run.begin, run.before = 0, 1, 0
+            state.fault = None
+
+    def _look(self, state: DriverState, last: int, times: FloatArray, rows: FloatArray) -> Outcome | None:
+        """Review steps up to a last one on arrays, and write them as rows where they are all."""
+        memory, run = self._memory, self._run
+        if not memory.waits:
+            return None
+        shift = 1 - run.before
+        here = slice(shift, run.count + 2)
+        path = memory.times[here].copy(), memory.states[here].copy()
+        cut = self._watch.review(*path, run.begin - shift, last + 1 - shift, memory.taken - 1 + shift)
+        if cut is not None:
+            self._set_back(state, cut, cut.steps - 1 + shift, times, rows)
+            return Outcome.WATCHED
+        run.begin, run.starts = last + 1, 0
+        self._looked = self._memory.reviewed
+        return None if memory.waits else self._accept(state, times, rows)
+
+    def _accept(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome | None:
+        """Write the steps that waited as rows, and go on as `event_steps` does."""
+        memory, run = self._memory, self._run
+        self._write_rows(state, run.count, times, rows)
+        run.since, run.ahead = run.since + run.count, min(2 * run.ahead, self._longest)
+        memory.times[0], memory.states[0] = memory.times[run.count], memory.states[run.count]
+        run.before, run.begin, run.count = 1, 1, 0
+        return None if run.outcome == Outcome.PAUSED else Outcome(run.outcome)
+
+    def _write_rows(self, state: DriverState, kept: int, times: FloatArray, rows: FloatArray) -> None:
+        """Write the first so many steps as rows of the run."""
+        begun = self._run.rows
+        times[begun : begun + kept] = self._memory.times[2 : kept + 2]
+        rows[begun : begun + kept] = self._memory.states[2 : kept + 2]
+        state.counts[S.ROWS] = begun + kept
+
+    def _set_back(self, state: DriverState, cut: Cut, kept: int, times: FloatArray, rows: FloatArray) -> None:
+        """Let the state stand at a cut, behind so many steps, and the next step begin a motion of its own."""
+        memory, run, reals = self._memory, self._run, state.reals
         state.fault = None
-        if cut.steps:
-            times[begun + cut.steps - 1], rows[begun + cut.steps - 1] = cut.t, cut.y
-        state.counts[S.ROWS], state.counts[S.STEPS] = begun + cut.steps, taken + cut.steps
+        if kept:
+            memory.times[kept + 1], memory.states[kept + 1] = cut.t, cut.y
+        self._write_rows(state, kept, times, rows)
+        floors, share = memory.kept_reals[S.FLOORS :], reals[S.SHARE]
+        count = len(state.floors)
+        sizes = np.abs(memory.states[2 : kept + 2, :count]).max(axis=0, initial=0.0)
+        np.maximum(floors[:count], share * sizes, out=state.floors)
+        taken = memory.taken + kept
+        state.counts[S.STEPS] = taken
         state.counts[[S.SLOPE_KNOWN, S.AFTER_REJECT, S.KEPT]] = 0
         state.y[:] = cut.y
         reals[S.T], reals[S.PREVIOUS] = cut.t, 1.0
         if self._fixed:
-            reals[S.START] = cut.t - (taken + cut.steps) * reals[S.STEP]
+            reals[S.START] = cut.t - taken * reals[S.STEP]
         else:
             flight = max(AHEAD * abs(cut.t - self._watch.changed), CLOSE * abs(cut.t))
             reals[S.H] = math.copysign(min(abs(cut.length), flight), cut.length)
+        since = run.since + kept
+        run.ahead, run.since = max(1, min(since, LONGEST_LOOK)), 0
+        run.count, run.begin, run.before, run.starts = 0, 1, 0, 1
+        self._width, self._owed = 1, 0
         self._watch.set_back(cut)
-
-
-def _lower(state: DriverState, floors: FloatArray, rows: FloatArray) -> None:
-    """Let the floors be those from before some steps, raised by the rows (k, 2n) that are left of these."""
-    count = len(state.floors)
-    sizes = np.abs(rows[:, :count]).max(axis=0, initial=0.0)
-    np.maximum(floors[:count], state.reals[S.SHARE] * sizes, out=state.floors)

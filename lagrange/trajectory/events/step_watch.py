@@ -1,25 +1,25 @@
 """Events along the steps of a method that is a step program, sought on the polynomial that each step leaves.
 
-A burst of steps is taken first and looked at then; where something in it changes the motion, the run is set back to
-that place, and what lies behind it has not happened.
+Some steps are taken first and looked at then; where something on them changes the motion, the run is set back to that
+place, and what lies behind it has not happened. What is regular is done in machine code where that is worth it.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
 from lagrange.machine.backend import Driver, Kernel
-from lagrange.machine.review import Review
 from lagrange.machine.state import DriverState
+from lagrange.machine.step_events import EventSteps
+from lagrange.procedure.events.constants import CLEAR_FACTOR, NOISE_HALVES, TOGETHER
 from lagrange.procedure.events.roots import roots
 from lagrange.trajectory.events.actions import impacts as impacts_of
 from lagrange.trajectory.events.actions import rates
-from lagrange.trajectory.events.compiled_review import CompiledReview, KnownPath, keep, sides, watched_events
 from lagrange.trajectory.events.ending import (
     EventResult,
     accumulating,
@@ -29,47 +29,22 @@ from lagrange.trajectory.events.ending import (
     unresolved,
     without_value,
 )
-from lagrange.trajectory.events.event_log import TOGETHER, ChangeCounter, EventLog, Occurrence, ResetIntervals
+from lagrange.trajectory.events.event_log import Breaks, ChangeCounter, EventLog, Occurrence, ResetIntervals
+from lagrange.trajectory.events.event_loop import EventLoop, KnownPath
+from lagrange.trajectory.events.motion_start import MotionStart
 from lagrange.trajectory.events.planned_step import EventZero
 from lagrange.trajectory.events.roots import Isolate, Root, Side
 from lagrange.trajectory.events.step_batch import Path, Sample, StepBatch, Window
-from lagrange.trajectory.events.step_driver import LONGEST_LOOK, UNBOUNDED, Cut, EventDriver
-from lagrange.trajectory.events.zeros_on_step import StepZeros, ended, rests, trace, velocity
+from lagrange.trajectory.events.step_driver import Cut, EventDriver
+from lagrange.trajectory.events.zeros_on_step import SAME_JUMP, StepZeros, ended, rests, trace, velocity
 from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.paths.step_paths import StepPath
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 S = DriverState
 
 SMALL_FRACTION = 2.0**-26
 """The part of a step over which the slope of an event is measured where the motion starts, and a slope that is none."""
-
-NOISE_HALVES = 8.0
-"""So many halves of a spacing are in the noise of one state."""
-
-CLEAR_FACTOR = 16.0
-"""An event that starts at zero but for rounding is compared with its value there until it is so many times as large:
-a ball that lies lower than the floor by rounding would be met by it again while it rises."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Start:
-    """A motion that has just begun: events known to be zero there, to a size, and the directions of those just met.
-
-    `rested` are those with a reset that stayed at zero on the steps since: what they leave to is still to be seen.
-    """
-
-    first: bool = False
-    stayed: Mapping[int, float] = field(default_factory=dict)
-    zeros: Mapping[int, int] = field(default_factory=dict)
-    rested: frozenset[int] = frozenset()
-
-
-@dataclass(frozen=True, eq=False)
-class Break:
-    """A row of the run, by number, behind which the motion is another; `whole` is the end of the step that was cut."""
-
-    row: int
-    whole: tuple[float, FloatArray] | None
 
 
 class StepWatch(EventLog):
@@ -83,9 +58,10 @@ class StepWatch(EventLog):
         impacts = impacts_of(model, problem.events, self.parameters)
         self.kernel, self.impacts = model.function("events", tuple(one.node for one in impacts)), impacts
         self.path_of = KnownPath(path_of)
-        self._compiled = CompiledReview(problem, self.kernel.program, fixed=fixed)
+        self._loop = EventLoop(problem, impacts, self.kernel.program, fixed=fixed)
+        self.memory = self._loop.memory
         self.driver = EventDriver(driver, self, fixed=fixed)
-        self.breaks: list[Break] = []
+        self.breaks = Breaks(len(problem.y0))
         self.change_counter = ChangeCounter()
         self.jumps = 0
         self.changed = problem.t0
@@ -94,7 +70,7 @@ class StepWatch(EventLog):
         self._relay = [Side()] * len(impacts)
         self._levels: dict[int, float] = {}
         self._resting: frozenset[int] = frozenset()
-        self._start: _Start | None = _Start(first=True)
+        self._start: MotionStart | None = MotionStart(first=True)
         self._pending: list[EventZero] = []
         self._whole: tuple[float, FloatArray] | None = None
         self._verdict: EventResult | None = None
@@ -109,10 +85,9 @@ class StepWatch(EventLog):
         return any(one.reset for one in self.impacts)
 
     @property
-    def longest(self) -> int:
-        """How many steps may be taken before they are looked at: those behind a change are taken in vain."""
-        ends = any(one.reset or one.terminal for one in self.impacts)
-        return LONGEST_LOOK if ends or not self._compiled.ready else UNBOUNDED
+    def ends(self) -> bool:
+        """Whether an event may change the motion: steps behind it are taken in vain."""
+        return any(one.reset or one.terminal for one in self.impacts)
 
     def names(self) -> list[str]:
         """Return the events in the user's symbols."""
@@ -122,11 +97,13 @@ class StepWatch(EventLog):
     def begin(self, state: DriverState) -> EventResult:
         """Begin at the start of the run."""
         self.state = state
+        path = self.path_of(np.array([state.t]), state.y[None].copy())
+        self.memory.run.both = int(isinstance(path, StepPath) and path.joins)
         return self._defined(state)
 
     def process(self, state: DriverState) -> EventResult:
         """Do what is pending at the state that the run was set back to."""
-        self.breaks.append(Break(state.count(S.STEPS) + self.jumps, self._whole))
+        self.breaks.append(state.count(S.STEPS) + self.jumps, self._whole)
         if self._verdict is not None:
             return self._verdict
         found, self._pending = self._pending, []
@@ -138,7 +115,8 @@ class StepWatch(EventLog):
             self.occurrences[m.which].append(here)
         ends = any(0 < self.impacts[m.which].terminal <= len(self.occurrences[m.which]) for m in zeros)
         resets = [m for m in zeros if self.impacts[m.which].reset]
-        result = self._jump(resets, state) if resets else EventResult()
+        jumped = frozenset(m.which for m in found if m.root.jump)
+        result = self._jump(resets, jumped, state) if resets else EventResult()
         return EventResult(Status.EVENT, jumped=result.jumped) if ends and result.status is None else result
 
     def end(self, state: DriverState) -> EventResult:
@@ -152,41 +130,55 @@ class StepWatch(EventLog):
     def continue_past(self, state: DriverState) -> None:
         """Return None: a step needs no series, so there is nothing to leap over."""
 
-    def review(self, times: FloatArray, states: FloatArray, taken: int) -> Cut | None:
-        """Find the events on accepted steps, times (S+1,) and states (S+1, 2n); return where the motion changes.
+    def compiled(self, driver: Driver, t: float, steps: int) -> EventSteps | None:
+        """Return what takes steps and reviews them in machine code, where so many steps up to a time are worth it."""
+        return self._loop.compiled(driver, self.path_of, t, steps, self.jumps)
 
-        `taken` is how many steps the run had before. What happens at a change is pending then, for `meet`. Steps on
-        which nothing is irregular are gone through in machine code, and others looked at behind them, one at first.
+    def review(self, times: FloatArray, states: FloatArray, begin: int, end: int, taken: int) -> Cut | None:
+        """Find the events on some accepted steps, times (S+1,) and states (S+1, 2n), on arrays.
+
+        Return where the motion changes; what happens there is pending then, for `process`. The run had `taken` steps
+        before the first.
         """
         path = self.path_of(times, states)
-        step, steps, width = 0, len(times) - 1, 1
-        regular = self._compiled.review(path)
-        while step < steps:
-            if regular is not None and self._is_regular():
-                reached = self._pass(regular, path, step, taken)
-                step, width = reached, 1 if reached > step else width
-            stop = min(step + width, steps) if regular is not None else steps
-            cut = self._ahead(Window(path, step, stop), taken + step) if step < steps else None
-            if cut is not None:
-                return replace(cut, steps=cut.steps + step)
-            step, width = stop, 2 * width
-        return None
+        cut = self._ahead(Window(path, begin, end), taken + begin)
+        return None if cut is None else replace(cut, steps=cut.steps + begin)
 
-    def _is_regular(self) -> bool:
+    @property
+    def regular(self) -> bool:
         """Whether no event is known to be at zero, where the motion may have started."""
-        started = not self._levels if self._start is None else not self._start.rested
+        started = not self._levels if self._start is None else not (self._start.rested or self._start.jumped)
         return started and not self._resting
 
-    def _pass(self, regular: Review, path: Path, step: int, taken: int) -> int:
-        """Go through steps from one on up to what is irregular, keep the events, and return where that is."""
-        stayed = None if self._start is None else self._start.stayed
-        last = len(path.times) - 2 if path.times[-1] == self.problem.t1 else -1
-        events = watched_events(self.impacts, self._relay, self.occurrences, stayed)
-        found = regular(path.times, path.states, step, events, last=last, rounded=(taken + last) / NOISE_HALVES)
-        if found.step > step:
-            self._relay, self._start, self._levels = sides(events), None, {}
-        keep(found, self.occurrences, taken)
-        return found.step
+    def write(self) -> None:
+        """Leave where everything stands to machine code."""
+        run, begun = self.memory.run, self._start
+        run.starts, run.jumps = int(begun is not None), self.jumps
+        run.changed, run.changed_at = self.changed, self._changed_at
+        stayed, zeros = ({}, {}) if begun is None else (begun.stayed, begun.zeros)
+        self._loop.write(self._relay, self.occurrences, stayed, zeros)
+
+    def read(self) -> None:
+        """Take over what machine code has left: events, changes of the motion, and where everything stands."""
+        run, memory = self.memory.run, self.memory
+        last = run.breaks
+        self.collect()
+        if run.jumps > self.jumps:
+            self.jumps, self.changed, self._changed_at = int(run.jumps), float(run.changed), int(run.changed_at)
+            zeros = self._loop.zeros
+            self.change_counter.begin(self.changed, next(iter(zeros), 0))
+            self._intervals.begin(float(run.interval))
+            self._start = MotionStart(stayed={i: float(memory.stayed[i]) for i in zeros}, zeros=zeros)
+        self._relay, self._levels = self._loop.sides, {}
+        self._start = self._start if run.starts else None
+        if run.due:
+            self._pending, run.due = [EventZero(int(run.due) - 1, Root(0.0, int(run.way)))], 0
+            end = float(memory.break_times[last])
+            self._whole = None if math.isnan(end) else (end, memory.break_states[last].copy())
+
+    def collect(self) -> None:
+        """Take over the events and changes of the motion that machine code has written."""
+        self._loop.collect(self.occurrences, self.breaks, self._steps)
 
     def _ahead(self, path: Path, taken: int) -> Cut | None:
         """Find the events on the steps of a path, sampled at once; return where the motion changes."""
@@ -238,6 +230,8 @@ class StepWatch(EventLog):
             traces[i] = trace(
                 sample, i, noise, self._relay[i], level=level, zero=i in zero, last=last, isolate=self._isolate
             )
+            if begun is not None and i in begun.jumped:
+                traces[i] = traces[i].behind_jump(SMALL_FRACTION)
         if begun is not None and self._changes_at_once(begun, {i: traces[i] for i in zero if i in traces}, sample):
             return _cut(batch, step, sample, 0.0)
         resting = frozenset(i for i in zero if i in self._resting and self.impacts[i].reset)
@@ -276,7 +270,7 @@ class StepWatch(EventLog):
         self._levels.update((i, float(ends[i])) for i in zero)
         return zero
 
-    def _changes_at_once(self, begun: _Start, zero: Mapping[int, StepZeros], sample: Sample) -> bool:
+    def _changes_at_once(self, begun: MotionStart, zero: Mapping[int, StepZeros], sample: Sample) -> bool:
         """Whether the motion cannot go on from its start: an event turns it back, or is met again without a velocity.
 
         A zero at the start is no event otherwise. But a ball that starts on the floor and falls is to bounce.
@@ -324,8 +318,10 @@ class StepWatch(EventLog):
         """Keep what happens before the first change; what happens together with it is pending."""
         s = first.root.time
         close = TOGETHER * max(abs(sample.t / sample.h), s)
-        mine = {m.which: m for m in reversed(found) if abs(m.root.time - s) <= close}
-        before = [m for m in found if m.root.time < s - close]
+        jump = max(close, SAME_JUMP) if first.root.jump else close
+        here = [m for m in found if abs(m.root.time - s) <= (jump if m.root.jump else close)]
+        mine = {m.which: m for m in reversed(here)}
+        before = [m for m in found if m.root.time < s - close and m not in here]
         for i, one in traces.items():
             if i not in mine:
                 # What is zero there to within its noise is met there: with another motion it would not be met later.
@@ -349,14 +345,15 @@ class StepWatch(EventLog):
         """
         states = np.column_stack([before, after])
         along = math.copysign(1.0, self.problem.t1 - self.problem.t0)
+        zeros = [m for m in zeros if not m.root.jump]
         coming, going = along * self._rates()(np.full(2, t), states, self.parameters).T
         for m in zeros:
             if coming[m.which] * m.root.rising < 0 < going[m.which] * m.root.rising:
                 return m
         return None
 
-    def _jump(self, zeros: Sequence[EventZero], state: DriverState) -> EventResult:
-        """Reset the state, every event from the state before, and start the motion anew."""
+    def _jump(self, zeros: Sequence[EventZero], jumped: frozenset[int], state: DriverState) -> EventResult:
+        """Reset the state, every event from the state before, and start the motion anew; some events jump there."""
         before, after = state.y.copy(), state.y.copy()
         at_zero = np.abs(self.kernel(state.t, before, self.parameters))
         for m in zeros:
@@ -375,8 +372,12 @@ class StepWatch(EventLog):
         self.jumps += 1
         self.changed, self._changed_at = state.t, state.count(S.STEPS)
         self._relay = [Side()] * len(self.impacts)
-        stayed = {m.which: float(at_zero[m.which]) for m in zeros}
-        self._start = _Start(stayed=stayed, zeros={m.which: m.root.rising for m in zeros})
+        met = [m for m in zeros if not m.root.jump]
+        self._start = MotionStart(
+            stayed={m.which: float(at_zero[m.which]) for m in met},
+            zeros={m.which: m.root.rising for m in met},
+            jumped=jumped,
+        )
         result = self._defined(state)
         model = self.problem.model
         where = (state.t, *model.layout.split(after), self.parameters)
@@ -386,7 +387,7 @@ class StepWatch(EventLog):
 
 
 def _cut(batch: StepBatch, step: int, sample: Sample, s: float) -> Cut:
-    """Return the cut at a place in a step of a burst."""
+    """Return the cut at a place in a step."""
     times, states = batch.path.times, batch.path.states
     if s == 0:
         return Cut(step, float(times[step]), states[step], sample.h)

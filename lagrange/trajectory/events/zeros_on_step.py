@@ -8,13 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lagrange.procedure.events.chebyshev import DEGREE, nodes, to_chebyshev
-from lagrange.procedure.events.constants import EPSILON
+from lagrange.procedure.events.constants import EPSILON, JUMP
 from lagrange.trajectory.events.roots import Isolate, Root, Side, roots
 from lagrange.trajectory.events.step_batch import Sample, StepBatch
 from lagrange.trajectory.paths.chebyshev import LocalPolynomial, local_polynomials, powers
 
 RATE_NOISE = 1024 * EPSILON
 """The part of a derivative that is noise: 500 roundings is what the weights of DOP853's path make of one."""
+
+SAME_JUMP = 2.0**-44
+"""Two jumps that are closer than this part of a step are one there and back: of the state, 256 spacings."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +34,10 @@ class StepZeros:
     after: Side
     until: float
     leaving: tuple[int, int]
+
+    def behind_jump(self, least: float) -> StepZeros:
+        """Return the same without jumps in the first part of the step, which are one that was met before."""
+        return replace(self, found=tuple(root for root in self.found if not root.jump or root.time > least))
 
 
 def trace(
@@ -68,8 +75,11 @@ def trace(
             parts.append((piece, before))
             final = last and piece.start + piece.width == 1.0
             zeros, before = roots(piece.coefficients, 1.0, before, noise=piece.noise, last=final, isolate=isolate)
-            found += [replace(root, time=piece.start + piece.width * root.time) for root in zeros]
-    return StepZeros(tuple(parts), tuple(found), before, math.inf, leaving)
+            begins = zero and piece.start == 0
+            for root in zeros:
+                jump = piece.jump or (root.time == 0 and not begins and _starts_clear(piece))
+                found.append(replace(root, time=piece.start + piece.width * root.time, jump=jump))
+    return StepZeros(tuple(parts), _merged(found), before, math.inf, leaving)
 
 
 def ended(found: StepZeros, s: float, isolate: Isolate | None = None) -> list[Root]:
@@ -82,6 +92,25 @@ def ended(found: StepZeros, s: float, isolate: Isolate | None = None) -> list[Ro
             here, _ = roots(piece.coefficients, cut, before, noise=piece.noise, last=length <= 1, isolate=isolate)
             zeros += [replace(root, time=piece.start + piece.width * root.time) for root in here]
     return zeros
+
+
+def _merged(found: list[Root]) -> tuple[Root, ...]:
+    """Return roots with those of one jump as one: the path is rounded, and may pass a place some times to and fro."""
+    kept: list[Root] = []
+    for root in found:
+        if kept and kept[-1].jump and root.jump and root.time - kept[-1].time <= SAME_JUMP:
+            kept.pop()
+        else:
+            kept.append(root)
+    return tuple(kept)
+
+
+def _starts_clear(piece: LocalPolynomial) -> bool:
+    """Whether an event that is on another side of zero before a part jumps there: it is far from zero on the part."""
+    if piece.coefficients is None:
+        return False
+    sizes = np.abs(piece.coefficients)
+    return bool(sizes[0] > JUMP * sizes.sum())
 
 
 def _divided(piece: LocalPolynomial) -> LocalPolynomial:

@@ -142,7 +142,7 @@ class SolverPlan:
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: StepWatch | None) -> PiecewisePath:
         """Return the solver's own path, which leaps where the state was reset."""
-        jumps = set() if watch is None else {one.row for one in watch.breaks}
+        jumps = set() if watch is None else set(watch.breaks.since(0)[0].tolist())
         steps = iter(self.interpolants)
         interpolants = [_Standing(states[i + 1]) if i in jumps else next(steps) for i in range(len(times) - 1)]
         return PiecewisePath(times, states[0], StepInterpolants(interpolants))

@@ -35,13 +35,15 @@ class LocalPolynomial:
     """A polynomial on a part of a step, from `start` over `width`, in units of the step.
 
     `coefficients` are those of powers of the time since its start in units of its width; `noise` bounds their error.
-    None stands for a part on which the function has no value, or a pole.
+    None stands for a part on which the function has no value, or a pole. At a `jump` the part is a place, and the
+    function is on one side of zero before it and on the other behind.
     """
 
     start: float
     width: float
     coefficients: FloatArray | None
     noise: float
+    jump: bool = False
 
 
 def evaluate(chebyshev: FloatArray, s: FloatArray) -> FloatArray:
@@ -91,7 +93,8 @@ def local_polynomials(
             yield LocalPolynomial(start, width, None, noise)
             return
         else:
-            yield LocalPolynomial(start, width, np.array([found[0], found[-1] - found[0]]), noise)
+            jump = depth == DEEPEST and found[0] * found[-1] < 0 and min(abs(found[[0, -1]])) > noise
+            yield LocalPolynomial(start, width, np.array([found[0], found[-1] - found[0]]), noise, bool(jump))
 
 
 def _polynomial(

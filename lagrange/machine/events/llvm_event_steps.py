@@ -1,0 +1,121 @@
+"""Steps with events in machine code: one call takes steps, finds the zeros of events on them, and resets the state."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import lru_cache
+from typing import Any, Protocol
+
+import numpy as np
+
+from lagrange.machine.backend import DensePath, FloatArray
+from lagrange.machine.kernel.llvm_kernel import LlvmKernel
+from lagrange.machine.llvm.address import workspace
+from lagrange.machine.llvm.called import compiled
+from lagrange.machine.state import DriverState
+from lagrange.machine.step_events import StepEventMemory, StepFunction
+from lagrange.procedure.dense.block import LANES, block_size
+from lagrange.procedure.events.event_steps import event_steps
+from lagrange.procedure.events.step_samples import work_size
+from lagrange.procedure.step.constants import RELATIVE_PERTURBATION, perturbation_factors
+from lagrange.program.program import Program
+
+STANDING = (
+    *("times", "states", "sign", "near", "direction", "remaining", "stayed", "came", "which", "when", "there"),
+    *("settings", "break_rows", "break_times", "break_states", "kept_reals", "kept_counts"),
+)
+"""What stands in the memory of a run, by the names of the loop's arguments."""
+
+
+class CompiledSteps(Protocol):
+    """A driver in machine code."""
+
+    @property
+    def function(self) -> StepFunction:
+        """What takes its steps."""
+
+    def count(self, steps: int) -> None:
+        """Count steps that were taken: code that is used often is compiled again."""
+
+
+class LlvmEventSteps:
+    """The steps of a driver with events, for one set of parameters; see `EventSteps`."""
+
+    def __init__(
+        self,
+        driver: CompiledSteps,
+        events: Program,
+        resets: Program | None,
+        parameters: FloatArray,
+        dense: DensePath,
+        screen: DensePath | None,
+    ) -> None:
+        self._driver, self._written = driver, dense.polynomial()
+        # What solves for its stages takes steps that a cubic through their ends says little of.
+        screens = screen is not None and not self._written.both
+        self._screen = screen.polynomial() if screen is not None and screens else self._written
+        self._kernel = kernel = _compiled(events)
+        self._resets = kernel if resets is None else _compiled(resets)
+        n, count = events.states, events.shape[0]
+        written, prepared = self._written, kernel.prepare(parameters)
+        self.both = written.both
+        results = 0 if resets is None else resets.shape[0]
+        given: dict[str, Any] = {
+            "polynomial": written.function,
+            "given": written.given,
+            "degree": dense.degree,
+            "both": int(written.both),
+            **{name: np.zeros(block_size(n, LANES) + LANES) for name in ("own", "beside")},
+            "screen": self._screen.function,
+            "screen_given": self._screen.given,
+            # What a block polynomial is given begins with the law over columns and its parameters.
+            "law": int(self._screen.given[0]),
+            "law_parameters": int(self._screen.given[1]),
+            "screens": screens,
+            "path_work": workspace(max(written.work, self._screen.work)),
+            "c": workspace((dense.degree + 1) * n * LANES + LANES),
+            "kernel": kernel.columns_address,
+            "parameters": prepared,
+            "values": kernel.address,
+            "value_numbers": prepared,
+            "resets": self._resets.address,
+            "reset_numbers": self._resets.prepare(parameters),
+            "dimension": n,
+            "events": count,
+            "factors": 1 + RELATIVE_PERTURBATION * perturbation_factors(n + 1),
+            "noted": np.zeros(4 * count, dtype=np.int64),
+            "levels": np.zeros(count),
+            "work": workspace(work_size(n, count)),
+            "scratch": np.zeros(n + 2 * count + results + LANES),
+            "steps": 0,
+        }
+        self._code, self._kept = compiled(event_steps()), given
+        self._words = self._code.words()
+        self._code.give(self._words, given)
+        self._memory: StepEventMemory | None = None
+
+    def __call__(self, state: DriverState, memory: StepEventMemory, times: FloatArray, rows: FloatArray) -> int:
+        """Advance a run; see `EventSteps`."""
+        if memory is not self._memory:
+            self._memory = memory
+            self._code.give(self._words, _of_memory(memory))
+        function = self._driver.function
+        run: dict[str, Any] = {"drive": function.address, "laws": function.laws, "entries": function.entries}
+        run |= {"driver_work": function.work, "reals": state.reals, "counts": state.counts, "y": state.y}
+        self._code.give(self._words, {**run, "row_times": times, "row_states": rows})
+        before = state.integers[DriverState.STEPS]
+        (code,) = self._code.run_on(self._words)
+        self._driver.count(max(0, state.integers[DriverState.STEPS] - before))
+        return int(code)
+
+
+def _of_memory(memory: StepEventMemory) -> dict[str, Any]:
+    """Return the arguments that stand in the memory of a run."""
+    arrays = {name: getattr(memory, name) for name in STANDING}
+    return {**arrays, "review": ctypes.addressof(memory.review), "event_run": ctypes.addressof(memory.run)}
+
+
+@lru_cache(maxsize=64)
+def _compiled(program: Program) -> LlvmKernel:
+    """Return a program in machine code, kept for other runs."""
+    return LlvmKernel(program)
