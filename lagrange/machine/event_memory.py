@@ -101,6 +101,8 @@ class EventMemory:
 
     def combination(self, sides: FloatArray) -> int:
         """Return sides as a binary number, or -1 where that has no use: there are many, or a motion on a surface."""
+        if self.surfaces == 0:
+            return 0
         if len(sides) > MOST_SURFACES or not (np.abs(sides) == 1.0).all():
             return -1
         return sum(1 << i for i, side in enumerate(sides.tolist()) if side > 0)

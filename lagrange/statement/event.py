@@ -141,7 +141,7 @@ def declare_events(events: Any, statement: Statement) -> tuple[Event, ...]:
     listed = entries(events, "events")
     if listed is None:
         raise StatementError(f"events is {shown(events)!r}: give a list of expressions, or of lg.event(...).")
-    found = tuple(given if isinstance(given, Event) else event(given) for given in listed)
+    found = tuple(given if isinstance(given, Event) else _either_way(given) for given in listed)
     for place, one in enumerate(found):
         survey = _check(one.expression, f"event {place}", statement)
         if not survey.coordinates and not one.expression.has(t):
@@ -161,6 +161,14 @@ def declare_events(events: Any, statement: Statement) -> tuple[Event, ...]:
                 )
             _check(value, f"the reset of event {place}", statement)
     return found
+
+
+def _either_way(given: Any) -> Event:
+    """Return the event of a bare expression, the same whenever it is given: what is prepared for it is found again."""
+    return _kept(given) if isinstance(given, sympy.Expr) else event(given)
+
+
+_kept = lru_cache(maxsize=256)(event)
 
 
 @lru_cache(maxsize=256)

@@ -72,14 +72,16 @@ class Prepared:
 def prepared(method: Planned, problem: Problem) -> Prepared:
     """Return the plan of a method for a problem, as a former run of the model left it where that holds for this one.
 
-    A method is known by its identity: to compare two tableaux takes longer than to make a plan.
+    A method and an event are known by their identity: to compare two tableaux takes longer than to make a plan.
     """
-    if not isinstance(problem, Problem) or problem.events:
+    if not isinstance(problem, Problem):
         return Prepared(method.plan(problem))
     options = problem.rtol, problem.atol, problem.step
     if not (_is_key(options[0]) and _is_key(options[1]) and _is_key(options[2])):
         return Prepared(method.plan(problem))
-    kept, key, span = problem.model.prepared, (id(method), *options), (problem.t0, problem.t1)
+    # A plan with events has the parameters of their resets.
+    watched = (problem.events, problem.parameter_array.tobytes()) if problem.events else ()
+    kept, key, span = problem.model.prepared, (id(method), *options, *watched), (problem.t0, problem.t1)
     found: Prepared | None = kept.get(key)
     if found is None or found.span not in (None, span):
         plan = method.plan(problem)

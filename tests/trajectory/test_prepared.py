@@ -15,6 +15,7 @@ from lagrange.errors import StatementError
 from lagrange.machine.model import Model
 from lagrange.machine.state import Outcome
 from lagrange.statement.coordinate import t
+from lagrange.statement.event import event
 from lagrange.trajectory.methods.explicit import DOP853
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.prepared import DRIVERS_KEPT, PLANS_KEPT, Prepared
@@ -136,6 +137,27 @@ def test_runs_with_events_and_with_output_times_between(method: str) -> None:
         compiled.prepared.clear()
         fresh = run(compiled, 3.0, method, **options)
         assert same(one, fresh) and all(map(np.array_equal, one.t_events, fresh.t_events))
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_a_second_run_with_the_same_events_plans_nothing(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The resets of a plan have its parameters: with others there is another plan."""
+    compiled = build(
+        "llvm", kinetic=x.dot**2 / 2, potential=k * x**2 / 2, parameters={k: 2.0}, initial={x: 0.0, x.dot: -1.0}
+    )
+    wall = event(x, direction=-1, reset={x.dot: -k * x.dot / 4})
+    given: list[dict[str, Any]] = [{}, {"parameters": {k: 3.0}}]
+    first = [run(compiled, 9.0, method, events=[x - k / 10, wall], **options) for options in given]
+    # The first reset is at the start, where the loop over steps leaves it to Python.
+    assert [one.y_events[1][1][1] for one in first] == pytest.approx([-0.5, -0.75])
+    monkeypatch.setattr(type(find(method)), "plan", None)
+    for options, expected in zip(given, first, strict=True):
+        again = run(compiled, 9.0, method, events=[x - k / 10, wall], **options)
+        assert same(again, expected) and all(map(np.array_equal, again.t_events, expected.t_events))
+    monkeypatch.undo()
+    compiled.prepared.clear()
+    for options, expected in zip(given, first, strict=True):
+        assert same(run(compiled, 9.0, method, events=[x - k / 10, wall], **options), expected)
 
 
 def test_few_plans_and_drivers_are_kept() -> None:

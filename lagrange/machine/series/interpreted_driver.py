@@ -132,7 +132,7 @@ class NumpyTaylorDriver:
         dimension, watched = 2 * series.program.dimension, len(series.program.watched)
         self._layout = TaylorLayout(dimension, dimension + watched, watched, dimension, block=1)
         self._work = np.zeros(self._layout.size(order))
-        self._held, self._sizes = HELD.structure(), self._layout.sizes()
+        self._held, self._sizes = HELD.structure(), self._layout.sizes
         self._memory: EventMemory | None = None
         self._numbers = np.array(parameters)
 

@@ -175,6 +175,7 @@ class CompiledJet:
         self._module = self.tiers.quick if self.tiers else Module(ir)
         self._prepare = _PREPARE(self._module.address(prepare))
         self._prepared: tuple[bytes, tuple[FloatArray, FloatArray]] | None = None
+        self._joined: tuple[tuple[bytes, LlvmKernel | None], tuple[FloatArray, list[int]]] | None = None
 
     @property
     def ir(self) -> str:
@@ -205,6 +206,14 @@ class CompiledJet:
         found = prepared, np.concatenate([*parts, table[self._table.order], [0.0]])
         self._prepared = (key, found)
         return found
+
+    def joined(self, parameters: FloatArray, values: LlvmKernel | None) -> tuple[FloatArray, list[int]]:
+        """Return these numbers behind each other, then those of what is watched, and how many there are of each."""
+        key, known = (parameters.tobytes(), values), self._joined
+        if known is None or known[0] != key:
+            parts = [*self.numbers(parameters), *([] if values is None else [values.prepare(parameters)])]
+            known = self._joined = key, (np.concatenate(parts), list(map(len, parts)))
+        return known[1]
 
     def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
         """Return the coefficients of the state and of what is watched, times scale**k, (order + 1, 2n + watched)."""
@@ -240,7 +249,7 @@ class LlvmTaylorDriver:
         self._compiled, self._steps = compiled, compiled_steps(compiled.layout)
         self._work = workspace(compiled.layout.size(order))
         self._y = self._work[: compiled.layout.dimension]
-        self._held, self._sizes = HELD.structure(), compiled.layout.sizes()
+        self._held, self._sizes = HELD.structure(), compiled.layout.sizes
         self._arguments = np.zeros(len(self._steps.places), dtype=np.int64)
         self._entries: Any = self._arguments.data
         self._give(work=address(self._work), held=ctypes.addressof(self._held), order=order)
@@ -274,19 +283,20 @@ class LlvmTaylorDriver:
 
     def use(self, parameters: FloatArray) -> None:
         """Go on with other numbers; see `TaylorDriver`."""
-        self._parameters = parameters
-        parts = list(self._compiled.numbers(parameters))
-        memory = self._memory
-        if memory is not None and isinstance(memory.values, LlvmKernel):
-            parts.append(memory.values.prepare(parameters))
-        size = sum(map(len, parts))
-        place = 0
-        if memory is not None:
-            place = memory.hold(parameters[len(parameters) - memory.surfaces :], size)
-        if self._numbers is None or len(self._numbers) < place + size:
-            self._numbers = np.zeros(size * (1 + (0 if memory is None else len(memory.combinations))))
-            self._point(address(self._numbers), list(map(len, parts)))
-        self._numbers[place : place + size] = np.concatenate(parts)
+        self._parameters, memory = parameters, self._memory
+        values = None if memory is None or not isinstance(memory.values, LlvmKernel) else memory.values
+        numbers, sizes = self._compiled.joined(parameters, values)
+        if memory is None or not memory.surfaces:
+            if memory is not None:
+                memory.hold(parameters[:0], 0)
+            self._numbers = numbers
+            self._point(address(numbers), sizes)
+            return
+        place = memory.hold(parameters[len(parameters) - memory.surfaces :], len(numbers))
+        if self._numbers is None:
+            self._numbers = np.zeros(len(numbers) * (1 + len(memory.combinations)))
+            self._point(address(self._numbers), sizes)
+        self._numbers[place : place + len(numbers)] = numbers
 
     def _point(self, begin: int, sizes: Sequence[int]) -> None:
         """Give the addresses of numbers that stand behind each other."""

@@ -133,8 +133,9 @@ class TaylorLayout(Offsets):
         """Return the length of the work array: a state and its rows twice."""
         return 2 * int(self.ahead(order)) + 8
 
+    @cached_property
     def sizes(self) -> Any:
-        """Return the sizes as a record."""
+        """The sizes as a record, which is only read."""
         return SIZES.structure(**{name: int(getattr(self, name)) for name in SIZES.places})
 
 
