@@ -168,3 +168,10 @@ def test_names_from_elsewhere_are_understood(given: str, meant: str) -> None:
 def test_a_tableau_is_a_method() -> None:
     method: Any = find("rk4")
     assert find(method.tableau).name == "rk4"
+
+
+def test_an_entry_point_is_loaded_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To load it takes as long as a short run. Its class is called for each run."""
+    first = find("scipy-rk45")
+    monkeypatch.setattr(EntryPoint, "load", None)
+    assert find("scipy-rk45") == first

@@ -39,6 +39,13 @@ def test_it_passes_through_the_accepted_states_whatever_the_interpolant_does() -
     assert np.array_equal(found(np.array([0.0, 1.0])).T, ends)
 
 
+def test_a_step_whose_path_is_no_number_is_a_line() -> None:
+    """The states at its ends are sound, and the solver went on."""
+    ends = np.array([1.0, -1.0]), np.array([2.0, -3.0])
+    found = StepInterpolant.read((0.0, 1.0), ends, (0.0, 1.0), lambda s: np.array([s, np.where(s > 0.5, s, np.nan)]), 5)
+    np.testing.assert_allclose(found(np.array([0.0, 0.25, 1.0])), [[1.0, 1.25, 2.0], [-1.0, -1.5, -3.0]], atol=1e-15)
+
+
 @pytest.mark.parametrize("spacings", [1, 3, 40, 250])
 def test_a_step_of_a_few_spacings_is_a_line(spacings: int) -> None:
     """Between rounded times the states of an interpolant go up in stairs; longer ones rise all the same."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import threading
 import time
 import warnings
@@ -9,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.integrate
 
 import lagrange as lg
 from lagrange.errors import StatementError
@@ -38,6 +40,32 @@ def test_reaches_the_end_with_a_path_between_the_steps(method: Any, t1: float) -
     times = np.linspace(t1, 0, 500)
     np.testing.assert_allclose(run.dense(times), [np.cos(times), -np.sin(times)], atol=2e-5)
     np.testing.assert_allclose(run.dense(run.t), run.y, atol=1e-12)
+
+
+@pytest.mark.parametrize(("t0", "t1", "rtol"), [(0.0, 7.0, 0.05), (0.0, -7.0, 1e-9), (1e3, 1005.0, 1e-6)])
+@pytest.mark.parametrize("name", ["rk23", "rk45", "dop853"])
+def test_a_step_taken_again_has_the_path_that_it_had(name: str, t0: float, t1: float, rtol: float) -> None:
+    """A run with output times reads the solver's own paths as it goes; one without takes the steps again."""
+    model = lg.scene("elastic-pendulum").compile()
+    times = np.linspace(t0, t1, 400)
+    there = lg.integrate(model, (t0, t1), method=f"scipy-{name}", rtol=rtol, t_eval=times)
+    again = lg.integrate(model, (t0, t1), method=f"scipy-{name}", rtol=rtol)
+    assert there.steps == again.steps and there.evaluations >= again.evaluations
+    # The length of a step is rounded with the times at its ends.
+    np.testing.assert_allclose(again.at(times), there.y, rtol=0, atol=1e-12)
+    assert np.array_equal(again.at(again.t), again.y)
+
+
+def test_no_path_is_made_that_nobody_reads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The evaluations are those of the steps, 12 for each of dop853, with two at the start of a motion."""
+    model = lg.scene("pendulum").compile()
+    monkeypatch.setattr(scipy.integrate.DOP853, "dense_output", None)
+    found = lg.integrate(model, (0.0, 5.0), method=DOP853(first_step=0.1), rtol=1e-8, atol=1e-8)
+    assert found.evaluations <= 12 * (found.steps + found.trajectory.rejected) + 3
+    monkeypatch.undo()
+    assert (
+        np.isfinite(found.at([0.1, 2.3])).all() and np.isfinite(pickle.loads(pickle.dumps(found)).at([0.1, 2.3])).all()
+    )
 
 
 def test_step_and_time_limits_keep_what_was_computed(method: Any) -> None:

@@ -192,7 +192,7 @@ def find(method: Any) -> Integrator:
     if method in _registered:
         return _registered[method]()
     if method in _offered():
-        made: Integrator = _offered()[method].load()()
+        made: Integrator = _loaded(method)()
         return made
     meant = FOREIGN_NAMES.get(method.lower())
     hint = f" Did you mean {meant!r}?" if meant else suggestion(method.lower(), names())
@@ -224,6 +224,13 @@ def _about(name: str, integrator: Integrator) -> str:
             return integrator.source or "a composition of kicks and drifts"
     summary = next(iter((described.__doc__ or "").strip().splitlines()), "")
     return summary.removeprefix("Return ").rstrip(".")
+
+
+@cache
+def _loaded(name: str) -> Callable[[], Integrator]:
+    """Return the class of a method of another distribution; to load an entry point takes as long as a short run."""
+    found: Callable[[], Integrator] = _offered()[name].load()
+    return found
 
 
 @cache

@@ -51,6 +51,8 @@ class StepInterpolant:
         else:
             inner = interpolant(first + x[1:-1, 0] * (last - first)).T
             values = np.concatenate([ends[0][None], inner, ends[1][None]])
+            if not np.isfinite(inner).all():
+                values = (1 - x) * ends[0] + x * ends[1]
         return cls(times[0], times[1] - times[0], values)
 
     def __call__(self, times: FloatArray) -> FloatArray:
