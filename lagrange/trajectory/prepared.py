@@ -37,12 +37,16 @@ class IdleDriver(NamedTuple):
 
 @dataclass(eq=False)
 class Prepared:
-    """A plan, the method that made it, for a span of time, None for any; idle drivers by the bytes of parameters."""
+    """A plan, the method that made it, for a span of time, None for any; idle drivers by the bytes of parameters.
+
+    `steps` are as many as the last run took whose driver is not kept, or 0 where they took too long for one call.
+    """
 
     plan: Plan
     method: Planned | None = None
     span: tuple[float, float] | None = None
     idle: dict[bytes, IdleDriver] = field(default_factory=dict)
+    steps: int = 0
 
     def take(self, problem: Problem) -> IdleDriver | None:
         """Return an idle driver, which no other run has from now on, with the state at the start of the problem."""
@@ -58,7 +62,10 @@ class Prepared:
 
     def give(self, problem: Problem, taken: IdleDriver | None, driver: Driver, state: DriverState, steps: int) -> None:
         """Keep the driver of a run that has succeeded, and was `taken` or is new, for the next with its parameters."""
-        if self.method is None or problem.events or problem.t_eval is not None or self.plan.watched:
+        if self.method is None:
+            return
+        if problem.events or problem.t_eval is not None or self.plan.watched:
+            self.steps = steps
             return
         if taken is None:
             driver.adopt(state)

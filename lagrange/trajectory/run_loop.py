@@ -90,7 +90,7 @@ def _driven(problem: Problem, kept: Prepared, name: str) -> Trajectory:
             late = compiled_late(problem)
             # Compilation is done once for many runs and is not counted.
             began = time.perf_counter()
-            per_call = FIRST_STEPS_PER_CALL if idle is None else max(FIRST_STEPS_PER_CALL, idle.steps)
+            per_call = max(FIRST_STEPS_PER_CALL, kept.steps if idle is None else idle.steps)
             status, detail = (
                 (Status.MAX_WALL, late)
                 if late

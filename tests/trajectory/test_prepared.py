@@ -13,6 +13,7 @@ import sympy as sp
 import lagrange as lg
 from lagrange.errors import StatementError
 from lagrange.machine.model import Model
+from lagrange.machine.series.llvm_driver import LlvmTaylorDriver
 from lagrange.machine.state import Outcome
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
@@ -158,6 +159,25 @@ def test_a_second_run_with_the_same_events_plans_nothing(method: str, monkeypatc
     compiled.prepared.clear()
     for options, expected in zip(given, first, strict=True):
         assert same(run(compiled, 9.0, method, events=[x - k / 10, wall], **options), expected)
+
+
+@pytest.mark.parametrize("options", [{"events": [x]}, {"t_eval": np.linspace(0.0, 300.0, 7)}])
+def test_a_second_run_of_as_many_steps_is_one_call(options: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """With events or output times too, whose drivers are made anew."""
+    compiled, budgets = oscillator(), []
+    advance = LlvmTaylorDriver.advance
+
+    def counted(self: LlvmTaylorDriver, state: Any, budget: int, *arrays: Any) -> Outcome:
+        budgets.append(budget)
+        return advance(self, state, budget, *arrays)
+
+    monkeypatch.setattr(LlvmTaylorDriver, "advance", counted)
+    first = run(compiled, 300.0, "taylor", **options)
+    assert first.steps > budgets[0] and len(budgets) > 1
+    budgets.clear()
+    again = run(compiled, 300.0, "taylor", **options)
+    assert np.array_equal(again.t, first.t) and np.array_equal(again.y, first.y)
+    assert budgets == [first.steps + first.rejected + 2]
 
 
 def test_few_plans_and_drivers_are_kept() -> None:

@@ -136,6 +136,11 @@ def _sorted(p: Builder, count: Whole, keys: Memory) -> Iterator[tuple[Whole, Who
             j.value = j.value - 1
 
 
+def _both_zero(one: Memory, other: Memory, place: Whole) -> Flag:
+    found: Flag = one[place].equals(0.0) & other[place].equals(0.0)
+    return found
+
+
 class _Inspection:
     """Builds the procedure."""
 
@@ -219,12 +224,12 @@ class _Inspection:
 
     def terminates(self) -> Flag:
         """Whether the series of the state terminate, and say nothing about the length of a step."""
-        p, most, width = self.p, self.p.variable(0.0), self.layout.width
-        with p.loop(0, self.layout.dimension) as i:
-            for less in (0, 1):
-                row = self.rows.at((self.memory.order - less) * width)
-                most.value = p.larger(most.value, abs(row[i]))
-        found: Flag = most.value.equals(0.0)
+        p, width, place = self.p, self.layout.width, self.p.variable(0)
+        last = self.rows.at(self.memory.order * width)
+        before = self.rows.at((self.memory.order - 1) * width)
+        with p.repeat(lambda: (place.value < self.layout.dimension) & _both_zero(last, before, place.value)):
+            place.value = place.value + 1
+        found: Flag = place.value.equals(self.layout.dimension)
         return found
 
     def trusted(self, ends: Flag) -> Real:

@@ -28,7 +28,7 @@ def doubtful_events(layout: TaylorLayout) -> Procedure:
     s, everything = p.given("s", REAL), p.given("all", FLAG)
     doubtful = p.array("doubtful", room=BLOCK)
     run = SeriesMemory(p, layout, work_array(p))
-    width = 1 if layout.watched == 1 else PARTIAL if layout.watched <= PARTIAL else BLOCK
+    width = 1 if layout.watched == 1 else PARTIAL
     with p.each(layout.watched, width=width, unrolled=True) as i:
         start: Real = _row(run, 0)[i]
         end: Real = p.fma(_row(run, 1)[i], s, start)
