@@ -22,7 +22,7 @@ from typing import Any
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange
 from lagrange.errors import StatementError
 from lagrange.evidence.quick import quick_check
-from lagrange.evidence.regularity import check_mass_matrix
+from lagrange.evidence.regularity import check_regularity
 from lagrange.graph.node import Node
 from lagrange.machine.backend import Kernel, Machine, Series
 from lagrange.machine.kernel.interpreted import InterpretedKernel
@@ -74,10 +74,10 @@ def state(**stated: Any) -> Statement:
 
 
 def equations_of(statement: Statement) -> Equations:
-    """Return the equations of motion. Raises StatementError where no state gives every coordinate inertia."""
+    """Return the equations of motion. Raises StatementError where no state determines the motion."""
     equations = euler_lagrange(statement)
     # A mass matrix without coupled blocks is not evaluated, and numpy's machine is then not imported.
-    check_mass_matrix(equations, lambda name: Stages(equations, machine("numpy")).kernel(name), statement)
+    check_regularity(equations, lambda: Stages(equations, machine("numpy")), statement)
     return equations
 
 

@@ -12,9 +12,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from lagrange.equations.solve import value_somewhere
+from lagrange.errors import StatementError
 from lagrange.graph.differentiate import tangents
 from lagrange.graph.node import Binding, Node
 from lagrange.graph.rebuild import substitute
+from lagrange.statement.constraint import Constraint
+
+ROUND_OFF = 1e-12
+"""A value counts as zero below this part of the terms that cancel in it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +59,26 @@ class ConstraintEquations:
             graph.sum([(1, row[i] * one) for row, one in zip(self.gradient, multipliers, strict=True)])
             for i in range(len(self.gradient[0]))
         ]
+
+
+def check_rows(stated: Sequence[Constraint], constraints: ConstraintEquations) -> None:
+    """Raise StatementError for a constraint whose derivatives by the velocities are zero as they stand."""
+    for one, row in zip(stated, constraints.gradient, strict=True):
+        if all(entry is entry.graph.zero for entry in row):
+            raise StatementError(empty_constraint(one.name, value_somewhere(one.expression), 1.0))
+
+
+def empty_constraint(name: str, value: float, size: float) -> str:
+    """Return the refusal of a constraint that no coordinate and no velocity changes, by its value at some state."""
+    if abs(value) <= ROUND_OFF * size:
+        return (
+            f"the constraint {name!r} is always true: it is zero at every state tried, and constrains nothing. Leave "
+            "it out."
+        )
+    return (
+        f"the constraint {name!r} is never true: no coordinate and no velocity changes its value, which is {value:.6g} "
+        "where it was tried. Look for what was meant in it, or leave it out."
+    )
 
 
 def constraint_equations(

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from lagrange.equations.constraints import ConstraintEquations, constraint_equations
+from lagrange.equations.constraints import ConstraintEquations, check_rows, constraint_equations
 from lagrange.equations.solve_plan import SolvePlan, plan_of
 from lagrange.equations.state_layout import StateLayout
 from lagrange.equations.structure import Structure, find_structure
@@ -90,6 +90,8 @@ def euler_lagrange(statement: Statement) -> Equations:
     lagrangian = kinetic - potential
     held = {one.name: translate(one.expression) for one in statement.constraints}
     constraints = constraint_equations(held, [one.holonomic for one in statement.constraints], q, v, time)
+
+    check_rows(statement.constraints, constraints)
 
     momenta = conjugate_momenta(lagrangian, v)
     extra = applied_forces(applied, dissipation, v)

@@ -6,12 +6,13 @@ then the formula is wrong exactly there, at theta = pi/2 or with straight arms. 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import mpmath
 import sympy
-from sympy import Add, Integer, Mul, Rational, S
+from sympy import Add, Derivative, Integer, Mul, Rational, S
+from sympy.core.function import AppliedUndef
 
 from lagrange.equations.monomials import ONE, MonomialSum
 from lagrange.equations.terms import Algebra, TooLargeError, printable
@@ -74,12 +75,22 @@ def _minor(
 
 def vanishes(matrix: Sequence[Sequence[Any]]) -> bool:
     """Whether the determinant is zero at a point with nothing special about it, in 50 digits."""
-    symbols = sorted(set().union(*(entry.free_symbols for row in matrix for entry in row)), key=str)
-    point = {symbol: Rational(2 * i + 3, 2 * i + 7) + Rational(1, i + 11) for i, symbol in enumerate(symbols)}
+    point = _point(set().union(*(entry.free_symbols for row in matrix for entry in row)))
     with mpmath.workdps(50):
         numbers = mpmath.matrix([[_number(entry.xreplace(point)) for entry in row] for row in matrix])
         bound = mpmath.fprod(mpmath.norm(numbers[i, :]) for i in range(numbers.rows))
         return bool(abs(mpmath.det(numbers)) <= bound * mpmath.mpf(10) ** -30)
+
+
+def value_somewhere(expression: Any) -> float:
+    """Return the value of an expression at a point with nothing special about it."""
+    plain = expression.xreplace({leaf: sympy.Dummy(str(leaf)) for leaf in expression.atoms(AppliedUndef, Derivative)})
+    return float(sympy.N(plain.xreplace(_point(plain.free_symbols)), 30))
+
+
+def _point(symbols: Iterable[Any]) -> dict[Any, Any]:
+    ordered = sorted(symbols, key=str)
+    return {symbol: Rational(2 * i + 3, 2 * i + 7) + Rational(1, i + 11) for i, symbol in enumerate(ordered)}
 
 
 def _number(entry: Any) -> Any:

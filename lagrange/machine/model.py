@@ -18,6 +18,7 @@ from lagrange.machine.backend import FloatArray, Kernel, KernelProvider, Machine
 from lagrange.machine.calls import Quick, scalar, surely_finite
 from lagrange.machine.kernel.python_kernel import PythonKernel, printed
 from lagrange.machine.parameters import Parameters, ParameterValues
+from lagrange.machine.singular import singular_sentence
 from lagrange.program.catalogue import quantities_of
 from lagrange.program.switching import Switched
 from lagrange.statement.choice import one_of, text
@@ -286,11 +287,11 @@ class Model:
         try:
             result = kernel.columns(time, state, values) if q.ndim > 1 else kernel(time, np.concatenate(state), values)
         except SingularMassMatrix as error:
-            raise RunError(self.singular_message(time, q, error.column)) from error
+            raise RunError(self.singular_message(time, np.concatenate(state), error.column, values)) from error
         if self._alone and kernel.program.solved and not surely_finite(result):
             column = self.column_without_inertia(time, q, v, values)
             if column is not None:
-                raise RunError(self.singular_message(time, q, column))
+                raise RunError(self.singular_message(time, q, column, values))
         return result
 
     def _time(self, t: float | ArrayLike, q: FloatArray) -> float | FloatArray:
@@ -348,8 +349,13 @@ class Model:
         quick = self._masses.quick(self.parameter_array(parameters))
         return None if quick is None else quick.parts(t, q, v)
 
-    def singular_message(self, t: float | FloatArray, q: FloatArray, column: int | None = None) -> str:
-        """Return a sentence that says at which configuration q, the first n rows, the mass matrix is singular."""
+    def singular_message(
+        self, t: float | FloatArray, q: FloatArray, column: int | None = None, parameters: Parameters = None
+    ) -> str:
+        """Return a sentence that says at which configuration q there are no accelerations, and why.
+
+        `q` is (n,) or (n, batch), or has the velocities behind the coordinates.
+        """
         q = real_array(q, "q")
         if q.ndim not in (1, 2):
             raise StatementError(f"q has shape {q.shape}: give (n,), or (n, batch).")
@@ -357,11 +363,10 @@ class Model:
         t = self._time(t, q)
         chosen = q if q.ndim == 1 else q[:, column]
         time = float(np.broadcast_to(t, q.shape[1:])[column]) if q.ndim > 1 else float(np.asarray(t))
-        place = ", ".join(f"{name} = {x:.6g}" for name, x in zip(self.statement.names, chosen, strict=False))
-        return (
-            f"the mass matrix is singular at t = {time:.6g}, {place}: the accelerations are not determined there. "
-            "Start elsewhere, or choose coordinates that are regular at this configuration."
-        )
+        state = np.zeros(self.layout.size)
+        state[: len(chosen)] = chosen[: len(state)]
+        values = self.parameter_array(parameters) if len(self.equations.constraints) else state
+        return singular_sentence(self._made, self.equations, time, state, values)
 
     def _state(self, q: ArrayLike, v: ArrayLike) -> State:
         coordinates = self._vector(q, "q")

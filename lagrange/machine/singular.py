@@ -10,10 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
-from lagrange.machine.backend import FloatArray
+from lagrange.equations.euler_lagrange import Equations
+from lagrange.errors import listing
+from lagrange.graph.node import Node
+from lagrange.machine.backend import FloatArray, Kernel
 
 RANK = 1e-13
 """A singular value below this fraction of the largest counts as zero once rows and columns are scaled alike."""
@@ -23,6 +27,16 @@ NAMED_SHARE = 1e-6
 
 MOST_NAMED = 8
 """Most velocities that a message names."""
+
+
+class Provider(Protocol):
+    """What makes kernels for a few states: a model, or what a model is made of."""
+
+    def interpreted(self, name: str) -> Kernel:
+        """Return a quantity of the system."""
+
+    def function(self, name: str, nodes: tuple[Node, ...]) -> Kernel:
+        """Return nodes of the equations' graph as a function of t, q and v."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,17 +60,25 @@ def balanced(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
     return matrix / np.outer(scale, scale), scale
 
 
-def least_regular(mass: FloatArray, gradient: FloatArray) -> Singular | None:
+def scales(mass: FloatArray, gradient: FloatArray) -> FloatArray:
+    """Return what makes the rows of [[M, G^T], [G, 0]] comparable, (n + m,)."""
+    return balanced(_whole(mass, gradient))[1]
+
+
+def least_regular(mass: FloatArray, gradient: FloatArray, scale: FloatArray | None = None) -> Singular | None:
     """Return what is nearest to being singular, None where an entry is not finite.
 
-    `mass` is (n, n) and `gradient` (m, n).
+    `mass` is (n, n) and `gradient` (m, n). With the `scale` of another state, (n + m,), rows that are smaller than
+    there count as smaller; else all are scaled alike.
     """
     n, m = len(mass), len(gradient)
     if not (np.isfinite(mass).all() and np.isfinite(gradient).all()):
         return None
-    whole, scale = balanced(np.block([[mass, gradient.T], [gradient, np.zeros((m, m))]]))
+    alike = scale is None
+    scale = scales(mass, gradient) if scale is None else scale
+    whole = _whole(mass, gradient) / np.outer(scale, scale)
     held = whole[n:, :n]
-    dependent = _dependent(held, scale[n:]) if m else None
+    dependent = _dependent(held, scale[n:], alike=alike) if m else None
     if dependent is not None and dependent.regularity <= RANK:
         return dependent
     allowed = _kernel(held) if m else np.eye(n)
@@ -70,12 +92,16 @@ def least_regular(mass: FloatArray, gradient: FloatArray) -> Singular | None:
     return Singular(left, motion=allowed @ vectors[:, which] / scale[:n])
 
 
-def _dependent(held: FloatArray, scale: FloatArray) -> Singular:
-    """Return the combination of rows that is nearest to zero."""
+def _whole(mass: FloatArray, gradient: FloatArray) -> FloatArray:
+    return np.block([[mass, gradient.T], [gradient, np.zeros((len(gradient),) * 2)]])
+
+
+def _dependent(held: FloatArray, scale: FloatArray, *, alike: bool) -> Singular:
+    """Return the combination of rows that is nearest to zero, the rows made equally long if they count alike."""
     sizes = np.sqrt((held**2).sum(axis=1))
-    units = np.where(sizes > 0, sizes, 1.0)
+    units = np.where(sizes > 0, sizes, 1.0) if alike else np.ones(len(held))
     left, values, _ = np.linalg.svd(held / units[:, None])
-    least = float(values[-1] / (values[0] or 1.0)) if len(values) == len(held) else 0.0
+    least = float(values[-1] / ((values[0] or 1.0) if alike else 1.0)) if len(values) == len(held) else 0.0
     factors = left[:, -1] / units
     largest = np.abs(factors * units).max()
     rows = [(i, float(factors[i] / scale[i])) for i in range(len(held)) if abs(left[i, -1]) > NAMED_SHARE * largest]
@@ -85,6 +111,48 @@ def _dependent(held: FloatArray, scale: FloatArray) -> Singular:
 def _kernel(held: FloatArray) -> FloatArray:
     """Return a basis, (n, n - m), of what the rows allow."""
     return np.asarray(np.linalg.svd(held)[2][len(held) :].T)
+
+
+def matrices_at(
+    made: Provider, equations: Equations, t: float, y: FloatArray, parameters: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return M (n, n) and G (m, n) at a state (2n,)."""
+    held, n = equations.constraints, len(equations.q)
+    entries = tuple(entry for row in held.gradient for entry in row)
+    with np.errstate(all="ignore"):
+        mass = made.interpreted("mass_matrix")(t, y, parameters)
+        gradient = made.function("gradient", entries)(t, y, parameters) if entries else np.empty(0)
+    return mass, gradient.reshape(len(held), n)
+
+
+def singular_sentence(made: Provider, equations: Equations, t: float, y: FloatArray, parameters: FloatArray) -> str:
+    """Return a sentence for a state (2n,) without accelerations: where it is, what is singular, and the remedy."""
+    layout, names = equations.layout, equations.constraints.names
+    place = ", ".join([f"t = {t:.6g}", *(f"{name} = {x:.6g}" for name, x in zip(layout.coordinates, y, strict=False))])
+    found = least_regular(*matrices_at(made, equations, t, y, parameters)) if names else None
+    if found is None:
+        return (
+            f"the mass matrix is singular at {place}: the accelerations are not determined there. Start elsewhere, or "
+            "choose coordinates that are regular at this configuration."
+        )
+    if found.motion is not None:
+        return (
+            f"a motion with {motion_along(layout.rates, found.motion)} satisfies the constraints and has no inertia at "
+            f"{place}: the accelerations are not determined there. Add the kinetic energy that is missing, or start "
+            "elsewhere."
+        )
+    return f"{dependent_rows(names, found)} at {place}: {UNDETERMINED} Start elsewhere, or state one constraint less."
+
+
+UNDETERMINED = "the multipliers, and with them the accelerations, are not determined there."
+
+
+def dependent_rows(names: Sequence[str], found: Singular) -> str:
+    """Return which constraints are dependent, as the beginning of a sentence."""
+    involved = [repr(names[i]) for i, _ in found.rows]
+    if len(involved) == 1:
+        return f"the constraint {involved[0]} restricts no velocity, for all its derivatives by them vanish,"
+    return f"the constraints {listing(involved)} are dependent"
 
 
 def motion_along(names: Sequence[str], null: FloatArray) -> str:

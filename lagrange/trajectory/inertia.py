@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from lagrange.machine.backend import SingularMassMatrix
+from lagrange.machine.singular import dependent_rows, few, least_regular, matrices_at, motion_along, scales
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.messages import number, row_names
 from lagrange.trajectory.trajectory import FloatArray
@@ -24,13 +23,12 @@ DOMINANT_SHARE = 0.5
 In a fall to the centre of polar coordinates its share is zero.
 """
 
-MOST_NAMED = 8
-"""Most entries of a state, or velocities, that a message names."""
-
 
 def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
     """Return the message for a run that ends at a state (2n,) because a motion has lost its inertia, else ""."""
     model, parameters = problem.model, problem.parameter_array
+    if len(model.equations.constraints):
+        return _lost_rank(problem, t, y)
     kernel = model.kernel("mass_matrix")
     before, here = kernel(problem.t0, problem.y0, parameters), kernel(t, y, parameters)
     sizes = np.abs(np.diag(before))
@@ -43,12 +41,35 @@ def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
     left, null = float(abs(values[which])), vectors[:, which]
     if not left < LOST_INERTIA * least or not _moves_along(problem, t, y, null / units, units**2):
         return ""
-    place = _few([f"{name} = {number(x)}" for name, x in zip(row_names(problem), y, strict=True)])
+    place = few([f"{name} = {number(x)}" for name, x in zip(row_names(problem), y, strict=True)])
     return (
         f"the mass matrix d2L/dv2 degenerates there, at {place}: a motion with "
         f"{motion_along(model.layout.rates, null / units)} has {left / least:.2g} of the least inertia at the "
         "start, and its acceleration grows beyond all bounds. End the run before it, or state a Lagrangian that keeps "
         "its inertia."
+    )
+
+
+def _lost_rank(problem: Problem, t: float, y: FloatArray) -> str:
+    """Return the message for a run that ends where constraints become dependent, or a motion without inertia, or ""."""
+    model, parameters = problem.model, problem.parameter_array
+    before = matrices_at(model, model.equations, problem.t0, problem.y0, parameters)
+    here = matrices_at(model, model.equations, t, y, parameters)
+    scale = scales(*before)
+    first, found = least_regular(*before, scale), least_regular(*here, scale)
+    if first is None or found is None or not found.regularity < LOST_INERTIA * first.regularity:
+        return ""
+    place = few([f"{name} = {number(x)}" for name, x in zip(row_names(problem), y, strict=True)])
+    left = f"{found.regularity / first.regularity:.2g} of what it was at the start"
+    if found.motion is not None:
+        return (
+            f"the inertia of a motion with {motion_along(model.layout.rates, found.motion)}, which satisfies the "
+            f"constraints, vanishes there, at {place}: it is {left}. End the run before it, or state a Lagrangian that "
+            "keeps its inertia."
+        )
+    return (
+        f"{dependent_rows(model.equations.constraints.names, found)} there, at {place}: their least singular value is "
+        f"{left}, and the forces that keep them grow beyond all bounds. End the run before it."
     )
 
 
@@ -60,15 +81,3 @@ def _moves_along(problem: Problem, t: float, y: FloatArray, null: FloatArray, me
         return True
     size = float(np.sqrt(metric @ rate**2))
     return not np.isfinite(size) or abs(float((metric * null) @ rate)) >= DOMINANT_SHARE * size
-
-
-def motion_along(names: Sequence[str], null: FloatArray) -> str:
-    """Return a combination of velocities as text, such as ``x.dot = 1, y.dot = -0.5``."""
-    size = np.abs(null)
-    # The first of the largest entries is exactly 1.
-    null = null / null[np.argmax(size > 0.999 * size.max())]
-    return _few([f"{name}.dot = {x:.4g}" for name, x in zip(names, null, strict=True) if abs(x) > 1e-9])
-
-
-def _few(parts: list[str]) -> str:
-    return ", ".join(parts if len(parts) <= MOST_NAMED else [*parts[: MOST_NAMED - 1], "and so on"])

@@ -19,12 +19,13 @@ from lagrange.statement.event import declare_events
 from lagrange.statement.number import real_array, real_number
 from lagrange.trajectory.conservation import energy, verified
 from lagrange.trajectory.constraints.consistent import consistent_start, moved_sentence
+from lagrange.trajectory.constraints.dependence import refuse_dependent
 from lagrange.trajectory.integrator import Integrator, Problem, run_by
 from lagrange.trajectory.memory_limit import memory_limit
 from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.options import DEFAULT_OPTIONS, RunOptions
 from lagrange.trajectory.plan import locates_events
-from lagrange.trajectory.trajectory import FloatArray, Trajectory
+from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 SPAN_ROUND_OFF = 1e-12
 """Output times beyond an end of the span by less than this relative amount are set to that end."""
@@ -74,6 +75,8 @@ def integrate(
     _check_events(problem, integrator)
     before = _check_start(problem)
     trajectory = run_by(integrator, problem)
+    if trajectory.status is Status.SINGULAR and not trajectory.steps and statement.constraints:
+        refuse_dependent(model, t0, start, problem.parameter_array)
     if start is not given:
         trajectory = replace(trajectory, message=f"{trajectory.message} {moved_sentence(model, given, start)}")
     return verified(problem, trajectory, before, adaptive=integrator.claims.adaptive), values

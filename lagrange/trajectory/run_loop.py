@@ -190,7 +190,7 @@ def _check_first_slope(
     except SingularMassMatrix:
         singular, slope = True, y0
     if singular:
-        detail = model.singular_message(problem.t0, y0)
+        detail = model.singular_message(problem.t0, y0, None, parameters)
         return Status.SINGULAR, message(Status.SINGULAR, problem, problem.t0, y0, name, detail=detail)
     if not np.isfinite(slope).all():
         return Status.NON_FINITE, message(Status.NON_FINITE, problem, problem.t0, problem.y0, name, slope=slope)
@@ -292,7 +292,12 @@ def _final_sentence(problem: Problem, plan: Plan, name: str, state: DriverState,
     if (fault := state.fault) is not None:
         return told(fault.t, fault.y, name, slope=fault.slope, detail=fault.detail)
     if status is Status.SINGULAR:
-        return told(state.t, state.y, name, detail=problem.model.singular_message(state.t, state.y))
+        return told(
+            state.t,
+            state.y,
+            name,
+            detail=problem.model.singular_message(state.t, state.y, None, problem.parameter_array),
+        )
     if status is Status.DIVERGED:
         return told(state.t, state.y, name, detail=unsolved(state.reals[DriverState.RESIDUAL]))
     if status is not Status.NON_FINITE or cause:

@@ -11,12 +11,12 @@ from sympy import cos, sin
 from lagrange.compiler import Stages, machine
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange
 from lagrange.errors import StatementError
-from lagrange.evidence.regularity import check_mass_matrix
+from lagrange.evidence.regularity import check_regularity
 from tests.models import SYSTEMS, M, chain, k, l, laws, m, stated, theta, x, y, z
 
 
 def checked(equations: Equations) -> None:
-    check_mass_matrix(equations, Stages(equations, machine("numpy")).kernel)
+    check_regularity(equations, lambda: Stages(equations, machine("numpy")))
 
 
 def refusal(**given: Any) -> str:

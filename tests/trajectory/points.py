@@ -101,5 +101,5 @@ class Singular(Point):
             raise SingularMassMatrix
         return super().rhs(t, y)
 
-    def singular_message(self, t: float, y: Any) -> str:
+    def singular_message(self, t: float, y: Any, column: Any, parameters: Any) -> str:
         return f"the mass matrix of the clock is singular at x = {y[0]:.1f}."

@@ -9,7 +9,7 @@ import pytest
 from sympy import Abs
 
 from lagrange.machine.model import Model
-from lagrange.trajectory.inertia import MOST_NAMED, motion_along
+from lagrange.machine.singular import MOST_NAMED, motion_along
 from lagrange.trajectory.trajectory import Status, Trajectory
 from tests.models import TARGETS, build, x, y
 from tests.trajectory.runs import run

@@ -142,7 +142,7 @@ def test_a_state_below_atol_is_spoken_of(method: Any) -> None:
 def test_a_start_without_inertia_is_singular(method: Any) -> None:
     given = problem(oscillator)
     given.model.column_without_inertia = lambda *_: 0
-    given.model.singular_message = lambda t, y: "x has no inertia there."
+    given.model.singular_message = lambda *_: "x has no inertia there."
     run = method.integrate(given)
     assert run.status is Status.SINGULAR and "x has no inertia there" in run.message and len(run.t) == 1
 

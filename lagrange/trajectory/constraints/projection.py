@@ -59,24 +59,35 @@ class Projection:
 
     def of(self, y: FloatArray) -> FloatArray:
         """Return the nearest state on the constraints. Raises StatementError where there is none."""
-        metric, after = self.metric(y), y.copy()
-        units = units_of(metric)
-        for part, rows in enumerate((self.model.layout.q, self.model.layout.v)):
-            if part:
-                metric = self.metric(after)
-
-            def surface(entries: FloatArray, part: int = part, rows: slice = rows) -> Residuals:
-                moved = after.copy()
-                moved[rows] = entries
-                return self._at(part, moved, units)
-
-            self.differentiable(surface(after[rows]), part, after)
-            nearest, found = Nearest(surface, metric, self.free[rows]).of(after[rows])
+        units, after = units_of(self.metric(y)), y
+        for part in (0, 1):
+            self.differentiable(self._at(part, after, units), part, after)
+            after, found = self._nearest(part, after, units)
             if not found.largest <= ON_SURFACE:
-                after[rows] = nearest
                 raise StatementError(self._not_met(found, part, after))
-            after[rows] = nearest
         return after
+
+    def reached(self, y: FloatArray) -> FloatArray | None:
+        """Return the nearest state on the constraints, or None where there is none."""
+        units, after = units_of(self.metric(y)), y
+        for part in (0, 1):
+            after, found = self._nearest(part, after, units)
+            if not found.largest <= ON_SURFACE:
+                return None
+        return after
+
+    def _nearest(self, part: int, y: FloatArray, units: FloatArray) -> tuple[FloatArray, Residuals]:
+        """Return the state whose coordinates, or velocities, are nearest to those of a state, or where it gave up."""
+        rows = (self.model.layout.q, self.model.layout.v)[part]
+
+        def moved(entries: FloatArray) -> FloatArray:
+            after = y.copy()
+            after[rows] = entries
+            return after
+
+        nearest = Nearest(lambda entries: self._at(part, moved(entries), units), self.metric(y), self.free[rows])
+        found, residuals = nearest.of(y[rows])
+        return moved(found), residuals
 
     def differentiable(self, found: Residuals, part: int, y: FloatArray) -> None:
         """Raise StatementError where a constraint has no value, or no derivative, at a state."""

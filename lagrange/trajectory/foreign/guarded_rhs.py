@@ -130,7 +130,8 @@ class GuardedRhs:
 
     def _refused(self, t: float, y: FloatArray) -> None:
         if np.isfinite(y).all():
-            self._remember(Fault(Status.SINGULAR, t, y.copy(), detail=self.problem.model.singular_message(t, y)))
+            detail = self.problem.model.singular_message(t, y, None, self.problem.parameter_array)
+            self._remember(Fault(Status.SINGULAR, t, y.copy(), detail=detail))
         else:
             self._remember(Fault(Status.NON_FINITE, t, y.copy()))
 

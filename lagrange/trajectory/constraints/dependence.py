@@ -1,0 +1,94 @@
+"""Constraints that are dependent at a state: there alone, or at all states around it that satisfy them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lagrange.errors import StatementError, listing
+from lagrange.machine.backend import FloatArray
+from lagrange.machine.model import Model
+from lagrange.machine.singular import Singular, dependent_rows, least_regular
+from lagrange.trajectory.constraints.projection import Projection
+from lagrange.trajectory.constraints.residuals import residuals_of, units_of
+
+AROUND = 1e-2
+"""How far around a state others are tried, relative to the largest coordinate: rows that are dependent at one
+configuration alone are then independent by about as much."""
+
+SAMPLES = 4
+"""States tried around one."""
+
+DEPENDENT = 1e-8
+"""Rows are dependent on the surface where their least singular value is below this part of the largest: a state is on
+the surface up to 1e-12, and off it rows that are dependent on it differ by as much."""
+
+VANISHING = 1e-3
+"""A row that shrinks to this part of itself over so short a way vanishes: of a square 1e-6 / AROUND are left."""
+
+
+def dependence_around(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> Singular | None:
+    """Return the rows that are dependent at a state and at all states on the constraints around it, or None."""
+    projection, first = Projection(model, t, parameters), None
+    units = units_of(projection.metric(y))
+    random, (q, v) = np.random.default_rng(11), model.layout.split(y)
+    size = AROUND * (np.abs(units * q).max(initial=0.0) or 1.0) / units
+    tried = [y, *(np.concatenate([q + size * random.uniform(-1.0, 1.0, len(q)), v]) for _ in range(SAMPLES))]
+    for state in tried:
+        reached = projection.reached(state)
+        if reached is None:
+            continue
+        found = _vanishing(model, t, state, reached, parameters) or _rows(model, t, reached, parameters)
+        if found is None:
+            return None
+        first = found if first is None else first
+    return first
+
+
+def refuse_dependent(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> None:
+    """Raise StatementError if constraints are dependent at a state without accelerations, and all around it."""
+    found = dependence_around(model, t, y, parameters)
+    if found is not None:
+        raise StatementError(dependent_everywhere(residuals_of(model).names, found))
+
+
+def _rows(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> Singular | None:
+    """Return the dependent rows of G at a state, or None if they are independent."""
+    gradient = residuals_of(model).gradient(t, y, parameters)
+    # Independent of the masses: only the rows count.
+    found = least_regular(np.eye(gradient.shape[1]), gradient)
+    return found if found is not None and found.rows and found.regularity <= DEPENDENT else None
+
+
+def _vanishing(model: Model, t: float, off: FloatArray, on: FloatArray, parameters: FloatArray) -> Singular | None:
+    """Return a row that is much smaller on the surface than off it, as that of a square is, or None."""
+    before, here = (np.abs(residuals_of(model).gradient(t, y, parameters)).max(axis=1) for y in (off, on))
+    which = np.flatnonzero(here < VANISHING * before)
+    return Singular(0.0, rows=((int(which[0]), 1.0),)) if len(which) else None
+
+
+def contradictory(model: Model, t: float, states: FloatArray, parameters: FloatArray) -> bool:
+    """Return whether no state that satisfies the constraints is found from any of some states, (2n, k)."""
+    projection = Projection(model, t, parameters)
+    return all(projection.reached(state) is None for state in states.T)
+
+
+def dependent_everywhere(names: tuple[str, ...], singular: Singular) -> str:
+    """Return the refusal of constraints that are dependent wherever they hold."""
+    involved = [repr(names[i]) for i, _ in singular.rows]
+    if len(involved) == 1:
+        return (
+            f"{dependent_rows(names, singular)} wherever it holds: state it without the square, or leave it out if it "
+            "holds always."
+        )
+    return (
+        f"{dependent_rows(names, singular)} here: where {listing(involved[:-1])} "
+        f"{'holds' if len(involved) == 2 else 'hold'}, {involved[-1]} restricts no further. Drop one of them."
+    )
+
+
+def contradiction(names: tuple[str, ...], singular: Singular) -> str:
+    """Return the refusal of dependent constraints that no state satisfies."""
+    return (
+        f"{dependent_rows(names, singular)} and contradict one another: no state was found that satisfies them "
+        "together. Drop one of them, or correct it."
+    )
