@@ -84,7 +84,8 @@ def vanishes(matrix: Sequence[Sequence[Any]]) -> bool:
 
 def value_somewhere(expression: Any) -> float:
     """Return the value of an expression at a point with nothing special about it."""
-    plain = expression.xreplace({leaf: sympy.Dummy(str(leaf)) for leaf in expression.atoms(AppliedUndef, Derivative)})
+    leaves = sorted(expression.atoms(AppliedUndef, Derivative), key=str)
+    plain = expression.xreplace({leaf: sympy.Dummy(str(leaf)) for leaf in leaves})
     return float(sympy.N(plain.xreplace(_point(plain.free_symbols)), 30))
 
 

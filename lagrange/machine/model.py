@@ -352,10 +352,7 @@ class Model:
     def singular_message(
         self, t: float | FloatArray, q: FloatArray, column: int | None = None, parameters: Parameters = None
     ) -> str:
-        """Return a sentence that says at which configuration q there are no accelerations, and why.
-
-        `q` is (n,) or (n, batch), or has the velocities behind the coordinates.
-        """
+        """Return a sentence on why there are no accelerations at coordinates q, or at states (2n,), or (2n, batch)."""
         q = real_array(q, "q")
         if q.ndim not in (1, 2):
             raise StatementError(f"q has shape {q.shape}: give (n,), or (n, batch).")
