@@ -74,9 +74,9 @@ def check_constraints(equations: Equations, provider: KernelProvider, statement:
     singular = _common_singular(tried.values(provider.interpreted("mass_matrix")), gradient)
     if singular is None:
         return
-    if singular.rows:
-        raise StatementError(_dependent(equations, provider, tried, singular))
-    raise StatementError(_undetermined(equations, singular))
+    if singular.motion is not None:
+        raise StatementError(_undetermined(equations, singular.motion))
+    raise StatementError(_dependent(equations, provider, tried, singular))
 
 
 def _dependent(equations: Equations, provider: KernelProvider, tried: Tried, singular: Singular) -> str:
@@ -142,9 +142,9 @@ def _common_singular(mass: FloatArray, gradient: FloatArray) -> Singular | None:
     return first
 
 
-def _undetermined(equations: Equations, singular: Singular) -> str:
+def _undetermined(equations: Equations, motion: FloatArray) -> str:
     return (
-        f"a motion with {motion_along(equations.layout.rates, singular.motion)} satisfies the constraints and has no "
+        f"a motion with {motion_along(equations.layout.rates, motion)} satisfies the constraints and has no "
         "inertia at every state tried, so these accelerations are not determined. Add the kinetic energy that is "
         "missing, or use fewer coordinates."
     )

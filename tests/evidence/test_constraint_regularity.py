@@ -137,8 +137,8 @@ def test_a_four_bar_passes_its_change_point_where_the_motion_is_smooth(method: s
         constraints={"along": cos(a) + 2 * cos(b) - cos(s) - 2, "across": sin(a) + 2 * sin(b) - sin(s)},
         initial={a: 0.7, s: 0.7, a.dot: 1.0, s.dot: 1.0},
     )
-    step = {"step": 0.01} if method == "rk4" else {}
-    solution = bars.run(10.0, method=method, check=False, **step)
+    step = 0.01 if method == "rk4" else None
+    solution = bars.run(10.0, method=method, check=False, step=step)
     assert solution.status is lg.Status.SUCCESS
     assert solution.y[:, -1] == pytest.approx([10.7, 0.0, 10.7, 1.0, 0.0, 1.0], abs=1e-9)
 
