@@ -19,8 +19,7 @@ from lagrange.trajectory.events.ending import EventResult
 from lagrange.trajectory.events.step_watch import StepWatch
 from lagrange.trajectory.integrator import Claims, Integrator, Problem
 from lagrange.trajectory.outputs import FollowedSteps
-from lagrange.trajectory.paths.piecewise import MotionsPath
-from lagrange.trajectory.paths.step_paths import StepPath
+from lagrange.trajectory.paths.step_paths import MotionsPath, StepPath
 from lagrange.trajectory.tolerances import Tolerances
 from lagrange.trajectory.trajectory import FloatArray
 
@@ -162,7 +161,8 @@ class StepPlan:
         """Return the dense output that the method has, of each motion between two resets by itself."""
         if watch is None or not len(watch.breaks):
             return self.path_of(problem, times, states)
-        return MotionsPath(times, states, watch.breaks.since(0), partial(self.path_of, problem))
+        path = self.path_of(problem, times[:1], states[:1])
+        return MotionsPath(times, states, watch.breaks.since(0), path)
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
         """Take the failed step again, in a simpler way if it is implicit; see `Plan`."""

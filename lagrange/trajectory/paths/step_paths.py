@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial.polynomial import polyval
+from numpy.typing import NDArray
 
 from lagrange.machine.backend import DensePath, FloatArray, Places
 from lagrange.machine.model import Model
@@ -51,6 +52,43 @@ class StepPath:
     def inside(self, steps: Places, theta: FloatArray) -> FloatArray:
         """Return the states at the same fractions theta (K,) of each of some steps (k,), (2n, k, K)."""
         return np.asarray(polyval(theta, self.dense.coefficients(self.times, self.states, steps)))
+
+
+@dataclass(frozen=True, eq=False)
+class MotionsPath:
+    """Dense output of a run with resets: the path of each motion by itself, from times (K,) to states (2n, K).
+
+    `times` (S+1,) and `states` (S+1, 2n) are those of the run. Behind some rows the motion is another; the step before
+    may have been cut: its whole end, at a time that is NaN for none, is what its path goes through. A `path` through
+    some states of the run tells of which kind it is.
+    """
+
+    times: FloatArray
+    states: FloatArray
+    breaks: tuple[NDArray[np.int64], FloatArray, FloatArray]
+    path: StepPath
+
+    def __call__(self, times: FloatArray) -> FloatArray:
+        """Return the states at the times, in any order, (2n, K); at a reset that behind it."""
+        found = np.empty((self.states.shape[1], len(times)))
+        rows = self.breaks[0][self.breaks[0] < len(self.times) - 1]
+        forward = 1.0 if self.times[-1] >= self.times[0] else -1.0
+        motions = np.searchsorted(forward * self.times[rows], forward * times, side="right")
+        order = np.argsort(motions, kind="stable")
+        for group in np.split(order, np.flatnonzero(np.diff(motions[order])) + 1):
+            if len(group):
+                found[:, group] = self._motion(int(motions[group[0]]))(times[group])
+        return found
+
+    def _motion(self, number: int) -> StepPath:
+        """Return the path of a motion by its number."""
+        rows, ends, whole = self.breaks
+        begin = int(rows[number - 1]) + 1 if number else 0
+        last = int(rows[number]) if number < len(rows) else len(self.times) - 1
+        t, y = self.times[begin : last + 1], self.states[begin : last + 1]
+        if number < len(rows) and not np.isnan(ends[number]):
+            t, y = np.append(t[:-1], ends[number]), np.concatenate([y[:-1], whole[number][None]])
+        return replace(self.path, times=t, states=y)
 
 
 def sorted_along(forward: bool, times: FloatArray, at: Callable[[FloatArray], FloatArray]) -> FloatArray:
