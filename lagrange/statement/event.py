@@ -149,6 +149,8 @@ def declare_events(events: Any, statement: Statement) -> tuple[Event, ...]:
                 f"event {place} is {str(one.expression)[:80]}, which stays as it is along a run: give an expression in "
                 "coordinates, velocities and t that becomes zero on the way."
             )
+        if not one.reset:
+            continue
         rows = state_rows(statement.coordinates)
         if len({rows[key] for key in one.reset if key in rows}) < sum(key in rows for key in one.reset):
             raise StatementError(f"the reset of event {place} names the same coordinate or velocity twice.")

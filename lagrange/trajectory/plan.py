@@ -159,10 +159,11 @@ class StepPlan:
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: StepWatch | None) -> PathFunction:
         """Return the dense output that the method has, of each motion between two resets by itself."""
-        if watch is None or not len(watch.breaks):
+        if watch is None:
             return self.path_of(problem, times, states)
-        path = self.path_of(problem, times[:1], states[:1])
-        return MotionsPath(times, states, watch.breaks.since(0), path)
+        known = watch.path_of.known
+        path = self.path_of(problem, times, states) if known is None else replace(known, times=times, states=states)
+        return MotionsPath(times, states, watch.breaks.since(0), path) if len(watch.breaks) else path
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
         """Take the failed step again, in a simpler way if it is implicit; see `Plan`."""

@@ -127,6 +127,20 @@ def test_regular_steps_are_not_sampled_on_arrays(monkeypatch: pytest.MonkeyPatch
     assert len(found.t) > 2000 and len(reviews) < 9
 
 
+@pytest.mark.parametrize("direction", [0, 1, -1])
+def test_a_start_on_a_section_is_no_event_and_is_not_sampled_on_arrays(
+    direction: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    of, _ = systems()["Henon-Heiles"]
+    monkeypatch.setattr("lagrange.trajectory.events.step_batch.StepBatch.of", refuse)
+    start = {"x": 0.1, "y": 0.0, "x_dot": 0.3, "y_dot": 0.2}
+    found = run(of, 300.0, "dop853", initial=start, events=[event(y, direction=direction)], rtol=1e-9, atol=1e-9)
+    below = found.y[1, 1:] < 0
+    rises, falls = (below[:-1] & ~below[1:]).sum(), (~below[:-1] & below[1:]).sum()
+    assert len(found.t_events[0]) == {0: rises + falls, 1: rises, -1: falls}[direction] > 10
+    assert found.t_events[0][0] > 1
+
+
 def test_a_short_run_compiles_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     of, initial = systems()["Henon-Heiles"]
     monkeypatch.setattr("lagrange.machine.llvm_machine.LlvmMachine.event_steps", refuse)

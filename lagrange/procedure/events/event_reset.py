@@ -17,6 +17,7 @@ from lagrange.procedure.events.event_run import (
     count,
     number,
 )
+from lagrange.procedure.events.step_zeros import ANYHOW, UNKNOWN
 from lagrange.procedure.form import FLAG, Procedure
 from lagrange.procedure.step.constants import EARLIEST
 from lagrange.procedure.values import Flag, Memory, Real, Whole
@@ -130,5 +131,6 @@ class _Reset:
             mine = e.equals(event)
             review.sign[e], review.near[e] = 0, 0
             review.stayed[e] = p.choose(mine, abs(self.before_values[e]), 0.0)
-            review.came[e] = p.choose(mine, run.way + 2, 0)
+            others = p.choose(given.setting(RESET_SIZE, e)[0].equals(0), p.whole(ANYHOW), p.whole(UNKNOWN))
+            review.came[e] = p.choose(mine, run.way + 2, others)
         run.starts, run.due = 1, 0

@@ -58,6 +58,9 @@ REVIEW = Record.of(
     way          the direction of its zero, and `place` where in the step that is
 """
 
+UNKNOWN, ANYHOW = 0, 5
+"""In place of a direction: it is for others to say what happens where an event starts at zero, and nothing does."""
+
 MOST_ZEROS = 128
 """So many zeros on one step are dealt with here."""
 
@@ -67,7 +70,7 @@ class ReviewArguments:
 
     `sign` and `near` are the sides of the events, settled or not. `direction` says which zeros count, 0 for all, and
     `remaining` how many of them until the motion changes, 0 or below for never. Where the motion starts, some events
-    have `stayed` at zero to a size, to which they `came` in a direction, less 2, or 0.
+    have `stayed` at zero to a size, to which they `came` in a direction, less 2; see also `UNKNOWN` and `ANYHOW`.
     """
 
     def __init__(self, p: Builder) -> None:
@@ -116,7 +119,7 @@ class StepZeros:
                 self.leave(why, step)
 
     def begin_at_zero(self, step: Whole) -> None:
-        """Note which events start at zero in the first step of a block; nothing but what was reset there may."""
+        """Note which events start at zero in the first step of a block; one with a reset has to come from there."""
         p, record = self.p, self.record
         starts = (~record.starts.equals(0) & step.equals(record.begin)).called("begins")
         with p.loop(0, self.samples.events) as e:
@@ -126,7 +129,7 @@ class StepZeros:
                 start = values[0]
                 size = p.larger(self.samples.edge(start, values[(COARSE + 1) * LANES]), 4.0 * self.given.stayed[e])
                 with p.when(~(abs(start) > size)):
-                    self.leave(IRREGULAR, step, condition=self.given.came[e].equals(0))
+                    self.leave(IRREGULAR, step, condition=self.given.came[e].equals(UNKNOWN))
                     self.starting[e], self.given.levels[e] = 1, start
 
     def may_vanish(self, b: Whole, e: Whole) -> Flag:

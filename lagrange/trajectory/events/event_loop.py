@@ -6,12 +6,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lagrange.equations.euler_lagrange import Equations
 from lagrange.graph.node import Binding
 from lagrange.machine.backend import DensePath, Driver
 from lagrange.machine.step_events import EventSteps, Reaction, StepEventMemory
 from lagrange.procedure.dense.hermite import hermite_polynomial
+from lagrange.procedure.events.step_zeros import ANYHOW, UNKNOWN
 from lagrange.program.program import Program
 from lagrange.trajectory.events.actions import Impact
 from lagrange.trajectory.events.event_log import Breaks, Occurrences
@@ -103,18 +105,18 @@ class EventLoop:
         resets = np.array([one.reset for one in impacts])
         memory.remaining[:] = np.where(resets, 1, memory.until_end)
         memory.stayed[:] = [stayed.get(i, 0.0) for i in range(len(impacts))]
-        memory.came[:] = [2 + zeros[i] if i in zeros else 0 for i in range(len(impacts))]
+        unmet = [UNKNOWN if one.reset else ANYHOW for one in impacts]
+        memory.came[:] = [2 + zeros[i] if i in zeros else other for i, other in enumerate(unmet)]
 
     def collect(self, occurrences: Sequence[Occurrences], breaks: Breaks, steps: int) -> None:
         """Take over events and changes of the motion; those on steps that wait count when these do."""
         memory = self.memory
         waits, proven, found = memory.waits, memory.run.proven, memory.happened()
-        before = np.arange(len(found.which)) < proven
-        parts = [(before, memory.taken), (~before, memory.reviewed)] if waits else [(found.which >= 0, steps)]
-        for which, zeros in enumerate(occurrences):
-            for part, taken in parts:
-                mine = part & (found.which == which)
-                zeros.extend(found.when[mine], found.there[mine], taken)
+        if waits:
+            _keep(occurrences, found.which[:proven], found.when[:proven], found.there[:proven], memory.taken)
+            _keep(occurrences, found.which[proven:], found.when[proven:], found.there[proven:], memory.reviewed)
+        else:
+            _keep(occurrences, found.which, found.when, found.there, steps)
         breaks.extend(found.rows, found.times, found.states)
 
     @property
@@ -126,5 +128,19 @@ class EventLoop:
     @property
     def zeros(self) -> dict[int, int]:
         """The directions with which events came to zero where the motion starts."""
-        came = self.memory.came
-        return {int(i): int(came[i]) - 2 for i in np.flatnonzero(came)}
+        came = self.memory.came.tolist()
+        return {i: way - 2 for i, way in enumerate(came) if way not in (UNKNOWN, ANYHOW)}
+
+
+def _keep(
+    occurrences: Sequence[Occurrences], which: NDArray[np.int64], when: FloatArray, there: FloatArray, steps: int
+) -> None:
+    """Keep zeros that have happened with so many steps: they are in order, those of each event are put together."""
+    if len(occurrences) == 1:
+        occurrences[0].extend(when, there, steps)
+    elif len(which):
+        order = np.argsort(which, kind="stable")
+        when, there = when[order], there[order]
+        ends = np.cumsum(np.bincount(which, minlength=len(occurrences))).tolist()
+        for zeros, begin, end in zip(occurrences, [0, *ends], ends, strict=False):
+            zeros.extend(when[begin:end], there[begin:end], steps)
