@@ -63,6 +63,11 @@ class Equations:
         """The symbols of the state by part, as programs read them."""
         return {"q": self.q, "v": self.v}
 
+    @property
+    def solution(self) -> tuple[Node, ...]:
+        """The unknowns that `plan` solves for: the accelerations, and the multipliers with the other sign."""
+        return (*self.accelerations, *(-one for one in self.multipliers))
+
     def translate(self, expression: Any) -> Node:
         """Return the node of a SymPy expression in q, v, accelerations, parameters and t."""
         return self._translator(expression)

@@ -22,8 +22,8 @@ from lagrange.machine.singular import singular_sentence
 from lagrange.program.catalogue import quantities_of
 from lagrange.program.switching import Switched
 from lagrange.statement.choice import one_of, text
+from lagrange.statement.event import check_multipliers
 from lagrange.statement.expression import expression as expression_of
-from lagrange.statement.multiplier import multiplier
 from lagrange.statement.number import real_array, real_number, whole_number
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
@@ -36,7 +36,6 @@ FUNCTIONS_KEPT = 64
 
 SERIES_KEPT = 16
 """Number of series with events that are cached, beside the one without; each takes some 2 MB of machine code."""
-
 
 NO_QUANTITY = "{given} is no quantity of a model: they are {known}."
 
@@ -218,6 +217,8 @@ class Model:
         Constraint i exerts the generalized forces lambda_i dpsi_i/dv, psi being the constraint on the velocities.
         Raises StatementError for a system without constraints.
         """
+        if not self.statement.constraints:
+            raise StatementError(f"{self.statement.name} has no constraints, and so no multipliers.")
         return self._of_parts("multipliers", t, q, v, parameters)
 
     def evaluate(
@@ -234,18 +235,17 @@ class Model:
     def evaluate_expression(
         self, expression: Any, t: ArrayLike, y: ArrayLike, parameters: Parameters = None
     ) -> FloatArray:
-        """Return a SymPy expression in coordinates, velocities, accelerations, parameters and t along states.
+        """Return a SymPy expression in q, v, accelerations, multipliers, parameters and t along states, (batch,).
 
-        `y` has shape (2n, batch) and `t` (batch,); the result has shape (batch,). Raises StatementError for an
-        expression with anything else in it.
+        `y` has shape (2n, batch) and `t` (batch,). Raises StatementError for an expression with anything else in it.
         """
         expression = expression_of(expression, "the expression")
         survey = Survey()
         survey.add(expression, "the expression", accelerations=True, multipliers=True)
-        leaves = (*survey.coordinates, *survey.parameters, *map(multiplier, survey.multipliers))
-        unknown = [leaf for leaf in leaves if leaf not in self.equations.leaves]
-        if unknown:
-            raise StatementError(f"the expression contains {unknown[0]}, which this system does not have.")
+        check_multipliers(survey.multipliers, "the expression", self.statement)
+        for leaf in (*survey.coordinates, *survey.parameters):
+            if leaf not in self.equations.leaves:
+                raise StatementError(f"the expression contains {leaf}, which this system does not have.")
         kernel = self.function("expression", (self.equations.translate(expression),))
         return np.asarray(self._call(kernel, t, self._checked_state(y), parameters)[0])
 

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 from itertools import combinations
+from types import MappingProxyType
 
 from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, reachable
 from lagrange.graph.rebuild import Substitution
@@ -24,6 +25,7 @@ LONGEST_SHARED = 12
 class RecurrenceBuilder:
     """Numbers values, each once; `nodes` says what each is at order 0, where a node says it. `rate` is dq/dt, if not v.
 
+    `unknowns` are symbols that a stage behind that of the velocities is solved for, each with its place among all.
     With `apart` the rate of a sum such as a - b is multiplied term by term: cos(a - b) a' may be there already.
     """
 
@@ -37,6 +39,7 @@ class RecurrenceBuilder:
         *,
         rate: Sequence[Node] = (),
         apart: bool = False,
+        unknowns: Mapping[Node, int] = MappingProxyType({}),
     ) -> None:
         self.graph = graph
         self.apart = apart
@@ -54,6 +57,8 @@ class RecurrenceBuilder:
             self.values[node] = self.add(SeriesRule("coordinate", (), (i,)), node)
         for i, node in enumerate(self.v):
             self.values[node] = self.add(SeriesRule("unknown", (), (i,)), node)
+        for node, place in unknowns.items():
+            self.values[node] = self.add(SeriesRule("unknown", (), (place,)), node)
         self.values[time] = self.add(SeriesRule("time"), time)
         order = [node for node in reachable(outputs) if node.binding > Binding.PARAMETER]
         self.pairs = self._pairs(order)

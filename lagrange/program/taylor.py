@@ -8,7 +8,8 @@ from itertools import accumulate, pairwise
 from typing import NamedTuple
 
 from lagrange.equations.euler_lagrange import Equations, bias_forces
-from lagrange.graph.node import Binding, Exact, Kind, Node
+from lagrange.graph.node import Binding, Exact, Kind, Node, reachable
+from lagrange.graph.rebuild import substitute
 from lagrange.program.forms import Form, LinearTerms, Momentum, forms
 from lagrange.program.lower import lower
 from lagrange.program.recurrence import RecurrenceBuilder, known_node
@@ -30,40 +31,61 @@ def series_program(equations: Equations, watched: Sequence[Node] = ()) -> tuple[
     The values watched are the surfaces, then the nodes given (of events).
     """
     switched = switched_equations(equations, watched)
-    best = min(assemblies(equations, switched), key=lambda assembly: assembly.cost)
+    best = min(assemblies(equations, switched, solved=solved_within(watched)), key=lambda assembly: assembly.cost)
     return best.program("series"), switched
 
 
 def switched_equations(equations: Equations, watched: Sequence[Node] = ()) -> Switched:
-    """Return what a series is made of, with one branch of every choice: its outputs are those that `_Parts` names."""
+    """Return what a series is made of, with one branch of every choice: its outputs are those that `_Parts` names.
+
+    In what is watched symbols stand for the accelerations and multipliers that a linear system is solved for.
+    """
     e, held = equations, equations.constraints
     gradient = [entry for row in held.gradient for entry in row]
     matrix = [e.matrix[i][j] for i, j in e.plan.triangle]
-    return switch(e.graph, (*e.momenta, *e.forces, *held.velocities, *gradient, *matrix), watched)
+    right = [*e.bias, *(-gamma for gamma in held.bias)] if solved_within(watched) else ()
+    unknown = zip(e.solution, motion_symbols(e), strict=True)
+    seen = substitute(watched, {node: symbol for node, symbol in unknown if node.kind is Kind.COMPONENT})
+    return switch(e.graph, (*e.momenta, *e.forces, *held.velocities, *gradient, *matrix, *right), seen)
+
+
+def solved_within(watched: Sequence[Node]) -> bool:
+    """Return whether accelerations or multipliers from a linear system are in what is watched."""
+    return any(node.kind is Kind.COMPONENT for node in reachable(watched))
+
+
+def motion_symbols(e: Equations) -> list[Node]:
+    """Return a symbol for each unknown of the equations of motion: the accelerations, then -lambda."""
+    return [e.graph.symbol(f"motion {i}", Binding.ACCELERATION) for i in range(len(e.matrix))]
 
 
 class _Parts(NamedTuple):
-    """The momenta, forces, constraints on velocities and their gradients G, the system matrix, and what is watched."""
+    """The momenta, forces, constraints on velocities and their gradients G, the system matrix, and what is watched.
+
+    `right` is the right-hand side of the equations of motion if their solution is in what is watched.
+    """
 
     momenta: Sequence[Node]
     forces: Sequence[Node]
     velocities: Sequence[Node]
     gradient: Sequence[Node]
     triangle: Sequence[Node]
+    right: Sequence[Node]
     watched: Sequence[Node]
 
     @classmethod
-    def of(cls, e: Equations, switched: Switched) -> _Parts:
+    def of(cls, e: Equations, switched: Switched, *, solved: bool) -> _Parts:
         """Divide the outputs."""
         n, m = len(e.q), len(e.constraints)
-        ends = accumulate((0, n, n, m, m * n, len(e.plan.triangle), len(switched.outputs)))
-        p, f, psi, gradient, triangle, rest = (switched.outputs[begin:end] for begin, end in pairwise(ends))
-        return cls(p, f, psi, gradient, triangle, (*switched.surfaces, *rest))
+        right = len(e.matrix) if solved else 0
+        ends = accumulate((0, n, n, m, m * n, len(e.plan.triangle), right, len(switched.outputs)))
+        p, f, psi, gradient, triangle, h, rest = (switched.outputs[begin:end] for begin, end in pairwise(ends))
+        return cls(p, f, psi, gradient, triangle, h, (*switched.surfaces, *rest))
 
 
-def assemblies(e: Equations, switched: Switched) -> list[_Assembly]:
-    """Return every form of the equations worth comparing."""
-    parts = _Parts.of(e, switched)
+def assemblies(e: Equations, switched: Switched, *, solved: bool = False) -> list[_Assembly]:
+    """Return every form of the equations worth comparing; `solved` says that their solution is watched."""
+    parts = _Parts.of(e, switched, solved=solved)
     p, f = list(parts.momenta), list(parts.forces)
     n = len(e.q)
     steady = _constant([entry for (i, _), entry in zip(e.plan.triangle, parts.triangle, strict=True) if i < n])
@@ -97,22 +119,51 @@ class _Assembly:
         self.steady = steady
         lower = dict(zip(equations.plan.triangle, parts.triangle, strict=True))
         self.entries = {**lower, **{(j, i): entry for (i, j), entry in lower.items()}}
-        graph = equations.graph
+        graph, n, m = equations.graph, len(equations.q), len(equations.constraints)
         forces = [node for terms in form.forces for _, node in terms]
         inertia = forces if steady else form.nodes
-        nodes = [*inertia, *parts.velocities, *parts.gradient, *parts.watched]
+        self.motion = motion_symbols(equations) if parts.right else []
+        balance = self.balance(parts.right)
+        nodes = [*inertia, *parts.velocities, *parts.gradient, *balance, *parts.watched]
         self.builder = RecurrenceBuilder(
-            graph, equations.q, equations.v, equations.time, nodes, rate=equations.rate, apart=apart
+            graph,
+            equations.q,
+            equations.v,
+            equations.time,
+            nodes,
+            rate=equations.rate,
+            apart=apart,
+            unknowns={symbol: n + m + i for i, symbol in enumerate(self.motion)},
         )
         self.builder.starts.update(switched.starts)
+        solution = equations.plan.solved(self.matrix, parts.right) if parts.right else []
+        self.builder.starts.update(zip(self.motion, solution, strict=True))
         self.sums = form.parts
         self.known: dict[Node, int | None] = {}
         self.momenta = [None if steady else self.momentum(node) for node in form.momenta]
         self.forces = [self.force(terms) for terms in form.forces]
         self.constrain(parts.velocities, parts.gradient)
-        self.seen = tuple(parts.watched)
+        self.balances = [self.builder.value(node) for node in balance]
+        self.seen = tuple(substitute(parts.watched, dict(zip(self.motion, solution, strict=True))))
         self.watched = [self.builder.value(node) for node in parts.watched]
         self.rates = tuple(self.builder.value(rate) for rate in equations.rate)
+
+    @property
+    def matrix(self) -> list[list[Node]]:
+        """The matrix of the equations of motion, M or [[M, G^T], [G, 0]]."""
+        size, zero = len(self.equations.matrix), self.equations.graph.zero
+        return [[self.entries.get((i, j), zero) for j in range(size)] for i in range(size)]
+
+    def balance(self, right: Sequence[Node]) -> list[Node]:
+        """Return M a - h - G^T lambda and G a + gamma, in symbols for a and -lambda; nothing without right-hand sides.
+
+        Both vanish along the motion. Their coefficients at unknowns of zero give those of a and lambda.
+        """
+        graph = self.equations.graph
+        return [
+            graph.sum([*((1, entry * x) for entry, x in zip(row, self.motion, strict=True)), (-1, known)])
+            for row, known in (zip(self.matrix, right, strict=True) if right else ())
+        ]
 
     def constrain(self, velocities: Sequence[Node], gradient: Sequence[Node]) -> None:
         """Add the constraints to the solve.
@@ -216,7 +267,7 @@ class _Assembly:
         initial = [known_node(values[value]) for value in started]
         constants: dict[str, Sequence[Node]] = {"table": table}
         first: dict[str, Sequence[Node]] = {"values": initial}
-        (first if self.plan.moving else constants)["mass"] = mass
+        (first if self.plan.moving else constants)["mass"] = [*mass, *mass] if self.motion else mass
         lost = {"q_lost": low[:n], "v_lost": low[n:]}
         stated = self.switched.stated or (e.graph.zero,)
         return SeriesProgram(
@@ -230,10 +281,19 @@ class _Assembly:
             start=lower(f"{name}_start", first, {**e.state, **lost}, e.time, (*symbols, *entries)),
             started=started,
             rates=self.rates,
-            stages=(Stage((*range(n, 2 * n), *self.impulses), tuple(self.momenta), tuple(self.forces), self.plan),),
+            stages=self.stages(),
             watched=tuple(self.watched),
             values=lower(f"{name}_values", {"values": self.seen or (e.graph.zero,)}, e.state, e.time, symbols),
         )
+
+    def stages(self) -> tuple[Stage, ...]:
+        """Return the solve for the velocities, and behind it that for the accelerations and multipliers if watched."""
+        n, b = len(self.equations.q), self.builder
+        first = Stage((*range(n, 2 * n), *self.impulses), tuple(self.momenta), tuple(self.forces), self.plan)
+        if not self.motion:
+            return (first,)
+        unknowns = tuple(b.values[symbol] for symbol in self.motion)
+        return (first, Stage(unknowns, tuple(self.balances), (None,) * len(unknowns), self.plan))
 
 
 def _constant(triangles: Sequence[Node]) -> bool:

@@ -22,11 +22,13 @@ from lagrange.evidence.stiffness import Stiffness, stiffness
 from lagrange.machine.model import Model
 from lagrange.show.atomic_file import Writer, write_atomically, write_rows
 from lagrange.show.atomic_folder import write_together
+from lagrange.show.constraint_forces import ConstraintForces
 from lagrange.show.drift import EnergyDrift, energy_drift
 from lagrange.show.picture import picture
 from lagrange.show.plot import plot
-from lagrange.show.table import text_table
+from lagrange.show.table import duration, text_table
 from lagrange.statement.coordinate import name_of, velocity_of
+from lagrange.statement.multiplier import multiplier
 from lagrange.statement.number import real_array
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
@@ -169,9 +171,34 @@ class Solution:
     def evaluate(self, expression: Any) -> FloatArray:
         """Return a SymPy expression along the run, (N,).
 
-        It may contain coordinates, velocities, accelerations, parameters and t. Anything else is a StatementError.
+        It may contain coordinates, velocities, accelerations, multipliers (`lagrange.multiplier(name)`), parameters and
+        t. Anything else is a StatementError.
         """
         return self.model.evaluate_expression(expression, self.t, self.y, self.parameters)
+
+    @cached_property
+    def _exerted(self) -> ConstraintForces:
+        return ConstraintForces(self.model, self.t, self.y, self.parameters)
+
+    @property
+    def multipliers(self) -> Mapping[str, FloatArray]:
+        """The multiplier of each constraint by its name, (N,) at the output times; empty without constraints."""
+        return self._exerted.multipliers
+
+    def constraint_force(self, name: str, at: str | None = None) -> FloatArray:
+        """Return what a constraint exerts along the run: generalized forces G^T lambda, (n, N), in coordinate order.
+
+        With `at`, the force on that named point, (2, N) or (3, N): lambda dphi/dr where the constraint relates named
+        points alone, so that G^T lambda is the sum of (dr/dq)^T F over them; zero on the others. Raises StatementError
+        for a name that is none, and where forces on points are not determined.
+        """
+        return self._exerted.generalized(name) if at is None else self._exerted.on_point(name, at)
+
+    @property
+    def final(self) -> dict[str, float]:
+        """The state at the last output by name: `other.run(t_end, solution.final, t_start=solution.t[-1])` goes on."""
+        self._check_output()
+        return dict(zip(self.names, self.y[:, -1].tolist(), strict=True))
 
     def require(self) -> Solution:
         """Return the solution itself if the run is complete; raise RunError with its message if it is not."""
@@ -217,8 +244,16 @@ class Solution:
         return write_atomically(path, self._csv)
 
     def to_npz(self, path: str | os.PathLike[str]) -> Path:
-        """Write NumPy arrays t (N,), y (2n, N), energy (N,), names (2n,) and card (a JSON text); none needs pickle."""
+        """Write NumPy arrays t (N,), y (2n, N), energy (N,), names (2n,) and card (a JSON text); none needs pickle.
+
+        With m constraints also multipliers (m, N), and constraints (m,), their names.
+        """
         arrays = {"t": self.t, "y": self.y, "names": np.array(self.names), "card": np.array(json.dumps(self.card()))}
+        if self.multipliers:
+            arrays |= {
+                "multipliers": np.stack([*self.multipliers.values()]),
+                "constraints": np.array([*self.multipliers]),
+            }
         energy = self.energy if self.has_energy else np.full(len(self.t), np.nan)
         return write_atomically(path, lambda file: np.savez(file, allow_pickle=False, energy=energy, **arrays))
 
@@ -255,13 +290,17 @@ class Solution:
         return frame
 
     def to_xarray(self) -> xarray.Dataset:
-        """Return a Dataset over the dimension t, a variable per row of the state; how the run ended is in `.attrs`."""
+        """Return a Dataset over the dimension t; how the run ended is in `.attrs`.
+
+        It has a variable per row of the state, and one for each multiplier, called lambda[name].
+        """
         try:
             import xarray
         except ModuleNotFoundError as error:
             raise _needs_data("to_xarray", "xarray") from error
         attributes = {key: value for key, value in self.card().items() if isinstance(value, (str, int, float))}
         rows = {name: ("t", row.copy()) for name, row in zip(self.names, self.y, strict=True)}
+        rows |= {str(multiplier(name)): ("t", row.copy()) for name, row in self.multipliers.items()}
         return xarray.Dataset(rows, coords={"t": self.t}, attrs=attributes)
 
     def plot(self) -> Figure:
@@ -293,7 +332,7 @@ class Solution:
             ),
             *self._event_lines(),
             *([("stiffness", self.stiff.sentence())] if self.stiff else []),
-            ("wall time", _duration(self.wall)),
+            ("wall time", duration(self.wall)),
             ("message", self.message),
         ]
 
@@ -338,13 +377,6 @@ def _label(key: Any) -> str:
 
 def _finite(value: Any) -> float | None:
     return None if value is None or not math.isfinite(value) else float(value)
-
-
-def _duration(seconds: float) -> str:
-    for limit, factor, unit in ((1e-3, 1e6, "us"), (1.0, 1e3, "ms")):
-        if seconds < limit:
-            return f"{seconds * factor:.3g} {unit}"
-    return f"{seconds:.3g} s"
 
 
 def _needs_data(method: str, package: str) -> StatementError:

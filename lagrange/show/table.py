@@ -22,3 +22,11 @@ def _line(cells: Sequence[str], widths: Sequence[int], right: Sequence[bool]) ->
 def _numeric(rows: Sequence[Sequence[object]], columns: int) -> list[bool]:
     """Return which columns hold numbers only."""
     return [bool(rows) and all(isinstance(row[j], (int, float)) for row in rows) for j in range(columns)]
+
+
+def duration(seconds: float) -> str:
+    """Return a time in seconds, milliseconds or microseconds."""
+    for limit, factor, unit in ((1e-3, 1e6, "us"), (1.0, 1e3, "ms")):
+        if seconds < limit:
+            return f"{seconds * factor:.3g} {unit}"
+    return f"{seconds:.3g} s"

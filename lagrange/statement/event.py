@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numbers
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from types import MappingProxyType
@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 import sympy
 
-from lagrange.errors import StatementError, listing, shown
+from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.statement.coordinate import t
 from lagrange.statement.declare import state_rows
 from lagrange.statement.expression import entries, expression
+from lagrange.statement.multiplier import multiplier
 from lagrange.statement.number import real_number
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
@@ -23,7 +24,7 @@ from lagrange.statement.survey import Survey
 
 @dataclass(frozen=True, eq=False)
 class Event:
-    """A zero of an expression in coordinates, velocities, parameters and time.
+    """A zero of an expression in coordinates, velocities, accelerations, multipliers, parameters and time.
 
     `direction` is 1 for zeros at which the expression rises in the direction of the run, -1 where it falls, 0 for
     both and for touches. The run ends at the `terminal`-th occurrence (0: never). `reset` maps coordinates and
@@ -65,11 +66,11 @@ def event(
 ) -> Event:
     """Return an event for `events=[...]` of a run.
 
-    `expression` is a SymPy expression (or an equation) in coordinates, velocities, parameters and t; the event is
-    where it becomes zero. `direction` is positive for rising zeros only, negative for falling ones, as in SciPy's
-    solve_ivp. `terminal` ends the run at the event, or with a whole number at its occurrence of that number. `reset`
-    maps coordinates and velocities, or their names, to expressions of the state before, such as
-    {y.dot: -0.9*y.dot} for an impact; what is not named goes on as it was.
+    `expression` is a SymPy expression (or an equation) in coordinates, velocities, accelerations such as x.ddot, the
+    multipliers of constraints, parameters and t; the event is where it becomes zero. `direction` is positive for rising
+    zeros only, negative for falling ones, as in SciPy's solve_ivp. `terminal` ends the run at the event, or with a
+    whole number at its occurrence of that number. `reset` maps coordinates and velocities, or their names, to
+    expressions of the state before, such as {y.dot: -0.9*y.dot} for an impact; what is not named goes on as it was.
 
     Raises StatementError for what cannot be meant.
     """
@@ -143,8 +144,8 @@ def declare_events(events: Any, statement: Statement) -> tuple[Event, ...]:
         raise StatementError(f"events is {shown(events)!r}: give a list of expressions, or of lg.event(...).")
     found = tuple(given if isinstance(given, Event) else _either_way(given) for given in listed)
     for place, one in enumerate(found):
-        survey = _check(one.expression, f"event {place}", statement)
-        if not survey.coordinates and not one.expression.has(t):
+        survey = _check(one.expression, f"event {place}", statement, motion=True)
+        if not survey.coordinates and not survey.multipliers and not one.expression.has(t):
             raise StatementError(
                 f"event {place} is {str(one.expression)[:80]}, which stays as it is along a run: give an expression in "
                 "coordinates, velocities and t that becomes zero on the way."
@@ -174,26 +175,31 @@ _kept = lru_cache(maxsize=256)(event)
 
 
 @lru_cache(maxsize=256)
-def _surveyed(expression: Any, what: str) -> Survey:
+def _surveyed(expression: Any, what: str, *, motion: bool) -> Survey:
     """Return what an expression is made of; kept, since many runs have the same events."""
     survey = Survey()
-    survey.add(expression, what)
+    survey.add(expression, what, accelerations=motion, multipliers=motion)
     return survey
 
 
-@lru_cache(maxsize=64)
-def _known(coordinates: tuple[Any, ...], parameters: tuple[Any, ...]) -> frozenset[Any]:
-    """Return what expressions may contain."""
-    return frozenset((*coordinates, *parameters))
-
-
-def _check(expression: Any, what: str, statement: Statement) -> Survey:
-    survey = _surveyed(expression, what)
-    known = _known(statement.coordinates, statement.parameters)
+def _check(expression: Any, what: str, statement: Statement, *, motion: bool = False) -> Survey:
+    """Return what an expression is made of; with `motion` it may contain accelerations and multipliers."""
+    survey = _surveyed(expression, what, motion=motion)
+    known = (*statement.coordinates, *statement.parameters)
     for leaf in (*survey.coordinates, *survey.parameters):
         if leaf not in known:
             raise StatementError(
                 f"{what} contains {leaf}, which this system does not have; it may contain its coordinates, their "
                 f"velocities, t and {listing(p.name for p in statement.parameters) or 'no parameters'}."
             )
+    check_multipliers(survey.multipliers, what, statement)
     return survey
+
+
+def check_multipliers(names: Iterable[str], what: str, statement: Statement) -> None:
+    """Raise StatementError if an expression has the multiplier of a constraint that there is not."""
+    held = [one.name for one in statement.constraints]
+    for name in names:
+        if name not in held:
+            have = f"the constraints are {listing(held)}" if held else f"{statement.name} has no constraints"
+            raise StatementError(f"{what} contains {multiplier(name)}, but {have}." + suggestion(name, held))

@@ -72,9 +72,10 @@ class Survey:
             )
         order = len(node.variables)
         if order > 2 or (order == 2 and not accelerations):
+            leaves = "coordinates, velocities and accelerations" if accelerations else "coordinates and velocities"
             raise StatementError(
-                f"{what} contains the derivative of order {order} of {name_of(inner)}. Only coordinates and velocities "
-                f"may stand there: write it in terms of {name_of(inner)} and {name_of(inner)}.dot."
+                f"{what} contains the derivative of order {order} of {name_of(inner)}. Only {leaves} may stand there: "
+                f"write it in terms of {name_of(inner)} and {name_of(inner)}.dot."
             )
         self._add_function(inner, what)
         self.velocities[velocity_of(inner)] = None

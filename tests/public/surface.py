@@ -45,6 +45,21 @@ def solution() -> lg.Solution:
 
 
 @cache
+def held() -> lg.System:
+    """Return a system with a constraint, for the methods that need one."""
+    x, y = lg.coordinates("x y")
+    m = lg.parameters("m")
+    return lg.System(
+        kinetic=m * (x.dot**2 + y.dot**2) / 2,
+        parameters={m: 1.0},
+        constraints={"rod": x + 2 * y - 1},
+        initial={x: 1.0},
+        positions={"bob": (x, y)},
+        name="held",
+    )
+
+
+@cache
 def race() -> lg.Race:
     x = system().coordinates[0]
     end = np.cos(np.sqrt(2.0) * 0.1), 0.0, -np.sqrt(2.0) * np.sin(np.sqrt(2.0) * 0.1), 0.0
@@ -151,7 +166,8 @@ def itself(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def method(kind: type, name: str) -> Callable[..., Any]:
     """Return a method of the instance of a class."""
-    bound: Callable[..., Any] = getattr(INSTANCES[kind](), name)
+    make = HELD.get(f"{kind.__name__}.{name}", INSTANCES[kind])
+    bound: Callable[..., Any] = getattr(make(), name)
     return bound
 
 
@@ -261,8 +277,15 @@ def numbers(folder: Path) -> dict[str, Any]:
     }
 
 
+HELD: dict[str, Callable[[], Any]] = {
+    "Model.multipliers": lambda: held().compile("numpy"),
+    "Solution.constraint_force": lambda: held().run(0.1, method="rk4", step=0.05, target="numpy"),
+}
+"""Instances for methods of systems with constraints."""
+
 OWN: dict[str, dict[str, Any]] = {
     "System.from_scene": {"path": LIBRARY / "pendulum.toml"},
+    "Solution.constraint_force": {"name": "rod", "at": "bob"},
     "lg.Claims": {"events": True, "dense": 3},
     "lg.Trajectory": {"t": [0.0, 0.1], "y": np.zeros((4, 2))},
     "lg.Stability": {"real": 1.0, "imaginary": 1.0},

@@ -9,8 +9,10 @@ import pytest
 import sympy as sp
 
 from lagrange.errors import StatementError
-from lagrange.statement.coordinate import coordinate, parameters, t
+from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
+from lagrange.statement.declare import declare
 from lagrange.statement.event import Event, declare_events, event
+from lagrange.statement.multiplier import multiplier
 from lagrange.statement.survey import Survey
 from tests.models import stated
 
@@ -104,7 +106,7 @@ def test_what_cannot_be_meant_is_refused_when_it_is_written(given: dict[str, Any
         ([sp.nan], "event 0 contains nan, which is not a finite number"),
         ([x + sp.I], "event 0 contains the imaginary unit I"),
         ([sp.gamma(x)], "event 0 contains gamma in 'gamma(x(t))', which is not supported"),
-        ([sp.diff(x, t, 2)], "event 0 contains the derivative of order 2 of x"),
+        ([sp.diff(x, t, 3)], "event 0 contains the derivative of order 3 of x. Only coordinates, velocities and acc"),
         ([a - 1], "event 0 is a - 1, which stays as it is along a run"),
         ([sp.Integer(0)], "event 0 is 0, which stays as it is along a run"),
         ([event(x, reset={z: 0})], "the reset of event 0 names 'z(t)', which is no coordinate or velocity of this "),
@@ -132,3 +134,26 @@ def test_an_expression_is_surveyed_once_for_many_runs(monkeypatch: pytest.Monkey
     # Whether a system has what it contains is asked for each system.
     with pytest.raises(StatementError, match="which this system does not have"):
         declare_events([given], other)
+
+
+def test_multipliers_of_constraints_that_are_none_are_refused() -> None:
+    x, y = coordinates("x y")
+    held = declare(kinetic=x.dot**2 + y.dot**2, constraints={"wall": x - y, "floor": x + y})
+    free = declare(kinetic=x.dot**2, name="free")
+    declare_events([multiplier("wall"), x.ddot - multiplier("floor")], held)
+    for given, statement, end in (
+        (multiplier("wal"), held, "lambda[wal], but the constraints are wall and floor. Did you mean 'wall'?"),
+        (multiplier("wall"), free, "lambda[wall], but free has no constraints."),
+    ):
+        with pytest.raises(StatementError) as refusal:
+            declare_events([given], statement)
+        assert str(refusal.value) == f"event 0 contains {end}"
+
+
+def test_multipliers_and_accelerations_are_no_values_of_resets() -> None:
+    x, y = coordinates("x y")
+    held = declare(kinetic=x.dot**2 + y.dot**2, constraints={"wall": x - y})
+    with pytest.raises(StatementError, match=r"the reset of event 0 contains lambda\[wall\], the multiplier of a"):
+        declare_events([event(x, reset={x.dot: multiplier("wall")})], held)
+    with pytest.raises(StatementError, match="the reset of event 0 contains the derivative of order 2 of x"):
+        declare_events([event(x, reset={x.dot: x.ddot})], held)

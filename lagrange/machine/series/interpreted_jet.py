@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -43,7 +43,7 @@ class Jet:
         x = np.full((order + 1, len(program.rules)), self.arithmetic.number(0.0), dtype=self.arithmetic.dtype)
         table = self._table[: len(program.numbers)]
         lost = [self.arithmetic.number(0.0)] * (2 * n) if low is None else low
-        first = self.arithmetic.evaluate(program.start, t, [*y, *lost], [*self.parameters, *table])
+        first = self._with_systems.evaluate(program.start, t, [*y, *lost], [*self.parameters, *table])
         x[0, list(program.started)] = first[: len(program.started)]
         x[0, : 2 * n] = list(y)
         matrices = self._matrices(first[len(program.started) :])
@@ -59,6 +59,20 @@ class Jet:
                 x[k, list(stage.unknowns)] = matrix.solve(right)
                 self._fill(x, k, found, scale)
         return x
+
+    @cached_property
+    def _with_systems(self) -> Arithmetic:
+        """The arithmetic with linear systems, which the values of accelerations and multipliers at order 0 solve."""
+
+        def factor(n: int, *triangle: Any) -> Eliminated:
+            matrix = np.full((n, n), self.arithmetic.number(0.0), dtype=self.arithmetic.dtype)
+            rows, columns = np.tril_indices(n)
+            matrix[rows, columns] = matrix[columns, rows] = triangle
+            return Eliminated(matrix)
+
+        return replace(
+            self.arithmetic, systems={"factor": factor, "solve": lambda _, known, *right: known.solve(right)}
+        )
 
     @cached_property
     def _table(self) -> list[Any]:

@@ -22,9 +22,9 @@ from lagrange.machine.dense.llvm_dense import LlvmDense, of_series
 from lagrange.machine.event_memory import EventMemory, idle
 from lagrange.machine.kernel.llvm_body import prepared_size, shares_angle_function
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
-from lagrange.machine.kernel.llvm_text import ATTRIBUTES, METADATA, QUICKLY, prepare_function
+from lagrange.machine.kernel.llvm_text import ATTRIBUTES, METADATA, QUICKLY, prepare_function, solves
 from lagrange.machine.llvm.address import address, workspace
-from lagrange.machine.llvm.engine import Module, inversion, lanes, linear_solver
+from lagrange.machine.llvm.engine import Module, dense_solver, inversion, lanes, linear_solver
 from lagrange.machine.llvm.procedures import declaration
 from lagrange.machine.llvm.sine_cosine import angle_function
 from lagrange.machine.llvm.spelling import intrinsics, library_functions
@@ -164,7 +164,10 @@ class CompiledJet:
             slots = Slots(packing, looped_layout(self.program, 0).width)
             self.layout = looped_layout(self.program, slots.size)
             jet = LoopedJet(packing, self._table, self.layout, slots)
-        text, called = jet.function(), jet.origin.body.called
+        text = jet.function()
+        # The accelerations and multipliers that are watched are solved for at order 0 as well.
+        solver = dense_solver() if solves(self.program.start) else ()
+        called = dict.fromkeys((*jet.origin.body.called, *solver))
         if called and order:
             linear_solver(often=False)
         elif called:

@@ -1,0 +1,190 @@
+"""Multipliers and constraint forces of a run: by name, as generalized forces, and as vectors on named points."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from sympy import cos, sin
+
+import lagrange as lg
+from lagrange.errors import StatementError
+
+m, g, l, c = lg.parameters("m g l c")
+x, y, x1, y1, x2, y2, theta = lg.coordinates("x y x1 y1 x2 y2 theta")
+
+PENDULUM: dict[str, Any] = {
+    "kinetic": m * (x.dot**2 + y.dot**2) / 2,
+    "potential": m * g * y,
+    "constraints": {"rod": x**2 + y**2 - l**2},
+    "parameters": {m: 1.3, g: 9.81, l: 1},
+    "initial": {x: 0.6, y: -0.8},
+    "name": "bob",
+}
+
+
+def run(**changes: Any) -> lg.Solution:
+    return lg.System(**{**PENDULUM, **changes}).run(2.0, rtol=1e-12)
+
+
+def double() -> lg.Solution:
+    system = lg.System(
+        kinetic=(x1.dot**2 + y1.dot**2) / 2 + m * (x2.dot**2 + y2.dot**2) / 2,
+        potential=g * (y1 + m * y2),
+        constraints={"upper": x1**2 + y1**2 - 1, "lower": (x2 - x1) ** 2 + (y2 - y1) ** 2 - l**2},
+        parameters={m: 0.5, g: 9.81, l: 1},
+        initial={x1: 1, x2: 2},
+        positions={"pin": (0, 0), "inner": (x1, y1), "outer": (x2, y2)},
+    )
+    return system.run(1.0, rtol=1e-12)
+
+
+def ladder(**points: Any) -> lg.Solution:
+    system = lg.System(
+        kinetic=m * (x.dot**2 + y.dot**2) / 2 + m * l**2 * theta.dot**2 / 24,
+        potential=m * g * y,
+        constraints={"wall": x - l * cos(theta) / 2, "floor": y - l * sin(theta) / 2},
+        parameters={m: 2, g: 9.81, l: 3},
+        initial={theta: 1.1, x: 1.5 * np.cos(1.1), y: 1.5 * np.sin(1.1)},
+        positions=points,
+    )
+    return system.run(0.3, rtol=1e-12)
+
+
+TOP = (x - l * cos(theta) / 2, y + l * sin(theta) / 2)
+FOOT = (x + l * cos(theta) / 2, y - l * sin(theta) / 2)
+
+
+def test_multipliers_are_rows_by_name() -> None:
+    solution = run()
+    assert list(solution.multipliers) == ["rod"]
+    assert solution.multipliers["rod"].shape == solution.t.shape
+    np.testing.assert_allclose(solution.multipliers["rod"], solution.evaluate(lg.multiplier("rod")), rtol=1e-13)
+
+
+def test_generalized_forces_are_those_of_the_equations() -> None:
+    solution = run()
+    forces = solution.constraint_force("rod")
+    assert forces.shape == (2, len(solution.t))
+    weight = np.array([[0.0], [-1.3 * 9.81]])
+    accelerations = np.stack([solution.evaluate(x.ddot), solution.evaluate(y.ddot)])
+    np.testing.assert_allclose(forces + weight, 1.3 * accelerations, rtol=1e-12, atol=1e-12)
+
+
+def test_the_tension_of_a_rod_is_a_vector_along_it() -> None:
+    solution = run(positions={"bob": (x, y)})
+    force = solution.constraint_force("rod", at="bob")
+    place = np.stack([solution[x], solution[y]])
+    tension = -np.sum(force * place, axis=0)
+    rates = solution[x.dot] ** 2 + solution[y.dot] ** 2
+    # m (g cos theta + l thetadot^2), of states that are on the rod to 1e-12.
+    np.testing.assert_allclose(tension, 1.3 * (rates - 9.81 * solution[y]), rtol=1e-10)
+    np.testing.assert_allclose(force[0] * place[1], force[1] * place[0], atol=1e-10)
+
+
+def test_a_rod_between_two_points_pulls_both_alike() -> None:
+    solution = double()
+    inner, outer = (solution.constraint_force("lower", at=name) for name in ("inner", "outer"))
+    np.testing.assert_allclose(inner, -outer, atol=1e-11)
+    np.testing.assert_allclose(outer, solution.constraint_force("lower")[2:], atol=1e-11)
+    assert not solution.constraint_force("upper", at="outer").any()
+    assert not solution.constraint_force("upper", at="pin").any()
+
+
+def test_a_contact_acts_on_the_point_that_touches() -> None:
+    solution = ladder(top=TOP, foot=FOOT)
+    wall = solution.constraint_force("wall", at="top")
+    np.testing.assert_allclose(wall, np.stack([solution.multipliers["wall"], 0 * solution.t]), atol=1e-11)
+    assert not solution.constraint_force("wall", at="foot").any()
+    floor = solution.constraint_force("floor", at="foot")
+    np.testing.assert_allclose(floor[1], solution.multipliers["floor"], rtol=1e-10)
+
+
+def test_a_velocity_constraint_acts_on_the_point_whose_velocity_it_is() -> None:
+    slip = x.dot * sin(theta) - y.dot * cos(theta)
+    system = lg.System(
+        kinetic=m * (x.dot**2 + y.dot**2) / 2 + theta.dot**2 / 2,
+        coordinates=[x, y, theta],
+        constraints={"edge": slip},
+        parameters={m: 2.0},
+        initial={x.dot: 1.0, theta.dot: 0.5},
+        positions={"edge": (x, y)},
+    )
+    solution = system.run(1.0, rtol=1e-12)
+    force = solution.constraint_force("edge", at="edge")
+    np.testing.assert_allclose(force, solution.constraint_force("edge")[:2], atol=1e-12)
+
+
+def refusal(solution: lg.Solution, *given: str) -> str:
+    with pytest.raises(StatementError) as caught:
+        solution.constraint_force(*given)
+    return str(caught.value)
+
+
+def test_forces_on_points_that_are_not_determined_are_refused() -> None:
+    assert refusal(ladder(middle=(x, y)), "wall", "middle") == (
+        "the force of wall on points is not determined: it is no constraint on the motion of named points alone "
+        "(middle). Name the points that it acts on, each free to move in every direction where there is no constraint, "
+        "or take the generalized forces, constraint_force(name)."
+    )
+    assert refusal(run(positions={"bob": (x, y), "twin": (x, y)}), "rod", "bob") == (
+        "the force of rod on points is not determined: bob and twin can each carry it. Name fewer points, or take the "
+        "generalized forces, constraint_force(name)."
+    )
+
+
+def test_names_that_are_none_are_refused() -> None:
+    solution = run(positions={"bob": (x, y)})
+    none = "'rodd' is no constraint of this system; they are rod. Did you mean 'rod'?"
+    assert refusal(solution, "rodd") == none
+    with pytest.raises(StatementError) as caught:
+        solution.multipliers["rodd"]
+    assert str(caught.value) == none
+    assert refusal(solution, "rod", "bobb") == (
+        "'bobb' is no named point of this system; they are bob. Did you mean 'bob'?"
+    )
+    assert refusal(run(), "rod", "bob") == (
+        "bob has no named points: state positions={'bob': (x, y)}, or take the generalized forces, "
+        "constraint_force(name)."
+    )
+
+
+def test_a_system_without_constraints_says_so() -> None:
+    free = run(constraints=())
+    assert dict(free.multipliers) == {}
+    assert refusal(free, "rod") == "bob has no constraints, and so no constraint forces."
+    with pytest.raises(StatementError) as caught:
+        free.model.multipliers([0.6, -0.8], [0.0, 0.0])
+    assert str(caught.value) == "bob has no constraints, and so no multipliers."
+    for expression, end in ((lg.multiplier("rod"), "bob has no constraints."),):
+        with pytest.raises(StatementError) as caught:
+            free.evaluate(expression)
+        assert str(caught.value) == f"the expression contains lambda[rod], but {end}"
+
+
+def test_multipliers_of_a_batch_have_a_column_each() -> None:
+    solution = run()
+    q, v = solution.y[:2, :5], solution.y[2:, :5]
+    found = solution.model.multipliers(q, v)
+    assert found.shape == (1, 5)
+    np.testing.assert_allclose(found[0], solution.multipliers["rod"][:5], rtol=1e-13)
+
+
+def test_the_state_at_the_end_begins_another_run() -> None:
+    solution = run()
+    assert solution.final == {name: row[-1] for name, row in zip(solution.names, solution.y, strict=True)}
+    more = solution.model.statement
+    assert lg.System.from_statement(more).run(2.5, solution.final, t_start=2.0)["x"][0] == solution["x"][-1]
+
+
+def test_files_have_the_multipliers(tmp_path: Path) -> None:
+    solution = run()
+    with np.load(solution.to_npz(tmp_path / "run.npz")) as arrays:
+        np.testing.assert_array_equal(arrays["multipliers"], [solution.multipliers["rod"]])
+        assert arrays["constraints"].tolist() == ["rod"]
+    dataset = pytest.importorskip("xarray") and solution.to_xarray()
+    np.testing.assert_array_equal(dataset["lambda[rod]"], solution.multipliers["rod"])
+    with np.load(run(constraints=()).to_npz(tmp_path / "free.npz")) as arrays:
+        assert "multipliers" not in arrays

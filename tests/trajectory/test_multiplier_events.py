@@ -1,0 +1,165 @@
+"""Events in multipliers and accelerations: contacts that would pull, on both machines, by series and by steps."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from sympy import cos, sign, sin
+
+import lagrange as lg
+from lagrange.trajectory.trajectory import Status
+
+m, g, l, J = lg.parameters("m g l J")
+x, y, theta, phi = lg.coordinates("x y theta phi")
+
+METHODS = ["taylor", "dop853", "verner9", "scipy-dop853", "radau5"]
+
+
+def on_sphere() -> lg.System:
+    return lg.System(
+        kinetic=m * (x.dot**2 + y.dot**2) / 2,
+        potential=m * g * y,
+        constraints={"sphere": x**2 + y**2 - l**2},
+        parameters={m: 1.3, g: 9.81, l: 1},
+        initial={x: 0.6, y: 0.8},
+        name="on the sphere",
+    )
+
+
+def ladder() -> lg.System:
+    """Hold a uniform ladder that slides down a smooth wall, its middle at (x, y) and its angle to the floor theta."""
+    return lg.System(
+        kinetic=m * (x.dot**2 + y.dot**2) / 2 + m * l**2 * theta.dot**2 / 24,
+        potential=m * g * y,
+        constraints={"wall": x - l * cos(theta) / 2, "floor": y - l * sin(theta) / 2},
+        parameters={m: 2.0, g: 9.81, l: 3.0},
+        initial={theta: 1.1, x: 1.5 * math.cos(1.1), y: 1.5 * math.sin(1.1)},
+    )
+
+
+def string() -> lg.System:
+    return lg.System(
+        kinetic=m * (x.dot**2 + y.dot**2) / 2,
+        potential=m * g * y,
+        constraints={"string": x**2 + y**2 - l**2},
+        parameters={m: 0.7, g: 9.81, l: 2.0},
+        initial={y: -2.0, x.dot: math.sqrt(3.5 * 9.81 * 2.0)},
+    )
+
+
+def until(system: lg.System, name: str, method: str = "taylor", target: str = "llvm") -> lg.Solution:
+    event = lg.event(lg.multiplier(name), terminal=True)
+    return system.run(5.0, events=[event], method=method, rtol=1e-12, target=target)
+
+
+@pytest.mark.parametrize("target", ["llvm", "numpy"])
+@pytest.mark.parametrize("method", METHODS)
+def test_a_particle_leaves_the_sphere_at_two_thirds_of_its_height(method: str, target: str) -> None:
+    solution = until(on_sphere(), "sphere", method, target)
+    assert solution.status is Status.EVENT
+    # Radau's tolerance bounds what a step may err by; the others err by less than it.
+    assert solution[y][-1] == pytest.approx(2 / 3 * 0.8, abs=1e-10)
+
+
+def test_a_ladder_leaves_the_wall_at_two_thirds_of_its_height() -> None:
+    solution = until(ladder(), "wall")
+    assert math.sin(solution[theta][-1]) == pytest.approx(2 / 3 * math.sin(1.1), abs=1e-10)
+    assert solution.evaluate(lg.multiplier("floor"))[-1] > 0
+
+
+def test_a_string_goes_slack_where_gravity_bends_the_path_as_much() -> None:
+    solution = until(string(), "string")
+    # m v^2 / l = m g y / l with v^2 = 3.5 g l - 2 g (l + y): y = l / 2.
+    assert solution[y][-1] == pytest.approx(1.0, abs=1e-10)
+    assert np.all(solution.evaluate(lg.multiplier("string"))[:-1] < 0)
+
+
+def test_a_run_goes_on_with_another_system() -> None:
+    held = until(on_sphere(), "sphere")
+    free = lg.System(
+        kinetic=m * (x.dot**2 + y.dot**2) / 2, potential=m * g * y, parameters={m: 1.3, g: 9.81}, name="free"
+    )
+    flight = free.run(5.0, held.final, t_start=held.t[-1], events=[lg.event(y, terminal=True)])
+    assert flight.energy[-1] == pytest.approx(held.energy[0], rel=1e-9)
+    assert np.all(flight[x] ** 2 + flight[y] ** 2 >= 1 - 1e-12)
+    assert flight.t[0] == held.t[-1]
+    assert list(held.final) == ["x", "y", "x_dot", "y_dot"]
+
+
+def test_a_multiplier_may_reset_the_motion() -> None:
+    solution = on_sphere().run(
+        0.5, events=[lg.event(lg.multiplier("sphere"), reset={x.dot: -x.dot, y.dot: -y.dot})], rtol=1e-12
+    )
+    assert len(solution.t_events[0]) == 1
+    # It goes back the way it came.
+    there, then = float(solution.t_events[0][0]), 0.5
+    np.testing.assert_allclose(
+        solution.at(then)[:2], on_sphere().run(2 * there - then, rtol=1e-12).at(2 * there - then)[:2], atol=1e-9
+    )
+
+
+def chain(links: int) -> lg.System:
+    xs = lg.coordinates(" ".join(f"x{i}" for i in range(links)))
+    ys = lg.coordinates(" ".join(f"y{i}" for i in range(links)))
+    ends = [(sum(ys) * 0, sum(ys) * 0), *zip(xs, ys, strict=True)]
+    return lg.System(
+        kinetic=sum(a.dot**2 + b.dot**2 for a, b in zip(xs, ys, strict=True)) / 2,
+        potential=9.81 * sum(ys),
+        constraints={f"rod{i}": (b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 - 1 for i, (a, b) in enumerate(pairwise(ends))},
+        initial={a: float(i + 1) for i, a in enumerate(xs)},
+    )
+
+
+@pytest.mark.parametrize("links", [2, 4, 14])
+def test_series_and_steps_agree_on_a_chain(links: int) -> None:
+    """Small systems are written out for each order, large ones loop."""
+    system = chain(links)
+    event = lg.multiplier(f"rod{links - 1}") + 3.0
+    by_series, by_steps = (
+        system.run(0.7, events=[event], method=method, rtol=1e-12).t_events[0] for method in ("taylor", "dop853")
+    )
+    assert len(by_series) > 0
+    # The tolerance of a step is relative to states of up to 14, and a multiplier changes by some 10 a second.
+    np.testing.assert_allclose(by_series, by_steps, atol=1e-9)
+
+
+@pytest.mark.parametrize("target", ["llvm", "numpy"])
+def test_accelerations_may_be_in_events(target: str) -> None:
+    arm = lg.System(
+        kinetic=theta.dot**2 + theta.dot * phi.dot * cos(theta - phi) + phi.dot**2 / 2,
+        potential=-2 * g * cos(theta) - g * cos(phi),
+        parameters={g: 9.81},
+        initial={theta: 1.2, phi: 0.7},
+    )
+    runs = [
+        arm.run(2.0, events=[theta.ddot, phi.ddot - theta.ddot], method=method, rtol=1e-12, target=target)
+        for method in ("taylor", "dop853")
+    ]
+    for times, others in zip(*(run.t_events for run in runs), strict=True):
+        assert len(times) > 1
+        np.testing.assert_allclose(times, others, atol=1e-9)  # steps of 1e-12 over some ten of them
+
+
+def test_an_acceleration_of_its_own_needs_no_solve() -> None:
+    swing = lg.System(kinetic=theta.dot**2 / 2, potential=-cos(theta), initial={theta: 1.0})
+    (by_acceleration,) = swing.run(5.0, events=[theta.ddot], rtol=1e-12).t_events
+    (by_angle,) = swing.run(5.0, events=[theta], rtol=1e-12).t_events
+    np.testing.assert_allclose(by_acceleration, by_angle, atol=1e-11)
+
+
+def test_multipliers_are_watched_across_switches_of_the_forces() -> None:
+    """The sphere has a wind that begins at x = 0.7: the accelerations at order 0 are those of the side."""
+    stated: dict[str, Any] = {
+        "kinetic": m * (x.dot**2 + y.dot**2) / 2,
+        "potential": m * g * y,
+        "constraints": {"sphere": x**2 + y**2 - l**2},
+        "forces": {x: -J * (1 + sign(x - 0.7))},
+        "parameters": {m: 1.3, g: 9.81, l: 1, J: 2.0},
+        "initial": {x: 0.6, y: 0.8},
+    }
+    ends = [until(lg.System(**stated), "sphere", method).t[-1] for method in ("taylor", "dop853")]
+    assert ends[0] == pytest.approx(ends[1], abs=1e-9)
