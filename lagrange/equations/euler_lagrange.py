@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from lagrange.equations.augmented import MotionForm, augmentation
 from lagrange.equations.constraints import ConstraintEquations, check_rows, constraint_equations
 from lagrange.equations.solve_plan import SolvePlan, plan_of
 from lagrange.equations.state_layout import StateLayout
@@ -33,7 +34,8 @@ class Equations:
 
     `q`, `v` and `parameters` are the symbols, n, n and k of them; `rate`, which is dq/dt, `momenta`, `forces`, `bias`
     and `accelerations` have n entries, `mass` n rows. `matrix` is M, or with m constraints [[M, G^T], [G, 0]], and
-    `plan` solves with it: for the accelerations and behind them the `multipliers`, m of them, with the other sign.
+    `plan` solves with it: for the accelerations and behind them the `multipliers`, m of them, with the other sign. The
+    equations are solved in the form `motion`, which has other momenta where M is singular; `matrix` has its M then.
     `leaves` maps the statement's SymPy leaves to symbols.
     """
 
@@ -53,6 +55,7 @@ class Equations:
     accelerations: tuple[Node, ...]
     multipliers: tuple[Node, ...]
     constraints: ConstraintEquations
+    motion: MotionForm
     matrix: tuple[tuple[Node, ...], ...]
     plan: SolvePlan
     structure: Structure
@@ -104,9 +107,14 @@ def euler_lagrange(statement: Statement) -> Equations:
     mass = mass_matrix(momenta, v)
     check_inertia(statement.names, mass, constraints)
     bias = bias_forces(forces, momenta, q, rate, time)
-    matrix = system_matrix(mass, constraints)
+    motion = MotionForm(tuple(momenta), tuple(forces), tuple(bias))
+    added = augmentation(mass, constraints, q, v, time)
+    if added is not None:
+        p, f = ([a + b for a, b in zip(*pair, strict=True)] for pair in zip((momenta, forces), added, strict=True))
+        motion = MotionForm(tuple(p), tuple(f), tuple(bias_forces(f, p, q, rate, time)))
+    matrix = system_matrix(mass if added is None else mass_matrix(motion.momenta, v), constraints)
     plan = plan_of(matrix, tuple(range(len(q), len(matrix))))
-    accelerations, multipliers = solve_motion(plan, matrix, bias, constraints)
+    accelerations, multipliers = solve_motion(plan, matrix, motion.bias, constraints)
     structure = find_structure(
         graph, statement.names, q, time, lagrangian, momenta, extra, mass, constraints, accelerations
     )
@@ -129,6 +137,7 @@ def euler_lagrange(statement: Statement) -> Equations:
         accelerations=tuple(accelerations),
         multipliers=tuple(multipliers),
         constraints=constraints,
+        motion=motion,
         matrix=matrix,
         plan=plan,
         structure=structure,

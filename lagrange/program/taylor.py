@@ -43,10 +43,10 @@ def switched_equations(equations: Equations, watched: Sequence[Node] = ()) -> Sw
     e, held = equations, equations.constraints
     gradient = [entry for row in held.gradient for entry in row]
     matrix = [e.matrix[i][j] for i, j in e.plan.triangle]
-    right = [*e.bias, *(-gamma for gamma in held.bias)] if solved_within(watched) else ()
+    right = [*e.motion.bias, *(-gamma for gamma in held.bias)] if solved_within(watched) else ()
     unknown = zip(e.solution, motion_symbols(e), strict=True)
     seen = substitute(watched, {node: symbol for node, symbol in unknown if node.kind is Kind.COMPONENT})
-    return switch(e.graph, (*e.momenta, *e.forces, *held.velocities, *gradient, *matrix, *right), seen)
+    return switch(e.graph, (*e.motion.momenta, *e.motion.forces, *held.velocities, *gradient, *matrix, *right), seen)
 
 
 def solved_within(watched: Sequence[Node]) -> bool:
