@@ -145,10 +145,19 @@ class EventMemory:
         half = len(self.sides) // 2
         self.sides[half:] = self.sides[:half]
 
-    def taken(self) -> list[tuple[FloatArray, FloatArray]]:
-        """Return the times (k,) and states (k, 2n) of the events since the last call, for each thing watched."""
-        count, size = self.record.done, self._dimension
+    @property
+    def mark(self) -> tuple[int, float, float]:
+        """What tells the events that are written from those before: how many, the first time and the last."""
+        count = self.record.done
+        return count, float(self.times[0]), float(self.times[count - 1])
+
+    def forget(self) -> None:
+        """Let the events that are written have been taken over."""
         self.record.done = self.record.ahead = 0
+
+    def written(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Return the times (k,) and states (k, 2n) of the events that are written, for each thing watched."""
+        count, size = self.record.done, self._dimension
         times, states = self.times[:count], self.states[: count * size].reshape(count, size)
         if self.count == 1:
             return [(times.copy(), states.copy())]

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from sympy import Abs, Max, Piecewise, Rational, atan2, cos, exp, sign, sin, sqrt, tanh
 
+from lagrange.machine.event_memory import EventMemory
 from lagrange.machine.model import Model
 from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.machine.state import DriverState
@@ -19,6 +20,7 @@ from lagrange.procedure.taylor.constants import PROBES
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
 from lagrange.trajectory.events.ending import EventResult
+from lagrange.trajectory.events.event_log import Occurrences
 from lagrange.trajectory.events.planned_step import PlannedStep
 from lagrange.trajectory.events.series_watch import Watch
 from lagrange.trajectory.events.shared_watch import SharedWatch
@@ -211,6 +213,31 @@ def test_an_interruption_keeps_the_events_of_its_rows(monkeypatch: pytest.Monkey
     end = float(found.t[-1])
     assert found.status is Status.INTERRUPTED and end == calls[2] > calls[1] + 2 * math.pi
     assert len(found.t_events[0]) == math.floor(end / math.pi + 0.5)
+
+
+@pytest.mark.parametrize("where", [(Occurrences, "extend"), (EventMemory, "forget")])
+@pytest.mark.parametrize("late", [False, True])
+def test_an_interruption_while_events_are_taken_over_neither_loses_nor_repeats_any(
+    where: tuple[Any, str], late: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    oscillator = build("llvm", kinetic=x.dot**2 / 2, potential=x**2 / 2, initial={x: 1.0})
+    real, calls = getattr(*where), []
+
+    def interrupted(self: Any, *given: Any) -> None:
+        calls.append(given)
+        if not late and len(calls) == 4:
+            raise KeyboardInterrupt
+        real(self, *given)
+        if late and len(calls) == 4:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(*where, interrupted)
+    found = run(oscillator, 1e6, "taylor", events=[x, x.dot])
+    end = float(found.t[-1])
+    assert found.status is Status.INTERRUPTED and len(calls) >= 4
+    for times, phase in zip(found.t_events, (math.pi / 2, math.pi), strict=True):
+        expected = np.arange(phase, end, math.pi)
+        assert times == pytest.approx(expected, rel=1e-9)
 
 
 STARTS = {

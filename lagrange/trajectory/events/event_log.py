@@ -35,7 +35,7 @@ class Occurrences:
     """What happened at one event, in order, for states of a `size`: single occurrences, and arrays of many."""
 
     def __init__(self, size: int) -> None:
-        self._parts: list[tuple[FloatArray, FloatArray, int]] = []
+        self._parts: list[tuple[FloatArray, FloatArray, int, object]] = []
         self._count, self._size = 0, size
 
     def __len__(self) -> int:
@@ -45,10 +45,14 @@ class Occurrences:
         """Add an occurrence."""
         self.extend(np.array([one.t]), one.y[None], one.steps)
 
-    def extend(self, t: FloatArray, y: FloatArray, steps: int) -> None:
-        """Add many, times (k,) and states (k, 2n), that have happened with the number of accepted steps given."""
-        if len(t):
-            self._parts.append((t, y, steps))
+    def extend(self, t: FloatArray, y: FloatArray, steps: int, mark: object = None) -> None:
+        """Add many, times (k,) and states (k, 2n), that have happened with the number of accepted steps given.
+
+        What was added last with the same `mark` is the same, and not added again.
+        """
+        again = mark is not None and bool(self._parts) and self._parts[-1][3] == mark
+        if len(t) and not again:
+            self._parts.append((t, y, steps, mark))
             self._count += len(t)
 
     def cut(self, count: int) -> None:
@@ -60,10 +64,10 @@ class Occurrences:
         """Return the times (k,) and states (k, 2n) of all that has happened with so many accepted steps."""
         parts = [part for part in self._parts if part[2] <= steps]
         if len(parts) == 1:
-            return parts[0][:2]
+            return parts[0][0], parts[0][1]
         if not parts:
             return np.empty(0), np.empty((0, self._size))
-        times, states, _ = zip(*parts, strict=True)
+        times, states, _, _ = zip(*parts, strict=True)
         return np.concatenate(times), np.concatenate(states)
 
 

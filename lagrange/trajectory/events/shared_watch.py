@@ -94,10 +94,12 @@ class SharedWatch(EventLog):
         """Take over the events that have happened, and the changes of sides."""
         memory = self._memory
         if memory.record.done:
-            steps = state.count(DriverState.STEPS)
-            for found, (times, states) in zip(self.occurrences, memory.taken()[self.surfaces :], strict=True):
+            # An interruption may come anywhere here, and what is kept by then is not kept again.
+            steps, mark = state.count(DriverState.STEPS), memory.mark
+            for found, (times, states) in zip(self.occurrences, memory.written()[self.surfaces :], strict=True):
                 state.kept += times.nbytes + states.nbytes
-                found.extend(times, states, steps)
+                found.extend(times, states, steps, mark)
+            memory.forget()
         if memory.record.switches:
             switched = memory.switched()
             for combination in dict.fromkeys(which for _, which in switched):
