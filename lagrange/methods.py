@@ -19,8 +19,10 @@ from lagrange.trajectory.methods.splitting import Splitting, composition
 from lagrange.trajectory.tableaux.butcher import ButcherTableau
 
 if TYPE_CHECKING:  # for their signatures; when this runs, the methods that are built in are entered below
+    from lagrange.trajectory.methods.constrained import *
     from lagrange.trajectory.methods.explicit import *
     from lagrange.trajectory.methods.implicit import *
+    from lagrange.trajectory.methods.index2 import *
     from lagrange.trajectory.methods.radau import *
     from lagrange.trajectory.methods.splitting import *
     from lagrange.trajectory.methods.taylor import *

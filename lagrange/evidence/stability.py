@@ -96,9 +96,12 @@ class _Map:
         elif self.step.law == "accelerations":
             self.vectors[call.first] = -k[:, None] * arguments[0]
         else:
-            q, v = arguments
-            self.vectors[call.first] = v
-            self.vectors[call.first + 1] = -k[:, None] * q - c[:, None] * v
+            q, v, *multipliers = arguments
+            found = [v, -k[:, None] * q - c[:, None] * v]
+            # There are no constraints: no force of any, and each is its multiplier; see `lagrange.program.constrained`.
+            found += [part for push in multipliers for part in (0.0 * push, push, push)]
+            for i, vector in enumerate(found):
+                self.vectors[call.first + i] = vector
 
     def solve(self, solve: Solve) -> None:
         """Find the unknowns: the residuals are linear in columns that stand for them, added to those of the state."""

@@ -19,7 +19,7 @@ from lagrange.machine.calls import Quick, scalar, surely_finite
 from lagrange.machine.kernel.python_kernel import PythonKernel, printed
 from lagrange.machine.parameters import Parameters, ParameterValues
 from lagrange.machine.singular import singular_sentence
-from lagrange.program.catalogue import quantities_of
+from lagrange.program.catalogue import LAW_QUANTITIES, quantities_of
 from lagrange.program.switching import Switched
 from lagrange.statement.choice import one_of, text
 from lagrange.statement.event import check_multipliers
@@ -54,12 +54,10 @@ class Model:
             isinstance(statement, Statement) and isinstance(equations, Equations) and isinstance(made, KernelProvider)
         ):
             raise StatementError(f"a model is made by system.compile(), not of {shown(statement)} alone.")
-        self.statement = statement
-        self.equations = equations
-        self.layout = equations.layout
-        self._made = made
-        self._values = ParameterValues(statement)
+        self.statement, self.equations, self.layout = statement, equations, equations.layout
+        self._made, self._values = made, ParameterValues(statement)
         self._function = lru_cache(maxsize=FUNCTIONS_KEPT)(made.function)
+        self._law = lru_cache(maxsize=len(LAW_QUANTITIES))(made.kernel)
         self._kernels: dict[str, Kernel] = {}
         self._series: dict[tuple[Node, ...], tuple[Series, Switched]] = {}
         self.prepared: dict[Any, Any] = {}
@@ -104,6 +102,10 @@ class Model:
             one_of(name, quantities_of(self.equations), NO_QUANTITY)
             self._kernels[name] = self._made.kernel(name)
         return self._kernels[name]
+
+    def law(self, name: str) -> Kernel:
+        """Return the kernel of a law that steps call: a quantity, or one that takes multipliers as well."""
+        return self._law(name) if isinstance(name, str) and name in LAW_QUANTITIES else self.kernel(name)
 
     def interpreted(self, name: str) -> Kernel:
         """Return the kernel of a quantity for a few states, for which compiling would take longer."""

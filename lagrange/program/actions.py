@@ -33,7 +33,8 @@ def in_doubles(number: Exact) -> tuple[float, float]:
 class Law:
     """What a step calls: how many vectors are its state, go into a call, and come out of it.
 
-    `quantity` is the model's quantity that a call evaluates, `derivative` its derivative in the state.
+    `quantity` is the model's quantity that a call evaluates, `derivative` its derivative in the arguments, and `inputs`
+    how many vectors of n numbers these two read.
     """
 
     states: int
@@ -41,15 +42,28 @@ class Law:
     results: int
     quantity: str
     derivative: str = ""
+    inputs: int = 2
+
+    @property
+    def through_memory(self) -> bool:
+        """Whether calls pass arrays for states of any size: a law of multipliers has too many numbers."""
+        return self.inputs > 2
+
+    def dimension(self, numbers: int) -> int:
+        """Return how many numbers a state has where the quantity reads so many."""
+        return 2 * numbers // self.inputs
 
 
 LAWS = {
     "rhs": Law(1, 1, 1, "rhs", "jacobian"),
     "accelerations": Law(2, 1, 1, "rhs"),
     "momentum": Law(2, 2, 2, "momentum", "momentum_jacobian"),
+    "constrained": Law(2, 3, 5, "constrained", "constrained_jacobian", 3),
 }
 """The laws by name: y' = f(t, y) of y = [q, v]; a(t, q), which must not depend on velocities, for methods that move
-coordinates and velocities in turn; and p, f = g(t, q, v), the momenta p = dL/dv and the forces f with dp/dt = f."""
+coordinates and velocities in turn; p, f = g(t, q, v), the momenta p = dL/dv and the forces f with dp/dt = f; and p, f,
+c, phi, psi = g(t, q, v, lambda) with the forces c = G^T lambda of constraints, these themselves and their rates, all
+padded to n entries: see `lagrange.program.constrained`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,20 +102,11 @@ class Solve:
         """How many unknown vectors there are."""
         return len(self.residuals)
 
-    def reach(self, unknown: int) -> tuple[list[Node], int]:
-        """Return the factors with which an unknown enters the arguments of the calls, and which argument that is.
-
-        An unknown that enters several, as a velocity that moves a place does, counts by the first of them.
-        """
-        found = [
-            (factor, place)
-            for call in self.calls
-            for place, argument in enumerate(call.arguments)
-            for vector, factor in argument
-            if vector == self.first + unknown
+    def reach(self, unknown: int, place: int) -> list[Node]:
+        """Return the factors with which an unknown enters an argument of the calls."""
+        return [
+            factor for call in self.calls for vector, factor in call.arguments[place] if vector == self.first + unknown
         ]
-        first = min((place for _, place in found), default=0)
-        return [factor for factor, place in found if place == first], first
 
 
 @dataclass(frozen=True, eq=False)

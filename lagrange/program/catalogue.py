@@ -10,6 +10,7 @@ from lagrange.equations.euler_lagrange import Equations
 from lagrange.graph.differentiate import tangents
 from lagrange.graph.node import Binding, Node
 from lagrange.graph.rebuild import substitute
+from lagrange.program.constrained import constrained, constrained_inputs, constrained_jacobian
 from lagrange.program.lower import Named, lower
 from lagrange.program.program import Program
 
@@ -18,16 +19,17 @@ from lagrange.program.program import Program
 class Quantity:
     """What a model offers: the nodes of its results by name, and how many indices each entry has.
 
-    What has two indices is a square matrix, or with `by_constraint` has a row for each constraint.
+    What has two indices is a square matrix, or has so many `rows`.
 
-    For `solved` and `returned` see `Program`.
+    `inputs` are the nodes that it is a function of, beside t. For `solved` and `returned` see `Program`.
     """
 
     results: Callable[[Equations], Named]
     indices: int = 1
     solved: bool = False
     returned: tuple[str, ...] = ()
-    by_constraint: bool = False
+    inputs: Callable[[Equations], Named] = lambda e: e.state
+    rows: Callable[[Equations], int] | None = None
 
 
 def rhs(equations: Equations) -> Named:
@@ -112,15 +114,27 @@ QUANTITIES: dict[str, Quantity] = {
 """Every quantity by name; `forces` is f = dL/dq + Q - dD/dv, `bias` is h of M a = h + G^T lambda."""
 
 
+def _by_constraint(equations: Equations) -> int:
+    """Return the number of constraints."""
+    return len(equations.constraints)
+
+
 CONSTRAINT_QUANTITIES: dict[str, Quantity] = {
     "multipliers": Quantity(lambda e: {"multipliers": e.multipliers}, solved=True),
-    "constraint_forces": Quantity(constraint_forces, 2, solved=True, by_constraint=True),
+    "constraint_forces": Quantity(constraint_forces, 2, solved=True, rows=_by_constraint),
     "constraints": Quantity(lambda e: {"positions": _positions(e), "velocities": e.constraints.velocities}),
-    "constraint_gradient": Quantity(constraint_gradient, 2, by_constraint=True),
+    "constraint_gradient": Quantity(constraint_gradient, 2, rows=_by_constraint),
     "constraint_bias": Quantity(lambda e: {"constraint_bias": e.constraints.bias}),
 }
 """Those that a system with constraints has as well: `constraints` is phi, then psi = dphi/dt; `constraint_gradient` is
 G, and `constraint_bias` gamma of G a + gamma = 0."""
+
+
+LAW_QUANTITIES: dict[str, Quantity] = {
+    "constrained": Quantity(constrained, inputs=constrained_inputs),
+    "constrained_jacobian": Quantity(constrained_jacobian, 2, inputs=constrained_inputs, rows=lambda e: 5 * len(e.q)),
+}
+"""Those that steps call with multipliers as well, functions of t, q, v and lambda."""
 
 
 def quantities_of(equations: Equations) -> dict[str, Quantity]:
@@ -130,15 +144,15 @@ def quantities_of(equations: Equations) -> dict[str, Quantity]:
 
 def program_of(name: str, equations: Equations) -> Program:
     """Return the program of a quantity of the system."""
-    quantity = quantities_of(equations)[name]
+    quantity = {**quantities_of(equations), **LAW_QUANTITIES}[name]
     results = quantity.results(equations)
     count = sum(map(len, results.values()))
-    rows = len(equations.constraints) if quantity.by_constraint else math.isqrt(count)
+    rows = math.isqrt(count) if quantity.rows is None else quantity.rows(equations)
     shape = {0: (), 1: (count,), 2: (rows, count // rows)}[quantity.indices]
     return lower(
         name,
         results,
-        equations.state,
+        quantity.inputs(equations),
         equations.time,
         equations.parameters,
         shape=shape,

@@ -105,8 +105,8 @@ class Recorder:
         """Record unknowns; see `Solver`."""
         if not self.law.derivative or self.inside is not None:
             raise StatementError(
-                f"step function {self.name} cannot solve here: solve is for the laws 'rhs' and 'momentum', and is not "
-                "used inside a residual."
+                f"step function {self.name} cannot solve here: solve is for the laws 'rhs', 'momentum' and "
+                "'constrained', and is not used inside a residual."
             )
         preparation, guesses, several = self._within(guess if callable(guess) else lambda: guess)
         # The guess is its own scope: a call in it is not one of the residual.

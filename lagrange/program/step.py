@@ -185,9 +185,9 @@ def trace(
     """Run a step function on vectors and return what it did.
 
     The function returns the new state, or (new state, error, ...) where a `control` is given; one of a law with two
-    state vectors, "accelerations" or "momentum", returns (q, v). An `implicit` one gets `solve` as its last argument,
-    and one with a `starter` the state one step back behind the state. Raises StatementError if it does anything but
-    combine vectors.
+    state vectors, "accelerations", "momentum" or "constrained", returns (q, v) and errors of both. An `implicit` one
+    gets `solve` as its last argument, and one with a `starter` the state one step back behind the state. Raises
+    StatementError if it does anything but combine vectors.
     """
     graph = Graph()
     states = LAWS[law].states
@@ -236,7 +236,7 @@ def _check_scopes(step: StepProgram, inner: Mapping[int, None]) -> None:
 
 
 def _check_results(name: str, found: Sequence[Any], states: int, control: Control | None) -> None:
-    errors = 0 if control is None else 2 if control.damped else 1
+    errors = 0 if control is None else states * (2 if control.damped else 1)
     if len(found) != states + errors or not all(isinstance(vector, Vector) for vector in found):
         raise StatementError(
             f"step function {name} returns {len(found)} values; it must return {states} new state vector(s)"

@@ -144,8 +144,8 @@ class StepPlan:
     def driver(self, model: Model, parameters: FloatArray) -> Driver:
         """Return the driver of the step around its law."""
         law = LAWS[self.step.law]
-        derivative = model.kernel(law.derivative) if self.step.solves else None
-        return model.machine.driver(self.step, model.kernel(law.quantity), parameters, derivative)
+        derivative = model.law(law.derivative) if self.step.solves else None
+        return model.machine.driver(self.step, model.law(law.quantity), parameters, derivative)
 
     def watch(self, problem: Problem, driver: Driver) -> StepWatch | None:
         """Return what watches the events of the run, if it has any."""

@@ -30,7 +30,7 @@ from lagrange.statement.coordinate import coordinate, t
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.implicit import ImplicitMethod
 from tests.models import TARGETS, build
-from tests.trajectory.runs import IMPLICIT, implicit
+from tests.trajectory.runs import CONSTRAINED, IMPLICIT, implicit
 
 Law = Callable[..., FloatArray]
 RTOL, ATOL, START = 1e-6, 3e-7, 0.3
@@ -49,6 +49,25 @@ def coupled(target: str, n: int) -> Model:
         + q[0] * q[-1].dot,
         coordinates=q,
         forces={a: -sp.Rational(3 + i, 10) * a.dot * (1 + q[0] ** 2) + sp.cos(t) * q[-1] for i, a in enumerate(q)},
+        initial=dict.fromkeys(q, 0.1),
+    )
+
+
+def held(target: str, y: FloatArray) -> Model:
+    """Return 3 coordinates held by a constraint that a state satisfies, with a velocity that is changed so."""
+    free = coupled("numpy", 3).statement
+    q, symbols = free.coordinates, sp.symbols("a b c s")
+    a, b, c, s = symbols
+    phi = a**2 + sp.sin(b) * (1 + s / 4) + a * c / 3
+    here = dict(zip(symbols, (*y[:3], START), strict=True))
+    slopes = [float(sp.diff(phi, symbol).subs(here)) for symbol in symbols]
+    y[4] = -(slopes[0] * y[3] + slopes[2] * y[5] + slopes[3]) / slopes[1]
+    return build(
+        target,
+        lagrangian=free.kinetic - free.potential,
+        coordinates=list(q),
+        forces=dict(zip(q, free.forces, strict=True)),
+        constraints={"slide": (phi - phi.subs(here)).subs(dict(zip(symbols, (*q, t), strict=True)))},
         initial=dict.fromkeys(q, 0.1),
     )
 
@@ -213,7 +232,8 @@ class Reading:
             return np.array(returned, dtype=float).ravel()
 
         off(z.ravel())
-        where = (self.t, self.start) if self.method.control else self.calls[(len(self.calls) - 1) // 2]
+        by_state = self.method.control and self.method.law != "constrained"
+        where = (self.t, self.start) if by_state else self.calls[(len(self.calls) - 1) // 2]
         derivative = central(lambda y: self.law(where[0], y), where[1], 1e-3)
         vectors = self.vectors
         self.replaced = lambda _, y: derivative @ y
@@ -261,13 +281,16 @@ class Reading:
 
     def tolerated(self, wanted: int, vectors: Any, first: int, derivative: Any, matrix: FloatArray) -> FloatArray:
         """Return weights of what the unknowns move in the arguments of calls, against the tolerances."""
-        count = len(matrix) // len(self.start)
+        states = LAWS[self.method.law].states
+        count = len(matrix) * states // len(self.start)
         unknowns = self.factors(len(vectors), wanted)[first : first + count]
-        reached = [max(abs(float(place[0])) for place in one.places) for one in unknowns]
         # What a step moves an entry by is a part of its size: an entry may pass through zero.
         moved = abs(self.h * self.law(self.t, self.start)) if self.starts_with_slope else 0.0
-        size = np.maximum(abs(self.start), moved)
-        weights: FloatArray = np.concatenate([reach / (ATOL + RTOL * size) for reach in reached])
+        sizes = np.split(ATOL + RTOL * np.maximum(abs(self.start), moved), states)
+        reached = [[max(abs(float(place[s])) for place in one.places) for s in range(states)] for one in unknowns]
+        weights: FloatArray = np.concatenate(
+            [np.max([reach / size for reach, size in zip(one, sizes, strict=True)], axis=0) for one in reached]
+        )
         return weights
 
 
@@ -277,17 +300,17 @@ class Reading:
 class Steps:
     """Steps of a method from a random state, on a machine, with what it keeps."""
 
-    def __init__(self, name: str, target: str, n: int, seed: int) -> None:
+    def __init__(self, name: str, target: str, n: int, seed: int, *, constrained: bool = False) -> None:
         random = np.random.default_rng([n, seed])
-        self.method, self.model = method_of(name), coupled(target, n)
         self.h = random.choice([-1, 1]) * random.uniform(0.01, 0.02)
         self.y = [random.uniform(-1, 1, 2 * n)]
+        self.method, self.model = method_of(name), held(target, self.y[0]) if constrained else coupled(target, n)
         problem = Problem(self.model, self.model.parameter_values(), START, START + 1, self.y[0])
         plan = self.method.plan(problem)
         self.solves = len(plan.step.solves)
         self.driver: Any = plan.driver(self.model, self.model.parameter_array())
         self.state = DriverState(START, START + np.sign(self.h), self.y[0], RTOL, ATOL, self.h)
-        kernel = self.model.kernel(LAWS[self.method.law].quantity)
+        kernel = self.model.law(LAWS[self.method.law].quantity)
         self.law: Law = lambda t, y: kernel(t, y, self.model.parameter_array())
 
     def take(self) -> list[Kept]:
@@ -343,6 +366,17 @@ def test_the_first_matrix_is_the_derivative_of_the_residuals(name: str, n: int, 
         assert_kept(ours, theirs)
 
 
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", CONSTRAINED)
+def test_the_first_matrix_has_the_gradients_of_constraints(name: str, target: str) -> None:
+    steps = Steps(name, target, 3, seed=1, constrained=True)
+    kept, found = steps.take(), steps.reading(steps.method, START, steps.y[0]).solves
+    assert len(steps.y) == 2 and len(kept) == len(found) == 2
+    # The second solve begins at multipliers of the first, which error control leaves at its tolerance.
+    for ours, theirs in list(zip(kept, found, strict=True))[: 1 if steps.method.control else 2]:
+        assert_kept(ours, theirs)
+
+
 def linear(matrix: FloatArray, _: float, y: FloatArray) -> FloatArray:
     """Return a law that is its own tangent."""
     return matrix @ y
@@ -354,7 +388,7 @@ def test_a_matrix_that_is_kept_is_that_of_its_step(name: str, target: str) -> No
     """Whenever it was made, for steps of whatever length, from a derivative of the step or of one before."""
     steps, seen = Steps(name, target, 2, seed=2), 0
     zero = [np.zeros(4)] * (1 if steps.method.starter is None else 2)
-    for _ in range(12):
+    for _ in range(16):
         for i, kept in enumerate(steps.take()[: steps.solves]):
             if kept.step:
                 law = partial(linear, kept.derivative)

@@ -44,6 +44,10 @@ class Law:
         v = self.velocities(q, p)
         return np.concatenate([v, self.momentum(t, q, v)[1]])
 
+    def constrained(self, t: Any, q: Any, v: Any, multipliers: Any) -> Any:
+        """Return the law with multipliers, of a system without constraints: all of them are padding."""
+        return (*self.momentum(t, q, v), multipliers * 0, multipliers, multipliers)
+
     def velocities(self, q: Any, p: Any) -> Any:
         return array(mpmath.lu_solve(mpmath.matrix(self.mass(q).tolist()), mpmath.matrix(p.tolist())))
 
@@ -142,7 +146,6 @@ def precise_step(step: StepProgram, law: Law, t: Any, y: Any, h: Any) -> Any:
     """Take a step from y = [q, v] as it was written, in the arithmetic of its arguments."""
     solve = [Newton()] if step.solves else []
     if step.states == 2:
-        called = law.accelerations if step.law == "accelerations" else law.momentum
-        return np.concatenate(step.function(called, t, *np.split(y, 2), h, *solve))
+        return np.concatenate(step.function(getattr(law, step.law), t, *np.split(y, 2), h, *solve)[:2])
     found = step.function(law.rhs, t, y, h, *solve)
     return found if step.control is None else found[0]

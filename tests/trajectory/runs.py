@@ -43,7 +43,9 @@ def implicit(name: str) -> ImplicitMethod:
     return found
 
 
-MOMENTA = tuple(name for name in EQUAL if implicit(name).law == "momentum")
+CONSTRAINED = tuple(name for name in IMPLICIT if implicit(name).law == "constrained")
+"""The methods whose unknowns are multipliers as well."""
+MOMENTA = tuple(name for name in EQUAL if implicit(name).law in ("momentum", "constrained"))
 SLOPES = tuple(name for name in EQUAL if name not in MOMENTA)
 
 

@@ -46,7 +46,7 @@ def by_tableau(name: str, f: Callable[..., Any], t: float, y: Any, h: float) -> 
 
 def test_every_method_has_its_formula_or_its_twin() -> None:
     assert {*TABLEAUS, "bdf2"} == set(SLOPES)
-    assert set(TWINS) | {"discrete-gradient"} == set(MOMENTA)
+    assert {*TWINS, *PAIRS, "discrete-gradient"} == set(MOMENTA)
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -79,6 +79,8 @@ TWINS = {
     "variational-trapezoid": "velocity-verlet",
     "galerkin4": "gauss2",
     "galerkin6": "gauss3",
+    "rattle": "velocity-verlet",
+    "constrained-midpoint": "implicit-midpoint",
 }
 
 
@@ -89,6 +91,33 @@ def test_with_a_constant_mass_matrix_a_variational_method_is_a_known_one(name: s
     compiled = model(system)
     ours, theirs = (run(compiled, 1.0, each, step=0.05) for each in (name, TWINS[name]))
     assert ours.y == pytest.approx(theirs.y, rel=1e-12, abs=1e-13)
+
+
+PAIRS: dict[str, tuple[Any, Any, Any]] = {
+    "lobatto4": (
+        [[0, 0, 0], [5 / 24, 1 / 3, -1 / 24], [1 / 6, 2 / 3, 1 / 6]],
+        [[1 / 6, -1 / 6, 0], [1 / 6, 1 / 3, 0], [1 / 6, 5 / 6, 0]],
+        [1 / 6, 2 / 3, 1 / 6],
+    ),
+}
+"""Lobatto IIIA and IIIB, as Hairer and Wanner print them, II, tables IV.5.7 and IV.5.8."""
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("system", ["Henon-Heiles", "coupled masses", "saddle"])
+@pytest.mark.parametrize("name", PAIRS)
+def test_lobattos_pairs_follow_the_formula(name: str, system: str, target: str) -> None:
+    compiled, h = model(system, target), 0.05
+    A, B, b = map(np.array, PAIRS[name])
+    found = run(compiled, 12 * h, name, step=h)
+    q, v = np.split(np.array(compiled.statement.initial), 2)
+    for i in range(12):
+        assert found.y[:, i] == pytest.approx(np.concatenate([q, v]), rel=1e-12, abs=1e-13)
+        pushes = np.array([compiled.accelerations(q, v)] * len(b))
+        for _ in range(100):
+            places = q + h * A @ (v + h * B @ pushes)
+            pushes = np.array([compiled.accelerations(place, v) for place in places])
+        q, v = q + h * b @ (v + h * B @ pushes), v + h * b @ pushes
 
 
 # --- claims ---------------------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from lagrange.machine.python_source import loaded
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.procedure.step.controlled_steps import steps_of
 from lagrange.procedure.step.memory import EFFORT, NEWTON, Kept, Layout, kept
+from lagrange.program.actions import LAWS
 from lagrange.program.step import StepProgram
 
 
@@ -30,10 +31,9 @@ class NumpyDriver:
     def __init__(
         self, step: StepProgram, kernel: Kernel, parameters: FloatArray, jacobian: Kernel | None = None
     ) -> None:
-        n = kernel.program.states
-        self._layout, self._run = _loaded(step, n)
-        derivative = None if jacobian is None else between_arrays(jacobian, parameters, n)
-        self._laws = between_arrays(kernel, parameters, n), EMPTY, derivative, EMPTY
+        self._layout, self._run = _loaded(step, LAWS[step.law].dimension(kernel.program.states))
+        derivative = None if jacobian is None else between_arrays(jacobian, parameters)
+        self._laws = between_arrays(kernel, parameters), EMPTY, derivative, EMPTY
         self._work = np.zeros(self._layout.size)
         layouts = [self._layout] if step.starter is None else [self._layout, self._layout.starting]
         self._newtons: list[list[Any]] = [[NEWTON.structure() for _ in layout.solves] for layout in layouts]
@@ -62,12 +62,13 @@ class NumpyDriver:
         )
 
 
-def between_arrays(kernel: Kernel, parameters: FloatArray, dimension: int) -> Callable[..., bool]:
+def between_arrays(kernel: Kernel, parameters: FloatArray) -> Callable[..., bool]:
     """Return a kernel as procedures call it, between arrays: it says whether a matrix is singular."""
+    count = kernel.program.states
 
     def evaluate(t: float, y: memoryview, _: memoryview, out: memoryview) -> bool:
         try:
-            found = kernel(t, np.frombuffer(y, count=dimension), parameters)
+            found = kernel(t, np.frombuffer(y, count=count), parameters)
         except SingularMassMatrix:
             return True
         out[: found.size] = np.ascontiguousarray(found).reshape(-1).data

@@ -30,6 +30,7 @@ from lagrange.machine.step_events import StepFunction
 from lagrange.procedure.form import Procedure, calls
 from lagrange.procedure.step.controlled_steps import steps_of
 from lagrange.procedure.step.memory import NEWTON, Kept, Layout, kept
+from lagrange.program.actions import LAWS
 from lagrange.program.step import StepProgram
 
 
@@ -40,7 +41,7 @@ class LlvmDriver:
         self, step: StepProgram, kernel: LlvmKernel, parameters: FloatArray, jacobian: LlvmKernel | None = None
     ) -> None:
         self._kernel = kernel
-        self._code = _compiled(step, kernel.program.states)
+        self._code = _compiled(step, LAWS[step.law].dimension(kernel.program.states))
         self._drive, self._places = _DRIVE(self._code.module.address), self._code.places
         self._quick = not self._code.module.is_final
         self._prepared = kernel.prepare(parameters)
@@ -129,7 +130,8 @@ def driver_ir(step: StepProgram, dimension: int) -> str:
 
 def laid_out(step: StepProgram, dimension: int) -> Layout:
     """Return where the vectors of a step stand, in blocks."""
-    return Layout(step, dimension, block=llvm_calling.BLOCK, in_registers=llvm_calling.fit(dimension))
+    small = llvm_calling.fit(dimension) and not LAWS[step.law].through_memory
+    return Layout(step, dimension, block=llvm_calling.BLOCK, in_registers=small)
 
 
 def _drive(layout: Layout, loop: Procedure) -> str:

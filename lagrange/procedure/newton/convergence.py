@@ -37,20 +37,25 @@ from lagrange.procedure.values import Flag, Real, Whole
 
 
 @cache
-def assess_correction(*, adaptive: bool) -> Procedure:
-    """Return the assessment of a correction: done, paused if another one is needed, or diverged."""
-    return _Assessment(adaptive=adaptive).build()
+def assess_correction(*, adaptive: bool, constrained: bool = False) -> Procedure:
+    """Return the assessment of a correction: done, paused if another one is needed, or diverged.
+
+    The rate of the previous step says nothing of a `constrained` step with error control: it is that by which the
+    gradients of constraints turn, and does not fall with the length of the step. Its first correction counts as one of
+    the largest rate.
+    """
+    return _Assessment(adaptive=adaptive, measured=adaptive and constrained).build()
 
 
 class _Assessment:
     """Builds the procedure; `iteration` counts corrections from 0, and `since` those made with the current matrix."""
 
-    def __init__(self, *, adaptive: bool) -> None:
-        kind = "controlled" if adaptive else "equal"
+    def __init__(self, *, adaptive: bool, measured: bool) -> None:
+        kind = "constrained" if measured else "controlled" if adaptive else "equal"
         self.p = p = Builder(
             f"assess_correction_{kind}", "Say whether the unknowns are good enough, by the norms of corrections."
         )
-        self.adaptive = adaptive
+        self.adaptive, self.measured = adaptive, measured
         self.newton: Any = p.record("newton", NEWTON)
         self.iteration: Whole = p.given("iteration", WHOLE)
         self.norm: Real = p.given("norm", REAL)
@@ -61,7 +66,7 @@ class _Assessment:
         p, newton = self.p, self.newton
         first = self.iteration.equals(0)
         measured = self.norm / self.previous
-        rate = p.choose(first, newton.rate, measured)
+        rate = p.choose(first, DIVERGENCE_RATE if self.measured else newton.rate, measured)
         with p.when(self.converged(first, rate)):
             aged = p.smaller(newton.rate * RATE_INCREASE, LARGEST_RATE)
             newton.rate = p.choose(first, aged, p.larger(measured, LEAST_RATE))

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import reduce
 
+from lagrange.graph.node import Node
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, WHOLE, Procedure
 from lagrange.procedure.newton.constants import (
@@ -77,24 +79,34 @@ def _start(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure:
 
 
 def _weigh_by_tolerance(given: Given, solve: SolveLayout) -> None:
-    """Set the weights of corrections: their effect on the arguments of the calls, relative to the tolerances.
+    """Set the weights of corrections: their largest effect on a state in the arguments of calls, in units of tolerance.
 
-    The size of an entry that begins at zero is that of its slope times the step.
+    The size of an entry that begins at zero is that of its slope times the step. A multiplier has no tolerance: its
+    weight is 0, and what it does to the velocities counts.
     """
-    p, reached = given.p, [solve.solve.reach(i) for i in range(solve.solve.count)]
-    vectors = Vectors(given, [], [factor for factors, _ in reached for factor in factors])
+    p, states = given.p, range(given.layout.step.states)
+    reached = [[solve.solve.reach(i, state) for state in states] for i in range(solve.solve.count)]
+    vectors = Vectors(given, [], [factor for found in reached for factors in found for factor in factors])
     step = vectors.layout.step
     slope = vectors.at(step.calls[0].first) if step.starts_with_slope else None
-    for i, (factors, argument) in enumerate(reached):
-        largest = p.constant(0.0, REAL)
-        for factor in factors:
-            largest = p.larger(largest, abs(vectors.numbers[factor]))
-        weights, state = given.work.at(solve.weights + i * solve.width), vectors.at(argument)
+    for i, found in enumerate(reached):
+        largest = [_largest(vectors, factors) for factors in found]
+        weights = given.work.at(solve.weights + i * solve.width)
         with p.each(solve.width, spill=True) as k:
-            size = abs(state[k])
-            if slope is not None:
-                size = p.larger(size, abs(given.h * slope[k]))
-            weights[k] = largest / p.fma(given.rtol, size, given.floors[k])
+            weight = p.constant(0.0, REAL)
+            for state, effect in enumerate(largest):
+                size = abs(vectors.at(state)[k])
+                if slope is not None:
+                    size = p.larger(size, abs(given.h * slope[k]))
+                share = effect / p.fma(given.rtol, size, given.floors.at(state * solve.length)[k])
+                weight = p.larger(weight, share) if state else share
+            weights[k] = weight
+
+
+def _largest(vectors: Vectors, factors: list[Node]) -> Real:
+    """Return the largest absolute value of some numbers of a step."""
+    p = vectors.p
+    return reduce(lambda largest, factor: p.larger(largest, abs(vectors.numbers[factor])), factors, p.real(0.0))
 
 
 def _iterate(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure:
@@ -105,6 +117,7 @@ def _iterate(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure:
     newton, effort = given.newton, given.effort
     arguments = [argument for call in stated.calls for argument in call.arguments]
     vectors = Vectors(given, [*arguments, *stated.residuals], [call.time for call in stated.calls])
+    constrained = layout.step.law == "constrained"
     unit = given.rtol if solve.adaptive else p.constant(UNIT_ROUND_OFF, REAL)
     previous, moved = p.variable(0.0, "previous"), p.variable(0.0, "moved")
     since = p.variable(MATRIX_AGE, "since")
@@ -129,7 +142,12 @@ def _iterate(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure:
             moved.value = p.fma(norm, unit, moved.value)
             p.leave_if(moved.value > LARGEST_DISTANCE, Outcome.DIVERGED)
         assessment = p.call(
-            assess_correction(adaptive=solve.adaptive), newton, iteration, norm, previous.value, since.value
+            assess_correction(adaptive=solve.adaptive, constrained=constrained),
+            newton,
+            iteration,
+            norm,
+            previous.value,
+            since.value,
         )
         p.leave_if(~assessment.equals(Outcome.PAUSED), assessment)
         previous.value = norm

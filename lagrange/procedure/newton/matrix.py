@@ -2,7 +2,7 @@
 
 With unknowns z_j and the calls c of a solve, the derivative of residual i by unknown j is beta_ij I + g_ij J. J is the
 derivative of the law at one point, and g_ij is the sum over c of the factor of c in residual i times that of z_j in the
-argument of c. A law of momenta has J in four blocks, each with its own g.
+argument of c. A law of momenta has J in four blocks, each with its own g, and one of constraints has it in fifteen.
 """
 
 from __future__ import annotations
@@ -61,6 +61,13 @@ def shares_of(layout: Layout, solve: Solve) -> list[Node]:
     ]
 
 
+_INERTIA = {"momentum": (((0, 1),),), "constrained": (((0, 1), (2, 2)), ((4, 1), (4, 2)))}
+"""The matrix that must be regular for a law to determine the motion: rows of blocks by result and argument.
+
+It is M = dp/dv, and with constraints [[M, G^T], [G, 0]], which has ones on its diagonal where multipliers are padding.
+"""
+
+
 class _MatrixBuilder:
     """Builds the procedure. Matrices are in the work array, the derivative by columns."""
 
@@ -73,9 +80,17 @@ class _MatrixBuilder:
         self.layout, self.solve, self.law = layout, solve, LAWS[layout.step.law]
         self.given = Given(p, layout, solve)
         stated = solve.solve
-        self.point: LawCall | None = None if solve.adaptive else stated.calls[(len(stated.calls) - 1) // 2]
+        middle = stated.calls[(len(stated.calls) - 1) // 2]
+        given_by_state = self.law.arguments <= self.law.states
+        self.point: LawCall | None = None if solve.adaptive and given_by_state else middle
         self.identity, self.factors = coefficients(layout, stated)
         self.shares = shares_of(layout, stated)
+        blocks = [(r, s) for r in range(self.law.results) for s in range(self.law.arguments)]
+        zero = layout.step.graph.zero
+        used = [any(factor is not zero for factor in self.factors[k :: len(blocks)]) for k in range(len(blocks))]
+        self.blocks = [(k, *block) for k, block in enumerate(blocks) if used[k]]
+        """The number, the result and the argument of each block of the derivative that stands in a residual."""
+        self.pairs = len(blocks)
         combined = [*stated.residuals, *(self.point.arguments if self.point else ())]
         nodes = [*self.identity, *self.factors, *self.shares, *(damp.factor for damp in solve.damped)]
         self.vectors = Vectors(self.given, combined, [*nodes, *([self.point.time] if self.point else [])])
@@ -85,17 +100,21 @@ class _MatrixBuilder:
     def build(self) -> Procedure:
         p, given, solve = self.p, self.given, self.solve
         newton = given.newton
-        with p.when(newton.differentiated.equals(0)):
+        if self.point is not None and solve.adaptive:
+            p.note("Gradients of constraints turn from step to step: a derivative of a step before costs corrections.")
             self.differentiate()
+        else:
+            with p.when(newton.differentiated.equals(0)):
+                self.differentiate()
         self.fill(self.table(self.identity), self.table(self.factors))
         singular = self.invert(solve.unknowns)
         self.spread()
-        if self.layout.step.law == "momentum":
+        if self.layout.step.law in _INERTIA:
             with p.when(singular):
-                self.leave_if_mass_singular()
+                self.leave_if_inertia_singular(_INERTIA[self.layout.step.law])
         for damp in solve.damped:
             self.damper(self.vectors.numbers[damp.factor], given.work.at(solve.damper(damp)))
-        if self.point is not None:
+        if self.point is not None and not solve.adaptive:
             weigh_by_rounding(self.vectors, solve, self.point, self.table(self.shares, size=True))
             newton.rate = 1.0
             newton.noise = 1.0
@@ -114,7 +133,7 @@ class _MatrixBuilder:
 
     def differentiate(self) -> None:
         """Evaluate the derivative of the law: at the middle call of the residuals, or at the start of the step."""
-        given, layout, n = self.given, self.layout, self.layout.dimension
+        given, layout, rows, columns = self.given, self.layout, self.layout.rows, self.layout.columns
         if self.point is None:
             time, where = given.t, given.work.at(layout.argument)
             for i in range(layout.step.states):
@@ -123,14 +142,14 @@ class _MatrixBuilder:
             time, where = self.vectors.numbers[self.point.time], self.vectors.arguments(self.point)
         failed = given.laws.jacobian(time, where, given.laws.constants, self.matrix)
         self.p.leave_if(failed, Outcome.SINGULAR)
-        with self.p.loop(0, n) as a, self.p.loop(0, n) as b:
-            self.derivative[b * n + a] = self.matrix[a * n + b]
+        with self.p.loop(0, rows) as a, self.p.loop(0, columns) as b:
+            self.derivative[b * rows + a] = self.matrix[a * columns + b]
         given.newton.differentiated = 1
 
     def line(self, column: Whole, r: int, s: int) -> Memory:
         """Return a column of a block of the derivative: of result r by argument s."""
         length = self.solve.length
-        return self.derivative.at((column + s * length) * self.layout.dimension + r * length)
+        return self.derivative.at((column + s * length) * self.layout.rows + r * length)
 
     def fill(self, identity: Memory, factors: Memory) -> None:
         """Write the negative transposed matrix by rows; the rows of its inverse are the columns that are kept.
@@ -138,13 +157,12 @@ class _MatrixBuilder:
         The last block of a part may overwrite what follows, which is written later.
         """
         p, solve, count, length = self.p, self.solve, self.solve.solve.count, self.solve.length
-        blocks = [(r, s) for r in range(self.law.results) for s in range(self.law.arguments)]
         with p.loop(0, count) as j, p.loop(0, length) as b, p.loop(0, count) as i:
             pair = i * count + j
-            own = [-factors[pair * len(blocks) + k] for k in range(len(blocks))]
+            own = [-factors[pair * self.pairs + k] for k, _, _ in self.blocks]
             one = -identity[pair]
             row = self.matrix.at((j * length + b) * solve.stride + i * length)
-            lines = [self.line(b, r, s) for r, s in blocks]
+            lines = [self.line(b, r, s) for _, r, s in self.blocks]
             with p.each(solve.width, spill=True) as a:
                 value = p.choose(a.equals(b), one, 0.0)
                 for factor, line in zip(own, lines, strict=True):
@@ -169,12 +187,15 @@ class _MatrixBuilder:
         with p.each(solve.width, spill=True) as a:
             target[a] = source[a] if solve.width == solve.length else p.choose(a < solve.length, source[a], 0.0)
 
-    def leave_if_mass_singular(self) -> None:
-        """Leave if the mass matrix dp/dv is singular, and not only the matrix of the step."""
-        length, n = self.solve.length, self.layout.dimension
-        with self.p.loop(0, length) as a, self.p.loop(0, length) as b:
-            self.matrix[a * row_stride(length) + b] = self.derivative[(b + length) * n + a]
-        self.p.leave_if(self.invert(length), Outcome.SINGULAR)
+    def leave_if_inertia_singular(self, blocks: Sequence[Sequence[tuple[int, int]]]) -> None:
+        """Leave if the matrix of these blocks of the derivative is singular, and not only the matrix of the step."""
+        length, order = self.solve.length, len(blocks) * self.solve.length
+        for i, line in enumerate(blocks):
+            for j, (r, s) in enumerate(line):
+                with self.p.loop(0, length) as a, self.p.loop(0, length) as b:
+                    place = (i * length + a) * row_stride(order) + j * length + b
+                    self.matrix[place] = self.line(b, r, s)[a]
+        self.p.leave_if(self.invert(order), Outcome.SINGULAR)
 
     def damper(self, factor: Real, target: Memory) -> None:
         """Write (I - factor J)^-1 by columns."""

@@ -15,7 +15,7 @@ def weigh_by_rounding(vectors: Vectors, solve: SolveLayout, point: LawCall, shar
     The sizes of the terms of a residual, and J times those of the arguments, are an error of one unit of round-off. The
     inverse maps it to the unknowns. In any units, no iteration can reach a smaller error.
     """
-    p, work, n = vectors.p, vectors.work, vectors.layout.dimension
+    p, work, rows = vectors.p, vectors.work, vectors.layout.rows
     count, length, law = solve.solve.count, solve.length, LAWS[vectors.layout.step.law]
     sizes, places = work.at(solve.sizes), work.at(solve.places)
     for number, residual in enumerate(solve.solve.residuals):
@@ -30,7 +30,7 @@ def weigh_by_rounding(vectors: Vectors, solve: SolveLayout, point: LawCall, shar
         with p.loop(0, length) as a:
             total = p.variable(sizes[i * solve.width + a], "total")
             with p.loop(0, law.arguments) as s, p.loop(0, length) as b:
-                entry = abs(derivative[(s * length + b) * n + r * length + a])
+                entry = abs(derivative[(s * length + b) * rows + r * length + a])
                 total.value = p.fma(share.value, entry * places[s * solve.width + b], total.value)
             sizes[i * solve.width + a] = total.value
     inverse, weights = work.at(solve.inverse), work.at(solve.weights)

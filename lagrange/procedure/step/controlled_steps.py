@@ -29,6 +29,7 @@ from lagrange.procedure.step.first_step import first_step
 from lagrange.procedure.step.memory import Layout
 from lagrange.procedure.step.trial import Running, accept_step, try_step
 from lagrange.procedure.values import Flag, Memory, Real
+from lagrange.program.actions import LAWS
 from lagrange.program.step import Control
 
 
@@ -85,7 +86,8 @@ class _ControlledLoop:
         direction = p.real(p.choose(distance < 0.0, -1.0, 1.0))
         with p.when(run.h.equals(0.0)):
             size = p.call(first_step(self.layout, self.control), *self.given.handed, abs(distance), direction)
-            self.counts.evaluations = self.counts.evaluations + 3
+            if LAWS[self.layout.step.law].results == 1:
+                self.counts.evaluations = self.counts.evaluations + 3
             p.leave_if(size < 0.0, Outcome.UNSCALED)
             run.h = size * direction
         return direction

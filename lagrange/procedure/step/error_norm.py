@@ -21,16 +21,23 @@ def error_norm(layout: Layout, control: Control) -> Procedure:
     run: Any = p.record("run", RUN)
     floors = floors_of(p, layout)
     work = p.array("work", size=layout.size, room=layout.block, read=True)
-    old, new = work.at(0), work.at(layout.place(layout.new))
-    errors = [work.at(layout.place(layout.errors + i)) for i in range(len(layout.step.errors))]
-    rtol = run.rtol
-    with p.each(layout.width) as i:
-        scale = p.fma(rtol, p.larger(abs(old[i]), abs(new[i])), floors[i])
-        ratios = [error[i] / scale for error in errors]
-        sums = [p.dot(ratio, ratio) for ratio in ratios]
-    first, n = sums[0].value, float(layout.dimension)
+    states, rtol = layout.step.states, run.rtol
+    totals: list[Real] = []
+    for state in range(states):
+        old, new, floor = (
+            *(work.at(layout.place(k + state)) for k in (0, layout.new)),
+            floors.at(state * layout.length),
+        )
+        errors = [work.at(layout.place(layout.errors + i)) for i in range(state, len(layout.step.errors), states)]
+        with p.each(layout.width if states == 1 else layout.length) as i:
+            scale = p.fma(rtol, p.larger(abs(old[i]), abs(new[i])), floor[i])
+            ratios = [error[i] / scale for error in errors]
+            sums = [p.dot(ratio, ratio) for ratio in ratios]
+        found = [one.value for one in sums]
+        totals = [before + one for before, one in zip(totals, found, strict=True)] if state else found
+    first, n = totals[0], float(layout.dimension)
     if control.damped:
-        mixed = p.fma(DAMPING, sums[1].value, first)
+        mixed = p.fma(DAMPING, totals[1], first)
         p.leave(first / p.sqrt(p.choose(mixed > 0.0, mixed * n, 1.0)))
     else:
         p.leave(p.sqrt(first / n))
@@ -54,12 +61,14 @@ def reject(layout: Layout) -> Procedure:
     run.h = h
     counts.after_reject = counts.after_reject + 1
     counts.rejected = counts.rejected + 1
-    new = work.at(layout.place(layout.new))
-    with p.each(layout.width) as i:
-        floor = floors[i]
-        size = abs(p.choose(moved, new[i], floor))
-        blank = p.largest(p.choose(floor <= LEAST_FLOOR, size, 0.0))
-    asked = counts.after_reject.equals(REJECTIONS_BEFORE_SURVEY) | (blank.value > 0.0)
+    asked = counts.after_reject.equals(REJECTIONS_BEFORE_SURVEY)
+    for state in range(layout.step.states):
+        new, own = work.at(layout.place(layout.new + state)), floors.at(state * layout.length)
+        with p.each(layout.width if layout.step.states == 1 else layout.length) as i:
+            floor = own[i]
+            size = abs(p.choose(moved, new[i], floor))
+            blank = p.largest(p.choose(floor <= LEAST_FLOOR, size, 0.0))
+        asked = asked | (blank.value > 0.0)
     p.leave(asked & (run.share > 0.0) & (counts.surveyed < MOST_SURVEYS))
     return p.finish(FLAG)
 
@@ -67,9 +76,11 @@ def reject(layout: Layout) -> Procedure:
 def raise_floors(given: Running) -> None:
     """Raise the floors to their share of the new state."""
     p, layout = given.p, given.layout
-    share, new = given.run.share, given.work.at(layout.place(layout.new))
-    with p.each(layout.width, spill=True) as i:
-        given.floors[i] = higher(p, share * abs(new[i]), given.floors[i])
+    share, one = given.run.share, layout.step.states == 1
+    for state in range(layout.step.states):
+        new, floors = given.work.at(layout.place(layout.new + state)), given.floors.at(state * layout.length)
+        with p.each(layout.width if one else layout.length, spill=one) as i:
+            floors[i] = higher(p, share * abs(new[i]), floors[i])
 
 
 def higher(p: Builder, value: Real, floor: Real) -> Any:

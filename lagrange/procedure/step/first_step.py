@@ -31,6 +31,7 @@ from lagrange.procedure.step.error_norm import higher
 from lagrange.procedure.step.memory import Layout
 from lagrange.procedure.step.trial import Running
 from lagrange.procedure.values import Flag, Memory, Real, Whole
+from lagrange.program.actions import LAWS
 from lagrange.program.step import Control
 
 NEEDS_SIZES = -1.0
@@ -65,6 +66,8 @@ class _FirstStep:
 
     def build(self) -> Procedure:
         p, run, layout, work = self.p, self.run, self.layout, self.work
+        if LAWS[layout.step.law].results > 1:
+            return self.without_slopes()
         self.y, self.argument, self.result = work.at(0), work.at(layout.argument), work.at(layout.result)
         self.slope, self.later = work.at(layout.place(layout.vectors - 1)), work.at(layout.place(layout.errors))
         self.sensitivity = work.at(layout.place(layout.new))
@@ -87,6 +90,14 @@ class _FirstStep:
             self.first_floors(h, h / trial)
             self.noise_floors(p.choose(some, 1.0 / rate, 0.0))
         p.leave(h)
+        return p.finish(REAL)
+
+    def without_slopes(self) -> Procedure:
+        """Build the procedure of a law without slopes: the caller estimates the sizes, and errors show the rest."""
+        p, run, counts = self.p, self.run, self.given.counts
+        p.leave_if((run.share > 0.0) & counts.surveyed.equals(0), NEEDS_SIZES)
+        least = abs(run.t) * (LEAST_SPACINGS * SPACING)
+        p.leave(p.smaller(p.larger(DEFAULT_FIRST * self.span, least), self.span))
         return p.finish(REAL)
 
     def evaluate(self, t: Real, y: Memory, out: Memory) -> None:

@@ -14,7 +14,7 @@ from lagrange.procedure.blocks import whole_blocks
 from lagrange.procedure.form import REAL, WHOLE, Record
 from lagrange.procedure.linear.gauss_jordan import row_stride
 from lagrange.procedure.newton.constants import HISTORY
-from lagrange.program.actions import Damp, Solve
+from lagrange.program.actions import LAWS, Damp, Solve
 from lagrange.program.step import StepProgram
 
 EFFORT = Record.of("Effort", evaluations=WHOLE, residual=REAL)
@@ -57,6 +57,9 @@ class Layout:
     ) -> None:
         self.step, self.dimension, self.block, self.in_registers = step, dimension, block, in_registers
         self.length = dimension // 2 if step.partitioned else dimension
+        law = LAWS[step.law]
+        self.rows, self.columns = law.results * self.length, law.arguments * self.length
+        """The shape of the derivative of the law: by results, and by arguments."""
         self.width = whole_blocks(self.length, block)
         self.keeps_history = bool(step.solves) or step.starter is not None
         """Whether steps go on from those before: from what a solve keeps, or from the state one step back."""
@@ -66,8 +69,8 @@ class Layout:
         self.new = self.vectors
         self.errors = self.new + step.states
         self.argument = (self.errors + len(step.errors)) * self.width
-        self.result = self.argument + 2 * (dimension + block)
-        self.flags = whole_blocks(self.result + 2 * (dimension + block), block)
+        self.result = self.argument + max(2 * dimension, self.columns) + 2 * block
+        self.flags = whole_blocks(self.result + max(2 * dimension, self.rows) + 2 * block, block)
         """Where the driver keeps whether the state one step back is known, and behind it whether the trial gives it."""
         self.effort = self.flags + 2
         end = whole_blocks(self.effort + len(EFFORT.fields), block)
@@ -95,14 +98,14 @@ class SolveLayout:
     """Offsets of the data of one solve in the work array, from `start`: record, vectors of unknowns, and matrices.
 
     A vector of unknowns is `count` padded vectors long. The matrices are the negative inverse of the Newton matrix and
-    those that damp, by columns of that length; the derivative of the law (2n, 2n) by columns; and room for a matrix to
+    those that damp, by columns of that length; the derivative of the law by columns; and room for a matrix to
     be inverted, by rows `stride` apart.
     """
 
     def __init__(self, layout: Layout, start: int, index: int, solve: Solve, damped: list[Damp]) -> None:
         self.index, self.solve, self.damped = index, solve, damped
         self.adaptive = layout.step.control is not None
-        block, dimension, length = layout.block, layout.dimension, layout.length
+        block, length = layout.block, layout.length
         self.length, self.width = length, layout.width
         self.unknowns = solve.count * length
         self.all = solve.count * self.width
@@ -114,12 +117,13 @@ class SolveLayout:
         self.history = self.weights + self.all
         self.sizes = self.history + (1 if self.adaptive else HISTORY) * self.all
         self.places = self.sizes + self.all
-        self.inverse = self.places + 2 * self.width
+        self.inverse = self.places + LAWS[layout.step.law].arguments * self.width
         self.dampers = self.inverse + self.unknowns * self.all
         self.derivative = self.dampers + len(damped) * length * self.width
-        self.matrix = whole_blocks(self.derivative + dimension * dimension, block)
-        self.pivots = self.matrix + self.unknowns * self.stride
-        self.end = self.pivots + 3 * self.stride
+        entries = layout.rows * layout.columns
+        self.matrix = whole_blocks(self.derivative + entries, block)
+        self.pivots = self.matrix + max(self.unknowns * self.stride, whole_blocks(entries, block))
+        self.end = self.pivots + 3 * row_stride(max(self.unknowns, layout.dimension))
 
     def damper(self, damp: Damp) -> int:
         """Return the offset of the matrix of a damping."""
@@ -131,8 +135,8 @@ class Kept:
     """The data of Newton's method for one solve of m numbers, read from the work array.
 
     `inverse` (m, m) is that of the derivative of the residuals by the unknowns, for steps of length `step`; 0 means
-    that the next step builds a new one. `derivative` (2n, 2n) is that of the law. `dampers` are the damping matrices,
-    (2n, 2n) each; `weights` (m,) are those of the corrections.
+    that the next step builds a new one. `derivative` is that of the law, by results and arguments. `dampers` are the
+    damping matrices, (2n, 2n) each; `weights` (m,) are those of the corrections.
     """
 
     step: float
@@ -151,11 +155,11 @@ def kept(layout: Layout, matrix_step: float, solve: SolveLayout, work: NDArray[n
         padded = work[place : place + order * vectors * solve.width].reshape(order, vectors, solve.width)
         return np.array(padded[:, :, : solve.length].reshape(order, order).T)
 
-    n = layout.dimension
+    derivative = work[solve.derivative : solve.derivative + layout.rows * layout.columns]
     weights = work[solve.weights : solve.weights + solve.all].reshape(-1, solve.width)
     return Kept(
         step=matrix_step,
-        derivative=work[solve.derivative : solve.derivative + n**2].reshape(n, n).T.copy(),
+        derivative=derivative.reshape(layout.columns, layout.rows).T.copy(),
         inverse=-columns(solve.inverse, solve.solve.count),
         dampers=tuple(columns(solve.damper(damp), 1) for damp in solve.damped),
         weights=weights[:, : solve.length].ravel(),

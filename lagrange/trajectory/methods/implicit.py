@@ -16,7 +16,7 @@ from lagrange.program.step import Control, StepProgram, trace
 from lagrange.statement.choice import one_of, text
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.built_in import built_in
-from lagrange.trajectory.methods.settings import adaptive_settings, check_options, fixed_settings
+from lagrange.trajectory.methods.settings import adaptive_settings, check_constraints, check_options, fixed_settings
 from lagrange.trajectory.paths.step_paths import StepPath, hermite_path
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.run_loop import drive_by
@@ -28,10 +28,11 @@ from lagrange.trajectory.trajectory import FloatArray, Trajectory
 class ImplicitMethod:
     """The method of a step function that solves, step(f, t, y, h, solve).
 
-    `law` is what it calls: "rhs", or "momentum" for step(g, t, q, v, h, solve). With a `control` it returns an error
-    vector as well and takes `rtol` and `atol`, otherwise equal steps of size `step`. With a `starter`, which takes
-    the first step, it gets the state one step back behind the state. `path` makes the dense output, whose order is
-    claimed; without it there is one of Hermite polynomials.
+    `law` is what it calls: "rhs", or "momentum" or "constrained" for step(g, t, q, v, h, solve). With a `control` it
+    returns an error vector for each vector of the state as well and takes `rtol` and `atol`, otherwise equal steps of
+    size `step`. With a `starter`, which takes the first step, it gets the state one step back behind the state. `path`
+    makes the dense output, whose order is claimed; without it there is one of Hermite polynomials. A method that is
+    `holonomic` refuses constraints that are stated in velocities.
     """
 
     name: str
@@ -41,6 +42,7 @@ class ImplicitMethod:
     control: Control | None = None
     starter: Callable[..., Any] | None = None
     path: Callable[[Problem, FloatArray, FloatArray], StepPath] | None = None
+    holonomic: bool = False
     step: float | None = None
     rtol: float | None = None
     atol: float | None = None
@@ -49,7 +51,7 @@ class ImplicitMethod:
         text(self.name, "name")
         if not isinstance(self.claims, Claims):
             raise StatementError(f"the claims of {self.name} are {shown(self.claims)}: give an lg.Claims.")
-        one_of(self.law, ("rhs", "momentum"), "the law of a method is not {given}: give one of {known}.")
+        one_of(self.law, ("rhs", "momentum", "constrained"), "the law of a method is not {given}: give one of {known}.")
         for what, given in (("function", self.function), ("starter", self.starter), ("path", self.path)):
             if not (callable(given) and isinstance(given, Hashable)) and (given is not None or what == "function"):
                 raise StatementError(f"the {what} of {self.name} is {shown(given)}: give a function.")
@@ -66,6 +68,8 @@ class ImplicitMethod:
 
     def plan(self, problem: Problem) -> StepPlan:
         """Return the plan; see `Planned`."""
+        if self.law == "constrained":
+            check_constraints(self.name, problem, holonomic=self.holonomic)
         chosen = adaptive_settings if self.control else fixed_settings
         tolerances = chosen(self.name, problem, self.step, self.rtol, self.atol)
         path = self.path or hermite_path(self.claims.order)

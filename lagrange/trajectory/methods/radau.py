@@ -8,7 +8,7 @@ Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -64,15 +64,20 @@ class Radau:
     def predict(self, ratio: Any, *old: Any) -> tuple[Any, ...]:
         """Return the increments on the polynomial through those of the step before."""
         _, _, c = collocation_tableau(POINTS[self.stages])
-        basis = [np.poly1d(line[::-1]) for line in lagrange_basis((0.0, *c))[1:]]
+        return tuple(found - old[-1] for found in continued((0.0, *c), c, ratio, (old[0] * 0, *old)))
 
-        def at(polynomial: Any, ci: float) -> Any:
-            value: Any = 0
-            for coefficient in polynomial.coeffs:
-                value = value * (1 + ratio * ci) + float(coefficient)
-            return value
 
-        return tuple(weighted([at(one, ci) for one in basis], old) - old[-1] for ci in c)
+def continued(points: Sequence[float], wanted: Sequence[float], ratio: Any, old: Sequence[Any]) -> list[Any]:
+    """Return the polynomial through values at points of a step at points of the next, `ratio` times as long."""
+    basis = [np.poly1d(line[::-1]) for line in lagrange_basis(points)]
+
+    def at(polynomial: Any, ci: float) -> Any:
+        value: Any = 0
+        for coefficient in polynomial.coeffs:
+            value = value * (1 + ratio * ci) + float(coefficient)
+        return value
+
+    return [weighted([at(one, ci) for one in basis], old) for ci in wanted]
 
 
 RADAU3, RADAU5 = Radau(2), Radau(3)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.errors import StatementError, shown
+from lagrange.errors import StatementError, listing, shown
 from lagrange.procedure.step.constants import LEAST_FLOOR
 from lagrange.statement.number import real_number
 from lagrange.trajectory.integrator import Problem
@@ -116,6 +116,24 @@ def check_problem(name: str, problem: Problem) -> None:
     """Refuse an argument that is not a problem."""
     if not isinstance(problem, Problem):
         raise StatementError(f"{name} cannot run {shown(problem)}: give an lg.Problem, or call lg.integrate().")
+
+
+def check_constraints(name: str, problem: Problem, *, holonomic: bool) -> None:
+    """Refuse constraints that a method with multipliers among its unknowns cannot hold."""
+    check_problem(name, problem)
+    held, n = problem.model.equations.constraints, problem.model.dimension
+    if len(held) > n:
+        raise StatementError(
+            f"{name} finds a multiplier for each constraint, and {len(held)} constraints of {n} coordinates cannot be "
+            "independent: drop those that follow from others, or take a method that solves for accelerations, such as "
+            "taylor."
+        )
+    stated = [repr(one) for one, phi in zip(held.names, held.positions, strict=True) if phi is None]
+    if holonomic and stated:
+        raise StatementError(
+            f"{name} is for constraints on coordinates, and {listing(stated)} is stated in velocities: take "
+            "radau5-index2, taylor or dop853. If it can be integrated, state the integral instead."
+        )
 
 
 def _tolerance(name: str, what: str, asked: Any, own: Any) -> float | None:
