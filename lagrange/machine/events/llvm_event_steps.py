@@ -93,6 +93,8 @@ class LlvmEventSteps:
         self._words = self._code.words()
         self._code.give(self._words, given)
         self._memory: StepEventMemory | None = None
+        self._function: StepFunction | None = None
+        self._state: DriverState | None = None
 
     def __call__(self, state: DriverState, memory: StepEventMemory, times: FloatArray, rows: FloatArray) -> int:
         """Advance a run; see `EventSteps`."""
@@ -100,9 +102,12 @@ class LlvmEventSteps:
             self._memory = memory
             self._code.give(self._words, _of_memory(memory))
         function = self._driver.function
-        run: dict[str, Any] = {"drive": function.address, "laws": function.laws, "entries": function.entries}
-        run |= {"driver_work": function.work, "reals": state.reals, "counts": state.counts, "y": state.y}
-        self._code.give(self._words, {**run, "row_times": times, "row_states": rows})
+        if function is not self._function or state is not self._state:
+            self._function, self._state = function, state
+            run: dict[str, Any] = {"drive": function.address, "laws": function.laws, "entries": function.entries}
+            run |= {"driver_work": function.work, "reals": state.reals, "counts": state.counts, "y": state.y}
+            self._code.give(self._words, run)
+        self._code.give(self._words, {"row_times": times, "row_states": rows})
         before = state.integers[DriverState.STEPS]
         (code,) = self._code.run_on(self._words)
         self._driver.count(max(0, state.integers[DriverState.STEPS] - before))

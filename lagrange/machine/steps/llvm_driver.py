@@ -53,6 +53,7 @@ class LlvmDriver:
         self._work_address = address(self._work)
         self._state: DriverState | None = None
         self._records = (0, 0)
+        self._function: StepFunction | None = None
 
     def adopt(self, state: DriverState) -> None:
         """Leave the state where it is; see `Driver`."""
@@ -72,8 +73,10 @@ class LlvmDriver:
     @property
     def function(self) -> StepFunction:
         """What takes its steps, for a loop that is compiled apart; it is another when it has taken many."""
-        laws = np.array([0 if one is None else one for one in self._fixed], dtype=np.int64)
-        return StepFunction(self._code.module.address_of("steps"), laws, self._work, self._places)
+        if self._function is None:
+            laws = np.array([0 if one is None else one for one in self._fixed], dtype=np.int64)
+            self._function = StepFunction(self._code.module.address_of("steps"), laws, self._work, self._places)
+        return self._function
 
     def count(self, steps: int) -> None:
         """Count steps taken by code that was compiled quickly, and go on with the code that there is by now."""
@@ -82,6 +85,7 @@ class LlvmDriver:
         self._code.module.count(steps)
         if self._code.module.is_final:
             self._drive, self._quick = _DRIVE(self._code.module.address), False
+            self._function = None
 
     def kept(self) -> tuple[Kept, ...]:
         """Return what each solve of the steps keeps, and behind them each of the starter."""

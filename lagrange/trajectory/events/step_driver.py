@@ -88,7 +88,7 @@ class EventDriver:
         self._run.fixed = int(fixed)
         self._compiled: EventSteps | None = None
         self._width, self._owed, self._looked = 1, 0, 0
-        self._first = True
+        self._first = self._stale = True
 
     def adopt(self, state: DriverState) -> None:
         """Leave the state where it is; see `Driver`."""
@@ -117,9 +117,11 @@ class EventDriver:
             raise AssertionError("there is machine code")
         run = self._run
         run.longest = LONGEST_LOOK if self._watch.ends else MOST_STEPS
-        self._watch.write()
+        if self._stale:
+            self._watch.write()
         code = self._compiled(state, self._memory, times, rows)
         self._watch.read()
+        self._stale = code in (LOOK, Outcome.WATCHED)
         if code == READ_EVENTS:
             return None
         if code != LOOK:
