@@ -35,7 +35,7 @@ def substitute(outputs: Iterable[Node], replacements: Mapping[Node, Node]) -> li
 
 
 class Substitution:
-    """Replacements that grow on the way; what was built anew for one node is kept for those that contain it."""
+    """Replaces nodes by others, which may be added between calls; what was rebuilt is kept for later calls."""
 
     def __init__(self) -> None:
         self._replaced: dict[Node, Node] = {}
@@ -56,7 +56,7 @@ class Substitution:
         return table[node]
 
     def replace(self, node: Node, other: Node) -> None:
-        """Replace a node from now on."""
+        """Replace a node by another one in later calls."""
         self._replaced[node] = other
         if self._table.get(node, other) is not other:
             # What contains the node was built from what it was.

@@ -19,7 +19,7 @@ from lagrange.graph.rebuild import rebuild
 
 @dataclass(frozen=True)
 class _Split:
-    """sum = ratio * part + rest."""
+    """A sum that contains another one: it is `ratio` times the node `part`, and the terms of `rest`."""
 
     ratio: Exact
     part: Node

@@ -74,7 +74,7 @@ def forms(p: Sequence[Node], f: Sequence[Node], q: Sequence[Node], v: Sequence[N
 
 
 Expansion = dict[tuple[Node, ...], Exact]
-"""Coefficients by the factors of a term, sorted."""
+"""A sum as a table: the coefficient of each term by the sorted factors of the term."""
 
 _Term = tuple[tuple[Node, ...], Exact]
 
@@ -207,14 +207,14 @@ def _term(node: Node) -> _Term:
 
 
 class _Behind:
-    """The coordinates dealt with so far: the force, the slope of the momentum, and what is left of both."""
+    """The coordinates whose equations are done: for each its force, the slope of its momentum, and their difference."""
 
     def __init__(self) -> None:
         self._forces: list[tuple[_Term, _Term, Node]] = []
         self._places: dict[tuple[Node, ...], list[int]] = {}
 
     def add(self, force: _Term, slope: _Term, rest: Node) -> None:
-        """Add a coordinate."""
+        """Add a coordinate with its force, the slope of its momentum, and what remains of their difference."""
         self._places.setdefault(force[0], []).append(len(self._forces))
         self._forces.append((force, slope, rest))
 

@@ -282,7 +282,10 @@ def _split_factors(factors: Sequence[Node], uses: dict[Node, int]) -> tuple[list
 
 
 def _term_order(term: tuple[Exact, Node]) -> tuple[bool, bool, int]:
-    """Parameters first; a positive term before negative ones, which then are subtractions."""
+    """Return the key that sorts the terms of a sum: parameters first, and positive before negative ones.
+
+    Negative terms then are subtractions.
+    """
     coefficient, node = term
     return (node.binding > Binding.PARAMETER, coefficient < 0, node.id)
 

@@ -322,7 +322,7 @@ def _parameter_symbols(
 
 
 _MEANT = {t.name: "time: use lg.t for time", "pi": "the constant: use sympy.pi for the constant"}
-"""What a symbol of this name was probably meant to be."""
+"""What a plain symbol with one of these names probably stands for, and what to write instead."""
 
 
 def _check_clash(name: str, by_name: dict[str, Any]) -> None:

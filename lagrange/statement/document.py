@@ -20,11 +20,12 @@ from lagrange.statement.number import TOO_LARGE, real_number
 from lagrange.statement.text import read_expression, read_number
 
 LARGEST_FILE = 1_048_576
-"""Bytes."""
+"""The most bytes of a file."""
 MOST_DOTS = 20_000_000
-"""Sum over the lines of their dots squared: tomllib takes that much time and memory for a key a.a.a..."""
+"""The largest sum over all lines of the square of their number of dots: the time and the memory that tomllib takes for
+a key such as a.a.a grow like this sum."""
 MOST_HEADERS = 5_000
-"""Lines that start with a bracket; tomllib takes 30 us for each."""
+"""The most lines that start with a bracket; tomllib takes 30 us for each."""
 
 _POSITION = re.compile(r"(?s)(.*) \(at (?:line (\d+), column (\d+)|end of document)\)")
 _DECIMAL = re.compile(r"(?<![\w.])[+-]?[0-9][0-9_]*(?:\.[0-9_]+)?(?:[eE][+-]?[0-9_]+)?(?![\w.])")

@@ -18,7 +18,7 @@ from lagrange.errors import StatementError, shown
 from lagrange.statement.number import real_number
 
 MOST_ENTRIES = 10_000
-"""Of one vector; a generator may have no end."""
+"""The most entries of a vector. A generator that gives more is refused, for it may have no end."""
 
 TEXTS = (str, bytes, bytearray, memoryview)
 

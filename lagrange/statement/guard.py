@@ -20,17 +20,18 @@ from sympy.functions.elementary.piecewise import ExprCondPair
 
 LARGEST_EXPONENT = 1000
 MOST_BITS = 256
-"""Length of an exact numerator or denominator: 77 digits."""
+"""The most bits of an exact numerator or denominator, which is 77 digits."""
 MOST_BRANCHES = 32
-"""Of one condition."""
+"""The most branches of a condition."""
 MOST_ARGUMENTS = 16
-"""Of min and max, which SymPy compares pair by pair."""
+"""The most arguments of min and max: SymPy compares them pair by pair."""
 MOST_DOUBTFUL = 5
-"""Parts that may be complex in what SymPy splits into real and imaginary part: each can double the work."""
+"""The most parts that may be complex in an expression that SymPy splits into its real and imaginary part: each can
+double the work."""
 MOST_COMPARED = 200
-"""Parts of all the expressions that one comparison, absolute value, minimum or maximum looks at."""
+"""The most parts of the expressions that a comparison, an absolute value, a minimum or a maximum compares."""
 CHUNK = 50
-"""Terms that SymPy joins at once: between chunks, the exact coefficients are checked."""
+"""The number of terms that SymPy adds at once. The exact coefficients are checked after each such chunk."""
 
 _COMPARING = (sympy.Abs, sympy.sign, sympy.Min, sympy.Max)
 _SPLITTING = (sympy.Abs, sympy.sinh, sympy.cosh, sympy.tanh)

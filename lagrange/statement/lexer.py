@@ -14,13 +14,14 @@ from lagrange.statement.coordinate import NAME
 from lagrange.statement.vocabulary import FUNCTIONS, WORDS
 
 LONGEST = 10_000
-"""Characters in one expression."""
+"""The most characters of an expression."""
 DEEPEST = 64
-"""Parentheses, signs, powers and conditions inside each other."""
+"""The most parentheses, signs, powers and conditions that stand inside each other."""
 LONGEST_CHAIN = 2_200
-"""Terms and factors in a row, which nest in the parser's tree; Python 3.11 builds it up to some 2900 deep."""
+"""The most terms and factors in a row. They nest in the tree of Python's parser, which fails beyond a depth of some
+2900 in Python 3.11."""
 LONGEST_NUMBER = 100
-"""Characters in one number."""
+"""The most characters of a number."""
 
 _TOKEN = re.compile(
     r"(?P<blank>[ \t\r\n]+)"

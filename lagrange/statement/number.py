@@ -26,10 +26,10 @@ before it is made: the system would end the process instead of telling why."""
 _FLOATS, _PLAIN = frozenset((float,)), frozenset((float, int))
 
 _NO_NUMBERS = (bool, np.bool_, np.ma.MaskedArray)
-"""What NumPy takes for numbers inside a list of others."""
+"""The types that are no numbers here, and that NumPy converts to numbers inside a list."""
 
 _ENDED = (list, tuple, range, np.ndarray, array, memoryview, bytearray, bytes, str, Mapping, Set)
-"""What NumPy reads as long as it says, or not as a sequence."""
+"""The types that NumPy reads to the length that they state, or does not read as a sequence."""
 
 TOO_LARGE = "too large for a floating-point number: give one below 1.8e308"
 

@@ -36,7 +36,7 @@ from lagrange.statement.guard import (
 from lagrange.statement.vocabulary import ALIASES, WORDS, Word
 
 MOST_CHAINED = 4
-"""Chained comparisons in a row that lead to one value: SymPy distributes n of them into 2**n clauses."""
+"""The most chained comparisons in a row that lead to one value: SymPy makes 2**n clauses of n of them."""
 
 _PREDEFINED = {"t": t, "pi": sympy.pi}
 
