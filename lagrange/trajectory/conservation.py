@@ -68,6 +68,8 @@ def verified(problem: Problem, trajectory: Trajectory, before: float, *, adaptiv
 def _kept(problem: Problem, trajectory: Trajectory, end: FloatArray, until: float, before: float, after: float) -> bool:
     """Return whether the energy of `end`, at the time `until`, is that of the start; cheap tests come first."""
     change = abs(after - before)
+    if change <= SMALL_CHANGE * _kinetic_energy_at(problem, end):
+        return True
     if change <= SMALL_CHANGE * float(_kinetic(problem, np.stack([problem.y0, end], axis=1)).max()):
         return True
     return change <= LARGEST_LOSS * _mean_kinetic_energy(problem, trajectory, until) or change <= _noise(
@@ -114,6 +116,13 @@ def _mean_kinetic_energy(problem: Problem, trajectory: Trajectory, until: float)
         states = trajectory.dense(times)
     speeds = np.sqrt(_finite(_kinetic(problem, states)))
     return float(speeds.sum() / max(len(speeds), 1)) ** 2
+
+
+def _kinetic_energy_at(problem: Problem, y: FloatArray) -> float:
+    """Return |v.p| / 2 of one state if that is quickly found, else 0: energies near zero need no more, as a rule."""
+    model = problem.model
+    momenta = quickly(model.kernel("momenta"), problem.parameter_array, problem.t0, y)
+    return 0.0 if momenta is None else abs(float(momenta @ y[model.layout.v])) / 2
 
 
 def _kinetic(problem: Problem, y: FloatArray) -> FloatArray:

@@ -35,14 +35,17 @@ def test_a_run_of_quick_steps_comes_back_seldom(
 
 
 @pytest.mark.parametrize("method", ["taylor", "dop853", "rk4", "radau5"])
+@pytest.mark.parametrize("initial", [None, {"theta": np.pi / 2}], ids=["plain", "energy near zero"])
 @pytest.mark.parametrize("scene", ["pendulum", "elastic-pendulum"])
-def test_a_run_looks_at_its_ends_by_quick_calls(scene: str, method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_looks_at_its_ends_by_quick_calls(
+    scene: str, initial: Any, method: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Where nothing is wrong, neither the first slope nor an inertia or an energy is computed the slow way."""
     model = lg.scene(scene).compile()
     step: dict[str, Any] = {"step": 0.01} if method == "rk4" else {}
-    expected = lg.integrate(model, (0.0, 0.1), method=method, **step)
+    expected = lg.integrate(model, (0.0, 0.1), initial, method=method, **step)
     for slow in (LlvmKernel, InterpretedKernel):
         monkeypatch.setattr(slow, "__call__", None)
         monkeypatch.setattr(slow, "columns", None)
-    found = lg.integrate(model, (0.0, 0.1), method=method, **step)
+    found = lg.integrate(model, (0.0, 0.1), initial, method=method, **step)
     assert found.status is lg.Status.SUCCESS and np.array_equal(found.y, expected.y)
