@@ -62,12 +62,12 @@ class Structure:
         count = len(self.constraints)
         if not count:
             return []
-        held = (
-            f"constraint {listing(self.constraints)} is"
-            if count == 1
-            else f"constraints {listing(self.constraints)} are"
-        )
-        sentences = [f"The {held} kept by multipliers, {count} for {len(self.names)} coordinates."]
+        free = len(self.names) - count
+        held = "constraint {} leaves" if count == 1 else "constraints {} leave"
+        work = f" {'Its' if count == 1 else 'Their'} forces do no work." if self.workless else ""
+        sentences = [
+            f"The {held.format(listing(self.constraints))} {free or 'none'} of {len(self.names)} velocities free.{work}"
+        ]
         for name in self.nonlinear:
             sentences.append(
                 f"The constraint {name} is not linear in the velocities: its force is along its derivative in the "

@@ -16,6 +16,7 @@ from lagrange.equations.solve_plan import coupled
 from lagrange.equations.structure import Structure
 from lagrange.statement.coordinate import t
 from tests.models import c, k, l, laws, m, omega, phi, r, stated, theta, x, y
+from tests.series_systems import HELD
 
 
 def structure(name: str) -> Structure:
@@ -121,6 +122,28 @@ def test_sentences_for_the_user() -> None:
     both = replace(structure("cart and pole"), autonomous=False)
     assert both.sentences()[2] == (
         "The energy is not conserved: the Lagrangian depends on time and forces or dissipation act."
+    )
+
+
+def test_what_constraints_leave() -> None:
+    found = {name: euler_lagrange(HELD[name]()).structure for name in ("1 rod", "3 rods", "sleigh")}
+    assert found["1 rod"].sentences()[2] == (
+        "The constraint constraint_1 leaves 1 of 2 velocities free. Its forces do no work."
+    )
+    assert found["3 rods"].sentences()[2] == (
+        "The constraints constraint_1, constraint_2 and constraint_3 leave 3 of 6 velocities free. Their forces do no "
+        "work."
+    )
+    assert found["sleigh"].sentences()[2:4] == [
+        "The constraint blade leaves 2 of 3 velocities free.",
+        "The energy is not conserved: constraints that depend on time, or on velocities other than in proportion, may "
+        "do work.",
+    ]
+    assert found["3 rods"].conservative and not found["sleigh"].conservative
+    bent = stated(kinetic=x.dot**2 + y.dot**2, coordinates=[x, y], constraints={"speed": x.dot**2 + y.dot**2 - 1})
+    assert euler_lagrange(bent).structure.sentences()[3] == (
+        "The constraint speed is not linear in the velocities: its force is along its derivative in the velocities "
+        "(Chetaev's rule)."
     )
 
 
