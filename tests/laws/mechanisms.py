@@ -1,0 +1,201 @@
+"""Random mechanisms: three coordinates, random energies, one or two random constraints, and a state on them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+from hypothesis import HealthCheck, Phase, assume, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from sympy import cos, sin
+
+from lagrange.compiler import machine, model_of
+from lagrange.machine.model import Model
+from lagrange.statement.coordinate import coordinates, t
+from lagrange.statement.declare import declare
+from tests.covering import share
+
+Vector = NDArray[np.float64]
+
+PLACES = coordinates("x y z")
+RATES = tuple(q.dot for q in PLACES)
+x, y, z = PLACES
+
+rationals = st.integers(-8, 8).filter(bool).map(lambda i: sp.Rational(i, 4))
+"""Numbers that doubles hold exactly, as coefficients of series are doubles."""
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def functions_of(*leaves: Any) -> st.SearchStrategy[Any]:
+    """Return random polynomial-trigonometric expressions of the leaves, a few terms each."""
+    wave = st.builds(lambda c, a, b: sin(c * a + b), rationals, st.sampled_from(leaves), rationals)
+    power = st.sampled_from([*leaves, *(leaf**2 for leaf in leaves)])
+    term = st.builds(
+        lambda c, a, b: c * a * b, rationals, st.one_of(power, wave), st.one_of(wave, st.just(sp.Integer(1)))
+    )
+    return st.lists(term, min_size=1, max_size=3).map(lambda terms: sp.Add(*terms))
+
+
+def kinetic_energies(*leaves: Any) -> st.SearchStrategy[Any]:
+    """Return quadratic forms in the velocities, positive everywhere."""
+    many = st.tuples(*(functions_of(*leaves) for _ in PLACES))
+    return many.map(lambda g: sum(v**2 for v in RATES) / 2 + sum(f * v for f, v in zip(g, RATES, strict=True)) ** 2 / 8)
+
+
+def potentials(*leaves: Any) -> st.SearchStrategy[Any]:
+    """Return potentials that keep the system near the origin."""
+    return functions_of(*leaves).map(lambda f: f / 4 + sum(leaf**2 + leaf**4 for leaf in leaves))
+
+
+some = settings(
+    max_examples=share(12),
+    phases=(Phase.explicit, Phase.reuse, Phase.generate),
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much],
+)
+"""A smaller mechanism that fails as well is no easier to read, and each costs a second to compile."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanism:
+    """A statement in x, y and z, its constraints by name, and a state (q, v) that satisfies them at a time."""
+
+    energies: Mapping[str, Any]
+    constraints: Mapping[str, Any]
+    q: Vector
+    v: Vector
+    time: float = 0.3
+
+    @property
+    def state(self) -> Vector:
+        """Return (q, v)."""
+        return np.concatenate([self.q, self.v])
+
+    def compile(self, target: str = "numpy", **changed: Any) -> Model:
+        """Return the model, with some of what is stated changed."""
+        stated = {"coordinates": list(PLACES), "constraints": self.constraints, **self.energies}
+        return model_of(declare(**stated | changed), machine(target))
+
+    @cached_property
+    def model(self) -> Model:
+        """Return the model as it is stated."""
+        return self.compile()
+
+    def at(self, expression: Any) -> float:
+        """Return the value of an expression at the state, by SymPy."""
+        found = sp.sympify(expression)
+        for leaves, values in ((RATES, self.v), (PLACES, self.q), ((t,), (self.time,))):  # t stands inside x(t)
+            found = found.subs(dict(zip(leaves, map(float, values), strict=True)))
+        return float(found)
+
+    @cached_property
+    def gradient(self) -> Vector:
+        """Return the rows of G, by SymPy."""
+        return np.array([[self.at(one) for one in row] for row in map(gradient_of, self.constraints.values())])
+
+    def accelerations(self, model: Model | None = None) -> Vector:
+        """Return the accelerations of this or another model at the state."""
+        found: Vector = (model or self.model).accelerations(self.q, self.v, self.time)
+        return found
+
+    def multipliers(self, model: Model | None = None) -> Vector:
+        """Return the multipliers of this or another model at the state."""
+        return (model or self.model).multipliers(self.q, self.v, self.time)
+
+    def reaction(self, model: Model | None = None) -> Vector:
+        """Return the generalized forces of all constraints together."""
+        found: Vector = self.gradient.T @ self.multipliers(model)
+        return found
+
+
+def has_velocities(constraint: Any) -> bool:
+    """Return whether a constraint is stated in velocities."""
+    return bool(constraint.atoms(sp.Derivative))
+
+
+def gradient_of(constraint: Any) -> list[Any]:
+    """Return the coefficients of the velocities in a constraint, or in its rate of change."""
+    rate = constraint if has_velocities(constraint) else sp.diff(constraint, t).doit()
+    return [sp.diff(rate, v) for v in RATES]
+
+
+def rate_of(constraint: Any) -> Any:
+    """Return what a constraint keeps at zero of the velocities."""
+    return constraint if has_velocities(constraint) else sp.diff(constraint, t).doit()
+
+
+def holonomic(*leaves: Any) -> st.SearchStrategy[Any]:
+    """Return functions of the places with a gradient that seldom vanishes."""
+    linear = st.tuples(rationals, rationals, rationals)
+    return st.builds(
+        lambda c, f: sum(a * q for a, q in zip(c, PLACES, strict=True)) + f / 4, linear, functions_of(*leaves)
+    )
+
+
+def rolling(*leaves: Any) -> st.SearchStrategy[Any]:
+    """Return forms that are linear in the velocities, integrable hardly ever."""
+    many = st.tuples(*(st.tuples(rationals, functions_of(*leaves)) for _ in PLACES))
+    return many.map(lambda rows: sum((c + f / 4) * v for (c, f), v in zip(rows, RATES, strict=True)))
+
+
+def kinds(leaves: tuple[Any, ...]) -> st.SearchStrategy[list[Any]]:
+    """Return one or two constraints of both kinds."""
+    return st.lists(st.one_of(holonomic(*leaves), rolling(*leaves)), min_size=1, max_size=2)
+
+
+def put(energies: Mapping[str, Any], constraints: list[Any], seed: int, time: float = 0.3) -> Mechanism:
+    """Return a mechanism at a random state, to which the constraints are shifted and the velocities projected.
+
+    Draws whose constraints are nearly dependent there are left out: they amplify round-off.
+    """
+    random = np.random.default_rng(seed)
+    q, v = random.uniform(-0.9, 0.9, 3), random.uniform(-0.9, 0.9, 3)
+    there = Mechanism(energies, {}, q, v, time)
+    names = [f"c{i}" for i in range(len(constraints))]
+    shifted = [one if has_velocities(one) else one - there.at(one) for one in constraints]
+    held = Mechanism(energies, dict(zip(names, shifted, strict=True)), q, v, time)
+    G = held.gradient
+    assume(np.linalg.svd(G, compute_uv=False).min() > 0.3)
+    off = np.array([held.at(rate_of(one)) for one in shifted])
+    return Mechanism(energies, held.constraints, q, v - np.linalg.pinv(G) @ off, time)
+
+
+def mechanisms(
+    constraints: st.SearchStrategy[list[Any]] | None = None, forces: bool = False
+) -> st.SearchStrategy[Mechanism]:
+    """Return random mechanisms, with constraints and energies that do not depend on time, and maybe with forces."""
+    energies: dict[str, Any] = {"kinetic": kinetic_energies(*PLACES), "potential": potentials(*PLACES)}
+    if forces:
+        energies["forces"] = st.builds(lambda P, Q: {x: P, z: Q}, functions_of(x, y, *RATES), functions_of(z, x.dot))
+    return st.builds(put, st.fixed_dictionaries(energies), kinds(PLACES) if constraints is None else constraints, seeds)
+
+
+def moving() -> st.SearchStrategy[Mechanism]:
+    """Return random mechanisms whose constraints depend on time."""
+
+    def swung(constraints: list[Any], f: Any, w: Any) -> list[Any]:
+        return [one + f * cos(w * t) / 4 for one in constraints]
+
+    energies = st.fixed_dictionaries({"kinetic": kinetic_energies(*PLACES), "potential": potentials(*PLACES)})
+    return st.builds(put, energies, st.builds(swung, kinds(PLACES), functions_of(*PLACES), rationals), seeds)
+
+
+def slope(f: Any) -> float:
+    """Return f'(0) by differences; the error is about 1e-11 of f."""
+    h = 1e-3
+    rows = [(f(d) - f(-d)) / (2 * d) for d in (h, h / 2, h / 4)]
+    rows = [(4 * two - one) / 3 for one, two in pairwise(rows)]
+    return float((16 * rows[1] - rows[0]) / 15)
+
+
+def close(expected: Any, tolerance: float = 1e-9) -> Any:
+    """Return what compares with a number or an array to a tolerance, in parts of its largest entry or of 1."""
+    whole = np.asarray(expected, dtype=float)
+    return pytest.approx(whole, rel=0, abs=tolerance * max(1.0, float(np.abs(whole).max(initial=0.0))))

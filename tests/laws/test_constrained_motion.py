@@ -1,0 +1,240 @@
+"""Laws of the motion of random mechanisms: along runs, and of machines, batches, derivatives that are compiled."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from lagrange.compiler import machine, model_of
+from lagrange.machine.model import Model
+from lagrange.statement.coordinate import coordinates
+from lagrange.statement.declare import declare
+from lagrange.trajectory.integrate import integrate
+from lagrange.trajectory.methods.taylor import Taylor
+from lagrange.trajectory.options import RunOptions
+from lagrange.trajectory.trajectory import Status
+from tests.laws.mechanisms import (
+    PLACES,
+    RATES,
+    Mechanism,
+    Vector,
+    close,
+    functions_of,
+    holonomic,
+    kinds,
+    kinetic_energies,
+    mechanisms,
+    moving,
+    potentials,
+    put,
+    rate_of,
+    rationals,
+    seeds,
+    slope,
+    some,
+)
+
+x, y, z = PLACES
+places_only = holonomic(*PLACES).map(lambda phi: [phi])
+LENGTH = 0.5
+
+
+def run(model: Model, state: Vector, method: Any = None, end: float = LENGTH, begin: float = 0.3) -> Vector:
+    """Return the states of a run, (6, K); what comes where constraints are dependent on the way is left out."""
+    names = [*(q.func.__name__ for q in PLACES), *(f"{q.func.__name__}_dot" for q in PLACES)]
+    options = RunOptions(method or Taylor(rtol=1e-12, atol=1e-14), max_steps=5_000)
+    start = dict(zip(names, map(float, state), strict=True))
+    found, _ = integrate(model, (begin, begin + end), start, options)
+    assume(found.status not in (Status.SINGULAR, Status.MAX_STEPS))
+    assert found.status is Status.SUCCESS, found.message
+    states: Vector = found.y
+    return states
+
+
+# --- runs -----------------------------------------------------------------------------------------------------
+
+
+@some
+@given(mechanisms())
+def test_energy_is_conserved_along_a_run(mechanism: Mechanism) -> None:
+    compiled = mechanism.compile("llvm")
+    assert compiled.conservative
+    found = run(compiled, mechanism.state)
+    energy = compiled.energy(found[:3], found[3:])
+    assert energy == close(np.full(energy.shape, energy[0]), 1e-9)
+
+
+@some
+@given(mechanisms(forces=True) | moving())
+def test_a_run_stays_on_its_constraints(mechanism: Mechanism) -> None:
+    compiled = mechanism.compile("llvm")
+    last = run(compiled, mechanism.state)[:, -1]
+    off = compiled.evaluate("constraints", last[:3], last[3:], mechanism.time + LENGTH)
+    assert off == close(np.zeros(len(off)), 1e-10)
+
+
+@some
+@given(mechanisms())
+def test_time_runs_back_the_way_it_came(mechanism: Mechanism) -> None:
+    compiled, turn = mechanism.compile("llvm"), np.repeat([1.0, -1.0], 3)
+    there = run(compiled, mechanism.state)[:, -1]
+    assert turn * run(compiled, turn * there)[:, -1] == close(mechanism.state, 1e-8)
+
+
+@some
+@given(mechanisms(), rationals)
+def test_the_motion_does_not_depend_on_how_constraints_are_written(mechanism: Mechanism, factor: Any) -> None:
+    """Their rates, scaled and in another order, have the same run."""
+    others = {name: factor * rate_of(one) for name, one in reversed(mechanism.constraints.items())}
+    expected = run(mechanism.compile("llvm"), mechanism.state)[:, -1]
+    assert run(mechanism.compile("llvm", constraints=others), mechanism.state)[:, -1] == close(expected, 1e-8)
+
+
+@some
+@given(kinetic_energies(x, y), potentials(x, y), kinds((x, y)), seeds)
+def test_a_momentum_that_no_constraint_holds_is_conserved(T: Any, V: Any, held: Any, seed: int) -> None:
+    """z stands nowhere, and the constraints are free of its velocity."""
+    free = [one.subs(z.dot, 0).subs(z, 0) for one in held][:1]
+    mechanism = put({"kinetic": T, "potential": V}, free, seed)
+    compiled = mechanism.compile("llvm")
+    found = run(compiled, mechanism.state)
+    momentum = compiled.momenta(found[:3], found[3:])[2]
+    assert momentum == close(np.full(momentum.shape, momentum[0]), 1e-9)
+
+
+@some
+@given(mechanisms(forces=True) | moving(), st.integers(6, 40))
+def test_series_of_any_order_give_the_motion(mechanism: Mechanism, order: int) -> None:
+    compiled = mechanism.compile("llvm")
+    rtol = 1e-10 if order > 8 else 1e-7
+    found = run(compiled, mechanism.state, Taylor(rtol=rtol, atol=rtol, order=order), 0.1)[:, -1]
+    assert found == close(run(compiled, mechanism.state, "dop853", 0.1)[:, -1], 100 * rtol if order <= 8 else 1e-7)
+
+
+# --- power ----------------------------------------------------------------------------------------------------
+
+
+def power(mechanism: Mechanism, model: Model) -> float:
+    """Return dE/dt along the motion, by differences."""
+    flow = model.rhs(mechanism.time, mechanism.state)
+
+    def energy(s: float) -> float:
+        there = mechanism.state + s * flow
+        return float(model.energy(there[:3], there[3:], mechanism.time + s))
+
+    return slope(energy)
+
+
+@some
+@given(mechanisms(), functions_of(*RATES))
+def test_friction_takes_its_power_from_the_energy(mechanism: Mechanism, D: Any) -> None:
+    """dE/dt = -v . dD/dv: constraints neither add to it nor take from it."""
+    other = mechanism.compile(dissipation=D)
+    rubbing = sum(mechanism.at(v * sp.diff(D, v)) for v in RATES)
+    assert power(mechanism, other) == close(-rubbing, 1e-6)
+
+
+@some
+@given(moving())
+def test_a_constraint_that_moves_feeds_the_energy(mechanism: Mechanism) -> None:
+    """dE/dt = lambda^T G v."""
+    assert power(mechanism, mechanism.model) == close(mechanism.reaction() @ mechanism.v, 1e-6)
+
+
+# --- what is compiled -----------------------------------------------------------------------------------------
+
+QUANTITIES = ("accelerations", "multipliers", "constraint_forces", "constraints", "jacobian", "rhs")
+
+
+@some
+@given(mechanisms(forces=True) | moving())
+def test_machine_code_and_numpy_agree(mechanism: Mechanism) -> None:
+    compiled, at = mechanism.compile("llvm"), (mechanism.q, mechanism.v, mechanism.time)
+    for quantity in QUANTITIES:
+        expected = mechanism.model.evaluate(quantity, *at)
+        assert compiled.evaluate(quantity, *at) == close(expected, 1e-11), quantity
+
+
+@some
+@given(mechanisms(forces=True), st.sampled_from(["llvm", "numpy"]))
+def test_a_batch_is_its_states_one_by_one(mechanism: Mechanism, target: str) -> None:
+    """Off the constraints too, where most states of a batch are."""
+    compiled = mechanism.compile(target)
+    shifts = 0.01 * np.random.default_rng(1).normal(size=(6, 7))
+    q, v = np.split(mechanism.state[:, None] + shifts, 2)
+    for quantity in QUANTITIES:
+        together = compiled.evaluate(quantity, q, v, mechanism.time)
+        alone = [compiled.evaluate(quantity, q[:, i], v[:, i], mechanism.time) for i in range(7)]
+        assert np.moveaxis(together, -1, 0) == close(np.array(alone), 1e-12), quantity
+
+
+@some
+@given(mechanisms(forces=True) | moving(), st.sampled_from(["llvm", "numpy"]))
+def test_the_jacobian_is_the_slope_of_the_right_hand_side(mechanism: Mechanism, target: str) -> None:
+    compiled = mechanism.compile(target)
+    found = compiled.jacobian(mechanism.time, mechanism.state)
+    for column, unit in zip(found.T, np.eye(6), strict=True):
+        slopes = [
+            slope(lambda s, i=i, unit=unit: float(compiled.rhs(mechanism.time, mechanism.state + s * unit)[i]))
+            for i in range(6)
+        ]
+        assert column == close(slopes, 1e-6 * max(1.0, float(np.abs(found).max())))
+
+
+@some
+@given(mechanisms(forces=True) | moving())
+def test_the_right_hand_side_is_velocities_and_accelerations(mechanism: Mechanism) -> None:
+    found = mechanism.model.rhs(mechanism.time, mechanism.state)
+    assert found == close([*mechanism.v, *mechanism.accelerations()], 1e-14)
+
+
+# --- other coordinates ----------------------------------------------------------------------------------------
+
+
+@some
+@given(mechanisms(forces=True), st.permutations(range(3)))
+def test_the_order_of_coordinates_does_not_matter(mechanism: Mechanism, order: list[int]) -> None:
+    other = mechanism.compile(coordinates=[PLACES[i] for i in order])
+    found = other.accelerations(mechanism.q[order], mechanism.v[order], mechanism.time)
+    assert found == close(mechanism.accelerations()[order])
+    assert other.multipliers(mechanism.q[order], mechanism.v[order], mechanism.time) == close(mechanism.multipliers())
+
+
+@some
+@given(mechanisms(), rationals, rationals)
+def test_the_motion_is_the_same_in_other_coordinates(mechanism: Mechanism, a: Any, b: Any) -> None:
+    """With x = u + a sin(w)/4, y = w + b u^2/4 and z = s: accelerations follow by the chain rule, multipliers stay."""
+    u, w, s = coordinates("u w s")
+    new = sp.Matrix([u, w, s])
+    places = sp.Matrix([u + a * sp.sin(w) / 4, w + b * u**2 / 4, s])
+    J = places.jacobian(list(new))
+    rates = J * sp.Matrix([q.dot for q in (u, w, s)])
+
+    def moved(expression: Any) -> Any:
+        return expression.subs(dict(zip(RATES, rates, strict=True))).subs(dict(zip(PLACES, places, strict=True)))
+
+    energies = {name: moved(mechanism.energies[name]) for name in ("kinetic", "potential")}
+    constraints = {name: moved(one) for name, one in mechanism.constraints.items()}
+    there = model_of(declare(coordinates=[u, w, s], constraints=constraints, **energies), machine("numpy"))
+    inner = nearest(places, [u, w, s], mechanism.q)
+    jacobian = np.array(J.subs(dict(zip((u, w, s), inner, strict=True))), dtype=float)
+    assume(abs(np.linalg.det(jacobian)) > 0.5)
+    v = np.linalg.solve(jacobian, mechanism.v)
+    bend = np.array([-float(a) / 4 * np.sin(inner[1]) * v[1] ** 2, float(b) / 2 * v[0] ** 2, 0.0])
+    assert jacobian @ there.accelerations(inner, v) + bend == close(mechanism.accelerations(), 1e-8)
+    assert there.multipliers(inner, v) == close(mechanism.multipliers(), 1e-8)
+
+
+def nearest(places: Any, symbols: list[Any], q: Vector) -> Vector:
+    """Return the other coordinates of a place, by Newton's method."""
+    plain = [sp.Dummy() for _ in symbols]
+    both = sp.lambdify(plain, [expression.subs(dict(zip(symbols, plain, strict=True))) for expression in places])
+    found = q.copy()
+    for _ in range(200):
+        found = found - (np.array(both(*found), dtype=float) - q) / 2
+    assume(np.abs(np.array(both(*found), dtype=float) - q).max() < 1e-14)
+    return found
