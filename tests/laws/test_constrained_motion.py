@@ -89,7 +89,7 @@ def test_time_runs_back_the_way_it_came(mechanism: Mechanism) -> None:
 @given(mechanisms(), rationals)
 def test_the_motion_does_not_depend_on_how_constraints_are_written(mechanism: Mechanism, factor: Any) -> None:
     """Their rates, scaled and in another order, have the same run."""
-    others = {name: factor * rate_of(one) for name, one in reversed(mechanism.constraints.items())}
+    others = {name: factor * rate_of(one) for name, one in reversed([*mechanism.constraints.items()])}
     expected = run(mechanism.compile("llvm"), mechanism.state)[:, -1]
     assert run(mechanism.compile("llvm", constraints=others), mechanism.state)[:, -1] == close(expected, 1e-8)
 

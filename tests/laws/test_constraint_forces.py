@@ -138,7 +138,7 @@ def test_two_constraints_more_leave_no_freedom_to_the_last(mechanism: Mechanism)
 @some
 @given(mechanisms(two, forces=True))
 def test_the_order_of_constraints_does_not_matter(mechanism: Mechanism) -> None:
-    other = mechanism.compile(constraints=dict(reversed(mechanism.constraints.items())))
+    other = mechanism.compile(constraints=dict(reversed([*mechanism.constraints.items()])))
     assert mechanism.accelerations(other) == close(mechanism.accelerations())
     assert mechanism.multipliers(other)[::-1] == close(mechanism.multipliers())
 

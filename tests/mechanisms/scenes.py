@@ -270,7 +270,7 @@ FORMULATIONS: dict[str, Callable[[], Formulation]] = {
     for make in (
         *(cartesian_pendulum, cartesian_double_pendulum, slider_crank, four_bar, four_bar_change_point),
         *(four_bar_ladder, bead_on_wire, atwood_machine, swinging_atwood_machine, rolling_disc, chaplygin_sleigh),
-        *(knife_edge, differential_drive, hanging_chain, ladder, particle_on_sphere),
+        *(knife_edge, differential_drive, free_flip, spinning_top, hanging_chain, ladder, particle_on_sphere),
     )
 }
 """How to formulate each scene, by its name."""
