@@ -1,0 +1,254 @@
+"""Fewer coordinates: a holonomic constraint solved for a coordinate, which is then put into all that was stated.
+
+With q_c = f(q, t) the velocity is df/dt, a generalized force Q_c acts as Q_c df/dq_j on each other coordinate, and the
+dissipation takes the new velocities. The reactions of the constraint do no virtual work and drop out. A constraint on
+velocities may not be put into the energies: what it forbids is missing in their derivatives.
+Source: H. Goldstein, C. Poole, J. Safko, Classical Mechanics, 3rd ed., 2002, sections 1.3 and 1.4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import sympy
+
+from lagrange.equations.terms import differentiable, printable
+from lagrange.errors import StatementError, listing, shown, suggestion
+from lagrange.statement.constraint import Constraint
+from lagrange.statement.coordinate import name_of, t, velocity_of
+from lagrange.statement.declare import declare
+from lagrange.statement.expression import expression
+from lagrange.statement.statement import Statement
+from lagrange.statement.survey import Survey
+
+DIGITS = 40
+"""Digits of the numbers at which a given branch is tested."""
+
+TESTS = 5
+"""States at which it is tested: one with another value is enough to refuse it."""
+
+
+def reduced(statement: Statement, wanted: Sequence[Any]) -> Statement:
+    """Return a statement without some coordinates, and without the constraints that determine them.
+
+    Each of `wanted` is a coordinate, its name, the name of a constraint, or a dict from coordinates to the expressions
+    that they are equal to. Raises StatementError where no constraint determines a coordinate.
+    """
+    if not wanted:
+        raise StatementError("nothing is to be eliminated: name a coordinate that a constraint determines.")
+    for one in wanted:
+        for name, given in _requests(one, statement):
+            statement = _without(statement, name, given)
+    return statement
+
+
+def _requests(one: Any, statement: Statement) -> list[tuple[str, Any]]:
+    """Return the coordinates meant, each with the expression given for it, or None."""
+    if isinstance(one, Mapping):
+        return [(_named(key, statement), value) for key, value in one.items()]
+    constraints = {held.name: held for held in statement.constraints}
+    if isinstance(one, str) and one in constraints and one not in statement.names:
+        return [(_coordinate_of(constraints[one], statement), None)]
+    return [(_named(one, statement), None)]
+
+
+def _named(key: Any, statement: Statement) -> str:
+    """Return the name of a coordinate that the system still has."""
+    by_key = dict(zip(statement.coordinates, statement.names, strict=True))
+    name = key if isinstance(key, str) else by_key.get(key) if isinstance(key, sympy.Basic) else None
+    if name in statement.names:
+        return str(name)
+    label = key if isinstance(key, str) else name_of(key) if getattr(key, "args", ()) == (t,) else shown(key)
+    raise StatementError(
+        f"{label[:80]!r} is no coordinate that can be eliminated; they are {listing(statement.names)}."
+        + suggestion(label, statement.names)
+    )
+
+
+def _coordinate_of(constraint: Constraint, statement: Statement) -> str:
+    """Return the last coordinate that a constraint determines. Raises StatementError if it determines none."""
+    if not constraint.holonomic:
+        raise StatementError(f"{constraint.name} determines no coordinate: {_on_velocities([constraint.name])}")
+    for name in reversed(statement.names):
+        if _solution(constraint, name, statement) is not None:
+            return name
+    raise StatementError(
+        f"{constraint.name} determines no coordinate safely: it is not linear in any, with a coefficient that never "
+        "vanishes. Give a branch, such as eliminate({y: -sqrt(l**2 - x**2)})."
+    )
+
+
+def _solution(constraint: Constraint, name: str, statement: Statement) -> Any:
+    """Return the coordinate as an expression in plain symbols, or None if the constraint gives no single value."""
+    plain = statement.plain
+    c = plain[statement.coordinates[statement.names.index(name)]]
+    zero = constraint.expression.xreplace(plain)
+    if not constraint.holonomic or not zero.has(c):
+        return None
+    slope = sympy.expand(differentiable(zero).diff(c))
+    if slope.has(c):
+        slope = sympy.simplify(slope)
+    if slope.has(c) or not _never_zero(slope):
+        return None
+    return sympy.expand(-zero.xreplace({c: sympy.S.Zero}) / slope)
+
+
+def _never_zero(slope: Any) -> bool:
+    """Return whether SymPy knows that an expression in real symbols and positive parameters is not zero."""
+    return bool(slope.is_nonzero) or bool(sympy.factor(slope).is_nonzero)
+
+
+def _without(statement: Statement, name: str, given: Any) -> Statement:
+    """Return the statement without one coordinate."""
+    if len(statement.coordinates) == 1:
+        raise StatementError(f"{name} is the only coordinate left: without it nothing moves.")
+    held = [one for one in statement.constraints if _contains(one, name, statement)]
+    if given is None:
+        constraint, solved = _solved(held, name, statement)
+    else:
+        constraint, solved = _checked(held, name, given, statement)
+    return _substituted(statement, name, constraint, solved)
+
+
+def _contains(constraint: Constraint, name: str, statement: Statement) -> bool:
+    q = statement.coordinates[statement.names.index(name)]
+    return bool(constraint.expression.has(q))
+
+
+def _solved(held: Sequence[Constraint], name: str, statement: Statement) -> tuple[Constraint, Any]:
+    """Return the first constraint that determines a coordinate, and its expression. Raises StatementError."""
+    for one in held:
+        found = _solution(one, name, statement)
+        if found is not None:
+            return one, found
+    raise StatementError(_refusal(held, name, statement))
+
+
+def _refusal(held: Sequence[Constraint], name: str, statement: Statement) -> str:
+    """Return why no constraint determines a coordinate."""
+    if not held:
+        return f"{name} is in no constraint, so it cannot be eliminated: it moves freely."
+    places = [one for one in held if one.holonomic]
+    if not places:
+        return f"{name} is in no constraint on positions: {_on_velocities([one.name for one in held])}"
+    plain = statement.plain
+    c = plain[statement.coordinates[statement.names.index(name)]]
+    slope = differentiable(places[0].expression.xreplace(plain)).diff(c)
+    cause = (
+        f"it is not linear in {name}, so that {name} may have several values or none"
+        if sympy.simplify(slope).has(c)
+        else f"the coefficient of {name}, {printable(sympy.factor(slope))}, may vanish"
+    )
+    return (
+        f"{places[0].name} does not determine {name} safely: {cause}. Say which value is meant, as in "
+        f"eliminate({{{name}: ...}}), with an expression in the other coordinates."
+    )
+
+
+def _on_velocities(names: Sequence[str]) -> str:
+    """Return why constraints on velocities eliminate nothing."""
+    return (
+        f"{listing(names)} {'is one' if len(names) == 1 else 'are some'} on velocities, which may not be put into the "
+        "energies, since the forces of the constraint would be missing. Keep it, or state the constraint on positions "
+        "that it is the rate of."
+    )
+
+
+def _checked(held: Sequence[Constraint], name: str, given: Any, statement: Statement) -> tuple[Constraint, Any]:
+    """Return the constraint that a given expression solves, and the expression in plain symbols."""
+    what, q = f"the value of {name}", statement.coordinates[statement.names.index(name)]
+    stated = expression(given, what)
+    survey = Survey()
+    survey.add(stated, what)
+    if q in survey.coordinates or survey.velocities:
+        raise StatementError(
+            f"{what} is {shown(str(stated))}: give an expression in the other coordinates, parameters and t."
+        )
+    for leaf in (*survey.coordinates, *survey.parameters):
+        if leaf not in (*statement.coordinates, *statement.parameters):
+            raise StatementError(f"{what} contains {leaf}, which this system does not have.")
+    plain = statement.plain
+    solved = stated.xreplace(plain)
+    for one in held:
+        if one.holonomic and _holds(one.expression.xreplace(plain).xreplace({plain[q]: solved}), statement):
+            return one, solved
+    raise StatementError(
+        f"{name} = {shown(str(solved))} solves no constraint on positions that {name} is in"
+        + (f"; they are {listing(one.name for one in held if one.holonomic)}." if held else ": it is in none.")
+    )
+
+
+def _holds(zero: Any, statement: Statement) -> bool:
+    """Return whether an expression in plain symbols is zero, at states near the initial one, to many digits."""
+    plain, found = statement.plain, 0
+    decimals = sorted(zero.atoms(sympy.Float), key=str)
+    zero = zero.xreplace({number: sympy.Rational(repr(float(number))) for number in decimals})
+    for k in range(TESTS):
+        shift = sympy.Rational(2 * k - TESTS, 50 + 7 * k)
+        values = {
+            plain[q]: sympy.Rational(x) + shift / (i + 2)
+            for i, (q, x) in enumerate(zip(statement.coordinates, statement.initial, strict=False))
+        }
+        values |= {
+            p: sympy.Rational(statement.defaults.get(p, 1.5)) * (1 + shift**2 / (i + 3))
+            for i, p in enumerate(statement.parameters)
+        }
+        terms = sympy.Add.make_args(zero.xreplace({**values, t: sympy.Rational(1, 3) + shift}))
+        numbers = [term.evalf(DIGITS) for term in terms]
+        if not all(number.is_real and number.is_finite for number in numbers):
+            continue
+        found += 1
+        if abs(sum(numbers)) > sympy.Float(10) ** (10 - DIGITS) * max([1, *map(abs, numbers)]):
+            return False
+    return found > 0
+
+
+def _substituted(statement: Statement, name: str, constraint: Constraint, solved: Any) -> Statement:
+    """Return the statement with an expression, in plain symbols, for a coordinate, and without its constraint."""
+    place = statement.names.index(name)
+    gone = statement.coordinates[place]
+    plain = statement.plain
+    stated = {symbol: leaf for leaf, symbol in plain.items()}
+    left = [(q, plain[q], plain[velocity_of(q)]) for q in statement.coordinates if q != gone]
+    smooth = differentiable(solved)
+    slopes = {q: smooth.diff(symbol) for q, symbol, _ in left}
+    rate = sympy.Add(smooth.diff(t), *(slopes[q] * v for q, _, v in left))
+
+    def back(given: Any) -> Any:
+        return printable(given).xreplace(stated)
+
+    table = {gone: back(solved), velocity_of(gone): back(rate)}
+
+    def put(given: Any) -> Any:
+        return given.xreplace(table)
+
+    pull = put(statement.forces[place])
+    forces = {
+        q: put(statement.forces[i]) + pull * back(slopes[q]) for i, q in enumerate(statement.coordinates) if q != gone
+    }
+    alone = statement.potential == 0 and statement.kinetic == statement.lagrangian
+    energies = (
+        {"lagrangian": put(statement.lagrangian)}
+        if alone
+        else {"kinetic": put(statement.kinetic), "potential": put(statement.potential)}
+    )
+    n = len(statement.coordinates)
+    kept = [i for i in range(n) if i != place]
+    made = declare(
+        **energies,
+        coordinates=[q for q, _, _ in left],
+        forces={q: force for q, force in forces.items() if force != 0},
+        dissipation=put(statement.dissipation),
+        constraints={one.name: put(one.expression) for one in statement.constraints if one is not constraint},
+        parameters={p: statement.defaults.get(p) for p in statement.parameters},
+        initial={
+            **{statement.coordinates[i]: statement.initial[i] for i in kept},
+            **{statement.velocities[i]: statement.initial[n + i] for i in kept},
+        },
+        positions={label: tuple(map(put, point)) for label, point in statement.positions.items()},
+        links=statement.links,
+        name=statement.name,
+    )
+    return replace(made, about=statement.about, source=statement.source, run=statement.run)

@@ -1,0 +1,211 @@
+"""Eliminated coordinates: the smaller system moves as the one with the constraint does."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy
+from sympy import cos, exp, sin, sqrt
+
+import lagrange as lg
+from lagrange.errors import StatementError
+
+m, g, l, a, c = lg.parameters("m g l a c")
+x, y, z, u, theta = lg.coordinates("x y z u theta")
+ROD = x**2 + y**2 - l**2
+
+
+def bead() -> lg.System:
+    return lg.System(
+        kinetic=m * (x.dot**2 + y.dot**2) / 2,
+        potential=m * g * y,
+        constraints={"wire": y - a * x**2},
+        dissipation=c * y.dot**2 / 2,
+        forces={y: -l, x: -x},
+        parameters={m: 1.2, g: 9.81, a: 0.7, c: 0.1, l: 0.3},
+        initial={x: 0.6, y: 0.252, x.dot: 0.2, y.dot: 2 * 0.7 * 0.6 * 0.2},
+        positions={"bead": (x, y)},
+        links=[("origin", "bead")],
+        name="bead",
+    )
+
+
+def test_a_bead_keeps_one_coordinate_and_all_that_was_stated() -> None:
+    small = bead().eliminate(y).statement
+    assert small.names == ("x",)
+    assert small.constraints == ()
+    assert sympy.expand(small.kinetic - m * (x.dot**2 + (2 * a * x * x.dot) ** 2) / 2) == 0
+    assert sympy.expand(small.potential - m * g * a * x**2) == 0
+    assert sympy.expand(small.dissipation - c * (2 * a * x * x.dot) ** 2 / 2) == 0
+    assert sympy.expand(small.forces[0] - (-x - 2 * l * a * x)) == 0
+    assert small.positions["bead"] == (x, a * x**2)
+    assert small.links == (("origin", "bead"),)
+    assert small.initial == (0.6, 0.2)
+    assert small.defaults == bead().statement.defaults
+    assert small.name == "bead"
+
+
+@pytest.mark.parametrize("key", [y, "y", "wire"])
+def test_coordinates_and_constraints_are_named_alike(key: Any) -> None:
+    assert bead().eliminate(key).statement.names == ("x",)
+
+
+def test_both_run_alike() -> None:
+    whole, small = (system.run(2.0, rtol=1e-12) for system in (bead(), bead().eliminate(y)))
+    # Both err by some 1e-12 a step, and friction lets no error grow.
+    np.testing.assert_allclose(small.at(2.0), whole.at(2.0)[[0, 2]], atol=1e-10)
+
+
+def test_a_branch_may_be_given() -> None:
+    pendulum = lg.System(
+        kinetic=m * (x.dot**2 + y.dot**2) / 2,
+        potential=m * g * y,
+        constraints={"rod": ROD},
+        parameters={m: 1, g: 9.81, l: 1},
+        initial={x: 0.6, y: -0.8},
+    )
+    lower = pendulum.eliminate({y: -sqrt(l**2 - x**2)})
+    model, whole = lower.compile(), pendulum.compile()
+    small = model.accelerations([0.6], [0.5])
+    large = whole.accelerations([0.6, -0.8], [0.5, 0.6 * 0.5 / 0.8])
+    assert small[0] == pytest.approx(large[0], rel=1e-13)
+
+
+def test_a_lagrangian_stays_one() -> None:
+    system = lg.System(lagrangian=x.dot**2 / 2 + y.dot**2 / 2 - x * y, constraints=[y - 2 * x])
+    small = system.eliminate(y).statement
+    assert small.potential == 0
+    assert sympy.expand(small.lagrangian - (5 * x.dot**2 / 2 - 2 * x**2)) == 0
+
+
+def test_a_constraint_that_moves_takes_the_coordinate_with_it() -> None:
+    system = lg.System(kinetic=m * (x.dot**2 + y.dot**2) / 2, constraints=[y - sin(lg.t) - x], coordinates=[x, y])
+    (law,) = system.eliminate(y).equations()
+    assert sympy.expand(law.lhs - (2 * m * x.ddot - m * sin(lg.t))) == 0
+
+
+def test_several_go_one_after_another_and_other_constraints_stay() -> None:
+    system = lg.System(
+        kinetic=(x.dot**2 + y.dot**2 + z.dot**2 + u.dot**2) / 2,
+        constraints={"first": y - x**2, "second": z - y * x, "edge": u.dot - y * x.dot},
+    )
+    small = system.eliminate(y, z)
+    assert small.statement.names == ("u", "x")
+    assert [one.name for one in small.statement.constraints] == ["edge"]
+    assert small.statement.constraints[0].expression == u.dot - x**2 * x.dot
+
+
+# --- the law -----------------------------------------------------------------------------------------------------
+
+
+def random_system(seed: int) -> tuple[lg.System, Any, bool]:
+    """Return a system, what its random constraint says that y is, and whether that is seen to be always defined."""
+    draw = np.random.default_rng(seed)
+
+    def number() -> Any:
+        return sympy.Rational(int(draw.integers(1, 9)), int(draw.integers(1, 9))) * int(draw.choice([-1, 1]))
+
+    inner = [x, z, x * z, sin(x), cos(z), x**2, lg.t, exp(-(z**2)), x * lg.t]
+    shape = sum(number() * inner[int(i)] for i in draw.choice(len(inner), 3, replace=False))
+    kind = int(draw.integers(5))
+    factor = [number(), a, 1 + x**2, exp(z), 2 + cos(x)][kind]
+    velocities = (x.dot, y.dot, z.dot)
+    kinetic = sum(abs(number()) * v**2 for v in velocities) + x.dot * z.dot * cos(y) / 9 + y.dot * x.dot * z / 99
+    potential = number() * y**2 + number() * sin(y * x) + number() * z * y
+    system = lg.System(
+        kinetic=kinetic,
+        potential=potential,
+        coordinates=[x, y, z],
+        constraints={"tie": factor * y - shape},
+        forces={x: number() * y * x.dot, y: number() * z.dot + y, z: number() * lg.t},
+        dissipation=abs(number()) * y.dot**2 / 2 + abs(number()) * (x.dot - y.dot) ** 2 / 4,
+        parameters={a: 1.4},
+    )
+    return system, shape / factor, kind < 4
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_the_smaller_system_has_the_same_accelerations(seed: int) -> None:
+    system, solved, safe = random_system(seed)
+    small = system.eliminate(y if safe else {y: solved})
+    q, v, t = np.array([0.4, -0.7]), np.array([0.3, 0.9]), 0.6
+    model = small.compile(check=False)
+    state = np.concatenate([q, v])[:, None]
+    value = float(model.evaluate_expression(solved, [t], state)[0])
+    rate = solved.diff(lg.t)
+    speed = float(model.evaluate_expression(rate, [t], state)[0])
+    whole = system.compile(check=False).accelerations([q[0], value, q[1]], [v[0], speed, v[1]], t)
+    # Ten digits are right where a hundred operations cancel; a term that is missing is a hundredth at least.
+    np.testing.assert_allclose(model.accelerations(q, v, t), whole[[0, 2]], rtol=1e-10, atol=1e-10)
+
+
+# --- refusals ----------------------------------------------------------------------------------------------------
+
+
+def pair(**constraints: Any) -> lg.System:
+    return lg.System(
+        kinetic=m * (x.dot**2 + y.dot**2 + theta.dot**2) / 2, coordinates=[x, y, theta], constraints=constraints
+    )
+
+
+@pytest.mark.parametrize(
+    ("constraints", "wanted", "words"),
+    [
+        ({"rod": ROD}, (), "nothing is to be eliminated: name a coordinate that a constraint determines."),
+        (
+            {"rod": ROD},
+            (z,),
+            "'z' is no coordinate that can be eliminated; they are x, y and theta.",
+        ),
+        ({"rod": ROD}, ("thet",), "'thet' is no coordinate that can be eliminated; they are x, y and theta. Did you"),
+        ({"rod": ROD}, (7,), "'7' is no coordinate that can be eliminated; they are x, y and theta."),
+        ({"rod": ROD}, (theta,), "theta is in no constraint, so it cannot be eliminated: it moves freely."),
+        (
+            {"rod": ROD},
+            (y,),
+            "rod does not determine y safely: it is not linear in y, so that y may have several values or none. Say "
+            "which value is meant, as in eliminate({y: ...}), with an expression in the other coordinates.",
+        ),
+        (
+            {"arm": x * y - theta * cos(x)},
+            (theta,),
+            "arm does not determine theta safely: the coefficient of theta, -cos(x), may vanish. Say which value is "
+            "meant, as in eliminate({theta: ...}), with an expression in the other coordinates.",
+        ),
+        (
+            {"rod": ROD},
+            ("rod",),
+            "rod determines no coordinate safely: it is not linear in any, with a coefficient that never vanishes. "
+            "Give a branch, such as eliminate({y: -sqrt(l**2 - x**2)}).",
+        ),
+        (
+            {"roll": x.dot - y * theta.dot},
+            (x,),
+            "x is in no constraint on positions: roll is one on velocities, which may not be put into the energies, "
+            "since the forces of the constraint would be missing. Keep it, or state the constraint on positions that "
+            "it is the rate of.",
+        ),
+        ({"roll": x.dot - y * theta.dot}, ("roll",), "roll determines no coordinate: roll is one on velocities, which"),
+        ({"rod": ROD}, ({y: l - x},), "y = 'l - x' solves no constraint on positions that y is in; they are rod."),
+        ({"rod": ROD}, ({theta: x},), "theta = 'x' solves no constraint on positions that theta is in: it is in none."),
+        (
+            {"rod": ROD},
+            ({y: y + x},),
+            "the value of y is 'x(t) + y(t)': give an expression in the other coordinates, parameters and t.",
+        ),
+        ({"rod": ROD}, ({y: z},), "the value of y contains z(t), which this system does not have."),
+        ({"tie": y - x, "same": theta - x}, (y, theta, x), "x is the only coordinate left: without it nothing moves."),
+    ],
+)
+def test_what_cannot_be_eliminated_is_refused(constraints: Any, wanted: Any, words: str) -> None:
+    with pytest.raises(StatementError) as refusal:
+        pair(**constraints).eliminate(*wanted)
+    assert str(refusal.value).startswith(words)
+
+
+@pytest.mark.parametrize("root", [sqrt(l**2 - x**2), (l**2 - x**2) ** 0.5])
+def test_a_branch_of_another_sign_is_one_too(root: Any) -> None:
+    upper = pair(rod=ROD).eliminate({y: root})
+    assert upper.statement.names == ("x", "theta")
