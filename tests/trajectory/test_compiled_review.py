@@ -99,6 +99,9 @@ def test_events_of_random_systems(name: str, seed: int, monkeypatch: pytest.Monk
         end = float(rng.choice((-1, 1)) * (3.0 if name in IMPLICIT else 12.0))
         if name in SPLITTINGS and title == "coupled":
             continue
+        if "rtol" in options and any(getattr(one, "reset", None) for one in events):
+            # The short steps behind a reset have errors of round-off, and so the next lengths are: others within rtol.
+            options = {"rtol": 1e-9, "atol": 1e-9}
         given: dict[str, Any] = {"initial": initial or None, "events": events, **options}
         one, other = both(monkeypatch, partial(run, of, end, name, **given))
         alike(one, other, 1e-7)
