@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from lagrange.equations.solve import value_somewhere
 from lagrange.errors import StatementError
@@ -51,6 +52,23 @@ class ConstraintEquations:
         """The names of those that are not linear in the velocities."""
         moving = [any(entry.binding >= Binding.VELOCITY for entry in row) for row in self.gradient]
         return tuple(name for name, depends in zip(self.names, moving, strict=True) if depends)
+
+    def part(self, rows: Sequence[int]) -> ConstraintEquations:
+        """Return some of the constraints."""
+        chosen = [[entries[i] for i in rows] for entries in self._entries]
+        return ConstraintEquations(*map(tuple, chosen))
+
+    def last(self, count: int) -> ConstraintEquations:
+        """Return the last constraints."""
+        return self.part(range(len(self) - count, len(self)))
+
+    def joined(self, other: ConstraintEquations) -> ConstraintEquations:
+        """Return these constraints, then others."""
+        return ConstraintEquations(*(a + b for a, b in zip(self._entries, other._entries, strict=True)))
+
+    @property
+    def _entries(self) -> tuple[tuple[Any, ...], ...]:
+        return self.names, self.positions, self.velocities, self.gradient, self.bias, self.rest
 
     def forces(self, multipliers: Sequence[Node]) -> list[Node]:
         """Return the generalized forces G^T lambda, one for each coordinate."""

@@ -293,6 +293,13 @@ class _Page:
         n = len(self.q)
         names = [self.statement.names[i] for i in block if i < n]
         held = [self.statement.constraints[i - n].name for i in block if i >= n]
+        still = [self.statement.names[i] for i in block if i < n and not any(self.mass[i])]
+        if still and not held:
+            return StatementError(
+                f"no formula is written out for the accelerations of {listing(names)}: {listing(still)} "
+                f"{'has' if len(still) == 1 else 'have'} no inertia. An equation of motion of first order has no "
+                "accelerations in it: read it in equations(); what is compiled takes its rate of change."
+            )
         if held:
             return StatementError(
                 f"the accelerations of {listing(names)} and the multipliers of {listing(held)} are not determined by a "

@@ -14,6 +14,7 @@ from typing import Any
 
 from lagrange.equations.augmented import MotionForm, augmentation
 from lagrange.equations.constraints import ConstraintEquations, check_rows, constraint_equations
+from lagrange.equations.first_order import first_order_coordinates, with_ones, with_relations, without
 from lagrange.equations.solve_plan import SolvePlan, plan_of
 from lagrange.equations.state_layout import StateLayout
 from lagrange.equations.structure import Structure, find_structure
@@ -37,6 +38,8 @@ class Equations:
     `plan` solves with it: for the accelerations and behind them the `multipliers`, m of them, with the other sign. The
     equations are solved in the form `motion`, which has other momenta where M is singular; `matrix` has its M then.
     `leaves` maps the statement's SymPy leaves to symbols.
+    `stated` are the constraints of the statement; `constraints`, which are solved for, also have the relations of the
+    coordinates of `first_order`, which have no inertia.
     """
 
     graph: Graph
@@ -54,7 +57,10 @@ class Equations:
     energy: Node
     accelerations: tuple[Node, ...]
     multipliers: tuple[Node, ...]
+    impulses: tuple[Node, ...]
     constraints: ConstraintEquations
+    stated: ConstraintEquations
+    first_order: tuple[int, ...]
     motion: MotionForm
     matrix: tuple[tuple[Node, ...], ...]
     plan: SolvePlan
@@ -69,7 +75,7 @@ class Equations:
     @property
     def solution(self) -> tuple[Node, ...]:
         """The unknowns that `plan` solves for: the accelerations, and the multipliers with the other sign."""
-        return (*self.accelerations, *(-one for one in self.multipliers))
+        return (*self.accelerations, *(-one for one in self.impulses))
 
     def translate(self, expression: Any) -> Node:
         """Return the node of a SymPy expression in q, v, accelerations, parameters and t."""
@@ -105,18 +111,24 @@ def euler_lagrange(statement: Statement) -> Equations:
     extra = applied_forces(applied, dissipation, v)
     forces = generalized_forces(lagrangian, q, extra)
     mass = mass_matrix(momenta, v)
-    check_inertia(statement.names, mass, constraints)
     bias = bias_forces(forces, momenta, q, rate, time)
-    motion = MotionForm(tuple(momenta), tuple(forces), tuple(bias))
-    added = augmentation(mass, constraints, q, v, time)
+    first_order = first_order_coordinates(mass, bias, v, constraints)
+    check_inertia(statement.names, mass, constraints, first_order)
+    solved = with_relations(constraints, first_order, statement.names, bias, q, v, time)
+    motion = without(first_order, MotionForm(tuple(momenta), tuple(forces), tuple(bias)))
+    added = augmentation(with_ones(first_order, mass), constraints, q, v, time)
     if added is not None:
-        p, f = ([a + b for a, b in zip(*pair, strict=True)] for pair in zip((momenta, forces), added, strict=True))
+        p, f = (
+            [a + b for a, b in zip(*pair, strict=True)]
+            for pair in zip((motion.momenta, motion.forces), added, strict=True)
+        )
         motion = MotionForm(tuple(p), tuple(f), tuple(bias_forces(f, p, q, rate, time)))
-    matrix = system_matrix(mass if added is None else mass_matrix(motion.momenta, v), constraints)
+    matrix = system_matrix(mass if added is None else mass_matrix(motion.momenta, v), solved)
     plan = plan_of(matrix, tuple(range(len(q), len(matrix))))
-    accelerations, multipliers = solve_motion(plan, matrix, motion.bias, constraints)
+    accelerations, impulses = solve_motion(plan, matrix, motion.bias, solved)
+    multipliers = impulses[: len(constraints)]
     structure = find_structure(
-        graph, statement.names, q, time, lagrangian, momenta, extra, mass, constraints, accelerations
+        graph, statement.names, q, time, lagrangian, momenta, extra, mass, constraints, accelerations, first_order
     )
     known = dict(zip(map(acceleration_of, statement.coordinates), accelerations, strict=True))
     known |= dict(zip(map(multiplier, constraints.names), multipliers, strict=True))
@@ -136,7 +148,10 @@ def euler_lagrange(statement: Statement) -> Equations:
         energy=jacobi_integral(lagrangian, momenta, v),
         accelerations=tuple(accelerations),
         multipliers=tuple(multipliers),
-        constraints=constraints,
+        impulses=tuple(impulses),
+        constraints=solved,
+        stated=constraints,
+        first_order=first_order,
         motion=motion,
         matrix=matrix,
         plan=plan,
@@ -171,9 +186,16 @@ def mass_matrix(momenta: Sequence[Node], v: Sequence[Node]) -> tuple[tuple[Node,
     return tuple(tuple(rows[max(i, j)][min(i, j)] for j in range(n)) for i in range(n))
 
 
-def check_inertia(names: Sequence[str], mass: Sequence[Sequence[Node]], constraints: ConstraintEquations) -> None:
-    """Raise StatementError for a coordinate whose row of the mass matrix is zero, if no constraint holds it."""
+def check_inertia(
+    names: Sequence[str],
+    mass: Sequence[Sequence[Node]],
+    constraints: ConstraintEquations,
+    first_order: Sequence[int] = (),
+) -> None:
+    """Raise StatementError for a coordinate whose row of the mass matrix is zero, if nothing else holds it."""
     for i, (name, row) in enumerate(zip(names, mass, strict=True)):
+        if i in first_order:
+            continue
         alone = all(line[i] is line[i].graph.zero for line in constraints.gradient)
         if alone and all(entry is entry.graph.zero for entry in row):
             raise StatementError(no_inertia(name))

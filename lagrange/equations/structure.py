@@ -22,7 +22,7 @@ class Structure:
     `position_only`: the accelerations are free of velocities. `brief`: time stands in some other function than a
     polynomial, a sine or a cosine, so that a force may act briefly and leave no trace before and after.
     `constraints` are the names of the constraints, `nonlinear` of those that are not linear in the velocities.
-    `workless`: the forces of no constraint do work.
+    `workless`: the forces of no constraint do work. `first_order` are the coordinates without inertia.
     """
 
     names: tuple[str, ...]
@@ -37,6 +37,7 @@ class Structure:
     constraints: tuple[str, ...] = ()
     nonlinear: tuple[str, ...] = ()
     workless: bool = True
+    first_order: tuple[int, ...] = ()
 
     @property
     def conservative(self) -> bool:
@@ -53,10 +54,19 @@ class Structure:
             "The momenta depend on velocities alone: all else in the Lagrangian acts as a potential."
             if self.separable
             else "The momenta depend on more than the velocities: the Lagrangian does not separate.",
+            *self._first_order(),
             *self._constraints(),
             self._energy(),
             *self._momenta(),
         ]
+
+    def _first_order(self) -> list[str]:
+        names = [self.names[i] for i in self.first_order]
+        if not names:
+            return []
+        if len(names) == 1:
+            return [f"{names[0]} has no inertia: its equation of motion is of first order."]
+        return [f"{listing(names)} have no inertia: their equations of motion are of first order."]
 
     def _constraints(self) -> list[str]:
         count = len(self.constraints)
@@ -113,6 +123,7 @@ def find_structure(
     mass: Sequence[Sequence[Node]],
     constraints: ConstraintEquations,
     accelerations: Sequence[Node],
+    first_order: tuple[int, ...] = (),
 ) -> Structure:
     """Find the structure; `extra` are the generalized forces less dissipation, Q - dD/dv."""
     free = [force is graph.zero for force in extra]
@@ -130,6 +141,7 @@ def find_structure(
         constraints=constraints.names,
         nonlinear=constraints.nonlinear,
         workless=constraints.workless,
+        first_order=first_order,
         brief=any(_is_brief(node) for node in reachable([lagrangian, *extra], time.depends)),
     )
 

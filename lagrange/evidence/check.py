@@ -92,7 +92,7 @@ class _Session:
         self.other = other
         self.statement = model.statement
         self.wanted = points
-        self.reference = Reference(self.statement)
+        self.reference = Reference(self.statement, model.equations.first_order)
         self.textbook = None if textbook is None else textbook_tape(textbook, self.statement)
         self.sampler = Sampler(self.statement, seed)
         self.surface = ConstraintSurface(self.statement)

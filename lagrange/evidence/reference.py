@@ -90,10 +90,13 @@ class ReferenceEntries:
 
 
 class Reference:
-    """The quantities of a statement by numerical differentiation, without compiled code."""
+    """The quantities of a statement by numerical differentiation, without compiled code.
 
-    def __init__(self, statement: Statement) -> None:
-        self.statement = statement
+    Of the coordinates `first_order` the equation of motion is a relation of velocities: its rate of change is solved.
+    """
+
+    def __init__(self, statement: Statement, first_order: Sequence[int] = ()) -> None:
+        self.statement, self.first_order = statement, tuple(first_order)
         self.lagrangian = Precise([statement.lagrangian], statement, DIGITS)
         self.loads = Precise([*statement.forces, statement.dissipation], statement, DIGITS)
         self.held = Precise([one.expression for one in statement.constraints], statement, DIGITS)
@@ -271,13 +274,22 @@ class Reference:
         bias = [nudge("force", i) * x - nudge("rate", i) * y for i, (x, y) in enumerate(zip(f, rate, strict=True))]
         slopes = gradient(held, q, v, t, steps) if self.holonomic else []
         held_bias = acceleration_level(held, q, v, still, t, steps) if self.holonomic else []
-        matrix = bordered(mass, slopes)
-        solver = matrix if nudge is laws.exactly else self._as_factored(matrix, nudge)
-        solved = laws.solve(solver, [[*bias, *(-x for x in held_bias)]], SINGULAR)[0]
+        matrix, right = bordered(mass, slopes), [*bias, *(-x for x in held_bias)]
+        relations = self._relations(source, steps)
+        if self.first_order:
+            rates = acceleration_level(relations, q, v, still, t, steps)
+            for i, row, rate in zip(self.first_order, gradient(relations, q, v, t, steps), rates, strict=True):
+                matrix[i], right[i] = [*row, *(zero for _ in slopes)], -rate
+        plain = nudge is laws.exactly or self.first_order
+        solver = matrix if plain else self._as_factored(matrix, nudge)
+        solved = laws.solve(solver, [right], SINGULAR)[0]
         a, multipliers = solved[:n], [-x for x in solved[n:]]
 
         def residual(q: Numbers, v: Numbers) -> Numbers:
             free = laws.residual(source, q, v, a, t, steps)
+            rates = acceleration_level(relations, q, v, a, t, steps) if self.first_order else ()
+            for i, rate in zip(self.first_order, rates, strict=True):
+                free[i] = rate
             if not self.holonomic:
                 return free
             rows = reactions(gradient(held, q, v, t, steps), multipliers)
@@ -306,6 +318,16 @@ class Reference:
                 "constraint_forces": list(chain.from_iterable(exerted)),
             }
         return found
+
+    def _relations(self, source: Sources, steps: DifferenceSteps) -> StatedConstraints:
+        """Return dp/dt - f of the coordinates without inertia, as constraints on the velocities."""
+
+        def values(q: Sequence[Any], v: Sequence[Any], t: Any) -> Numbers:
+            still = [self.number(0)] * len(q)
+            found = laws.residual(source, list(q), list(v), still, t, steps)
+            return [found[i] for i in self.first_order]
+
+        return StatedConstraints(values, values, (False,) * len(self.first_order), source.nudge)
 
     def _as_factored(self, matrix: Sequence[Numbers], nudge: laws.Nudge) -> list[Numbers]:
         """Return the matrix of the motion as the solve sees it, perturbed by the errors of its factorization."""

@@ -83,7 +83,8 @@ def _dependent(equations: Equations, provider: KernelProvider, tried: Tried, sin
     """Return the refusal of constraints that are dependent wherever they were tried."""
     names, statement = equations.constraints.names, tried.statement
     # Without values for its parameters no state says whether constraints contradict one another.
-    if statement is not None and len(statement.defaults) == len(statement.parameters):
+    only_stated = all(row < len(equations.stated) for row, _ in singular.rows)
+    if only_stated and statement is not None and len(statement.defaults) == len(statement.parameters):
         model = Model(statement, equations, provider)
         states = np.array([statement.initial, *tried.random_states().T]).T
         if contradictory(model, 0.0, states, model.parameter_array()):

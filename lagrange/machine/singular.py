@@ -15,12 +15,16 @@ from typing import Protocol
 import numpy as np
 
 from lagrange.equations.euler_lagrange import Equations
+from lagrange.equations.first_order import RELATION
 from lagrange.errors import listing
 from lagrange.graph.node import Node
 from lagrange.machine.backend import FloatArray, Kernel
 
 RANK = 1e-13
 """A singular value below this fraction of the largest counts as zero once rows and columns are scaled alike."""
+
+NEARLY_SINGULAR = 1e-6
+"""Where nothing is nearer to zero than this part, what was solved for is not the motion."""
 
 NAMED_SHARE = 1e-6
 """Entries of a null vector below this part of the largest are round-off."""
@@ -130,7 +134,7 @@ def singular_sentence(made: Provider, equations: Equations, t: float, y: FloatAr
     layout, names = equations.layout, equations.constraints.names
     place = ", ".join([f"t = {t:.6g}", *(f"{name} = {x:.6g}" for name, x in zip(layout.coordinates, y, strict=False))])
     found = least_regular(*matrices_at(made, equations, t, y, parameters)) if names else None
-    if found is None:
+    if found is None or found.regularity > NEARLY_SINGULAR:
         return (
             f"the mass matrix is singular at {place}: the accelerations are not determined there. Start elsewhere, or "
             "choose coordinates that are regular at this configuration."
@@ -141,14 +145,21 @@ def singular_sentence(made: Provider, equations: Equations, t: float, y: FloatAr
             f"{place}: the accelerations are not determined there. Add the kinetic energy that is missing, or start "
             "elsewhere."
         )
-    return f"{dependent_rows(names, found)} at {place}: {UNDETERMINED} Start elsewhere, or state one constraint less."
+    relations = any(names[i].startswith(RELATION) for i, _ in found.rows)
+    what, remedy = (FIRST_ORDER, "") if relations else (UNDETERMINED, ", or state one constraint less")
+    return f"{dependent_rows(names, found)} at {place}: {what} Start elsewhere{remedy}."
 
 
+FIRST_ORDER = "the accelerations are not determined there."
 UNDETERMINED = "the multipliers, and with them the accelerations, are not determined there."
 
 
 def dependent_rows(names: Sequence[str], found: Singular) -> str:
     """Return which constraints are dependent, as the beginning of a sentence."""
+    related = [names[i].removeprefix(RELATION) for i, _ in found.rows if names[i].startswith(RELATION)]
+    if related:
+        have = "has no inertia, and its equation" if len(related) == 1 else "have no inertia, and their equations"
+        return f"{listing(related)} {have} of first order {'leaves' if len(related) == 1 else 'leave'} velocities open"
     involved = [repr(names[i]) for i, _ in found.rows]
     if len(involved) == 1:
         return f"the constraint {involved[0]} restricts no velocity, for all its derivatives by them vanish,"

@@ -56,7 +56,7 @@ def jacobian(equations: Equations) -> Named:
         multipliers = [graph.symbol(f"multiplier {i}", Binding.ACCELERATION) for i in range(m)]
         residual = [r - force for r, force in zip(residual, held.forces(multipliers), strict=True)]
         residual += [along(psi) for psi in held.velocities]
-        known |= dict(zip(multipliers, equations.multipliers, strict=True))
+        known |= dict(zip(multipliers, equations.impulses, strict=True))
     columns = []
     for symbol in (*equations.q, *equations.v):
         column = tangents([*equations.rate, *residual], {symbol: graph.one})
@@ -80,22 +80,20 @@ def momentum_jacobian(equations: Equations) -> Named:
 def constraint_forces(equations: Equations) -> Named:
     """Return G_i^T lambda_i of each constraint, a block of n."""
     forces = [
-        entry * one
-        for row, one in zip(equations.constraints.gradient, equations.multipliers, strict=True)
-        for entry in row
+        entry * one for row, one in zip(equations.stated.gradient, equations.multipliers, strict=True) for entry in row
     ]
     return {"constraint_forces": forces}
 
 
 def constraint_gradient(equations: Equations) -> Named:
     """Return G = dpsi/dv, a row for each constraint."""
-    return {"constraint_gradient": [entry for row in equations.constraints.gradient for entry in row]}
+    return {"constraint_gradient": [entry for row in equations.stated.gradient for entry in row]}
 
 
 def _positions(equations: Equations) -> list[Node]:
     """Return phi of every constraint, zero for those that are stated in velocities."""
     zero = equations.graph.zero
-    return [zero if phi is None else phi for phi in equations.constraints.positions]
+    return [zero if phi is None else phi for phi in equations.stated.positions]
 
 
 QUANTITIES: dict[str, Quantity] = {
@@ -116,15 +114,15 @@ QUANTITIES: dict[str, Quantity] = {
 
 def _by_constraint(equations: Equations) -> int:
     """Return the number of constraints."""
-    return len(equations.constraints)
+    return len(equations.stated)
 
 
 CONSTRAINT_QUANTITIES: dict[str, Quantity] = {
     "multipliers": Quantity(lambda e: {"multipliers": e.multipliers}, solved=True),
     "constraint_forces": Quantity(constraint_forces, 2, solved=True, rows=_by_constraint),
-    "constraints": Quantity(lambda e: {"positions": _positions(e), "velocities": e.constraints.velocities}),
+    "constraints": Quantity(lambda e: {"positions": _positions(e), "velocities": e.stated.velocities}),
     "constraint_gradient": Quantity(constraint_gradient, 2, rows=_by_constraint),
-    "constraint_bias": Quantity(lambda e: {"constraint_bias": e.constraints.bias}),
+    "constraint_bias": Quantity(lambda e: {"constraint_bias": e.stated.bias}),
 }
 """Those that a system with constraints has as well: `constraints` is phi, then psi = dphi/dt; `constraint_gradient` is
 G, and `constraint_bias` gamma of G a + gamma = 0."""
@@ -139,7 +137,7 @@ LAW_QUANTITIES: dict[str, Quantity] = {
 
 def quantities_of(equations: Equations) -> dict[str, Quantity]:
     """Return the quantities of a system by name."""
-    return {**QUANTITIES, **(CONSTRAINT_QUANTITIES if len(equations.constraints) else {})}
+    return {**QUANTITIES, **(CONSTRAINT_QUANTITIES if len(equations.stated) else {})}
 
 
 def program_of(name: str, equations: Equations) -> Program:

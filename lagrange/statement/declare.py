@@ -53,7 +53,7 @@ def declare(
     held = declare_constraints(constraints, survey)
     chosen = _coordinates(coordinates, survey)
     by_name = {name_of(q): q for q in chosen}
-    _check_velocities(chosen, moving, held, main)
+    _check_velocities(chosen, moving, held, lagrangian, main)
     _check_constraints(held, chosen)
 
     force_table = _forces(forces, by_name, survey)
@@ -208,11 +208,21 @@ def _coordinates(given: Sequence[Any] | None, survey: Survey) -> tuple[Any, ...]
 
 
 def _check_velocities(
-    coordinates: tuple[Any, ...], velocities: Container[Any], constraints: Sequence[Constraint], main: str
+    coordinates: tuple[Any, ...],
+    velocities: Container[Any],
+    constraints: Sequence[Constraint],
+    lagrangian: Any,
+    main: str,
 ) -> None:
-    """Refuse a coordinate whose velocity stands nowhere in the energy, unless a constraint may determine it."""
-    for q in coordinates:
-        if velocity_of(q) not in velocities and not any(one.expression.has(q) for one in constraints):
+    """Refuse a coordinate whose velocity stands nowhere in the energy, unless other equations may determine it.
+
+    A constraint may, and in p*q.dot - H the coordinate q determines p: the slope along p has a velocity in it.
+    """
+    rates = [velocity_of(q) for q in coordinates]
+    for q, rate in zip(coordinates, rates, strict=True):
+        if rate in velocities or any(one.expression.has(q) for one in constraints):
+            continue
+        if not lagrangian.has(q) or not lagrangian.diff(q).has(*rates):
             raise StatementError(
                 f"{main} does not contain {name_of(q)}.dot, so {name_of(q)} has no inertia and its acceleration is "
                 f"undefined: add its kinetic energy, or make {name_of(q)} a parameter."

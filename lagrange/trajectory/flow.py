@@ -47,7 +47,7 @@ class Flow:
         self._options = replace(options, method=self._integrator)
         self._model = model
         self._dimension = model.layout.size
-        self._constrained = bool(model.statement.constraints)
+        self._constrained = bool(len(model.equations.constraints))
         self._max_steps = options.step_limit
         self._local = _Prepared()
         unit = Problem(

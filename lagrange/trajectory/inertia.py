@@ -69,7 +69,7 @@ def _lost_rank(problem: Problem, t: float, y: FloatArray) -> str:
         )
     return (
         f"{dependent_rows(model.equations.constraints.names, found)} there, at {place}: their least singular value is "
-        f"{left}, and the forces that keep them grow beyond all bounds. End the run before it."
+        f"{left}, and the accelerations grow beyond all bounds. End the run before it."
     )
 
 

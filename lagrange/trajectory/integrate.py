@@ -51,7 +51,7 @@ def integrate(
     values = model.parameter_values(options.parameters)
     given = np.array(initial_state({} if initial is None else initial, statement.coordinates, statement.initial))
     start = given
-    if statement.constraints:
+    if len(model.equations.constraints):
         start = consistent_start(model, t0, given, ordered(values, statement.parameters))
     problem = Problem(
         model=model,
@@ -75,10 +75,10 @@ def integrate(
     _check_events(problem, integrator)
     before = _check_start(problem)
     trajectory = run_by(integrator, problem)
-    if trajectory.status is Status.SINGULAR and not trajectory.steps and statement.constraints:
+    if trajectory.status is Status.SINGULAR and not trajectory.steps and len(model.equations.constraints):
         refuse_dependent(model, t0, start, problem.parameter_array)
     if start is not given:
-        trajectory = replace(trajectory, message=f"{trajectory.message} {moved_sentence(model, given, start)}")
+        trajectory = replace(trajectory, message=f"{trajectory.message}{moved_sentence(model, given, start)}")
     return verified(problem, trajectory, before, adaptive=integrator.claims.adaptive), values
 
 

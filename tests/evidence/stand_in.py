@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,7 @@ class StandIn:
         self.statement = statement
         self.target = target
         self.dimension = len(statement.coordinates)
+        self.equations = SimpleNamespace(first_order=())
         self.late = late or (lambda name, value: value)
         self.calls: list[str] = []
         plain = dict(statement.plain)

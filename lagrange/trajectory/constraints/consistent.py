@@ -94,19 +94,26 @@ def consistent_state(
 def consistent_start(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
     """Return an initial state as it is where it is on the constraints, else moved there where rounding is between.
 
-    Raises StatementError, with the constraints, for a state that is further away.
+    Velocities of coordinates without inertia are entered where they are zero. Raises StatementError, with the
+    constraints, for a state that is further away.
     """
     if not len(model.equations.constraints) or residuals_of(model).hold(t, y, parameters):
         return y
     projection = Projection(model, t, parameters)
+    y = projection.completed(y)
     projection.check(y)
     return projection.of(y) if projection.off(y) else y
 
 
 def moved_sentence(model: Model, before: FloatArray, after: FloatArray) -> str:
-    """Return a sentence for a run whose initial state was moved onto the constraints."""
-    row = int(np.argmax(np.abs(after - before)))
+    """Return a sentence for a run whose initial state was moved onto the constraints, or ""."""
+    entered = model.layout.v.start + np.array(model.equations.first_order, dtype=int)
+    changes = np.abs(after - before)
+    changes[entered[before[entered] == 0.0]] = 0.0
+    row = int(np.argmax(changes))
+    if not changes[row]:
+        return ""
     return (
-        f"The initial state was moved onto the constraints, by at most {abs(after[row] - before[row]):.2g}, in "
+        f" The initial state was moved onto the constraints, by at most {changes[row]:.2g}, in "
         f"{model.layout.names('.dot')[row]}."
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from lagrange.equations.first_order import RELATION
 from lagrange.errors import StatementError, listing
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
@@ -74,6 +75,11 @@ def contradictory(model: Model, t: float, states: FloatArray, parameters: FloatA
 
 def dependent_everywhere(names: tuple[str, ...], singular: Singular) -> str:
     """Return the refusal of constraints that are dependent wherever they hold."""
+    if any(names[i].startswith(RELATION) for i, _ in singular.rows):
+        return (
+            f"{dependent_rows(names, singular)} at every state tried. Add the kinetic energy that is missing, or use "
+            "fewer coordinates."
+        )
     involved = [repr(names[i]) for i, _ in singular.rows]
     if len(involved) == 1:
         return (

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
+from lagrange.equations.first_order import RELATION
 from lagrange.errors import StatementError, listing
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
@@ -46,6 +48,25 @@ class Projection:
         """Whether a state is off the constraints by more than round-off."""
         units = units_of(self.metric(y))
         return max(self._at(part, y, units).largest for part in (0, 1)) > ON_SURFACE
+
+    def completed(self, y: FloatArray) -> FloatArray:
+        """Return a state with the velocities of coordinates without inertia, from their equations where they are zero.
+
+        A velocity that is not zero was given, and is left to the check.
+        """
+        rows = self.model.layout.v.start + np.array(self.model.equations.first_order, dtype=int)
+        if not len(rows):
+            return y
+        alone = np.zeros(len(y), dtype=bool)
+        alone[rows] = True
+        found = _only(self, alone).reached(y)
+        if found is None:
+            names = listing(self.model.statement.names[i] for i in self.model.equations.first_order)
+            raise StatementError(
+                f"{names}, without inertia, {'has' if len(rows) == 1 else 'have'} no velocities at the initial state "
+                f"({self.place(y)}) that satisfy the equations of motion, of first order: give another state."
+            )
+        return np.where(alone & (y == 0.0), found, y)
 
     def check(self, y: FloatArray) -> None:
         """Raise StatementError for a state that is off the constraints by more than rounding of what was typed."""
@@ -91,7 +112,7 @@ class Projection:
 
     def differentiable(self, found: Residuals, part: int, y: FloatArray) -> None:
         """Raise StatementError where a constraint has no value, or no derivative, at a state."""
-        all_stated, corner = self.model.statement.constraints, self.residuals.at_corner(self.t, y, self.parameters)
+        all_stated, corner = self.residuals.stated, self.residuals.at_corner(self.t, y, self.parameters)
         if corner is not None:
             raise StatementError(self._not_differentiable(all_stated[corner], y))
         for row, stated in enumerate(self._stated(part)):
@@ -121,7 +142,7 @@ class Projection:
 
     def _stated(self, part: int) -> list[Constraint]:
         """Return the constraints of the coordinates, or those of the velocities."""
-        return [one for one in self.model.statement.constraints if part or one.holonomic]
+        return [one for one in self.residuals.stated if part or one.holonomic]
 
     def _violated(self, found: Residuals, rows: list[int], part: int, y: FloatArray) -> str:
         stated = self._stated(part)
@@ -131,11 +152,13 @@ class Projection:
             for row in rows[:MOST_NAMED]
         ]
         more = f", and {len(rows) - MOST_NAMED} more are violated" if len(rows) > MOST_NAMED else ""
+        entered = any(stated[row].name.startswith(RELATION) for row in rows)
+        leave_out = ", leave out the velocities of coordinates without inertia, which follow" if entered else ""
         what = "velocities do" if part else "state does"
         many = "constraints" if len(rows) > 1 else "constraint"
         return (
             f"the initial {what} not satisfy the {many} at t = {self.t:g}: {listing(told)}{more}. Give values that "
-            f"satisfy {'them' if len(rows) > 1 else 'it'} to {ROUNDING:g}, or take the nearest ones, "
+            f"satisfy {'them' if len(rows) > 1 else 'it'} to {ROUNDING:g}{leave_out}, or take the nearest ones, "
             f"system.consistent({{{self._given(y)}}}).initial."
         )
 
@@ -163,6 +186,12 @@ class Projection:
             f"no {what} the {many} {listing(map(repr, left))}: {stated[row].name!r} "
             f"({_zero(stated[row], part, self.model)}) stays at {found.values[row]:.6g}, at {self.place(y)}. {remedy}."
         )
+
+
+def _only(projection: Projection, moving: NDArray[np.bool_]) -> Projection:
+    """Return the projection that moves some entries of the state alone."""
+    held = np.flatnonzero(~moving).tolist()
+    return Projection(projection.model, projection.t, projection.parameters, held)
 
 
 def _zero(stated: Constraint, part: int, model: Model) -> str:

@@ -13,6 +13,7 @@ from lagrange.machine.backend import FloatArray, Kernel
 from lagrange.machine.kernel.python_kernel import PythonKernel
 from lagrange.machine.model import Model
 from lagrange.program.switching import switch
+from lagrange.statement.constraint import Constraint
 from lagrange.trajectory.constraints.nearest import ON_SURFACE, Residuals
 
 BESIDE = 1e-7
@@ -30,7 +31,14 @@ class ConstraintResiduals:
     """
 
     def __init__(self, model: Model) -> None:
-        held = model.equations.constraints
+        equations = model.equations
+        count = len(equations.first_order)
+        held = equations.stated.joined(equations.constraints.last(count))
+        relations = zip(held.names[-count:], held.velocities[-count:], strict=True) if count else ()
+        self.stated = (
+            *model.statement.constraints,
+            *(Constraint(name, equations.express(relation), holonomic=False) for name, relation in relations),
+        )
         self.names = held.names
         self.holonomic = np.array([phi is not None for phi in held.positions])
         places = [phi for phi in held.positions if phi is not None]

@@ -1,0 +1,174 @@
+"""Lagrangians that are linear in velocities: equations of motion of first order are solved, from positions alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from sympy import cos, exp, log, sin
+
+import lagrange as lg
+from lagrange.errors import StatementError
+from lagrange.evidence.quick import quick_check
+from tests.models import TARGETS, B, k, m, phi, r, theta, x, y, z
+
+METHODS = ("taylor", "dop853", "radau5")
+a, b = lg.parameters("a b")
+g1, g2 = lg.parameters("g1 g2", positive=False)
+
+
+def charge(**given: Any) -> lg.System:
+    """A charge without mass in a magnetic field and a bowl: it goes round at k/B."""
+    return lg.System(
+        lagrangian=B * (x * y.dot - y * x.dot) / 2 - k * (x**2 + y**2) / 2,
+        coordinates=[x, y],
+        parameters={B: 2.0, k: 3.0},
+        **{"initial": {x: 1.0}, **given},
+    )
+
+
+def refusal(call: Callable[..., Any], *arguments: Any, **given: Any) -> str:
+    with pytest.raises(StatementError) as raised:
+        call(*arguments, **given)
+    return str(raised.value)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("method", METHODS)
+def test_a_charge_without_mass_goes_round_its_bowl(method: str, target: str) -> None:
+    solution = charge().run(5.0, method=method, target=target, rtol=1e-10)
+    angle = 1.5 * solution.t
+    assert solution.status is lg.Status.SUCCESS and "moved" not in solution.message
+    assert solution[x] == pytest.approx(np.cos(angle), abs=1e-8)
+    assert solution[y] == pytest.approx(np.sin(angle), abs=1e-8)
+    assert solution[y.dot] == pytest.approx(1.5 * np.cos(angle), abs=1e-7)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_two_vortices_go_round_their_centre(method: str) -> None:
+    lagrangian = g1 * x * y.dot + g2 * theta * phi.dot + g1 * g2 * log((x - theta) ** 2 + (y - phi) ** 2) / 2
+    pair = lg.System(
+        lagrangian=lagrangian,
+        coordinates=[x, y, theta, phi],
+        parameters={g1: 1.0, g2: 2.0},
+        initial={x: 1.0, theta: -0.5},
+    )
+    solution = pair.run(10.0, method=method, rtol=1e-10)
+    # They turn at (g1 + g2) / d**2 about (g1 r1 + g2 r2) / (g1 + g2), which is the origin.
+    turned = np.exp(-1j * 3.0 / 1.5**2 * solution.t)
+    assert solution[x] + 1j * solution[y] == pytest.approx(turned, abs=1e-7)
+    assert solution[theta] + 1j * solution[phi] == pytest.approx(-0.5 * turned, abs=1e-7)
+
+
+def test_lotka_and_volterra() -> None:
+    """x' = exp(y) - b and y' = a - exp(x) are the equations of predators exp(x) and prey exp(y)."""
+    hamiltonian = exp(x) - a * x + exp(y) - b * y
+    ponds = lg.System(lagrangian=y * x.dot - hamiltonian, coordinates=[x, y], parameters={a: 1.1, b: 0.7})
+    solution = ponds.run(12.0, {x: np.log(0.5), y: np.log(2.0)})
+    reference = solve_ivp(
+        lambda _, n: [n[0] * (n[1] - 0.7), n[1] * (1.1 - n[0])],
+        (0, 12),
+        [0.5, 2.0],
+        method="DOP853",
+        rtol=1e-12,
+        atol=1e-13,
+    )
+    assert np.exp(solution.y[:2, -1]) == pytest.approx(reference.y[:, -1], abs=1e-8)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_mass_and_coordinates_of_first_order_that_its_velocity_moves(method: str) -> None:
+    lagrangian = m * z.dot**2 / 2 - k * z**2 / 2 + B * x * y.dot - y**2 / 2 - x**2 + 3 * z.dot * x / 10
+    both = lg.System(lagrangian=lagrangian, coordinates=[x, z, y], parameters={m: 1.0, k: 2.0, B: 1.5})
+    solution = both.run(10.0, {z: 1.0, x: 0.2, y: 0.3, z.dot: 0.4}, method=method, rtol=1e-10)
+
+    def by_hand(_: float, s: Any) -> list[float]:
+        x, y, z, rate = s
+        return [-y / 1.5, (2 * x - 0.3 * rate) / 1.5, rate, 0.3 * y / 1.5 - 2 * z]
+
+    reference = solve_ivp(by_hand, (0, 10), [0.2, 0.3, 1.0, 0.4], method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
+    assert solution.y[[0, 2, 1, 4], -1] == pytest.approx(reference, abs=1e-7)
+
+
+def test_beside_a_constraint() -> None:
+    """The pendulum on a rod swings as if the charge were not there."""
+    rod = {"rod": z**2 + r**2 - 1}
+    swing = m * (z.dot**2 + r.dot**2) / 2 - 9 * m * r
+    alone = lg.System(lagrangian=swing, coordinates=[z, r], constraints=rod, parameters={m: 1.0})
+    free = B * x * y.dot - y**2 - x**2
+    beside = lg.System(lagrangian=swing + free, coordinates=[x, z, r, y], constraints=rod, parameters={m: 1.0, B: 1.0})
+    start = {z: 0.6, r: -0.8}
+    found, expected = beside.run(3.0, {**start, x: 1.0}), alone.run(3.0, start)
+    assert found.y[[1, 2], -1] == pytest.approx(expected.y[:2, -1], abs=1e-8)
+    assert found.y[0, -1] == pytest.approx(np.cos(2 * 3.0), abs=1e-8)
+    model, state = beside.compile(), found.y[:, -1]
+    tension = alone.compile().multipliers(state[[1, 2]], state[[5, 6]])
+    assert model.multipliers(state[:4], state[4:]) == pytest.approx(tension, rel=1e-9)
+
+
+@pytest.mark.parametrize("system", [charge(), charge(forces={x: -y.dot / 2, y: x.dot / 5})])
+def test_the_check_holds(system: lg.System) -> None:
+    report = system.check(points=2)
+    assert report, str(report)
+    assert "is of first order" not in str(report) and "of first order has no accelerations in it" in str(report)
+
+
+def test_a_wrong_acceleration_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = charge().compile("numpy", check=False)
+    quick_check(model)
+    right = model.accelerations
+    monkeypatch.setattr(model, "accelerations", lambda *at: right(*at) + np.array([0.0, 1e-6]))
+    with pytest.raises(lg.RunError, match="y_ddot is"):
+        quick_check(model)
+
+
+def test_velocities_are_found_from_positions_or_must_agree() -> None:
+    system = charge()
+    assert system.run(1.0, {y.dot: 1.5}).y[3, 0] == 1.5
+    assert system.run(1.0, {y.dot: 1.5 + 1e-8}).y[3, 0] == pytest.approx(1.5, abs=1e-12)
+    text = refusal(system.run, 1.0, {y.dot: 2.0})
+    assert "the initial velocities do not satisfy the constraint at t = 0: 'equation of x' (B*y_dot - k*x) is 1" in text
+    assert "leave out the velocities of coordinates without inertia, which follow, or" in text
+    found = system.consistent({x: 2.0})
+    assert found.initial[x] == 2.0 and found.initial[y.dot] == pytest.approx(3.0) and found.entry == y.dot
+    flow = lg.flow(system.compile())
+    assert flow([1.0, 0.0, 0.0, 0.0], 0.0, 1.0)[:2] == pytest.approx([np.cos(1.5), np.sin(1.5)], abs=1e-8)
+
+
+def test_a_structure_says_that_there_is_no_inertia() -> None:
+    assert "x and y have no inertia: their equations of motion are of first order." in charge().structure
+    lone = lg.System(lagrangian=x * x.dot - x**2 / 2, forces={x: -3 * x.dot}, coordinates=[x])
+    assert "x has no inertia: its equation of motion is of first order." in lone.structure
+    assert lone.run(3.0, {x: 1.0}).y[0, -1] == pytest.approx(np.exp(-1.0), abs=1e-9)
+
+
+def test_formulas_of_accelerations_are_refused_where_the_equations_have_none() -> None:
+    text = refusal(charge().accelerations)
+    assert "no formula is written out for the accelerations of x: x has no inertia." in text and "equations()" in text
+    assert len(charge().equations()) == 2 and "x" in charge().page()
+
+
+def test_equations_that_leave_velocities_open_are_refused() -> None:
+    odd = x * y.dot + y * z.dot + z * x.dot - x**2 - y**2 - z**2
+    text = refusal(lg.System, lagrangian=odd, coordinates=[x, y, z])
+    assert text.startswith("x, y and z have no inertia, and their equations of first order leave velocities open at")
+    assert "Add the kinetic energy that is missing" in text
+
+
+def test_a_state_at_which_velocities_are_open_is_refused() -> None:
+    fold = lg.System(lagrangian=x**2 * y.dot - y**2 - x**2, coordinates=[x, y])
+    text = refusal(fold.run, 1.0, {y: 1.0})
+    assert text.startswith("x and y, without inertia, have no velocities at the initial state (x = 0, y = 1, x.dot = 0")
+    solution = fold.run(9.0, {x: 1.0, y: 1.0})
+    assert solution.status is lg.Status.SINGULAR and solution.t[-1] == pytest.approx(np.sqrt(2.0) - 1.0)
+    assert "x has no inertia, and its equation of first order leaves velocities open there, at x = " in solution.message
+
+
+def test_a_coordinate_in_a_potential_alone_is_still_refused() -> None:
+    text = refusal(lg.System, lagrangian=m * x.dot**2 / 2 - k * (x - y) ** 2, coordinates=[x, y])
+    assert "does not contain y.dot, so y has no inertia" in text
+    text = refusal(lg.System, lagrangian=m * x.dot**2 / 2 - x.dot * sin(y) + cos(x), coordinates=[x, y])
+    assert "no term of second order in y.dot" in text
