@@ -38,8 +38,8 @@ class Equations:
     `plan` solves with it: for the accelerations and behind them the `multipliers`, m of them, with the other sign. The
     equations are solved in the form `motion`, which has other momenta where M is singular; `matrix` has its M then.
     `leaves` maps the statement's SymPy leaves to symbols.
-    `stated` are the constraints of the statement; `constraints`, which are solved for, also have the relations of the
-    coordinates of `first_order`, which have no inertia.
+    `stated` are the constraints of the statement, with their `multipliers`; `constraints`, which are solved for, with
+    `impulses` as theirs, also have the relations of the coordinates of `first_order`, which have no inertia.
     """
 
     graph: Graph
