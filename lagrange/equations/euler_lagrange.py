@@ -116,14 +116,8 @@ def euler_lagrange(statement: Statement) -> Equations:
     check_inertia(statement.names, mass, constraints, first_order)
     solved = with_relations(constraints, first_order, statement.names, bias, q, v, time)
     motion = without(first_order, MotionForm(tuple(momenta), tuple(forces), tuple(bias)))
-    added = augmentation(with_ones(first_order, mass), constraints, q, v, time)
-    if added is not None:
-        p, f = (
-            [a + b for a, b in zip(*pair, strict=True)]
-            for pair in zip((motion.momenta, motion.forces), added, strict=True)
-        )
-        motion = MotionForm(tuple(p), tuple(f), tuple(bias_forces(f, p, q, rate, time)))
-    matrix = system_matrix(mass if added is None else mass_matrix(motion.momenta, v), solved)
+    motion, inertia = with_inertia(motion, mass, with_ones(first_order, mass), constraints, q, v, time)
+    matrix = system_matrix(inertia, solved)
     plan = plan_of(matrix, tuple(range(len(q), len(matrix))))
     accelerations, impulses = solve_motion(plan, matrix, motion.bias, solved)
     multipliers = impulses[: len(constraints)]
@@ -158,6 +152,24 @@ def euler_lagrange(statement: Statement) -> Equations:
         structure=structure,
         layout=StateLayout(statement.names, statement.names),
     )
+
+
+def with_inertia(
+    motion: MotionForm,
+    mass: tuple[tuple[Node, ...], ...],
+    complete: Sequence[Sequence[Node]],
+    constraints: ConstraintEquations,
+    q: Sequence[Node],
+    v: Sequence[Node],
+    time: Node,
+) -> tuple[MotionForm, tuple[tuple[Node, ...], ...]]:
+    """Return the motion and its mass matrix, the inertia of constraints added where `complete` is singular."""
+    added = augmentation(complete, constraints, q, v, time)
+    if added is None:
+        return motion, mass
+    pairs = zip((motion.momenta, motion.forces), added, strict=True)
+    p, f = ([a + b for a, b in zip(*pair, strict=True)] for pair in pairs)
+    return MotionForm(tuple(p), tuple(f), tuple(bias_forces(f, p, q, v, time))), mass_matrix(p, v)
 
 
 def conjugate_momenta(lagrangian: Node, v: Sequence[Node]) -> list[Node]:
