@@ -104,9 +104,7 @@ def euler_lagrange(statement: Statement) -> Equations:
     lagrangian = kinetic - potential
     held = {one.name: translate(one.expression) for one in statement.constraints}
     constraints = constraint_equations(held, [one.holonomic for one in statement.constraints], q, v, time)
-
     check_rows(statement.constraints, constraints)
-
     momenta = conjugate_momenta(lagrangian, v)
     extra = applied_forces(applied, dissipation, v)
     forces = generalized_forces(lagrangian, q, extra)
