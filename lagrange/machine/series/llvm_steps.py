@@ -26,17 +26,20 @@ from lagrange.procedure.taylor.memory import TaylorLayout
 from lagrange.procedure.taylor.resets import begin_sides, reset_state
 
 _RUN = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)
-_LINKING = threading.Lock()
+_BUILDING = threading.RLock()
+"""Held while loops are built and linked: two threads that build a procedure at once make two of one name, and no loop
+may call both."""
 
 
 class CompiledSteps:
     """The loop for a layout. Its arguments stand in memory, for a call through ctypes takes 0.1 us for each."""
 
     def __init__(self, layout: TaylorLayout) -> None:
-        procedure, watches = taylor_steps(layout), layout.watched > 0
-        self.places = {parameter.name: place for place, parameter in enumerate(procedure.parameters)}
-        text = steps_ir(procedure, event_procedures() if watches else ())
-        self.module = TieredModule(text, "run", merge=True, needs=link_events if watches else None)
+        with _BUILDING:
+            procedure, watches = taylor_steps(layout), layout.watched > 0
+            self.places = {parameter.name: place for place, parameter in enumerate(procedure.parameters)}
+            text = steps_ir(procedure, event_procedures() if watches else ())
+            self.module = TieredModule(text, "run", merge=True, needs=link_events if watches else None)
 
     @property
     def run(self) -> Any:
@@ -57,7 +60,7 @@ def event_procedures() -> tuple[Procedure, ...]:
 
 def link_events(*, well: bool) -> None:
     """Let the modules that are loaded from now on call the procedures of events, compiled `well` or quickly."""
-    with _LINKING:
+    with _BUILDING:
         if well or not _events.cache_info().currsize:
             _events(well)
 
