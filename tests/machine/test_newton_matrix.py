@@ -34,6 +34,8 @@ from tests.trajectory.runs import CONSTRAINED, IMPLICIT, implicit
 
 Law = Callable[..., FloatArray]
 RTOL, ATOL, START = 1e-6, 3e-7, 0.3
+FLOORS: FloatArray = ATOL * np.arange(1.0, 13.0)
+"""Absolute tolerances of entries, each another."""
 
 
 @cache
@@ -55,9 +57,8 @@ def coupled(target: str, n: int) -> Model:
 
 def held(target: str, y: FloatArray) -> Model:
     """Return 3 coordinates held by a constraint that a state satisfies, with a velocity that is changed so."""
-    free = coupled("numpy", 3).statement
-    q, symbols = free.coordinates, sp.symbols("a b c s")
-    a, b, c, s = symbols
+    free, symbols = coupled("numpy", 3).statement, sp.symbols("a b c s")
+    q, (a, b, c, s) = free.coordinates, symbols
     phi = a**2 + sp.sin(b) * (1 + s / 4) + a * c / 3
     here = dict(zip(symbols, (*y[:3], START), strict=True))
     slopes = [float(sp.diff(phi, symbol).subs(here)) for symbol in symbols]
@@ -286,7 +287,7 @@ class Reading:
         unknowns = self.factors(len(vectors), wanted)[first : first + count]
         # What a step moves an entry by is a part of its size: an entry may pass through zero.
         moved = abs(self.h * self.law(self.t, self.start)) if self.starts_with_slope else 0.0
-        sizes = np.split(ATOL + RTOL * np.maximum(abs(self.start), moved), states)
+        sizes = np.split(FLOORS[: len(self.start)] + RTOL * np.maximum(abs(self.start), moved), states)
         reached = [[max(abs(float(place[s])) for place in one.places) for s in range(states)] for one in unknowns]
         weights: FloatArray = np.concatenate(
             [np.max([reach / size for reach, size in zip(one, sizes, strict=True)], axis=0) for one in reached]
@@ -310,6 +311,7 @@ class Steps:
         self.solves = len(plan.step.solves)
         self.driver: Any = plan.driver(self.model, self.model.parameter_array())
         self.state = DriverState(START, START + np.sign(self.h), self.y[0], RTOL, ATOL, self.h)
+        self.state.floors[:] = FLOORS[: 2 * n]
         kernel = self.model.law(LAWS[self.method.law].quantity)
         self.law: Law = lambda t, y: kernel(t, y, self.model.parameter_array())
 

@@ -3,157 +3,36 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
-from sympy import cos, sin
+from sympy import Min
 
 from lagrange.errors import StatementError
 from lagrange.machine.backend import FloatArray
-from lagrange.machine.model import Model
-from lagrange.statement.coordinate import coordinates, parameters, t
-from lagrange.trajectory.integrator import Claims
-from lagrange.trajectory.methods.implicit import ImplicitMethod
-from lagrange.trajectory.methods.index2 import STAGES, radau5_index2
+from lagrange.statement.event import Event
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.trajectory import Status
 from tests.models import TARGETS, build
-from tests.trajectory.runs import CONSTRAINED, CONTROLLED, EQUAL, implicit, run
-
-x, y, z, a, b, x1, y1, x2, y2 = coordinates("x y z a b x1 y1 x2 y2")
-m, g, l, c = parameters("m g l c")
-VALUES = {m: 1.3, g: 9.81, l: 0.7, c: 0.15}
-HOLONOMIC = tuple(name for name in CONSTRAINED if implicit(name).holonomic)
-SYMPLECTIC = tuple(name for name in CONSTRAINED if find(name).claims.symplectic)
-
-
-# --- systems --------------------------------------------------------------------------------------------------
-
-
-def pendulum() -> dict[str, Any]:
-    """A pendulum in Cartesian coordinates, released at 2 radians."""
-    return {
-        "kinetic": m * (x.dot**2 + y.dot**2) / 2,
-        "potential": m * g * y,
-        "constraints": {"rod": x**2 + y**2 - l**2},
-        "initial": {x: 0.7 * np.sin(2.0), y: -0.7 * np.cos(2.0)},
-    }
-
-
-def pumped() -> dict[str, Any]:
-    """A pendulum whose rod changes its length in time, with friction."""
-    length, change = 0.7, 0.2 * 3.0
-    return {
-        "kinetic": m * (x.dot**2 + y.dot**2) / 2,
-        "potential": m * g * y,
-        "dissipation": c * (x.dot**2 + y.dot**2) / 2,
-        "forces": {x: cos(2 * t)},
-        "constraints": {"rod": x**2 + y**2 - (l + sin(3 * t) / 5) ** 2},
-        "initial": {
-            x: length * np.sin(1.0), y: -length * np.cos(1.0),
-            x.dot: change * np.sin(1.0), y.dot: -change * np.cos(1.0),
-        },
-    }  # fmt: skip
-
-
-def spherical() -> dict[str, Any]:
-    """A spherical pendulum in Cartesian coordinates."""
-    return {
-        "kinetic": m * (x.dot**2 + y.dot**2 + z.dot**2) / 2,
-        "potential": m * g * z,
-        "constraints": {"rod": x**2 + y**2 + z**2 - l**2},
-        "initial": {x: 0.7 * np.sin(1.2), z: -0.7 * np.cos(1.2), y.dot: 1.5},
-    }
-
-
-def double_pendulum() -> dict[str, Any]:
-    """Two rods in Cartesian coordinates."""
-    state = from_angles(np.array([1.2, -0.5, 0.3, 0.8]))
-    symbols = (x1, y1, x2, y2, x1.dot, y1.dot, x2.dot, y2.dot)
-    return {
-        "kinetic": m * (x1.dot**2 + y1.dot**2 + x2.dot**2 + y2.dot**2) / 2,
-        "potential": m * g * (y1 + y2),
-        "coordinates": [x1, y1, x2, y2],
-        "constraints": {"upper": x1**2 + y1**2 - l**2, "lower": (x2 - x1) ** 2 + (y2 - y1) ** 2 - l**2},
-        "initial": dict(zip(symbols, state, strict=True)),
-    }
-
-
-def guided() -> dict[str, Any]:
-    """A double pendulum in angles, whose mass matrix moves, with its tip at one height."""
-    second = float(np.arccos(1.2 / 0.7 - np.cos(0.4)))
-    rate = -np.sin(0.4) * 0.9 / np.sin(second)
-    return {
-        **angles(),
-        "constraints": {"guide": l * cos(a) + l * cos(b) - 1.2},
-        "initial": {a: 0.4, b: second, a.dot: 0.9, b.dot: float(rate)},
-    }
-
-
-def angles() -> dict[str, Any]:
-    """The double pendulum in angles."""
-    return {
-        "kinetic": m * l**2 * (2 * a.dot**2 + b.dot**2 + 2 * a.dot * b.dot * cos(a - b)) / 2,
-        "potential": -m * g * l * (2 * cos(a) + cos(b)),
-        "coordinates": [a, b],
-        "initial": {a: 1.2, b: -0.5, a.dot: 0.3, b.dot: 0.8},
-    }
-
-
-def sleigh() -> dict[str, Any]:
-    """Chaplygin's sleigh on an incline: a knife edge, which is a constraint of velocities."""
-    return {
-        "kinetic": m * (x.dot**2 + y.dot**2) / 2 + m * a.dot**2 / 5,
-        "potential": m * g * y / 3 + m * cos(a) / 7,
-        "coordinates": [x, y, a],
-        "constraints": {"edge": x.dot * sin(a) - y.dot * cos(a)},
-        "initial": {a: 0.3, x.dot: np.cos(0.3), y.dot: np.sin(0.3), a.dot: 0.8},
-    }
-
-
-def from_angles(state: FloatArray) -> FloatArray:
-    """Return the Cartesian state of a double pendulum of a state in angles."""
-    p, q, pv, qv = state
-    upper, rate = np.array([np.sin(p), -np.cos(p)]), np.array([np.cos(p), np.sin(p)]) * pv
-    lower, other = np.array([np.sin(q), -np.cos(q)]), np.array([np.cos(q), np.sin(q)]) * qv
-    return 0.7 * np.concatenate([upper, upper + lower, rate, rate + other])
-
-
-SYSTEMS = {one.__name__: one for one in (pendulum, pumped, spherical, double_pendulum, guided)}
-
-
-@cache
-def system(name: str, target: str = "llvm") -> Model:
-    stated = sleigh() if name == "sleigh" else SYSTEMS[name]()
-    return build(target, parameters=VALUES, **stated) if "dissipation" in stated else build(target, **stated)
-
-
-def equal(name: str) -> Any:
-    """Return a method with equal steps; of an adaptive one the step without its error."""
-    method = implicit(name)
-    if method.control is None:
-        return method
-    return ImplicitMethod(
-        f"{name}-equal", Claims(method.claims.order, explicit=False), without_error(method.function), law=method.law
-    )
-
-
-@cache
-def without_error(function: Callable[..., Any]) -> Callable[..., Any]:
-    return lambda *given: function(*given)[:2]
-
-
-def held(compiled: Model, found: Any) -> tuple[FloatArray, FloatArray]:
-    """Return the sizes of phi and of psi along a run."""
-    count, n = len(compiled.equations.constraints), compiled.dimension
-    both = np.abs(compiled.evaluate("constraints", found.y[:n], found.y[n:], found.t))
-    return both[:count], both[count:]
-
+from tests.trajectory.constrained_systems import (
+    HOLONOMIC,
+    SYMPLECTIC,
+    SYSTEMS,
+    angles,
+    equal,
+    from_angles,
+    held,
+    system,
+    truth,
+    x,
+    y,
+    z,
+)
+from tests.trajectory.runs import CONSTRAINED, EQUAL, implicit, run
 
 # --- claims ---------------------------------------------------------------------------------------------------
 
@@ -161,12 +40,6 @@ COUNTS = tuple(round(32 * 2 ** (i / 2)) for i in range(12))
 """Numbers of steps, from 32 to 1448, by factors of the square root of 2."""
 FLOOR = 2e-11
 """Errors below this are left out: round-off, some 1e-13, would move a measured order where they double."""
-
-
-@cache
-def truth(name: str, end: float = 1.0) -> FloatArray:
-    last: FloatArray = run(system(name), end, Taylor(rtol=1e-15, atol=1e-15)).y[:, -1]
-    return last
 
 
 @pytest.mark.parametrize("name", [*SYSTEMS, "sleigh"])
@@ -290,67 +163,41 @@ def test_energy_stays_bounded_without_drift(method: str) -> None:
     assert np.ptp(means) < 0.1 * np.abs(error).max()
 
 
-# --- index 2 --------------------------------------------------------------------------------------------------
-
-
-class Newton:
-    """What a step function gets as `solve`, in doubles; it keeps the unknowns of the first solve of a step."""
-
-    def __init__(self) -> None:
-        self.kept: list[tuple[FloatArray, ...]] = []
-
-    def __call__(self, residual: Callable[..., Any], guess: Any, predict: Any = None) -> Any:
-        unknowns, count = np.concatenate(guess), len(guess)
-
-        def off(values: FloatArray) -> FloatArray:
-            return np.concatenate(residual(*np.split(values, count)))
-
-        for _ in range(12):
-            rows = [(off(unknowns + 1e-6 * e) - off(unknowns - 1e-6 * e)) / 2e-6 for e in np.eye(len(unknowns))]
-            unknowns = unknowns - np.linalg.solve(np.array(rows).T, off(unknowns))
-        self.kept.append(tuple(np.split(unknowns, count)))
-        return self.kept[-1]
-
-
-@pytest.mark.parametrize("name", ["pumped", "sleigh"])
-def test_the_multipliers_of_radaus_step_are_of_order_3(name: str) -> None:
-    compiled = system(name)
-    law, values, count = compiled.law("constrained"), compiled.parameter_array(), len(compiled.equations.constraints)
-    n, errors, counts = compiled.dimension, [], (8, 11, 16)
-
-    def call(t: float, *arguments: FloatArray) -> tuple[FloatArray, ...]:
-        return tuple(np.split(law(float(t), np.concatenate(arguments), values), 5))
-
-    end = truth(name)
-    exact = compiled.multipliers(end[:n], end[n:], 1.0)
-    for steps in counts:
-        q, v = np.split(np.array(compiled.statement.initial), 2)
-        for i in range(steps):
-            solve = Newton()
-            q, v, *_ = radau5_index2(call, i / steps, q, v, 1 / steps, solve)
-        errors.append(np.abs(solve.kept[0][2 * STAGES - 1][:count] - exact).max())
-    assert -np.polyfit(np.log(counts), np.log(errors), 1)[0] == pytest.approx(3, abs=0.3), errors
+# --- where they end, and their path ----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", [*SYSTEMS, "sleigh"])
-@pytest.mark.parametrize("method", [name for name in CONSTRAINED if name in CONTROLLED])
-def test_errors_follow_the_tolerance(method: str, name: str, target: str) -> None:
-    compiled, errors = system(name, target), []
-    for rtol in (1e-4, 1e-6, 1e-8, 1e-10):
-        found = run(compiled, 1.0, method, rtol=rtol, atol=rtol)
-        assert found.status is Status.SUCCESS, found.message
-        errors.append(np.abs(found.y[:, -1] - truth(name)).max())
-        assert errors[-1] < 100 * rtol
-    assert all(later < first / 10 for first, later in itertools.pairwise(errors)), errors
+@pytest.mark.parametrize("method", CONSTRAINED)
+def test_constraints_that_become_dependent_are_told(method: str, target: str) -> None:
+    """From x = 1 on, both hold y = z: seen when Newton's matrix is made anew, 64 steps later at most."""
+    compiled = build(
+        target,
+        kinetic=(x.dot**2 + y.dot**2 + z.dot**2) / 2,
+        coordinates=[x, y, z],
+        constraints={"first": y - z, "second": y - Min(1, x) * z},
+        initial={x: 0.5, x.dot: 1.0},
+    )
+    found = run(compiled, 5.0, method, **({"step": 0.01} if method in EQUAL else {}))
+    assert found.status is Status.SINGULAR and 0.4 < found.t[-1] < 1.15, found.message
+    assert "the constraints 'first' and 'second' are dependent at t = " in found.message
 
 
-@pytest.mark.parametrize("name", [*SYSTEMS, "sleigh"])
-def test_floors_follow_the_scale_where_none_are_given(name: str) -> None:
-    """Entries that begin at zero have their size from the survey; the run takes as many steps in other units."""
-    found = run(system(name), 1.0, "radau5-index2", rtol=1e-7)
-    assert found.status is Status.SUCCESS, found.message
-    assert found.steps < 400 and np.abs(found.y[:, -1] - truth(name)).max() < 1e-5
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("method", CONSTRAINED)
+def test_the_path_between_steps_leads_to_events(method: str, target: str) -> None:
+    """The bob is below the pivot; the path is of order 3 at least, and with equal steps no better than these."""
+    compiled, event = system("pendulum", target), Event(x)
+    exact = run(system("pendulum"), 2.0, Taylor(rtol=1e-14), events=(event,)).t_events[0]
+    found = run(compiled, 2.0, method, events=(event,), **({"step": 0.005} if method in EQUAL else {}))
+    near = {2: 2e-4, 4: 1e-6, 5: 1e-7}[find(method).claims.order]
+    assert len(exact) == 2 and found.t_events[0] == pytest.approx(exact, abs=near)
+    assert found.dense(np.array([0.8125]))[:, 0] == pytest.approx(halfway(), abs=30 * near)
+
+
+@cache
+def halfway() -> FloatArray:
+    place: FloatArray = run(system("pendulum"), 0.8125, Taylor(rtol=1e-15, atol=1e-15)).y[:, -1]
+    return place
 
 
 # --- where they are refused -----------------------------------------------------------------------------------

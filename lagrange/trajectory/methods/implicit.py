@@ -16,7 +16,7 @@ from lagrange.program.step import Control, StepProgram, trace
 from lagrange.statement.choice import one_of, text
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.built_in import built_in
-from lagrange.trajectory.methods.settings import adaptive_settings, check_constraints, check_options, fixed_settings
+from lagrange.trajectory.methods.settings import adaptive_settings, check_holonomic, check_options, fixed_settings
 from lagrange.trajectory.paths.step_paths import StepPath, hermite_path
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.run_loop import drive_by
@@ -68,8 +68,8 @@ class ImplicitMethod:
 
     def plan(self, problem: Problem) -> StepPlan:
         """Return the plan; see `Planned`."""
-        if self.law == "constrained":
-            check_constraints(self.name, problem, holonomic=self.holonomic)
+        if self.holonomic:
+            check_holonomic(self.name, problem)
         chosen = adaptive_settings if self.control else fixed_settings
         tolerances = chosen(self.name, problem, self.step, self.rtol, self.atol)
         path = self.path or hermite_path(self.claims.order)

@@ -118,18 +118,12 @@ def check_problem(name: str, problem: Problem) -> None:
         raise StatementError(f"{name} cannot run {shown(problem)}: give an lg.Problem, or call lg.integrate().")
 
 
-def check_constraints(name: str, problem: Problem, *, holonomic: bool) -> None:
-    """Refuse constraints that a method with multipliers among its unknowns cannot hold."""
+def check_holonomic(name: str, problem: Problem) -> None:
+    """Refuse constraints that are stated in velocities."""
     check_problem(name, problem)
-    held, n = problem.model.equations.constraints, problem.model.dimension
-    if len(held) > n:
-        raise StatementError(
-            f"{name} finds a multiplier for each constraint, and {len(held)} constraints of {n} coordinates cannot be "
-            "independent: drop those that follow from others, or take a method that solves for accelerations, such as "
-            "taylor."
-        )
+    held = problem.model.equations.constraints
     stated = [repr(one) for one, phi in zip(held.names, held.positions, strict=True) if phi is None]
-    if holonomic and stated:
+    if stated:
         raise StatementError(
             f"{name} is for constraints on coordinates, and {listing(stated)} is stated in velocities: take "
             "radau5-index2, taylor or dop853. If it can be integrated, state the integral instead."
