@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from lagrange.errors import StatementError, listing
+from lagrange.errors import RunError, StatementError, listing
 from lagrange.graph.differentiate import tangents
 from lagrange.machine.model import Model
 from lagrange.statement.choice import one_of
@@ -51,11 +51,26 @@ class ConstraintForces:
 
     @cached_property
     def multipliers(self) -> MultipliersByName:
-        """The multipliers by name, empty without constraints."""
+        """The multipliers by name, empty without constraints; NaN at a state at which they are not determined."""
         if not self.names:
             return MultipliersByName()
-        found = self.model.multipliers(*self.model.layout.split(self.y), self.t, self.parameters)
+        try:
+            found = self._at_states(slice(None))
+        except RunError:  # at one of the states: a run may have ended there
+            found = np.stack([self._at_state(k) for k in range(len(self.t))], axis=1)
         return MultipliersByName(zip(self.names, found, strict=True))
+
+    def _at_states(self, which: slice) -> FloatArray:
+        """Return the multipliers at some of the states, (m, k)."""
+        q, v = self.model.layout.split(self.y[:, which])
+        return self.model.multipliers(q, v, self.t[which], self.parameters)
+
+    def _at_state(self, k: int) -> FloatArray:
+        """Return the multipliers at one state, (m,), or NaN."""
+        try:
+            return self._at_states(slice(k, k + 1))[:, 0]
+        except RunError:
+            return np.full(len(self.names), np.nan)
 
     def generalized(self, name: str) -> FloatArray:
         """Return G^T lambda of one constraint, (n, N)."""

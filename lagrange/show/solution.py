@@ -182,7 +182,10 @@ class Solution:
 
     @property
     def multipliers(self) -> Mapping[str, FloatArray]:
-        """The multiplier of each constraint by its name, (N,) at the output times; empty without constraints."""
+        """The multiplier of each constraint by its name, (N,) at the output times; empty without constraints.
+
+        It is NaN at a state where the constraints are dependent, at which a run may have ended.
+        """
         return self._exerted.multipliers
 
     def constraint_force(self, name: str, at: str | None = None) -> FloatArray:

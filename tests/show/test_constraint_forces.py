@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -177,6 +178,17 @@ def test_the_state_at_the_end_begins_another_run() -> None:
     assert solution.final == {name: row[-1] for name, row in zip(solution.names, solution.y, strict=True)}
     more = solution.model.statement
     assert lg.System.from_statement(more).run(2.5, solution.final, t_start=2.0)["x"][0] == solution["x"][-1]
+
+
+def test_a_state_without_multipliers_keeps_those_of_the_others(tmp_path: Path) -> None:
+    solution = run()
+    y_ = solution.y.copy()
+    y_[:2, -1] = 0.0  # there the rod has no direction
+    broken = replace(solution, trajectory=replace(solution.trajectory, y=y_))
+    np.testing.assert_array_equal(broken.multipliers["rod"][:-1], solution.multipliers["rod"][:-1])
+    assert np.isnan(broken.multipliers["rod"][-1])
+    with np.load(broken.to_npz(tmp_path / "run.npz")) as arrays:
+        assert np.isnan(arrays["multipliers"]).tolist() == [[False] * (len(solution.t) - 1) + [True]]
 
 
 def test_files_have_the_multipliers(tmp_path: Path) -> None:
