@@ -1,4 +1,4 @@
-"""Every scene with constraints, formulated independently: by reduced coordinates, Kane's method, or by hand."""
+"""Every scene with constraints, or without inertia, formulated independently: reduced, by Kane's method, or by hand."""
 
 from __future__ import annotations
 
@@ -265,12 +265,23 @@ def particle_on_sphere() -> Formulation:
     return Formulation(values, [z0, z1, z2, z3], places, rates, slope, [Rational(1, 10), 0, 0, 0])
 
 
+def two_point_vortices() -> Formulation:
+    """Each moves with the flow of the other (Kirchhoff's equations)."""
+    Gamma1, Gamma2 = known("Gamma1 Gamma2")
+    across, along = z0 - z2, z1 - z3
+    turn = 2 * pi * (across**2 + along**2)
+    slope = [-Gamma2 * along / turn, Gamma2 * across / turn, Gamma1 * along / turn, -Gamma1 * across / turn]
+    state = [z0, z1, z2, z3]
+    return Formulation(of("two-point-vortices"), state, state, slope, slope, [0, 0, 1, 0], spread=0.3)
+
+
 FORMULATIONS: dict[str, Callable[[], Formulation]] = {
     make.__name__.replace("_", "-"): make
     for make in (
         *(cartesian_pendulum, cartesian_double_pendulum, slider_crank, four_bar, four_bar_change_point),
         *(four_bar_ladder, bead_on_wire, atwood_machine, swinging_atwood_machine, rolling_disc, chaplygin_sleigh),
         *(knife_edge, differential_drive, free_flip, spinning_top, hanging_chain, ladder, particle_on_sphere),
+        two_point_vortices,
     )
 }
 """How to formulate each scene, by its name."""
