@@ -22,7 +22,7 @@ from typing import Any
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange
 from lagrange.errors import StatementError
 from lagrange.evidence.quick import quick_check
-from lagrange.evidence.regularity import check_regularity
+from lagrange.evidence.regularity import check_regularity, independent_constraints
 from lagrange.graph.node import Node
 from lagrange.machine.backend import Kernel, Machine, Series
 from lagrange.machine.kernel.interpreted import InterpretedKernel
@@ -32,7 +32,7 @@ from lagrange.program.switching import Switched
 from lagrange.program.taylor import series_program
 from lagrange.statement.choice import one_of
 from lagrange.statement.declare import declare
-from lagrange.statement.statement import Statement
+from lagrange.statement.statement import REFUSE, Statement
 
 MACHINES = {"llvm": "lagrange.machine.llvm_machine:LlvmMachine", "numpy": "lagrange.machine.numpy_machine:NumpyMachine"}
 """Every target by name. A machine is imported when it is first asked for: numpy runs where llvmlite is missing."""
@@ -75,10 +75,19 @@ def state(**stated: Any) -> Statement:
 
 def equations_of(statement: Statement) -> Equations:
     """Return the equations of motion. Raises StatementError where no state determines the motion."""
-    equations = euler_lagrange(statement)
+    equations = _laws(statement)
     # A mass matrix without coupled blocks is not evaluated, and numpy's machine is then not imported.
     check_regularity(equations, lambda: Stages(equations, machine("numpy")), statement)
     return equations
+
+
+def _laws(statement: Statement) -> Equations:
+    """Return the equations of motion, solved with independent constraints where redundant ones are allowed."""
+    equations = euler_lagrange(statement)
+    if statement.redundant == REFUSE or len(statement.constraints) < 2:
+        return equations
+    kept = independent_constraints(Model(statement, equations, Stages(equations, machine("numpy"))))
+    return equations if len(kept) == len(statement.constraints) else euler_lagrange(statement, kept)
 
 
 def _on_machine(on: Machine, statement: Statement) -> Model:
@@ -87,7 +96,7 @@ def _on_machine(on: Machine, statement: Statement) -> Model:
 
 def model_of(statement: Statement, on: Machine, equations: Equations | None = None) -> Model:
     """Return a model whose kernels are compiled when they are first used."""
-    stages = Stages(euler_lagrange(statement) if equations is None else equations, on)
+    stages = Stages(_laws(statement) if equations is None else equations, on)
     return Model(statement, stages.equations, stages)
 
 

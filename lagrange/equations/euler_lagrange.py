@@ -15,6 +15,7 @@ from typing import Any
 from lagrange.equations.augmented import MotionForm, augmentation
 from lagrange.equations.constraints import ConstraintEquations, check_rows, constraint_equations
 from lagrange.equations.first_order import first_order_coordinates, with_ones, with_relations, without
+from lagrange.equations.redundant import least_norm
 from lagrange.equations.solve_plan import SolvePlan, plan_of
 from lagrange.equations.state_layout import StateLayout
 from lagrange.equations.structure import Structure, find_structure
@@ -39,7 +40,8 @@ class Equations:
     equations are solved in the form `motion`, which has other momenta where M is singular; `matrix` has its M then.
     `leaves` maps the statement's SymPy leaves to symbols.
     `stated` are the constraints of the statement, with their `multipliers`; `constraints`, which are solved for, with
-    `impulses` as theirs, also have the relations of the coordinates of `first_order`, which have no inertia.
+    `impulses` as theirs, lack those that are redundant, and also have the relations of the coordinates of
+    `first_order`, which have no inertia.
     """
 
     graph: Graph
@@ -91,8 +93,8 @@ class Equations:
         return to_sympy(node, symbols)
 
 
-def euler_lagrange(statement: Statement) -> Equations:
-    """Form the equations of motion of a statement."""
+def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> Equations:
+    """Form the equations of motion of a statement; of its constraints those `kept` are solved for, all unless given."""
     graph = Graph()
     q, v, time, parameters = _symbols(graph, statement)
     rate = v  # dq/dt
@@ -112,13 +114,14 @@ def euler_lagrange(statement: Statement) -> Equations:
     bias = bias_forces(forces, momenta, q, rate, time)
     first_order = first_order_coordinates(mass, bias, v, constraints)
     check_inertia(statement.names, mass, constraints, first_order)
-    solved = with_relations(constraints, first_order, statement.names, bias, q, v, time)
+    kept = range(len(constraints)) if kept is None else kept
+    solved = with_relations(constraints.part(kept), first_order, statement.names, bias, q, v, time)
     motion = without(first_order, MotionForm(tuple(momenta), tuple(forces), tuple(bias)))
-    motion, inertia = with_inertia(motion, mass, with_ones(first_order, mass), constraints, q, v, time)
+    motion, inertia = with_inertia(motion, mass, with_ones(first_order, mass), constraints.part(kept), q, v, time)
     matrix = system_matrix(inertia, solved)
     plan = plan_of(matrix, tuple(range(len(q), len(matrix))))
     accelerations, impulses = solve_motion(plan, matrix, motion.bias, solved)
-    multipliers = impulses[: len(constraints)]
+    multipliers = least_norm(constraints, kept, impulses[: len(kept)])
     structure = find_structure(
         graph, statement.names, q, time, lagrangian, momenta, extra, mass, constraints, accelerations, first_order
     )

@@ -25,6 +25,7 @@ import numpy as np
 from lagrange.errors import RunError
 from lagrange.evidence.compare import LIMIT, TINY, relative_error
 from lagrange.evidence.constraint_laws import StatedConstraints, acceleration_level
+from lagrange.evidence.independent import solved_statement
 from lagrange.evidence.laws import DifferenceSteps, along
 from lagrange.evidence.operations import OutsideDomain
 from lagrange.evidence.precise import Precise
@@ -52,8 +53,9 @@ def quick_check(model: Model) -> None:
     Raises RunError, with the entry, the place and the two values, if they disagree. A system without a usable point,
     even at its initial state, passes.
     """
-    probe = _Probe(model.statement)
-    sampler = Sampler(model.statement, seed=0)
+    statement = solved_statement(model)
+    probe = _Probe(statement)
+    sampler = Sampler(statement, seed=0)
     confirmations = 0
     for attempt in range(MOST_DRAWS + 1):
         point = sampler.initial() if attempt == MOST_DRAWS else sampler.point(SAMPLE_KINDS[(attempt + 1) % 4], attempt)
@@ -65,7 +67,7 @@ def quick_check(model: Model) -> None:
         if not probe.has_value(point):
             continue
         # This is not yet a fault: the mass matrix may be singular here, a number too large, or a kink too near.
-        if _confirm(model, point, a) or (confirmations := confirmations + 1) == CONFIRMATIONS:
+        if _confirm(model, statement, point, a) or (confirmations := confirmations + 1) == CONFIRMATIONS:
             return
 
 
@@ -85,7 +87,9 @@ def _allowed(model: Model, point: Point, direction: Sequence[float]) -> list[flo
     if not model.statement.constraints:
         return list(direction)
     kernel = model.interpreted("constraint_gradient")
-    rows = kernel(point.t, np.array([*point.q, *point.v]), model.parameter_array(point.parameters))
+    stated, solved = model.equations.stated.names, model.equations.constraints.names
+    kept = [i for i, name in enumerate(stated) if name in solved]
+    rows = kernel(point.t, np.array([*point.q, *point.v]), model.parameter_array(point.parameters))[kept]
     if not np.isfinite(rows).all():
         return list(direction)
     basis, _ = np.linalg.qr(rows.T)
@@ -95,12 +99,11 @@ def _allowed(model: Model, point: Point, direction: Sequence[float]) -> list[flo
     return [float(x) for x in w]
 
 
-def _confirm(model: Model, point: Point, a: Sequence[float]) -> bool:
+def _confirm(model: Model, statement: Statement, point: Point, a: Sequence[float]) -> bool:
     """Return True if the accelerations are right after all, False if the point cannot be used.
 
     Raises RunError if they are wrong.
     """
-    statement = model.statement
     try:
         part = Reference(statement, model.equations.first_order).at(point, [])["accelerations"]
     except OutsideDomain:

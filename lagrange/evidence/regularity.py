@@ -13,14 +13,19 @@ import numpy as np
 
 from lagrange.equations.constraints import empty_constraint
 from lagrange.equations.euler_lagrange import Equations, no_inertia
-from lagrange.errors import StatementError
+from lagrange.errors import StatementError, listing
 from lagrange.graph.node import Node
 from lagrange.graph.term_size import term_size
 from lagrange.machine.backend import FloatArray, Kernel, KernelProvider
 from lagrange.machine.model import Model
 from lagrange.machine.singular import RANK, Singular, balanced, least_regular, motion_along
 from lagrange.statement.statement import Statement
-from lagrange.trajectory.constraints.dependence import contradiction, contradictory, dependent_everywhere
+from lagrange.trajectory.constraints.dependence import (
+    contradiction,
+    contradictory,
+    dependent_everywhere,
+    independent_rows,
+)
 
 POINTS = 8
 """Random states at which the rank is tested, beside the stated one; one regular point clears a block."""
@@ -79,6 +84,24 @@ def check_constraints(equations: Equations, provider: KernelProvider, statement:
     raise StatementError(_dependent(equations, provider, tried, singular))
 
 
+def independent_constraints(model: Model) -> tuple[int, ...]:
+    """Return constraints that are independent where all of them hold, and that the others follow from.
+
+    Raises StatementError where no state is found that satisfies them.
+    """
+    statement, tried = model.statement, Tried(model.equations, model.statement)
+    parameters = tried.some_parameters(statement)
+    states = np.array([statement.initial, *tried.random_states().T]).T
+    found = independent_rows(model, 0.0, states, parameters)
+    if found is None:
+        names = listing(repr(one.name) for one in statement.constraints)
+        raise StatementError(
+            f"no state was found that satisfies the constraints {names} together, so it is not known which of them "
+            "follow from others. Give an initial state that satisfies them, and the values of all parameters."
+        )
+    return found
+
+
 def _dependent(equations: Equations, provider: KernelProvider, tried: Tried, singular: Singular) -> str:
     """Return the refusal of constraints that are dependent wherever they were tried."""
     names, statement = equations.constraints.names, tried.statement
@@ -103,16 +126,22 @@ class Tried:
         """Return random states, (2n, POINTS)."""
         return np.random.default_rng(7).uniform(0.2, 1.2, (self.equations.layout.size, POINTS))
 
+    def some_parameters(self, statement: Statement | None) -> FloatArray:
+        """Return values of the parameters: the defaults of a statement, and random ones where there are none."""
+        some = np.random.default_rng(9).uniform(0.5, 2.0, len(self.equations.parameters))
+        if statement is None:
+            return some
+        return np.array([statement.defaults.get(p, x) for p, x in zip(statement.parameters, some, strict=True)])
+
     def values(self, kernel: Kernel) -> FloatArray:
         """Return what a kernel gives at every state, the states as the last axis."""
-        equations, statement = self.equations, self.statement
+        statement = self.statement
         random, state = np.random.default_rng(8), self.random_states()
-        some = random.uniform(0.5, 2.0, len(equations.parameters))
+        some = self.some_parameters(None)
         with np.errstate(all="ignore"):
             found = [kernel(random.uniform(0.2, 1.2, POINTS), state, some)]
             if statement is not None:
-                pairs = zip(statement.parameters, some, strict=True)
-                stated = np.array([statement.defaults.get(p, x) for p, x in pairs])
+                stated = self.some_parameters(statement)
                 initial = np.array(statement.initial)[:, None]
                 around = initial + (1e-2 * np.abs(initial) + 1e-3) * random.uniform(-1.0, 1.0, state.shape)
                 found.append(kernel(0.0, np.concatenate([initial, around], axis=1), stated))

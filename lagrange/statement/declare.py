@@ -18,7 +18,7 @@ from lagrange.statement.constraint import Constraint, declare_constraints
 from lagrange.statement.coordinate import check_name, check_symbol, name_of, t, velocity_of
 from lagrange.statement.expression import entries, expression
 from lagrange.statement.number import real_number
-from lagrange.statement.statement import RunSettings, Statement
+from lagrange.statement.statement import REDUNDANT, REFUSE, RunSettings, Statement
 from lagrange.statement.survey import Survey
 
 ORIGIN = "origin"
@@ -34,6 +34,7 @@ def declare(
     forces: Mapping[Any, Any] | None = None,
     dissipation: Any = 0,
     constraints: Sequence[Any] | Mapping[str, Any] = (),
+    redundant: str = REFUSE,
     parameters: Mapping[Any, Any] | None = None,
     initial: Mapping[Any, Any] | None = None,
     positions: Mapping[str, Any] | None = None,
@@ -54,7 +55,9 @@ def declare(
     chosen = _coordinates(coordinates, survey)
     by_name = {name_of(q): q for q in chosen}
     _check_velocities(chosen, moving, held, lagrangian, main)
-    _check_constraints(held, chosen)
+    one_of(redundant, REDUNDANT, "redundant is {given}: give one of {known}.")
+    if redundant == REFUSE:
+        _check_constraints(held, chosen)
 
     force_table = _forces(forces, by_name, survey)
     dissipation = expression(dissipation, "the dissipation")
@@ -73,6 +76,7 @@ def declare(
         lagrangian=clean(lagrangian),
         forces=tuple(clean(force_table.get(q, sympy.S.Zero)) for q in chosen),
         dissipation=clean(dissipation),
+        redundant=redundant,
         constraints=tuple(replace(one, expression=clean(one.expression)) for one in held),
         parameters=tuple(symbols.values()),
         defaults=MappingProxyType(_defaults(values, symbols)),

@@ -16,13 +16,13 @@ from lagrange.statement.choice import one_of
 from lagrange.statement.coordinate import check_name, check_symbol, coordinate, velocity_of
 from lagrange.statement.declare import ORIGIN, declare
 from lagrange.statement.document import Document, kind_of
-from lagrange.statement.statement import RunSettings, Statement
+from lagrange.statement.statement import REDUNDANT, REFUSE, RunSettings, Statement
 
 LIBRARY = Path(__file__).resolve().parents[1] / "scenes"
 
 KEYS = (
     *("name", "about", "source", "coordinates", "kinetic", "potential", "lagrangian", "forces", "dissipation"),
-    *("constraints", "parameters", "initial", "positions", "links", "run"),
+    *("constraints", "redundant", "parameters", "initial", "positions", "links", "run"),
 )
 RUN_KEYS = ("t_end", "method", "rtol", "atol", "step")
 
@@ -94,6 +94,7 @@ class _Scene:
                 forces={coordinates[name]: document.expression(names, "forces", name) for name in forces},
                 dissipation=document.expression(names, "dissipation") if "dissipation" in self.data else 0,
                 constraints=self.constraints(names),
+                redundant=self.redundant(),
                 parameters={symbols[name]: value for name, value in values.items()},
                 initial={name: document.number("initial", name) for name in initial},
                 positions=self.positions(names),
@@ -173,8 +174,9 @@ class _Scene:
         energies = {key: self.document.expression(names, key) for key in (main, "potential") if key in self.data}
         present = energies[main].atoms(sympy.Derivative)
         held = "constraints" in self.data
+        rates = [velocity_of(q) for q in coordinates.values()]
         for name, q in coordinates.items():
-            if velocity_of(q) not in present and not held:
+            if velocity_of(q) not in present and not held and not energies[main].diff(q).has(*rates):
                 self.document.refuse(
                     f"{main} does not contain {name}_dot, so {name} has no inertia and its acceleration is "
                     f"undefined: add its kinetic energy, or make {name} a parameter.",
@@ -194,6 +196,13 @@ class _Scene:
             except StatementError as error:
                 self.document.refuse(str(error), "constraints", name, key=True)
         return {name: self.document.expression(names, "constraints", name) for name in table}
+
+    def redundant(self) -> str:
+        """Return what is done with constraints that follow from others."""
+        given: Any = self.data.get("redundant", REFUSE)
+        if not isinstance(given, str) or given not in REDUNDANT:
+            self.document.refuse(f"redundant is {kind_of(given)}: write one of {listing(REDUNDANT)}.", "redundant")
+        return str(given)
 
     def positions(self, names: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
         """Return the named points, two or three expressions each."""

@@ -12,6 +12,9 @@ from sympy import Symbol
 from lagrange.statement.constraint import Constraint
 from lagrange.statement.coordinate import acceleration_of, name_of, velocity_of
 
+REFUSE, ALLOW = REDUNDANT = ("refuse", "allow")
+"""What is done with constraints that follow from others: they are refused, or share the forces."""
+
 
 @dataclass(frozen=True)
 class RunSettings:
@@ -30,7 +33,7 @@ class Statement:
 
     Expressions are SymPy, in the coordinates q(t), their velocities Derivative(q(t), t), the parameters and t.
     `forces` has one entry per coordinate, in the order of `coordinates`; `initial` holds (q, v), 2n numbers.
-    `constraints` are expressions that stay zero.
+    `constraints` are expressions that stay zero; `redundant` says what is done with those that follow from others.
     `defaults` lacks the parameters that were given no value.
     """
 
@@ -50,6 +53,7 @@ class Statement:
     source: str = ""
     run: RunSettings = field(default_factory=RunSettings)
     constraints: tuple[Constraint, ...] = ()
+    redundant: str = REFUSE
 
     def __getstate__(self) -> dict[str, Any]:
         # Read-only views of dicts do not pickle.

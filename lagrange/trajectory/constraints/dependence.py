@@ -52,6 +52,37 @@ def refuse_dependent(model: Model, t: float, y: FloatArray, parameters: FloatArr
         raise StatementError(dependent_everywhere(residuals_of(model).names, found))
 
 
+def independent_rows(model: Model, t: float, states: FloatArray, parameters: FloatArray) -> tuple[int, ...] | None:
+    """Return the most constraints that are independent at a state that satisfies all, sought from some (2n, k).
+
+    None if no such state is found.
+    """
+    projection, best = Projection(model, t, parameters), None
+    count = len(model.statement.constraints)
+    for state in states.T:
+        reached = projection.reached(state)
+        if reached is not None:
+            rows = _pivots(residuals_of(model).gradient(t, reached, parameters)[:count])
+            best = rows if best is None or len(rows) > len(best) else best
+    return best
+
+
+def _pivots(rows: FloatArray) -> tuple[int, ...]:
+    """Return rows that span all, each the longest beside those before, in units of its own length."""
+    sizes = np.sqrt((rows**2).sum(axis=1))
+    left, chosen = rows / np.where(sizes > 0, sizes, 1.0)[:, None], []
+    for _ in range(len(rows)):
+        lengths = np.sqrt((left**2).sum(axis=1))
+        # The first of the longest, so that rounding does not choose.
+        row = int(np.argmax(lengths > (1 - DEPENDENT) * lengths.max()))
+        if lengths[row] <= DEPENDENT:
+            break
+        chosen.append(row)
+        along = left[row] / lengths[row]
+        left = left - np.outer(left @ along, along)
+    return tuple(sorted(chosen))
+
+
 def _rows(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> Singular | None:
     """Return the dependent rows of G at a state, or None if they are independent."""
     gradient = residuals_of(model).gradient(t, y, parameters)
@@ -88,7 +119,8 @@ def dependent_everywhere(names: tuple[str, ...], singular: Singular) -> str:
         )
     return (
         f"{dependent_rows(names, singular)} here: where {listing(involved[:-1])} "
-        f"{'holds' if len(involved) == 2 else 'hold'}, {involved[-1]} restricts no further. Drop one of them."
+        f"{'holds' if len(involved) == 2 else 'hold'}, {involved[-1]} restricts no further. Drop one of them, or state "
+        "the system with redundant='allow', and they share their forces."
     )
 
 
