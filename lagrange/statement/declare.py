@@ -55,9 +55,7 @@ def declare(
     chosen = _coordinates(coordinates, survey)
     by_name = {name_of(q): q for q in chosen}
     _check_velocities(chosen, moving, held, lagrangian, main)
-    one_of(redundant, REDUNDANT, "redundant is {given}: give one of {known}.")
-    if redundant == REFUSE:
-        _check_constraints(held, chosen)
+    _check_constraints(held, chosen, redundant)
 
     force_table = _forces(forces, by_name, survey)
     dissipation = expression(dissipation, "the dissipation")
@@ -67,7 +65,6 @@ def declare(
 
     values = _table(parameters, "parameters", "parameter to value")
     symbols, unify = _parameter_symbols(survey, values, by_name)
-
     clean = partial(_unified, unify)
     return Statement(
         coordinates=chosen,
@@ -233,9 +230,10 @@ def _check_velocities(
             )
 
 
-def _check_constraints(constraints: Sequence[Constraint], coordinates: tuple[Any, ...]) -> None:
-    """Refuse more constraints than coordinates."""
-    if len(constraints) > len(coordinates):
+def _check_constraints(constraints: Sequence[Constraint], coordinates: tuple[Any, ...], redundant: str) -> None:
+    """Refuse more constraints than coordinates, unless redundant ones are allowed."""
+    one_of(redundant, REDUNDANT, "redundant is {given}: give one of {known}.")
+    if redundant == REFUSE and len(constraints) > len(coordinates):
         names = listing(name_of(q) for q in coordinates)
         many = "coordinates" if len(coordinates) > 1 else "coordinate"
         raise StatementError(

@@ -12,6 +12,7 @@ from sympy import cos, sin
 
 import lagrange as lg
 from lagrange.errors import SceneError, StatementError
+from lagrange.evidence.quick import quick_check
 from tests.models import TARGETS, g, l, m, phi, x, y
 
 ROD = x**2 + y**2 - l**2
@@ -66,7 +67,7 @@ def test_constraints_that_follow_only_where_all_hold() -> None:
         "constraints": held,
         "initial": {x: float(cos(0.7)), y: float(sin(0.7)), **dict.fromkeys(cranks, 0.7)},
     }
-    with pytest.raises(StatementError, match="are dependent here: .* or state the system with redundant='allow'"):
+    with pytest.raises(StatementError, match=r"are dependent here: .* or state the system with redundant='allow'"):
         lg.System(**table).run(0.5, check=False)
     free = lg.System(**table, redundant="allow")
     start = free.consistent({a1.dot: 3.0, a2.dot: 3.0, a3.dot: 3.0}).initial
@@ -85,7 +86,7 @@ def test_more_constraints_than_coordinates_may_follow_from_one_another() -> None
 
 
 def test_all_of_them_must_hold_at_the_start() -> None:
-    with pytest.raises(StatementError, match="'twice' .* is -0.22"):
+    with pytest.raises(StatementError, match=r"'twice' .* is -0\.22"):
         TWICE.run(1.0, {x: 0.5})
     with pytest.raises(StatementError, match="no state was found that satisfies the constraints 'a' and 'b' together"):
         pendulum({"a": x - 1, "b": x - 2}, redundant="allow")
@@ -94,6 +95,16 @@ def test_all_of_them_must_hold_at_the_start() -> None:
 def test_the_check_takes_the_independent_ones_and_says_it() -> None:
     report = TWICE.check(points=2)
     assert report and "alone: other constraints follow." in str(report)
+
+
+def test_the_quick_check_looks_along_what_they_allow(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = TWICE.compile("numpy")
+    quick_check(model)
+    right = model.accelerations
+    # Along the circle: G a is as it should be.
+    monkeypatch.setattr(model, "accelerations", lambda q, *at: right(q, *at) + 1e-6 * np.array([-q[1], q[0]]))
+    with pytest.raises(lg.RunError, match="x_ddot is"):
+        quick_check(model)
 
 
 def test_a_model_pickles_with_the_same_choice() -> None:
