@@ -3,7 +3,7 @@
 The m multipliers of n coordinates are padded to n entries, and so are the constraints: where no constraint stands,
 the entry is the multiplier itself. A step that brings all entries to zero has padding multipliers of zero, and the
 matrix of Newton's method is square and regular. A constraint that is stated in velocities has no phi: its multiplier
-stands there.
+stands there. Momenta and forces are those that are solved, with a definite mass matrix where constraints alone give it.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ def constrained(equations: Equations) -> Named:
     pushed = held.forces(multipliers[:count]) if count else [equations.graph.zero] * len(equations.q)
     places = [one if phi is None else phi for phi, one in zip(held.positions, multipliers, strict=False)]
     return {
-        "momenta": equations.momenta,
-        "forces": equations.forces,
+        "momenta": equations.motion.momenta,
+        "forces": equations.motion.forces,
         "constraint_forces": pushed,
         "positions": [*places, *multipliers[count:]],
         "velocities": [*held.velocities, *multipliers[count:]],

@@ -20,9 +20,10 @@ from lagrange.trajectory.trajectory import FloatArray, Trajectory
 class Claims:
     """The properties that a method claims; tests check them for every registered method.
 
-    `symplectic` holds for systems with a constant mass matrix, and for methods of the law of momenta for all systems.
-    `symmetric`: a step of -h undoes a step of h. `energy`: the energy of a conservative system is conserved to
-    round-off. `events`: the method locates events. `dense` is the order of the dense output.
+    `symplectic` holds for systems with a constant mass matrix, for methods of the law of momenta for all systems
+    without constraints, and for those with multipliers also with constraints on coordinates. `symmetric`: a step of -h
+    undoes a step of h. `energy`: the energy of a conservative system is conserved to round-off. `events`: the method
+    locates events. `dense` is the order of the dense output.
     """
 
     order: int

@@ -99,6 +99,16 @@ def angles() -> dict[str, Any]:
     }
 
 
+def rotor() -> dict[str, Any]:
+    """A pendulum whose angle is that of a unit vector: T does not depend on both rates, and M is singular."""
+    return {
+        "kinetic": m * l**2 * (x * y.dot - y * x.dot) ** 2 / 2,
+        "potential": m * g * l * y,
+        "constraints": {"unit": x**2 + y**2 - 1},
+        "initial": {x: np.sin(1.1), y: -np.cos(1.1), x.dot: 1.5 * np.cos(1.1), y.dot: 1.5 * np.sin(1.1)},
+    }
+
+
 def sleigh() -> dict[str, Any]:
     """Chaplygin's sleigh on an incline: a knife edge, which is a constraint of velocities."""
     return {
@@ -118,7 +128,7 @@ def from_angles(state: FloatArray) -> FloatArray:
     return 0.7 * np.concatenate([upper, upper + lower, rate, rate + other])
 
 
-SYSTEMS = {one.__name__: one for one in (pendulum, pumped, spherical, double_pendulum, guided)}
+SYSTEMS = {one.__name__: one for one in (pendulum, pumped, spherical, double_pendulum, guided, rotor)}
 
 
 @cache

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from sympy import Min
 
+from lagrange.compiler import compile_model, equations_of
 from lagrange.errors import StatementError
 from lagrange.machine.backend import FloatArray
 from lagrange.statement.event import Event
@@ -18,6 +19,7 @@ from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.trajectory import Status
 from tests.models import TARGETS, build
+from tests.models import stated as stated_with
 from tests.trajectory.constrained_systems import (
     HOLONOMIC,
     SYMPLECTIC,
@@ -210,6 +212,28 @@ def test_constraints_of_velocities_are_refused_by_name(method: str) -> None:
     )
     with pytest.raises(StatementError, match=words):
         run(system("sleigh"), 1.0, method, step=0.01)
+
+
+@pytest.mark.parametrize("method", HOLONOMIC)
+def test_coordinates_without_inertia_are_refused_by_name(method: str) -> None:
+    vortices = build(lagrangian=x.dot * y - (x**2 + y**2) / 2, coordinates=[x, y])
+    start = {x: 1.0, y: 0.3, x.dot: 0.3, y.dot: -1.0}
+    with pytest.raises(StatementError, match=f"{method} moves momenta that velocities determine, .* of x and y: take"):
+        run(vortices, 1.0, method, step=0.01, initial=start)
+    found = run(vortices, 1.0, "radau5-index2", initial=start)
+    turn = np.array([[np.cos(1.0), np.sin(1.0)], [-np.sin(1.0), np.cos(1.0)]])
+    assert found.y[:2, -1] == pytest.approx(turn @ [1.0, 0.3], abs=1e-8)
+
+
+@pytest.mark.parametrize("method", CONSTRAINED)
+def test_redundant_constraints_that_are_allowed_change_nothing(method: str) -> None:
+    stated = SYSTEMS["spherical"]()
+    rod = stated["constraints"]["rod"]
+    statement = stated_with(**{**stated, "constraints": {"rod": rod, "again": 3 * rod}, "redundant": "allow"})
+    twice = compile_model(statement, equations_of(statement), check=False)
+    settings: dict[str, Any] = {"step": 0.01} if method in EQUAL else {"rtol": 1e-6, "atol": 1e-6}
+    both = [run(compiled, 1.0, method, **settings).y for compiled in (system("spherical"), twice)]
+    assert both[0] == pytest.approx(both[1], abs=1e-9)
 
 
 def test_a_method_of_ones_own_may_take_velocity_constraints() -> None:

@@ -119,14 +119,22 @@ def check_problem(name: str, problem: Problem) -> None:
 
 
 def check_holonomic(name: str, problem: Problem) -> None:
-    """Refuse constraints that are stated in velocities."""
+    """Refuse constraints that are stated in velocities, and coordinates without inertia, whose equations are such."""
     check_problem(name, problem)
-    held = problem.model.equations.constraints
+    equations = problem.model.equations
+    held = equations.stated
     stated = [repr(one) for one, phi in zip(held.names, held.positions, strict=True) if phi is None]
     if stated:
+        many = "are" if len(stated) > 1 else "is"
         raise StatementError(
-            f"{name} is for constraints on coordinates, and {listing(stated)} is stated in velocities: take "
-            "radau5-index2, taylor or dop853. If it can be integrated, state the integral instead."
+            f"{name} is for constraints on coordinates, and {listing(stated)} {many} stated in velocities: take "
+            "radau5-index2, taylor or dop853. What can be integrated may be stated as its integral instead."
+        )
+    if equations.first_order:
+        names = listing([problem.model.statement.names[i] for i in equations.first_order])
+        raise StatementError(
+            f"{name} moves momenta that velocities determine, and the Lagrangian has no term of second order in the "
+            f"velocities of {names}: take radau5-index2, taylor or dop853."
         )
 
 
