@@ -45,7 +45,7 @@ MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
         *("trajectory records", "trajectory/paths"),
     ),
     "trajectory runs": (
-        *("machine records", "machine entries"),
+        *("machine records", "machine entries", "trajectory/constraints"),
         *("trajectory records", "trajectory/paths", "trajectory/events"),
     ),
     "trajectory/methods": (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lagrange.machine.backend import SingularMassMatrix
-from lagrange.machine.singular import dependent_rows, few, least_regular, matrices_at, motion_along, scales
+from lagrange.machine.singular import Singular, dependent_rows, few, least_regular, matrices_at, motion_along, scales
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.messages import number, row_names
 from lagrange.trajectory.trajectory import FloatArray
@@ -70,6 +70,16 @@ def _lost_rank(problem: Problem, t: float, y: FloatArray) -> str:
     return (
         f"{dependent_rows(model.equations.constraints.names, found)} there, at {place}: their least singular value is "
         f"{left}, and the accelerations grow beyond all bounds. End the run before it."
+    )
+
+
+def crossing(problem: Problem, dependent: Singular, y: FloatArray) -> str:
+    """Return the message for a run that ends at a state (2n,) where motions cross and its errors choose one."""
+    place = few([f"{name} = {number(x)}" for name, x in zip(row_names(problem), y, strict=True)])
+    return (
+        f"{dependent_rows(problem.model.equations.constraints.names, dependent)} near there, at {place}, and an error "
+        "as small as the tolerance decides how the motion goes on. End the run before it, or pass it with equal steps, "
+        "such as those of rk4."
     )
 
 

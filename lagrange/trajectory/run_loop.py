@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -11,8 +12,9 @@ import numpy as np
 from lagrange.machine.backend import Driver, SingularMassMatrix
 from lagrange.machine.calls import quickly
 from lagrange.machine.state import DriverState, Outcome, Outputs
+from lagrange.trajectory.constraints.passage import dependent_passage
 from lagrange.trajectory.events.ending import EventResult
-from lagrange.trajectory.inertia import lost_inertia
+from lagrange.trajectory.inertia import crossing, lost_inertia
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.memory_limit import compiled_late, memory_limit
 from lagrange.trajectory.messages import coarse, message, outputs_alone, unsolved
@@ -103,10 +105,29 @@ def _driven(problem: Problem, kept: Prepared, name: str) -> Trajectory:
             status = Status.SINGULAR if detail else status
         sentence = _final_sentence(problem, plan, name, state, status, detail)
     found = _trajectory(problem, plan, state, rows, watch, (name, status, sentence, began))
+    if status.complete and len(problem.model.equations.constraints) and not rows.dropped:
+        found = _until_dependent(problem, plan, found, rows)
+        status = found.status
     if status is Status.SUCCESS:
         tried = min(found.steps + found.rejected + 2, MOST_STEPS_PER_CALL)
         kept.give(problem, idle, driver, state, tried if found.wall < SECONDS_PER_CALL else 0)
     return found
+
+
+def _until_dependent(problem: Problem, plan: Plan, found: Trajectory, rows: AcceptedStates) -> Trajectory:
+    """Return a run as it is, or up to a configuration that it passed where rounding decides how the motion goes on."""
+    times, states = rows.joined()
+    passed = dependent_passage(problem.model, times, states, problem.parameter_array, plan.tolerances.rtol)
+    if passed is None:
+        return found
+    row, dependent = passed
+    end = float(times[row])
+    forwards = 1 if problem.t1 >= problem.t0 else -1
+    wanted = None if problem.t_eval is None else problem.t_eval[(problem.t_eval - end) * forwards <= 0]
+    before = _driven(replace(problem, t1=end, t_eval=wanted), Prepared(plan), found.method)
+    detail = crossing(problem, dependent, states[row])
+    text = message(Status.SINGULAR, problem, end, states[row], found.method, detail=detail)
+    return replace(before, status=Status.SINGULAR, message=text)
 
 
 def _trajectory(
