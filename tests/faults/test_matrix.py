@@ -8,6 +8,7 @@ from __future__ import annotations
 import pytest
 
 from lagrange.trajectory.methods.registry import names
+from tests.faults.constraints import BEGUN, CONSTRAINTS, STATED
 from tests.faults.fault import Fault, take
 from tests.faults.matrix import FAULTS
 from tests.faults.motions import MOTIONS
@@ -38,5 +39,17 @@ def test_a_request_that_is_hard_to_meet(fault: Fault, method: str) -> None:
     gets_what_it_deserves(fault, method)
 
 
+@pytest.mark.parametrize("method", names())
+@pytest.mark.parametrize("fault", STATED, ids=lambda fault: fault.name)
+def test_a_constraint_that_cannot_be_meant(fault: Fault, method: str) -> None:
+    gets_what_it_deserves(fault, method)
+
+
+@pytest.mark.parametrize("method", names())
+@pytest.mark.parametrize("fault", BEGUN, ids=lambda fault: fault.name)
+def test_a_start_that_constraints_do_not_allow(fault: Fault, method: str) -> None:
+    gets_what_it_deserves(fault, method)
+
+
 def test_every_fault_is_of_one_of_these_kinds() -> None:
-    assert (*MOTIONS, *EVENTS, *REQUESTS) == FAULTS
+    assert (*MOTIONS, *EVENTS, *REQUESTS, *CONSTRAINTS) == FAULTS
