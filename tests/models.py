@@ -62,6 +62,25 @@ def springs(target: str, n: int) -> Model:
     )
 
 
+def hanging_rods(n: int) -> Statement:
+    """Return n masses on rods one below the other, in Cartesian coordinates with a constraint for each rod."""
+    points = [(coordinate(f"x{i}"), coordinate(f"y{i}")) for i in range(n)]
+    ends = itertools.pairwise([(sp.Integer(0), sp.Integer(0)), *points])
+    return stated(
+        kinetic=sum(q.dot**2 for point in points for q in point) / 2,
+        potential=sum(g * b for _, b in points),
+        constraints={f"rod{i}": (c - a) ** 2 + (d - b) ** 2 - 1 for i, ((a, b), (c, d)) in enumerate(ends)},
+        coordinates=[q for point in points for q in point],
+        initial={q: value for i, point in enumerate(points) for q, value in zip(point, (i + 1.0, 0.0), strict=True)},
+    )
+
+
+@cache
+def rods(n: int) -> Model:
+    """Return the compiled model of n rods."""
+    return model_of(hanging_rods(n), machine("llvm"))
+
+
 def oscillator() -> Statement:
     return stated(kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2, initial={x: 1.0}, name="oscillator")
 

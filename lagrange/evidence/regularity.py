@@ -15,7 +15,7 @@ from lagrange.equations.constraints import empty_constraint
 from lagrange.equations.euler_lagrange import Equations, no_inertia
 from lagrange.errors import StatementError, listing
 from lagrange.graph.node import Node
-from lagrange.graph.term_size import term_size
+from lagrange.graph.term_size import term_sizes
 from lagrange.machine.backend import FloatArray, Kernel, KernelProvider
 from lagrange.machine.model import Model
 from lagrange.machine.singular import RANK, Singular, balanced, least_regular, motion_along
@@ -73,9 +73,9 @@ def check_constraints(equations: Equations, provider: KernelProvider, statement:
 
     entries = [entry for row in held.gradient for entry in row]
     gradient = values(entries).reshape(m, n, -1)
-    sizes = values([term_size(entry) for entry in entries]).reshape(m, n, -1)
+    sizes = values(term_sizes(entries)).reshape(m, n, -1)
     stated = [psi if phi is None else phi for phi, psi in zip(held.positions, held.velocities, strict=True)]
-    _check_empty(held.names, gradient, sizes, values(stated), values([term_size(node) for node in stated]))
+    _check_empty(held.names, gradient, sizes, values(stated), values(term_sizes(stated)))
     singular = _common_singular(tried.values(provider.interpreted("mass_matrix")), gradient)
     if singular is None:
         return

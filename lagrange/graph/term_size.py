@@ -1,24 +1,56 @@
-"""The size of what cancels in an expression that is zero: the sum of its terms, each as an absolute value."""
+"""The sizes of the terms of an expression: what its value is to be compared with where it should be zero.
+
+A sum counts with the sum of the sizes of its terms, a product with the product of those of its factors. Bounded
+functions, and functions whose value is an angle or a logarithm, count with at least 1, the unit of their argument or
+value. So x**2 + y**2 - l**2 has the size x**2 + y**2 + l**2, and l sin(a) the size l at every angle.
+"""
 
 from __future__ import annotations
 
-from lagrange.graph.node import Kind, Node
+from collections.abc import Iterable
+
+from lagrange.graph.node import Graph, Kind, Node, reachable
+
+BOUNDED = frozenset(("sin", "cos", "tanh"))
+"""Functions with values up to 1, which count with that."""
+
+AT_LEAST_ONE = frozenset(("tan", "asin", "acos", "atan", "atan2", "log", "sinh"))
+"""Functions that may cancel inside, and whose argument or value is a plain number."""
 
 
-def term_size(node: Node) -> Node:
-    """Return the sum of the sizes of a sum's terms; of a product the product of those of its factors."""
-    graph = node.graph
+def term_sizes(outputs: Iterable[Node]) -> list[Node]:
+    """Return the size of each output, as a node that is not negative."""
+    outputs = list(outputs)
+    sizes: dict[Node, Node] = {}
+    for node in reachable(outputs):
+        sizes[node] = _size(node, sizes)
+    return [sizes[node] for node in outputs]
+
+
+def _size(node: Node, sizes: dict[Node, Node]) -> Node:
+    """Return the size of a node whose arguments have theirs."""
+    graph, inner = node.graph, [sizes[arg] for arg in node.args]
+    if node.kind is Kind.SUM:
+        constant, coefficients = node.data
+        return graph.sum([(abs(c), size) for c, size in zip(coefficients, inner, strict=True)], abs(constant))
     if node.kind is Kind.PRODUCT:
-        return graph.product(tuple(map(_sum_size, node.args)))
-    return _sum_size(node)
+        return graph.product(inner)
+    if node.kind is Kind.POWER and node.data > 0:
+        return graph.power(inner[0], node.data)
+    if node.kind is Kind.CALL:
+        return _size_of_call(graph, node, inner)
+    return graph.call("abs", node)
 
 
-def _sum_size(node: Node) -> Node:
-    graph, factor = node.graph, node.graph.one
-    while node.kind is Kind.SUM and len(node.args) == 1 and not node.data[0]:  # a common factor stands before the sum
-        factor, node = factor * abs(node.data[1][0]), node.args[0]
-    if node.kind is not Kind.SUM:
-        return factor * graph.call("abs", node)
-    constant, coefficients = node.data
-    terms = [(abs(c), graph.call("abs", arg)) for c, arg in zip(coefficients, node.args, strict=True)]
-    return factor * graph.sum([*terms, (1, graph.node(abs(constant)))])
+def _size_of_call(graph: Graph, node: Node, inner: list[Node]) -> Node:
+    if node.data in BOUNDED:
+        return graph.one
+    if node.data in ("min", "max"):
+        return graph.call("max", *inner)
+    if node.data == "abs":
+        return inner[0]
+    if node.data == "piecewise":
+        conditions = node.args[:-1:2]
+        return graph.piecewise(list(zip(conditions, inner[1::2], strict=True)), inner[-1])
+    size = graph.call("abs", node)
+    return size + 1 if node.data in AT_LEAST_ONE else size

@@ -175,10 +175,13 @@ class Machine(Protocol):
     def series(self, program: SeriesProgram) -> Series:
         """Make a series program ready to run."""
 
-    def driver(self, step: StepProgram, kernel: Any, parameters: FloatArray, jacobian: Any = None) -> Driver:
+    def driver(
+        self, step: StepProgram, kernel: Any, parameters: FloatArray, jacobian: Any = None, projection: Any = None
+    ) -> Driver:
         """Make a driver that advances a run by a step program whose law the kernel evaluates; it is this machine's.
 
-        `jacobian` is the kernel of the law's derivative, for a step that solves.
+        `jacobian` is the kernel of the law's derivative, for a step that solves, and `projection` that of the
+        corrections of a state, for a system with constraints.
         """
 
     def called(self, procedure: Procedure) -> Callable[..., Any]:

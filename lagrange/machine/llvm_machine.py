@@ -37,10 +37,15 @@ class LlvmMachine:
         return LlvmSeries(program)
 
     def driver(
-        self, step: StepProgram, kernel: LlvmKernel, parameters: FloatArray, jacobian: LlvmKernel | None = None
+        self,
+        step: StepProgram,
+        kernel: LlvmKernel,
+        parameters: FloatArray,
+        jacobian: LlvmKernel | None = None,
+        projection: LlvmKernel | None = None,
     ) -> LlvmDriver:
         """Compile the loop over steps; it is kept for other models of the same dimension."""
-        return LlvmDriver(step, kernel, parameters, jacobian)
+        return LlvmDriver(step, kernel, parameters, jacobian, projection)
 
     def called(self, procedure: Procedure) -> CompiledProcedure:
         """Compile a procedure, once per process."""

@@ -36,10 +36,15 @@ class NumpyMachine:
         return NumpySeries(program)
 
     def driver(
-        self, step: StepProgram, kernel: Kernel, parameters: FloatArray, jacobian: Kernel | None = None
+        self,
+        step: StepProgram,
+        kernel: Kernel,
+        parameters: FloatArray,
+        jacobian: Kernel | None = None,
+        projection: Kernel | None = None,
     ) -> NumpyDriver:
         """Return a driver that takes each step in Python."""
-        return NumpyDriver(step, kernel, parameters, jacobian)
+        return NumpyDriver(step, kernel, parameters, jacobian, projection)
 
     def called(self, procedure: Procedure) -> Callable[..., Any]:
         """Print a procedure as Python, once per process."""

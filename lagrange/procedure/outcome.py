@@ -8,6 +8,8 @@ import enum
 class Outcome(enum.IntEnum):
     """Why a driver returned. After BROKEN, `DriverState.fault` has the cause.
 
+    After UNPROJECTED the new state was too far from the constraints of the system to be brought back onto them.
+
     UNSCALED asks the caller to estimate the sizes of the entries: steps shrink, and floors that are too low, for
     entries of unknown size or at round-off, would shrink them to nothing. The run can then be continued.
     """
@@ -21,3 +23,4 @@ class Outcome(enum.IntEnum):
     DIVERGED = 6
     BROKEN = 7
     UNSCALED = 8
+    UNPROJECTED = 9

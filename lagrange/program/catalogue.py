@@ -10,9 +10,11 @@ from lagrange.equations.euler_lagrange import Equations
 from lagrange.graph.differentiate import tangents
 from lagrange.graph.node import Binding, Node
 from lagrange.graph.rebuild import substitute
+from lagrange.graph.term_size import term_sizes
 from lagrange.program.constrained import constrained, constrained_inputs, constrained_jacobian
 from lagrange.program.lower import Named, lower
 from lagrange.program.program import Program
+from lagrange.program.projection import constraint_positions, projection
 
 
 @dataclass(frozen=True)
@@ -90,10 +92,11 @@ def constraint_gradient(equations: Equations) -> Named:
     return {"constraint_gradient": [entry for row in equations.stated.gradient for entry in row]}
 
 
-def _positions(equations: Equations) -> list[Node]:
-    """Return phi of every constraint, zero for those that are stated in velocities."""
-    zero = equations.graph.zero
-    return [zero if phi is None else phi for phi in equations.stated.positions]
+def constraint_sizes(equations: Equations) -> Named:
+    """Return the sizes of the terms of phi, then of psi, of every constraint."""
+    held = equations.stated
+    sizes = term_sizes([*constraint_positions(held), *held.velocities])
+    return {"positions": sizes[: len(held)], "velocities": sizes[len(held) :]}
 
 
 QUANTITIES: dict[str, Quantity] = {
@@ -120,19 +123,22 @@ def _by_constraint(equations: Equations) -> int:
 CONSTRAINT_QUANTITIES: dict[str, Quantity] = {
     "multipliers": Quantity(lambda e: {"multipliers": e.multipliers}, solved=True),
     "constraint_forces": Quantity(constraint_forces, 2, solved=True, rows=_by_constraint),
-    "constraints": Quantity(lambda e: {"positions": _positions(e), "velocities": e.stated.velocities}),
+    "constraints": Quantity(lambda e: {"positions": constraint_positions(e.stated), "velocities": e.stated.velocities}),
     "constraint_gradient": Quantity(constraint_gradient, 2, rows=_by_constraint),
     "constraint_bias": Quantity(lambda e: {"constraint_bias": e.stated.bias}),
+    "constraint_sizes": Quantity(constraint_sizes),
 }
 """Those that a system with constraints has as well: `constraints` is phi, then psi = dphi/dt; `constraint_gradient` is
-G, and `constraint_bias` gamma of G a + gamma = 0."""
+G, `constraint_bias` gamma of G a + gamma = 0, and `constraint_sizes` the sizes of the terms of phi and psi."""
 
 
 LAW_QUANTITIES: dict[str, Quantity] = {
     "constrained": Quantity(constrained, inputs=constrained_inputs),
     "constrained_jacobian": Quantity(constrained_jacobian, 2, inputs=constrained_inputs, rows=lambda e: 5 * len(e.q)),
+    "projection": Quantity(projection, solved=True),
 }
-"""Those that steps call with multipliers as well, functions of t, q, v and lambda."""
+"""Those that steps call: with multipliers, functions of t, q, v and lambda; and the corrections of a state [q, v] onto
+the constraints, with its violation and what they leave of it."""
 
 
 def quantities_of(equations: Equations) -> dict[str, Quantity]:

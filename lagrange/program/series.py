@@ -91,7 +91,8 @@ class SeriesProgram:
     one or, of a constant one, the other. Both take the parameters, then the `sides` of the switching surfaces (see
     `lagrange.program.switching`), which have the signs of what `surfaces` gives; `start` takes the table as well, and
     its state is [q, v] and what rounding lost of it. `rates` are the values that dq/dt are, `watched` those of the
-    surfaces and events; `values` gives these from a state, the parameters and the sides.
+    surfaces and events; `values` gives these from a state, the parameters and the sides. `projection` gives the
+    corrections of a state of a system with constraints, from the parameters alone.
     """
 
     name: str
@@ -107,6 +108,7 @@ class SeriesProgram:
     stages: tuple[Stage, ...]
     watched: tuple[int | None, ...]
     values: Program
+    projection: Program | None = None
 
     def __post_init__(self) -> None:
         for problem in _problems(self):

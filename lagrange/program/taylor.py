@@ -12,6 +12,7 @@ from lagrange.graph.node import Binding, Exact, Kind, Node, reachable
 from lagrange.graph.rebuild import substitute
 from lagrange.program.forms import Form, LinearTerms, Momentum, forms
 from lagrange.program.lower import lower
+from lagrange.program.projection import projection_program
 from lagrange.program.recurrence import RecurrenceBuilder, known_node
 from lagrange.program.series import (
     SeriesProgram,
@@ -284,6 +285,7 @@ class _Assembly:
             stages=self.stages(),
             watched=tuple(self.watched),
             values=lower(f"{name}_values", {"values": self.seen or (e.graph.zero,)}, e.state, e.time, symbols),
+            projection=projection_program(e) if len(e.constraints) else None,
         )
 
     def stages(self) -> tuple[Stage, ...]:

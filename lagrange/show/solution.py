@@ -22,6 +22,7 @@ from lagrange.evidence.stiffness import Stiffness, stiffness
 from lagrange.machine.model import Model
 from lagrange.show.atomic_file import Writer, write_atomically, write_rows
 from lagrange.show.atomic_folder import write_together
+from lagrange.show.constraint_drift import ConstraintDrift, constraint_drift
 from lagrange.show.constraint_forces import ConstraintForces
 from lagrange.show.drift import EnergyDrift, energy_drift
 from lagrange.show.picture import picture
@@ -155,6 +156,16 @@ class Solution:
         self._check_output()
         return energy_drift(self.model, self.energy, self.t, self.y, self.parameters)
 
+    @property
+    def constraint_error(self) -> FloatArray:
+        """The largest violation of the constraints, (N,), relative to the sizes of their terms; 0 without any."""
+        return np.zeros(len(self.t)) if self.constraint_drift is None else self.constraint_drift.error
+
+    @cached_property
+    def constraint_drift(self) -> ConstraintDrift | None:
+        """How far the run is from its constraints; None without constraints, and without output."""
+        return constraint_drift(self.model, self.t, self.y, self.parameters)
+
     @cached_property
     def has_energy(self) -> bool:
         """Whether the energy is a finite number at every output."""
@@ -231,6 +242,7 @@ class Solution:
             "t_start": _finite(self.trajectory.span[0]),
             "t_end": _finite(self.trajectory.span[1]),
             "energy": self._energy_card(),
+            "constraints": self.constraint_drift.card if self.constraint_drift else None,
             "stiff": self.stiff.sentence() if self.stiff else None,
             "parameters": {_label(key): _finite(value) for key, value in self.parameters.items()},
         }
@@ -249,13 +261,14 @@ class Solution:
     def to_npz(self, path: str | os.PathLike[str]) -> Path:
         """Write NumPy arrays t (N,), y (2n, N), energy (N,), names (2n,) and card (a JSON text); none needs pickle.
 
-        With m constraints also multipliers (m, N), and constraints (m,), their names.
+        With m constraints also constraint_error (N,), multipliers (m, N), and constraints (m,), their names.
         """
         arrays = {"t": self.t, "y": self.y, "names": np.array(self.names), "card": np.array(json.dumps(self.card()))}
         if self.multipliers:
             arrays |= {
                 "multipliers": np.stack([*self.multipliers.values()]),
                 "constraints": np.array([*self.multipliers]),
+                "constraint_error": self.constraint_error,
             }
         energy = self.energy if self.has_energy else np.full(len(self.t), np.nan)
         return write_atomically(path, lambda file: np.savez(file, allow_pickle=False, energy=energy, **arrays))
@@ -333,6 +346,7 @@ class Solution:
                 "energy drift" if self.model.conservative else "energy",
                 self.drift.sentence() if self.has_energy else "not known: it has no value at some state of the run",
             ),
+            *([("constraint drift", self.constraint_drift.sentence())] if self.constraint_drift else []),
             *self._event_lines(),
             *([("stiffness", self.stiff.sentence())] if self.stiff else []),
             ("wall time", duration(self.wall)),
@@ -345,12 +359,8 @@ class Solution:
             return [("step", f"{run.step:.6g}")]
         if run.rtol is None:
             return []
-        return [
-            (
-                "tolerances",
-                f"rtol = {run.rtol:g}, atol " + ("follows the scale" if run.atol is None else f"= {run.atol:g}"),
-            )
-        ]
+        atol = "follows the scale" if run.atol is None else f"= {run.atol:g}"
+        return [("tolerances", f"rtol = {run.rtol:g}, atol {atol}")]
 
     def _event_lines(self) -> list[tuple[str, str]]:
         if not self.t_events:

@@ -62,6 +62,11 @@ CANCELLATION_NOISE = 2.0**-40
 UNITS = "choose units in which its numbers are larger"
 """The remedy if a tolerance would be below the smallest normal numbers."""
 
+UNPROJECTED = (
+    "The state behind the step is so far from the constraints that Newton's method does not bring it back onto them."
+)
+"""The cause where a step cannot be projected onto the constraints."""
+
 _SINGULAR = (
     "the mass matrix is singular there, so the accelerations are not determined. Start elsewhere, or choose "
     "coordinates that are regular at this configuration."

@@ -145,7 +145,8 @@ class StepPlan:
         """Return the driver of the step around its law."""
         law = LAWS[self.step.law]
         derivative = model.law(law.derivative) if self.step.solves else None
-        return model.machine.driver(self.step, model.law(law.quantity), parameters, derivative)
+        projection = model.law("projection") if len(model.equations.constraints) else None
+        return model.machine.driver(self.step, model.law(law.quantity), parameters, derivative, projection)
 
     def watch(self, problem: Problem, driver: Driver) -> StepWatch | None:
         """Return what watches the events of the run, if it has any."""

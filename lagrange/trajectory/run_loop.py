@@ -17,7 +17,7 @@ from lagrange.trajectory.events.ending import EventResult
 from lagrange.trajectory.inertia import crossing, lost_inertia
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.memory_limit import compiled_late, memory_limit
-from lagrange.trajectory.messages import coarse, message, outputs_alone, unsolved
+from lagrange.trajectory.messages import UNPROJECTED, coarse, message, outputs_alone, unsolved
 from lagrange.trajectory.outputs import AcceptedStates
 from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.plan import PathFunction, Plan, Planned, StepPlan, Watcher
@@ -47,6 +47,7 @@ _STATUS = {
     Outcome.SINGULAR: Status.SINGULAR,
     Outcome.STEP_TOO_SMALL: Status.STEP_TOO_SMALL,
     Outcome.DIVERGED: Status.DIVERGED,
+    Outcome.UNPROJECTED: Status.DIVERGED,
 }
 
 
@@ -292,7 +293,9 @@ def _after_call(problem: Problem, outcome: Outcome, state: DriverState) -> Event
     if outcome is Outcome.STEP_TOO_SMALL:
         # A step may shrink below the spacing of times without a rejection: then no trial step is the cause.
         cause = state.cause if state.count(DriverState.AFTER_REJECT) else outcome
-        return EventResult(_STATUS[cause], smooth=True)
+        return EventResult(_STATUS[cause], "" if cause is not Outcome.UNPROJECTED else UNPROJECTED, smooth=True)
+    if outcome is Outcome.UNPROJECTED:
+        return EventResult(_STATUS[outcome], UNPROJECTED)
     return EventResult(_STATUS[outcome], smooth=outcome is Outcome.NON_FINITE)
 
 
@@ -320,7 +323,7 @@ def _final_sentence(problem: Problem, plan: Plan, name: str, state: DriverState,
             detail=problem.model.singular_message(state.t, state.y, None, problem.parameter_array),
         )
     if status is Status.DIVERGED:
-        return told(state.t, state.y, name, detail=unsolved(state.reals[DriverState.RESIDUAL]))
+        return told(state.t, state.y, name, detail=cause or unsolved(state.reals[DriverState.RESIDUAL]))
     if status is not Status.NON_FINITE or cause:
         return told(state.t, state.y, name, cause=cause)
     return told(state.t, plan.failed(problem, state), name, slope=_slope_ahead(problem, state))

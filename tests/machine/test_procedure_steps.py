@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from lagrange.compiler import compile_model
+from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.kernel import llvm_calling
 from lagrange.machine.model import Model
@@ -24,10 +26,21 @@ from lagrange.procedure.step.controlled_steps import steps_of
 from lagrange.procedure.step.memory import EFFORT, NEWTON, Layout, SolveLayout
 from lagrange.procedure.step.run import COUNTS, RUN
 from lagrange.program.actions import LAWS
+from lagrange.statement.scene import load
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.plan import StepPlan
-from tests.models import TARGETS, model, springs
-from tests.trajectory.runs import CONTROLLED, FIXED, IMPLICIT, STEPPED, planned
+from tests.models import TARGETS, model, rods, springs
+from tests.trajectory.runs import (
+    CONSTRAINED,
+    CONTROLLED,
+    FIXED,
+    IMPLICIT,
+    SLOPES,
+    SPLITTINGS,
+    STEPPED,
+    UNCONSTRAINED,
+    planned,
+)
 
 S = DriverState
 Function = Callable[..., Any]
@@ -67,7 +80,8 @@ class Interpreted:
 
     def __init__(self, beside: Compiled, compiled: Model) -> None:
         self.beside = beside
-        self.layout: Layout = laid_out(beside.step, compiled.dimension * 2)
+        projected = len(compiled.equations.constraints) > 0
+        self.layout: Layout = laid_out(beside.step, compiled.dimension * 2, projected=projected)
         self.loop, self.effort = steps_of(self.layout), EFFORT.structure()
         law, parameters = LAWS[beside.step.law], compiled.parameter_array()
         kernel = compiled.law(law.quantity)
@@ -75,6 +89,9 @@ class Interpreted:
         evaluate = self.of_numbers(kernel, parameters) if by_number else self.between_arrays(kernel, parameters)
         derivative = self.between_arrays(compiled.law(law.derivative), parameters) if self.layout.solves else None
         self.laws: tuple[Any, ...] = evaluate, [], derivative, []
+        self.projection: tuple[Any, ...] = ()
+        if projected:
+            self.projection = self.between_arrays(compiled.law("projection"), parameters), []
         self.run = RUN.structure.from_buffer_copy(beside.state.reals.tobytes())
         self.counts = COUNTS.structure.from_buffer_copy(beside.state.counts.tobytes())
         self.floors = beside.state.reals[S.FLOORS :].copy()
@@ -115,7 +132,7 @@ class Interpreted:
         times, rows = [0.0], [0.0] * (self.layout.dimension + 8)
         self.counts.rows = 0
         records = self.run, self.counts, self.floors, self.effort, *self.newtons
-        return Outcome(run(self.loop, *self.laws, *records, self.work, 1, times, rows)[0])
+        return Outcome(run(self.loop, *self.laws, *records, self.work, *self.projection, 1, times, rows)[0])
 
     def assert_same(self) -> None:
         """Compare what a trial leaves: where the run stands, what it counts, and what each solve keeps."""
@@ -147,6 +164,35 @@ def test_machine_code_takes_the_steps_of_the_interpreter(name: str, n: int) -> N
                 beside.state.counts[S.SURVEYED] += 1
                 ours.counts.surveyed += 1
         assert (beside.start != beside.state.y).any()
+
+
+@pytest.mark.parametrize("links", [2, 3])
+@pytest.mark.parametrize("name", [name for name in (*IMPLICIT, *STEPPED) if name not in (*UNCONSTRAINED, *SPLITTINGS)])
+def test_machine_code_projects_the_steps_of_the_interpreter(name: str, links: int) -> None:
+    """Two points of four coordinates in registers, three of six between arrays; rounding decides what is lost."""
+    compiled = rods(links)
+    assert llvm_calling.fit(4 * links) is (links < 3)
+    beside = Compiled(name, compiled, 0.01)
+    ours = Interpreted(beside, compiled)
+    for _ in range(6):
+        assert beside.take() is ours.take()
+        ours.assert_same()
+    values = compiled.kernel("constraints")(beside.state.t, beside.state.y, compiled.parameter_array())
+    assert np.abs(values).max() < 1e-14
+
+
+@pytest.mark.parametrize(
+    "name", [name for name in (*SLOPES, *CONTROLLED, *STEPPED) if name not in CONSTRAINED + SPLITTINGS]
+)
+def test_the_projection_leaves_nothing_behind_the_entries_of_a_vector(name: str) -> None:
+    """Six entries in blocks of four: norms are taken of whole blocks, so what stands behind the entries must be 0."""
+    beside = Compiled(name, compile_model(load("four-bar"), euler_lagrange(load("four-bar"))), 0.01)
+    layout = laid_out(beside.step, 6, projected=True)
+    for _ in range(5):
+        beside.take()
+        for vector in range(layout.errors + len(layout.step.errors)):
+            place = layout.place(vector)
+            assert not beside.driver._work[place + layout.length : place + layout.width].any()
 
 
 @pytest.mark.parametrize("system", ["pendulum", "double pendulum", "cart and pole", "elastic pendulum"])

@@ -31,7 +31,7 @@ from lagrange.procedure.taylor.memory import HELD
 from lagrange.program.taylor import series_program
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
-from tests.models import SYSTEMS, c, k, m, omega, stated, x, y, z
+from tests.models import SYSTEMS, c, hanging_rods, k, m, omega, stated, x, y, z
 
 S = DriverState
 ORDERS = (5, 8, 14)
@@ -95,7 +95,15 @@ def pole() -> Statement:
 
 
 SPECIAL = {made.__name__: made for made in (wall, gaps, late, thrown, tiny, slow, driven, pole)}
+
+
+def rods() -> Statement:
+    """Constraints: each step is projected."""
+    return hanging_rods(2)
+
+
 STATED = {
+    "rods": rods,
     "bump": bump,
     "three": three,
     **SPECIAL,

@@ -47,6 +47,8 @@ CONSTRAINED = tuple(name for name in IMPLICIT if implicit(name).law == "constrai
 """The methods whose unknowns are multipliers as well."""
 MOMENTA = tuple(name for name in EQUAL if implicit(name).law in ("momentum", "constrained"))
 SLOPES = tuple(name for name in EQUAL if name not in MOMENTA)
+UNCONSTRAINED = tuple(name for name in MOMENTA if name not in CONSTRAINED)
+"""The methods of momenta that leave out the forces of constraints."""
 
 
 def run(model: Model, end: float, method: Any, start: float = 0.0, initial: Any = None, **options: Any) -> Trajectory:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -71,7 +70,8 @@ def test_errors_follow_the_tolerance(method: str, name: str, target: str) -> Non
         assert found.status is Status.SUCCESS, found.message
         errors.append(np.abs(found.y[:, -1] - truth(name)).max())
         assert errors[-1] < 100 * rtol
-    assert all(later < first / 10 for first, later in itertools.pairwise(errors)), errors
+    # A decade of the tolerance is one of the error. The projection makes up for some of it where steps are long.
+    assert np.polyfit([-4, -6, -8, -10], np.log10(errors), 1)[0] == pytest.approx(1, abs=0.15), errors
 
 
 @pytest.mark.parametrize("name", [*SYSTEMS, "sleigh"])

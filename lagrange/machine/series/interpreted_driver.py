@@ -56,6 +56,14 @@ class NumpySeries(Shared):
         program = self.program.values
         return PythonKernel(program) if fits(program) else InterpretedKernel(program)
 
+    @cached_property
+    def projection(self) -> Kernel | None:
+        """The corrections of a state of a system with constraints."""
+        program = self.program.projection
+        if program is None:
+            return None
+        return PythonKernel(program) if fits(program) else InterpretedKernel(program)
+
     def driver(self, order: int, parameters: FloatArray) -> NumpyTaylorDriver:
         """Return a driver; see `Series`."""
         return NumpyTaylorDriver(self, order, parameters)
@@ -130,7 +138,9 @@ class NumpyTaylorDriver:
     def __init__(self, series: NumpySeries, order: int, parameters: FloatArray) -> None:
         self._series, self._order, self._parameters = series, order, parameters
         dimension, watched = 2 * series.program.dimension, len(series.program.watched)
-        self._layout = TaylorLayout(dimension, dimension + watched, watched, dimension, block=1)
+        self._projection = series.projection
+        projected = self._projection is not None
+        self._layout = TaylorLayout(dimension, dimension + watched, watched, dimension, block=1, projected=projected)
         self._work = np.zeros(self._layout.size(order))
         self._held, self._sizes = HELD.structure(), self._layout.sizes
         self._memory: EventMemory | None = None
@@ -164,9 +174,12 @@ class NumpyTaylorDriver:
         series, kept = (jet, self._numbers.data, EMPTY), (state.taylor, state.floors.data, self._held, *outputs)
 
         watched = self._watched() if self._layout.watched else ()
+        sides = self._series.program.sides
+        own = self._parameters[: len(self._parameters) - sides]
+        projected = () if self._projection is None else (_function(self._projection, len(state.y), len(own)), own.data)
 
         def steps(records: Records, recorded: Recorded) -> int:
-            given = *series, *records, *kept, *recorded, *watched
+            given = *series, *records, *kept, *recorded, *watched, *projected
             return _steps(self._layout)(*given, budget, self._work.data, self._order)
 
         return advance(state, self._work, times, rows, steps)

@@ -261,6 +261,8 @@ class LlvmTaylorDriver:
         self._state: DriverState | None = None
         self._memory: EventMemory | None = None
         self._numbers: FloatArray | None = None
+        projection = compiled.program.projection
+        self._projection = None if projection is None else function(projection)
         self._parameters = parameters
         if not compiled.layout.watched:
             self.use(parameters)
@@ -287,6 +289,8 @@ class LlvmTaylorDriver:
     def use(self, parameters: FloatArray) -> None:
         """Go on with other numbers; see `TaylorDriver`."""
         self._parameters, memory = parameters, self._memory
+        if self._projection is not None:
+            self._project(self._projection, parameters[: len(parameters) - self._compiled.program.sides])
         values = None if memory is None or not isinstance(memory.values, LlvmKernel) else memory.values
         numbers, sizes = self._compiled.joined(parameters, values)
         if memory is None or not memory.surfaces:
@@ -300,6 +304,11 @@ class LlvmTaylorDriver:
             self._numbers = np.zeros(len(numbers) * (1 + len(memory.combinations)))
             self._point(address(self._numbers), sizes)
         self._numbers[place : place + len(numbers)] = numbers
+
+    def _project(self, projection: LlvmKernel, parameters: FloatArray) -> None:
+        """Give the loop the corrections that constraints want, for some parameters."""
+        self._projection_numbers = projection.prepare(parameters)
+        self._give(projection=projection.address, projection_numbers=address(self._projection_numbers))
 
     def _point(self, begin: int, sizes: Sequence[int]) -> None:
         """Give the addresses of numbers that stand behind each other."""

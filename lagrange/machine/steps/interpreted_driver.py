@@ -19,9 +19,9 @@ from lagrange.program.step import StepProgram
 
 
 @lru_cache(maxsize=64)
-def _loaded(step: StepProgram, dimension: int) -> tuple[Layout, Callable[..., int]]:
+def _loaded(step: StepProgram, dimension: int, projected: bool) -> tuple[Layout, Callable[..., int]]:
     """Return where the vectors of a step stand, and the loop over steps as a Python function."""
-    layout = Layout(step, dimension, block=1)
+    layout = Layout(step, dimension, block=1, projected=projected)
     return layout, loaded(steps_of(layout))
 
 
@@ -29,16 +29,24 @@ class NumpyDriver:
     """Takes the steps of a step program, and keeps what its solves know; see `Driver`."""
 
     def __init__(
-        self, step: StepProgram, kernel: Kernel, parameters: FloatArray, jacobian: Kernel | None = None
+        self,
+        step: StepProgram,
+        kernel: Kernel,
+        parameters: FloatArray,
+        jacobian: Kernel | None = None,
+        projection: Kernel | None = None,
     ) -> None:
-        self._layout, self._run = _loaded(step, LAWS[step.law].dimension(kernel.program.states))
+        dimension = LAWS[step.law].dimension(kernel.program.states)
+        self._layout, self._run = _loaded(step, dimension, projection is not None)
         derivative = None if jacobian is None else between_arrays(jacobian, parameters)
         self._laws = between_arrays(kernel, parameters), EMPTY, derivative, EMPTY
         self._work = np.zeros(self._layout.size)
         layouts = [self._layout] if step.starter is None else [self._layout, self._layout.starting]
         self._newtons: list[list[Any]] = [[NEWTON.structure() for _ in layout.solves] for layout in layouts]
         newtons = [newton for known in self._newtons for newton in known]
-        self._kept = EFFORT.structure(), *newtons, memoryview(self._work.data)
+        self._kept: tuple[Any, ...] = EFFORT.structure(), *newtons, memoryview(self._work.data)
+        if projection is not None:
+            self._kept = *self._kept, between_arrays(projection, parameters), EMPTY
 
     def adopt(self, state: DriverState) -> None:
         """Leave the state where it is; see `Driver`."""

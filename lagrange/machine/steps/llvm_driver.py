@@ -3,6 +3,7 @@
     i32 drive(ptr rhs, ptr parameters, ptr jacobian, ptr its parameters,
               ptr reals, ptr counts, ptr work, i64 budget, ptr times, ptr rows)
 
+Of a system with constraints the projection and its parameters stand before `reals`, and the loop takes them last.
 `reals` and `counts` are those of `DriverState`; `work` holds the vectors of a step and what its solves keep, see
 `Layout`. The result is an `Outcome`.
 """
@@ -13,6 +14,7 @@ import ctypes
 from collections import Counter
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,11 +40,16 @@ class LlvmDriver:
     """A compiled driver bound to one right-hand side and one set of prepared parameters."""
 
     def __init__(
-        self, step: StepProgram, kernel: LlvmKernel, parameters: FloatArray, jacobian: LlvmKernel | None = None
+        self,
+        step: StepProgram,
+        kernel: LlvmKernel,
+        parameters: FloatArray,
+        jacobian: LlvmKernel | None = None,
+        projection: LlvmKernel | None = None,
     ) -> None:
         self._kernel = kernel
-        self._code = _compiled(step, LAWS[step.law].dimension(kernel.program.states))
-        self._drive, self._places = _DRIVE(self._code.module.address), self._code.places
+        self._code = _compiled(step, LAWS[step.law].dimension(kernel.program.states), projection is not None)
+        self._drive, self._places = self._code.drive, self._code.places
         self._quick = not self._code.module.is_final
         self._prepared = kernel.prepare(parameters)
         self._work = workspace(self._code.layout.size)
@@ -50,6 +57,9 @@ class LlvmDriver:
         if jacobian is not None:
             self._derivative = jacobian, jacobian.prepare(parameters)
             self._fixed = (*self._fixed[:2], jacobian.address, address(self._derivative[1]))
+        if projection is not None:
+            self._projection = projection, projection.prepare(parameters)
+            self._fixed = (*self._fixed, projection.address, address(self._projection[1]))
         self._work_address = address(self._work)
         self._state: DriverState | None = None
         self._records = (0, 0)
@@ -84,7 +94,7 @@ class LlvmDriver:
             return
         self._code.module.count(steps)
         if self._code.module.is_final:
-            self._drive, self._quick = _DRIVE(self._code.module.address), False
+            self._drive, self._quick = self._code.drive, False
             self._function = None
 
     def kept(self) -> tuple[Kept, ...]:
@@ -102,7 +112,17 @@ def _kept(layout: Layout, work: FloatArray) -> tuple[Kept, ...]:
 _LAWS = "ptr %rhs, ptr %p, ptr %jacobian, ptr %jp"
 """The law that a step calls and its derivative, each with its prepared parameters."""
 
-_DRIVE = ctypes.CFUNCTYPE(ctypes.c_int32, *([ctypes.c_void_p] * 7), ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p)
+_PROJECTION = "ptr %projection, ptr %pp"
+"""The corrections that constraints want, with their prepared parameters."""
+
+
+def _drive_type(pointers: int) -> Any:
+    """Return the type of a driver with so many pointers before its budget."""
+    before = [ctypes.c_void_p] * pointers
+    return ctypes.CFUNCTYPE(ctypes.c_int32, *before, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p)
+
+
+_DRIVE, _DRIVE_PROJECTED = _drive_type(7), _drive_type(9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,26 +136,32 @@ class _Code:
     layout: Layout
     places: NDArray[np.intp]
 
+    @property
+    def drive(self) -> Any:
+        """The driver as a function."""
+        return (_DRIVE_PROJECTED if self.layout.projected else _DRIVE)(self.module.address)
+
 
 @lru_cache(maxsize=64)
-def _compiled(step: StepProgram, dimension: int) -> _Code:
-    layout, n = laid_out(step, dimension), dimension // 2
+def _compiled(step: StepProgram, dimension: int, projected: bool) -> _Code:
+    layout, n = laid_out(step, dimension, projected=projected), dimension // 2
     second = layout.width if step.partitioned else n
     places = np.array([*range(n), *range(second, second + n)])
-    return _Code(TieredModule(driver_ir(step, dimension), "drive", optimize=True), layout, places)
+    ir = driver_ir(step, dimension, projected=projected)
+    return _Code(TieredModule(ir, "drive", optimize=True), layout, places)
 
 
-def driver_ir(step: StepProgram, dimension: int) -> str:
-    """Return the IR of the driver of a step for states of that dimension."""
-    layout = laid_out(step, dimension)
+def driver_ir(step: StepProgram, dimension: int, *, projected: bool = False) -> str:
+    """Return the IR of the driver of a step for states of that dimension, which constraints may hold."""
+    layout = laid_out(step, dimension, projected=projected)
     loop = steps_of(layout)
-    return "\n".join([declarations(), METADATA, ATTRIBUTES, *_procedures(loop), _drive(layout, loop), _steps()])
+    return "\n".join([declarations(), METADATA, ATTRIBUTES, *_procedures(loop), _drive(layout, loop), _steps(layout)])
 
 
-def laid_out(step: StepProgram, dimension: int) -> Layout:
+def laid_out(step: StepProgram, dimension: int, *, projected: bool = False) -> Layout:
     """Return where the vectors of a step stand, in blocks."""
     small = llvm_calling.fit(dimension) and not LAWS[step.law].through_memory
-    return Layout(step, dimension, block=llvm_calling.BLOCK, in_registers=small)
+    return Layout(step, dimension, block=llvm_calling.BLOCK, in_registers=small, projected=projected)
 
 
 def _drive(layout: Layout, loop: Procedure) -> str:
@@ -146,19 +172,21 @@ def _drive(layout: Layout, loop: Procedure) -> str:
     if layout.step.starter is not None:
         solves += [layout.end + solve.flags for solve in layout.starting.solves]
     records = "".join(f"ptr {e.address('%work', place)}, " for place in solves)
-    given = f"{_LAWS}, ptr %reals, ptr %counts, ptr {floors}, ptr {effort}, {records}ptr %work"
+    more = [_PROJECTION] if layout.projected else []
+    given = ", ".join([f"{_LAWS}, ptr %reals, ptr %counts, ptr {floors}, ptr {effort}, {records}ptr %work", *more])
+    laws = ", ".join([_LAWS, *more])
     outcome = e.value(f"call i64 @{loop.name}({given}, i64 %budget, ptr %times, ptr %rows)")
     e.do(f"ret i32 {e.value(f'trunc i64 {outcome} to i32')}")
     return e.function(
-        f"define i32 @drive({_LAWS}, ptr noalias %reals, ptr noalias %counts, ptr noalias %work, i64 %budget, "
+        f"define i32 @drive({laws}, ptr noalias %reals, ptr noalias %counts, ptr noalias %work, i64 %budget, "
         "ptr noalias %times, ptr noalias %rows)"
     )
 
 
-def _steps() -> str:
+def _steps(layout: Layout) -> str:
     """Emit drive with its laws and their parameters in memory: what is a `STEPS` for procedures."""
     e = Emitter()
-    laws = ", ".join(f"ptr {e.get('%laws', place, 'ptr')}" for place in range(4))
+    laws = ", ".join(f"ptr {e.get('%laws', place, 'ptr')}" for place in range(6 if layout.projected else 4))
     rest = "ptr %reals, ptr %counts, ptr %work, i64 %budget, ptr %times, ptr %rows"
     outcome = e.value(f"call i32 @drive({laws}, {rest})")
     e.do(f"ret i64 {e.value(f'zext i32 {outcome} to i64')}")

@@ -27,6 +27,7 @@ from lagrange.procedure.step.equal_steps import discard_history, equal_steps, is
 from lagrange.procedure.step.error_norm import error_norm, raise_floors, reject
 from lagrange.procedure.step.first_step import first_step
 from lagrange.procedure.step.memory import Layout
+from lagrange.procedure.step.projection import project_new_state
 from lagrange.procedure.step.trial import Running, accept_step, try_step
 from lagrange.procedure.values import Flag, Memory, Real
 from lagrange.program.actions import LAWS
@@ -112,18 +113,35 @@ class _ControlledLoop:
         factor: Any = p.larger(norm, LEAST_NORM) ** exponent * control.safety
         with p.when(norm <= 1.0) as ways:
             longer = factor * run.previous**control.memory if control.memory else factor
-            run.previous = p.larger(norm, LEAST_PREVIOUS)
             longer = p.larger(p.smaller(longer, p.choose(rejected, 1.0, control.most)), control.least)
             if control.hold > 1:
                 longer = p.choose((longer >= 1.0) & (longer < control.hold), 1.0, longer)
-            run.h = length * longer
-            self.counts.after_reject = 0
-            raise_floors(given)
-            accepted = (run, self.counts, *given.newtons, given.work, *entries)
-            p.call(accept_step(self.layout), *accepted, after, self.times, self.rows)
+            self.project(norm, length, length * longer, after, entries)
         with ways.otherwise():
             shorter = p.smaller(p.larger(factor, control.least), LARGEST_RETRY)
             self.reject(float(Outcome.STEP_TOO_SMALL), length * shorter, moved=True)
+
+    def project(self, norm: Real, length: Real, longer: Real, after: Real, entries: Sequence[Memory]) -> None:
+        """Accept the trial step, on the constraints of the system if it has any; reject it if it cannot get there."""
+        p = self.p
+        if not self.layout.projected:
+            self.accept(norm, longer, after, entries)
+            return
+        outcome, moved = project_new_state(self.given, after, entries)
+        with p.when(outcome.equals(Outcome.DONE), likely=True) as ways:
+            self.accept(norm, longer, after, [*entries, moved])
+        with ways.otherwise():
+            self.reject(p.real(outcome), length * AFTER_DIVERGED, moved=False)
+
+    def accept(self, norm: Real, longer: Real, after: Real, more: Sequence[Any]) -> None:
+        """Accept the trial step, and take a longer or shorter one next."""
+        p, run, given = self.p, self.run, self.given
+        run.previous = p.larger(norm, LEAST_PREVIOUS)
+        run.h = longer
+        self.counts.after_reject = 0
+        raise_floors(given)
+        accepted = (run, self.counts, *given.newtons, given.work, *more)
+        p.call(accept_step(self.layout), *accepted, after, self.times, self.rows)
 
     def reject(self, cause: Any, h: Real, *, moved: bool) -> None:
         """Try again with a step of h; return to the caller if the sizes of the entries are needed."""

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, WHOLE, Procedure
 from lagrange.procedure.outcome import Outcome
 from lagrange.procedure.step.constants import SHORTEST_LAST_STEP
 from lagrange.procedure.step.memory import NEWTON, Layout
+from lagrange.procedure.step.projection import project_new_state
 from lagrange.procedure.step.trial import Running, accept_step, try_step
 from lagrange.procedure.values import Flag, Memory, Real
 
@@ -34,8 +37,12 @@ def equal_steps(layout: Layout) -> Procedure:
         p.leave_if(~outcome.equals(Outcome.DONE), outcome)
         p.leave_if(~is_finite(given), Outcome.NON_FINITE)
         after = p.choose(beyond, end, grid)
-        accepted = (run, counts, *given.newtons, given.work, *entries)
-        p.call(accept_step(layout), *accepted, after, times, rows)
+        more: list[Any] = [*entries]
+        if layout.projected:
+            outcome, moved = project_new_state(given, after, entries)
+            p.leave_if(~outcome.equals(Outcome.DONE), outcome)
+            more.append(moved)
+        p.call(accept_step(layout), run, counts, *given.newtons, given.work, *more, after, times, rows)
     leave_at_budget(given, end)
     return p.finish(WHOLE)
 

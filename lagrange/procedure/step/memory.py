@@ -49,13 +49,22 @@ NEWTON = Record.of(
 class Layout:
     """Offsets of the vectors of a step in the work array, followed by the data of its solves and of its starter.
 
-    A step is `alone` if it is not the starter of another. The law has its numbers `in_registers` or in arrays.
+    A step is `alone` if it is not the starter of another. The law has its numbers `in_registers` or in arrays. With
+    `projected` the new state is moved onto the constraints of the system before it is accepted.
     """
 
     def __init__(
-        self, step: StepProgram, dimension: int, *, block: int, in_registers: bool = False, alone: bool = True
+        self,
+        step: StepProgram,
+        dimension: int,
+        *,
+        block: int,
+        in_registers: bool = False,
+        alone: bool = True,
+        projected: bool = False,
     ) -> None:
         self.step, self.dimension, self.block, self.in_registers = step, dimension, block, in_registers
+        self.projected = projected
         self.length = dimension // 2 if step.partitioned else dimension
         law = LAWS[step.law]
         self.rows, self.columns = law.results * self.length, law.arguments * self.length

@@ -10,6 +10,7 @@ from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
 from lagrange.procedure.newton.corrections import product, solve_unknowns
 from lagrange.procedure.newton.prediction import keep
 from lagrange.procedure.outcome import Outcome
+from lagrange.procedure.projection import CORRECTIONS
 from lagrange.procedure.step.memory import EFFORT, Layout
 from lagrange.procedure.step.run import COUNTS, RUN
 from lagrange.procedure.step.vectors import Given, Laws, Sum, Vectors, floors_of, newton_records
@@ -105,6 +106,10 @@ class Running:
         self.newtons = newton_records(p, layout)
         self.starters = newton_records(p, layout.starting, "starter_") if layout.step.starter is not None else []
         self.work = p.array("work", size=layout.size, room=layout.block)
+        self.projection: tuple[Any, ...] = ()
+        """The corrections that constraints want and their parameters, if there are constraints."""
+        if layout.projected:
+            self.projection = p.function("projection", CORRECTIONS), p.array("projection_numbers", read=True)
 
     @property
     def handed(self) -> tuple[Any, ...]:
@@ -118,6 +123,7 @@ class Running:
             *self.newtons,
             *self.starters,
             self.work,
+            *self.projection,
         )
 
     def take(self, t: Real, h: Real, slope_known: Flag, more: Sequence[Memory]) -> Whole:
@@ -186,7 +192,10 @@ def _try_either(given: Running, t: Real, h: Real) -> Whole:
 
 
 def accept_step(layout: Layout) -> Procedure:
-    """Return the procedure that makes the trial step the state."""
+    """Return the procedure that makes the trial step the state.
+
+    If the projection has moved the state, the slope at the end of the step is not that of the state.
+    """
     step = layout.step
     p = Builder("accept_step", "Make the trial step the state at a time, and a row where rows are kept.")
     run: Any = p.record("run", RUN)
@@ -194,6 +203,7 @@ def accept_step(layout: Layout) -> Procedure:
     newtons = newton_records(p, layout)
     work = p.array("work", size=layout.size, room=layout.block)
     entries = entries_of(p, layout)
+    moved: Flag | None = p.given("moved", FLAG) if layout.projected else None
     t, times, rows = p.given("t", REAL), p.array("times"), p.array("rows", room=layout.block)
 
     run.t = t
@@ -213,7 +223,8 @@ def accept_step(layout: Layout) -> Procedure:
     if step.ends_with_slope:
         first, last = (work.at(layout.place(step.calls[k].first)) for k in (0, -1))
         p.copy(last, first, layout.width)
-    counts.slope_known = int(step.ends_with_slope)
+    same = int(step.ends_with_slope)
+    counts.slope_known = same if moved is None else p.choose(moved, 0, p.whole(same))
     for solve, newton in zip(layout.solves, newtons, strict=True):
         p.call(keep(layout, solve), newton, work)
     counts.steps = counts.steps + 1

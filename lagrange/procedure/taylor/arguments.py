@@ -6,6 +6,7 @@ from typing import Any
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import Array, Kind
+from lagrange.procedure.projection import CORRECTIONS
 from lagrange.procedure.step.run import COUNTS, RUN
 from lagrange.procedure.taylor.memory import (
     HELD,
@@ -39,6 +40,10 @@ class Arguments:
         )
         self.times, self.rows = p.array("times"), p.array("rows", room=layout.block)
         self.watched = Watched(p, layout) if layout.watched else None
+        self.projection: tuple[Any, ...] = ()
+        """The corrections that constraints want and their parameters, if there are constraints."""
+        if layout.projected:
+            self.projection = p.function("projection", CORRECTIONS), p.array("projection_numbers", read=True)
         self.own = [p.given(name, kind) for name, kind in own.items()]
         self.series = SeriesMemory(p, layout, work_array(p))
 
@@ -47,7 +52,8 @@ class Arguments:
         records = self.run, self.counts, self.taylor, self.floors, self.held
         watched = self.watched.handed if self.watched else ()
         written = *self.output, self.times, self.rows, *watched
-        return (self.jet, self.prepared, self.constants, *records, *written, *own, *self.series.handed)
+        fixed = self.jet, self.prepared, self.constants
+        return (*fixed, *records, *written, *self.projection, *own, *self.series.handed)
 
     @property
     def numbers(self) -> tuple[Any, ...]:

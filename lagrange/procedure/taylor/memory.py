@@ -102,7 +102,8 @@ class TaylorLayout(Offsets):
 
     `dimension` is 2n. Rows are `width` doubles apart. A row begins with q and v; its coefficients of the event
     functions begin at `watched_at`. With an order of 0 the code serves every order. Vectors are computed on `block`
-    entries at once. `scratch` doubles follow the rows.
+    entries at once. `scratch` doubles follow the rows. With `projected` the state is moved onto the constraints of the
+    system behind each step.
     """
 
     dimension: int
@@ -112,6 +113,7 @@ class TaylorLayout(Offsets):
     block: int
     scratch: int = 0
     chains: bool = False
+    projected: bool = False
 
     @cached_property
     def padded(self) -> int:

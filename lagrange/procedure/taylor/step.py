@@ -9,6 +9,7 @@ from typing import Any
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
 from lagrange.procedure.outcome import Outcome
+from lagrange.procedure.projection import project
 from lagrange.procedure.step.constants import EARLIEST, NEAR_END, SPACING
 from lagrange.procedure.taylor.arguments import Arguments
 from lagrange.procedure.taylor.constants import (
@@ -22,7 +23,7 @@ from lagrange.procedure.taylor.constants import (
     STEP_GROWTH,
 )
 from lagrange.procedure.taylor.crossing import cross_surface
-from lagrange.procedure.taylor.defect_test import defect_along_step, retries_exhausted, retry_shorter
+from lagrange.procedure.taylor.defect_test import defect_along_step, reject_step, retries_exhausted, retry_shorter
 from lagrange.procedure.taylor.events_on_step import GO_ON, WAIT, inspect_step
 from lagrange.procedure.taylor.exclusion import doubtful_events
 from lagrange.procedure.taylor.floors import raise_floors
@@ -78,6 +79,8 @@ class _TaylorStep:
         longer = p.operation("two_to", p.whole(whole)).called("longer")
         p.leave_if(~p.call(advance(self.layout), s, longer, *self.series.handed), Outcome.NON_FINITE, likely=False)
         self.move_on(h, final)
+        if self.layout.projected:
+            self.project()
         self.write_outputs()
         self.taylor.scale = self.scale * longer
         p.leave(Outcome.PAUSED)
@@ -194,6 +197,18 @@ class _TaylorStep:
         taylor.low = p.choose(final, 0.0, lost)
         taylor.next_limit = math.inf
         taylor.rescalings = 0
+
+    def project(self) -> None:
+        """Move the state onto the constraints, with what rounding has taken from it; else try a shorter step."""
+        p, layout, work = self.p, self.layout, self.series.work
+        state, lost = work.at(0), work.at(layout.lost)
+        outcome, _ = p.call(project(layout.dimension, layout.block), *self.given.projection, self.run.t, state, lost)
+        with p.when(outcome.equals(Outcome.UNPROJECTED), likely=False):
+            p.leave_if(retries_exhausted(self.taylor), outcome)
+            p.call(reject_step(layout), self.run, self.counts, self.taylor, self.held, work)
+            if self.given.watched:
+                restore_sides(self.given.watched)
+            p.leave(Outcome.PAUSED)
 
     def write_outputs(self) -> None:
         """Write the states at the output times on the step, if there are any."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from lagrange.graph.differentiate import gradient
 from lagrange.graph.node import Node
-from lagrange.graph.term_size import term_size
+from lagrange.graph.term_size import term_sizes
 from lagrange.machine.backend import FloatArray, Kernel
 from lagrange.machine.kernel.python_kernel import PythonKernel
 from lagrange.machine.model import Model
@@ -45,13 +45,13 @@ class ConstraintResiduals:
         self.places = len(places)
         stated = (*places, *held.velocities)
         self._gradient = _kernel(model, tuple(entry for row in held.gradient for entry in row))
-        self._residuals = _kernel(model, (*stated, *map(term_size, stated)))
+        self._residuals = _kernel(model, (*stated, *term_sizes(stated)))
         self._layout = model.layout
         graph, q = model.equations.graph, model.equations.q
         # Of a piecewise only the branch that is taken counts: its conditions are surfaces as well.
         surfaces = switch(graph, stated).stated
         slopes = tuple(slope for surface in surfaces for slope in gradient(surface, q))
-        self._corners = _kernel(model, (*surfaces, *map(term_size, surfaces), *slopes)) if surfaces else None
+        self._corners = _kernel(model, (*surfaces, *term_sizes(surfaces), *slopes)) if surfaces else None
 
     def hold(self, t: float, y: FloatArray, parameters: FloatArray) -> bool:
         """Return whether a state is on the constraints but for round-off, and on no corner of theirs.

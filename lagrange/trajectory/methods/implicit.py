@@ -16,7 +16,13 @@ from lagrange.program.step import Control, StepProgram, trace
 from lagrange.statement.choice import one_of, text
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.built_in import built_in
-from lagrange.trajectory.methods.settings import adaptive_settings, check_holonomic, check_options, fixed_settings
+from lagrange.trajectory.methods.settings import (
+    adaptive_settings,
+    check_holonomic,
+    check_options,
+    check_unconstrained,
+    fixed_settings,
+)
 from lagrange.trajectory.paths.step_paths import StepPath, hermite_path
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.run_loop import drive_by
@@ -70,6 +76,8 @@ class ImplicitMethod:
         """Return the plan; see `Planned`."""
         if self.holonomic:
             check_holonomic(self.name, problem)
+        if self.law == "momentum":
+            check_unconstrained(self.name, problem)
         chosen = adaptive_settings if self.control else fixed_settings
         tolerances = chosen(self.name, problem, self.step, self.rtol, self.atol)
         path = self.path or hermite_path(self.claims.order)

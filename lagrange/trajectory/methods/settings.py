@@ -138,6 +138,22 @@ def check_holonomic(name: str, problem: Problem) -> None:
         )
 
 
+def check_unconstrained(name: str, problem: Problem) -> None:
+    """Refuse a system with constraints, for a method that moves momenta by the forces of the Lagrangian alone."""
+    check_problem(name, problem)
+    if problem.model.equations.first_order:
+        raise StatementError(
+            f"{name} finds velocities from momenta, and {problem.model.statement.name} has coordinates without "
+            "inertia, whose equations are of first order. Use taylor, dop853 or radau5."
+        )
+    if names := problem.model.equations.constraints.names:
+        raise StatementError(
+            f"{name} moves momenta by the forces of the Lagrangian and those that are stated, which leave out the "
+            f"forces of the constraints ({listing(list(map(repr, names)))}) of {problem.model.statement.name}. Use "
+            "rattle, which has them and is symplectic, or taylor or dop853."
+        )
+
+
 def _tolerance(name: str, what: str, asked: Any, own: Any) -> float | None:
     """Return the run's tolerance, else the method's own, else None."""
     given = [_number(what, value) for value in (asked, own) if value is not None]

@@ -124,6 +124,12 @@ def check_splits(name: str, problem: Problem) -> None:
     if not structure.constant_mass:
         reason = "its mass matrix changes along the motion"
         remedy = "Use variational-midpoint or galerkin4, which are symplectic for any mass matrix, or rk4 or dop853"
+    elif problem.model.equations.first_order:
+        reason = "some of its equations are of first order"
+        remedy = "Use taylor, dop853 or rk4"
+    elif not structure.position_only and len(problem.model.equations.constraints):
+        reason = "the forces of its constraints depend on velocities"
+        remedy = "Use rattle, which is symplectic for constraints on coordinates, or taylor or dop853"
     elif not structure.position_only:
         reason = "its accelerations depend on velocities, as with friction or a magnetic field"
         remedy = "With friction use rk4 or dop853; without, variational-midpoint or galerkin4, which are symplectic"

@@ -1,0 +1,75 @@
+"""The projection of the state onto its constraints at the end of an accepted step.
+
+The corrections are those of `lagrange.program.projection`, a Newton step whose remainder is the square of the
+violation. They are normal to the constraints in the metric of the mass matrix, so that the energy of the motion changes
+in second order only.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+from lagrange.procedure.blocks import whole_blocks
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Callee, Procedure
+from lagrange.procedure.outcome import Outcome
+
+CORRECTIONS = Callee((REAL, Array(read=True), Array(read=True), Array()), (FLAG,))
+"""The program: of a time, a state [q, v] and its parameters, to [dq, dv], the violation, and what is left of it.
+
+It says whether a matrix is singular."""
+
+ROUND_OFF = 2.0**-51
+"""A state whose relative violation is no larger stays as it is: evaluating the constraints costs as much rounding."""
+
+RESOLVED = 2.0**-26
+"""The largest relative violation with which a step is accepted if the corrections cannot reduce it.
+
+Near a configuration where constraints become dependent, their gradients do not say where they hold: the corrections
+would move the state by more than it is away from there. Half of the digits are what a double root has.
+"""
+
+MOST_CORRECTIONS = 8
+"""Newton's method takes 2 or 3 corrections from the largest violations that a step leaves. More means no convergence.
+"""
+
+MOST_WRITTEN_BEYOND = 8
+"""Doubles that a program may write behind its results, which machines write in blocks."""
+
+
+@cache
+def project(dimension: int, block: int) -> Procedure:
+    """Return the projection of a state, given with what rounding has taken from it; both are changed.
+
+    The results are an outcome, and whether the state has moved. The correction is added to the state and what is lost
+    of it as one number, so that the part of it that rounding takes is kept as well.
+    """
+    p = Builder("project", "Move a state onto its constraints; return an outcome, and if it moved.", apart=True)
+    corrections, numbers = p.function("corrections", CORRECTIONS), p.array("numbers", read=True)
+    t = p.given("t", REAL)
+    # Arrays without a size: what stands behind their entries stays as it is.
+    state, lost = (p.array(name, room=block) for name in ("state", "lost"))
+    size = whole_blocks(dimension + 2, block) + MOST_WRITTEN_BEYOND
+    found = p.reserve(size, room=block, name="found")
+    moved = p.variable(p.false, "moved")
+    with p.loop(0, MOST_CORRECTIONS):
+        p.note(
+            "Where the matrix is singular the state stays: what comes next finds it singular there too, and says so."
+        )
+        p.leave_if(corrections(t, state, numbers, found), p.whole(Outcome.DONE), moved.value, likely=False)
+        violation, left = found[dimension], found[dimension + 1]
+        p.leave_if(violation <= ROUND_OFF, p.whole(Outcome.DONE), moved.value)
+        better = left <= 0.5 * violation
+        unresolved = p.choose(violation <= RESOLVED, p.whole(Outcome.DONE), p.whole(Outcome.UNPROJECTED))
+        p.leave_if(~better, unresolved, moved.value, likely=False)
+        moved.value = p.true
+        with p.each(dimension) as i:
+            y = state[i]
+            move = found[i] + lost[i]
+            total = y + move
+            back = total - y
+            state[i] = total
+            lost[i] = (y - (total - back)) + (move - back)
+        p.leave_if(left <= ROUND_OFF, p.whole(Outcome.DONE), moved.value, likely=True)
+    p.leave(p.whole(Outcome.UNPROJECTED), moved.value)
+    return p.finish(WHOLE, FLAG)

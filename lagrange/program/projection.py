@@ -1,0 +1,77 @@
+"""The projection of a state onto its constraints, with the least change in the metric of the mass matrix.
+
+One Newton step from (q, v): dq minimises dq^T M dq / 2 with phi + (dphi/dq) dq = 0, and dv minimises dv^T M dv / 2
+with psi + (dpsi/dq) dq + G dv = 0. Both are solved with the matrix of the accelerations, [[M, G^T], [G, 0]], which is
+factored once. A constraint on velocities determines no coordinates: dq is a displacement that it admits.
+Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, section VII.2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from functools import reduce
+
+from lagrange.equations.constraints import ConstraintEquations
+from lagrange.equations.euler_lagrange import Equations
+from lagrange.graph.differentiate import tangents
+from lagrange.graph.node import Binding, Node
+from lagrange.graph.rebuild import substitute
+from lagrange.graph.term_size import term_sizes
+from lagrange.program.lower import Named, lower
+from lagrange.program.program import Program
+
+LEAST_SIZE = Fraction(1, 2**1000)
+"""Added to the sizes of terms: where all are zero, the violation is zero."""
+
+
+def constraint_positions(held: ConstraintEquations) -> list[Node]:
+    """Return phi of every constraint, zero for those that are stated in velocities."""
+    pairs = zip(held.positions, held.velocities, strict=True)
+    return [psi.graph.zero if phi is None else phi for phi, psi in pairs]
+
+
+def projection(equations: Equations) -> Named:
+    """Return the corrections [dq, dv] of a state, its violation, and what the corrections leave of it.
+
+    Both are relative to the sizes of the terms: the violation is the largest of all constraints, what is left the sum
+    of all. It is the second order of the constraints along the corrections: near a configuration where constraints
+    become dependent the corrections are large, and it may be larger than the violation.
+    """
+    graph, held = equations.graph, equations.constraints
+    n, zero = len(equations.q), equations.graph.zero
+    phi = constraint_positions(held)
+    dq, dv = ([graph.symbol(f"correction {what} {i}", Binding.ACCELERATION) for i in range(n)] for what in ("q", "v"))
+    moved = equations.plan.solved(equations.matrix, [*[zero] * n, *(-one for one in phi)])[:n]
+    known = dict(zip(dq, moved, strict=True))
+    along = tangents(held.velocities, dict(zip(equations.q, dq, strict=True)))
+    missing = [graph.sum([(-1, psi), (-1, along(psi))]) for psi in held.velocities]
+    turned = equations.plan.solved(equations.matrix, [*[zero] * n, *substitute(missing, known)])[:n]
+    known |= dict(zip(dv, turned, strict=True))
+
+    values = [value for value in (*phi, *held.velocities) if value is not zero]
+    direction = dict(zip((*equations.q, *equations.v), (*dq, *dv), strict=True))
+    first = tangents(values, direction)
+    slopes = list(map(first, values))
+    second = tangents(slopes, direction)
+    left = substitute([graph.sum([(Fraction(1, 2), second(slope))]) for slope in slopes], known)
+    sizes = term_sizes(values)
+    shares, rest = (_shares(part, sizes) for part in (values, left))
+    violation = reduce(lambda a, b: graph.call("max", a, b), shares)
+    # A sum is NaN wherever one of its terms is: what is left of a correction that is no number.
+    remainder = graph.sum([(1, share) for share in rest])
+    return {"coordinates": moved, "velocities": turned, "violation": [violation], "remainder": [remainder]}
+
+
+def projection_program(equations: Equations) -> Program:
+    """Return the corrections with the violation and what is left of it, as one vector."""
+    results = projection(equations)
+    shape = (sum(map(len, results.values())),)
+    state, time, parameters = equations.state, equations.time, equations.parameters
+    return lower("projection", results, state, time, parameters, shape=shape, solved=True)
+
+
+def _shares(values: Sequence[Node], sizes: Sequence[Node]) -> list[Node]:
+    """Return the absolute values of nodes relative to sizes."""
+    graph = values[0].graph
+    return [graph.call("abs", value) / (size + LEAST_SIZE) for value, size in zip(values, sizes, strict=True)]

@@ -1,0 +1,259 @@
+"""Runs of systems with constraints: every method follows the motion on them, or refuses it in words."""
+
+from __future__ import annotations
+
+import itertools
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lagrange as lg
+from lagrange.machine.backend import FloatArray
+from lagrange.machine.steps.llvm_driver import driver_ir
+from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.messages import UNPROJECTED
+from lagrange.trajectory.methods.explicit import RungeKutta
+from lagrange.trajectory.methods.registry import find
+from tests.mechanisms.random_mechanisms import SEEDS, compiled, initial_state, mechanism
+from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, OUTSIDE, SPLITTINGS, UNCONSTRAINED
+
+PROJECTED = tuple(name for name in NAMES if name not in (*UNCONSTRAINED, *SPLITTINGS))
+"""The methods that run every system with constraints."""
+
+ROUNDED = 1e-14
+"""Relative violations of projected states. The largest of all tests below is 2e-15: the rounding of the coordinates."""
+
+
+@cache
+def reference(t: float) -> FloatArray:
+    """Return x and y of the scene's pendulum by its angle."""
+    theta, _ = lg.scene("pendulum").run(t, method="taylor", rtol=1e-14).y[:, -1]
+    return np.array([np.sin(theta), -np.cos(theta)])
+
+
+def error(name: str, t: float = 1.0, **options: Any) -> tuple[float, float]:
+    """Return the error of a method on the pendulum in Cartesian coordinates, and its constraint error."""
+    solution = lg.scene("cartesian-pendulum").run(t, method=name, **options).require()
+    return float(np.abs(solution.y[:2, -1] - reference(t)).max()), float(solution.constraint_error.max())
+
+
+@pytest.mark.parametrize("name", [name for name in PROJECTED if name in FIXED])
+def test_a_method_with_equal_steps_keeps_its_order_on_the_constraints(name: str) -> None:
+    """Or is at round-off: half the step leaves 2**-order of the error, by half an order."""
+    (coarse, one), (fine, other) = (error(name, step=step) for step in (0.01, 0.005))
+    assert fine < coarse * 0.5 ** (find(name).claims.order - 0.5) or fine < 1e-12
+    assert max(one, other) < ROUNDED
+
+
+@pytest.mark.parametrize("name", [name for name in PROJECTED if name in ADAPTIVE])
+def test_a_method_with_step_control_follows_the_angle_to_its_tolerance(name: str) -> None:
+    """Errors of a run are some tolerances: 20 for radau3, and 100 are allowed."""
+    for rtol in (1e-6, 1e-9):
+        far, off = error(name, rtol=rtol)
+        assert far < 100 * rtol
+        assert off < ROUNDED
+
+
+@pytest.mark.parametrize("name", OUTSIDE)
+def test_solvers_of_other_packages_drift_by_some_tolerances_and_say_so(name: str) -> None:
+    """They integrate the equations with the constraints differentiated twice, and are not projected."""
+    far, off = error(name, rtol=1e-8)
+    assert far < 1e-6
+    assert ROUNDED < off < 1e-6
+
+
+@pytest.mark.parametrize("name", UNCONSTRAINED)
+def test_a_method_of_momenta_would_leave_out_the_forces_of_constraints_and_is_refused(name: str) -> None:
+    with pytest.raises(lg.StatementError, match=f"{name} moves momenta by the forces .* constraints .*Use rattle"):
+        error(name, step=0.01)
+
+
+@pytest.mark.parametrize("name", SPLITTINGS)
+def test_a_splitting_is_refused_where_the_forces_of_constraints_depend_on_velocities(name: str) -> None:
+    with pytest.raises(lg.StatementError, match=f"{name} moves .* the forces of its constraints depend on velocities"):
+        error(name, step=0.01)
+
+
+@pytest.mark.parametrize("name", SPLITTINGS)
+def test_a_splitting_runs_where_constraints_are_linear(name: str) -> None:
+    """Two masses on a rod along a line, tied to a spring: kick and drift both keep x - y + l = 0."""
+    x, y = lg.coordinates("x y")
+    system = lg.System(
+        kinetic=x.dot**2 + y.dot**2 / 2, potential=x**4 + y**2, constraints={"rod": x - y + 1}, initial={x: 0.5, y: 1.5}
+    )
+    want = system.run(2.0, rtol=1e-13).y[:, -1]
+    coarse, fine = (system.run(2.0, method=name, step=step) for step in (0.02, 0.01))
+    far, near = (np.abs(one.y[:, -1] - want).max() for one in (coarse, fine))
+    assert near < far * 0.5 ** (find(name).claims.order - 0.5) or near < 1e-12
+    assert coarse.constraint_error.max() < ROUNDED
+
+
+@pytest.mark.parametrize("target", ["llvm", "numpy"])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_random_mechanisms_stay_on_their_constraints(seed: int, target: str) -> None:
+    """Positions and velocities, with rods, moving pivots and knife edges, by each kind of loop."""
+    model = compiled(seed, target)
+    for name in ("taylor", "dop853", "rk4", "radau5", "bdf2", "gauss2"):
+        options: Any = {"step": 0.01} if name in FIXED else {"rtol": 1e-6}
+        solution = lg.integrate(model, (0.0, 0.5), method=name, **options).require()
+        assert solution.steps > 2
+        assert solution.constraint_error.max() < ROUNDED
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_runs_of_random_mechanisms_converge_to_one_motion(seed: int) -> None:
+    model = compiled(seed)
+    want = lg.integrate(model, (0.0, 1.0), method="taylor", rtol=1e-13).y[:, -1]
+    for name in ("taylor", "dop853", "tsit5", "radau5"):
+        found = lg.integrate(model, (0.0, 1.0), method=name, rtol=1e-8, atol=1e-10).y[:, -1]
+        # Errors grow along the motion of up to three pendulums: by 300 on these seeds.
+        assert np.abs(found - want).max() < 1e-5 * np.abs(want).max()
+
+
+@pytest.mark.parametrize("name", ["rk4", "bs3", "dopri5", "tsit5", "verner9", "dop853"])
+@pytest.mark.parametrize("target", ["llvm", "numpy"])
+def test_each_step_is_that_of_the_method_from_the_projected_state_and_then_projected(name: str, target: str) -> None:
+    """Where a method uses its last slope again, it is that of the state which the projection has left."""
+    model = lg.scene("cartesian-double-pendulum").compile(target)
+    method = find(name)
+    assert isinstance(method, RungeKutta)
+    options: Any = {"step": 0.05} if name in FIXED else {"rtol": 1e-4}
+    solution = lg.integrate(model, (0.0, 2.0), method=name, **options).require()
+    parameters = model.parameter_array()
+    rhs, corrections = model.kernel("rhs"), model.law("projection")
+
+    def f(t: float, y: FloatArray) -> FloatArray:
+        return rhs(t, y, parameters)
+
+    moved = 0.0
+    for t, h, y, after in zip(solution.t[:-1], np.diff(solution.t), solution.y.T[:-1], solution.y.T[1:], strict=True):
+        found = method.program.function(f, t, y, h)
+        state = np.array(found if method.program.control is None else found[0])
+        for _ in range(3):
+            move = corrections(t + h, state, parameters)[:-2]
+            state, moved = state + move, max(moved, float(np.abs(move).max()))
+        # Rounding of a step, and of its projection: a stale slope is off by 1e-7 and more.
+        assert np.abs(state - after).max() < 1e-12
+    assert moved > 1e-7
+
+
+def test_the_projection_keeps_the_energy() -> None:
+    """Corrections are normal to the motion: Taylor's drift of energy falls by three orders of magnitude, to 3e-13.
+
+    Without the projection it is 6e-10 after 1000 s.
+    """
+    solution = lg.scene("cartesian-pendulum").run(1000.0, rtol=1e-12, t_eval=[1000.0])
+    before = lg.scene("cartesian-pendulum").run(1e-6).energy[0]
+    assert abs(solution.energy[-1] - before) < 2e-12 * abs(before)
+
+
+BOUNDS = {"taylor": 1e-12, "dop853": 1e-10, "rk4": 1e-10, "radau5": 1e-10, "gauss2": 1e-10, "bdf2": 1e-10}
+
+
+@pytest.mark.parametrize("name", BOUNDS)
+def test_a_four_bar_linkage_stays_closed_over_many_turns(name: str) -> None:
+    """The page has 1e6 steps; nothing grows from step to step."""
+    options: Any = {"step": 0.002} if name in FIXED else {"rtol": 1e-9}
+    times = np.linspace(0.0, 30.0, 7)
+    flow = lg.flow(lg.scene("four-bar").compile(), method=name, **options)
+    model = lg.scene("four-bar").compile()
+    y, off = np.array(model.statement.initial, dtype=float), 0.0
+    for t, after in itertools.pairwise(times):
+        y = flow(y, t, after)
+        values, sizes = (
+            model.kernel(what)(after, y, model.parameter_array()) for what in ("constraints", "constraint_sizes")
+        )
+        off = max(off, float(np.abs(values / sizes).max()))
+    assert off < BOUNDS[name] / 100
+
+
+def test_a_quaternion_keeps_its_norm_over_flips() -> None:
+    """A body that spins about its middle axis turns over again and again: |q| - 1 stays round-off."""
+    q = lg.coordinates("q0 q1 q2 q3")
+    v = [one.dot for one in q]
+    rates = (
+        2 * (q[0] * v[1] - q[1] * v[0] - q[2] * v[3] + q[3] * v[2]),
+        2 * (q[0] * v[2] + q[1] * v[3] - q[2] * v[0] - q[3] * v[1]),
+        2 * (q[0] * v[3] - q[1] * v[2] + q[2] * v[1] - q[3] * v[0]),
+    )
+    body = lg.System(
+        # The norm has no inertia: the constraint alone holds it.
+        kinetic=sum(inertia * rate**2 for inertia, rate in zip((1, 2, 3), rates, strict=True)) / 2,
+        constraints={"unit": sum(one**2 for one in q) - 1},
+        initial={q[0]: 1.0, v[1]: 5e-3, v[2]: 0.5, v[3]: 5e-3},
+    )
+    solution = body.run(150.0, rtol=1e-12)
+    turned = np.array([solution.evaluate(rates[1])])
+    assert np.count_nonzero(np.diff(np.sign(turned))) > 5
+    assert np.abs(np.sqrt(np.sum(solution.y[:4] ** 2, axis=0)) - 1).max() < 1e-14
+
+
+@pytest.mark.parametrize("name", ["taylor", "dop853", "rk4", "radau5"])
+def test_outputs_are_the_dense_output_to_the_last_bit(name: str) -> None:
+    options: Any = {"step": 0.02} if name in FIXED else {"rtol": 1e-7}
+    times = np.linspace(0.0, 1.5, 23)
+    system = lg.scene("cartesian-double-pendulum")
+    asked = system.run(1.5, method=name, t_eval=times, **options)
+    assert np.array_equal(asked.at(times), asked.y)
+    steps = system.run(1.5, method=name, **options)
+    assert np.array_equal(steps.at(steps.t), steps.y)
+    if name != "taylor":  # its outputs know what rounding took from the states
+        assert np.array_equal(steps.at(times), asked.y)
+    # Between the steps the path is as close to the constraints as to the motion.
+    assert asked.constraint_error.max() < 1e-5
+
+
+@pytest.mark.parametrize("name", ["taylor", "dop853", "rk4"])
+def test_events_and_resets_leave_the_steps_on_the_constraints(name: str) -> None:
+    """The pendulum is thrown back at the vertical, with half of its velocity."""
+    system = lg.scene("cartesian-pendulum")
+    x, y = lg.coordinates("x y")
+    options: Any = {"step": 0.01} if name in FIXED else {"rtol": 1e-9}
+    wall = lg.Event(x, reset={x.dot: -x.dot / 2, y.dot: -y.dot / 2})
+    solution = system.run(4.0, method=name, events=[wall], **options)
+    assert len(solution.t_events[0]) > 2
+    # The state at an event is one of the path, which is as close to the constraints as to the motion.
+    assert solution.constraint_error.max() < 1e-7
+    assert np.median(solution.constraint_error) < ROUNDED
+
+
+@pytest.mark.parametrize("target", ["llvm", "numpy"])
+def test_a_state_too_far_away_to_be_projected_ends_the_run_in_words(target: str) -> None:
+    system = lg.scene("cartesian-double-pendulum")
+    solution = system.run(50.0, method="rk4", step=2.5, target=target)
+    assert solution.status is lg.Status.DIVERGED
+    assert UNPROJECTED in solution.message
+    assert "shorter step" in solution.message
+    assert np.isfinite(solution.y).all()
+
+
+def test_steps_of_a_system_without_constraints_know_nothing_of_projections() -> None:
+    for name in ("rk4", "dop853", "radau5"):
+        program: Any = find(name)
+        assert "project" not in driver_ir(program.program, 4)
+        assert "project" in driver_ir(program.program, 4, projected=True)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("galerkin4", "finds velocities from momenta, .* of first order"), ("verlet", "equations are of first order")],
+)
+def test_equations_of_first_order_are_refused_as_such(name: str, words: str) -> None:
+    """Inside they are constraints on velocities, which is nothing that the user has stated."""
+    x, y = lg.coordinates("x y")
+    charge = lg.System(lagrangian=x * y.dot - y * x.dot - x**2 - y**2, initial={x: 1.0})
+    with pytest.raises(lg.StatementError, match=words):
+        charge.run(1.0, method=name, step=0.1)
+    solution = charge.run(5.0, rtol=1e-12)
+    assert solution.card()["constraints"] is None
+    assert np.hypot(*solution.y[:2]) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_a_plan_of_momenta_is_refused_before_anything_is_compiled() -> None:
+    model = mechanism(1).compile()
+    problem = Problem(model, model.parameter_values(), 0.0, 1.0, initial_state(1))
+    method: Any = find("galerkin4")
+    with pytest.raises(lg.StatementError, match="'rod0' and 'rod1'"):
+        method.plan(problem)
