@@ -62,6 +62,10 @@ potential = "-m*g*l*cos(theta)"
 forces = {{ theta = "-c*theta_dot" }}
 dissipation = 0
 
+# Constraints, if there are any: expressions that stay zero, or equations, by name or in a list; those without a
+# velocity hold coordinates. A pendulum in x and y would have  rod = "x**2 + y**2 == l**2"  in a table [constraints].
+constraints = []
+
 # What to draw, if anything: named points (x, y) or (x, y, z), and rods between them.
 links = [["origin", "bob"]]
 

@@ -251,7 +251,7 @@ class Solution:
         return card
 
     def to_csv(self, path: str | os.PathLike[str]) -> Path:
-        """Write t, the coordinates and their velocities, one line per output time; numbers round-trip.
+        """Write t, the coordinates, their velocities and the multipliers, one line per output time; numbers round-trip.
 
         Like all files here it is written whole or not at all. Raises StatementError for a path that cannot be
         written, RunError if the disk is full.
@@ -293,15 +293,23 @@ class Solution:
         return write_together(folder, files)
 
     def _csv(self, file: BinaryIO) -> None:
-        write_rows(file, ("t", *self.names), [self.t.tolist(), *self.y.tolist()])
+        columns = self._columns
+        write_rows(file, ("t", *columns), [self.t.tolist(), *(row.tolist() for row in columns.values())])
+
+    @property
+    def _columns(self) -> dict[str, FloatArray]:
+        """The rows of the state by name, and the multipliers behind them as lambda[name]."""
+        rows = dict(zip(self.names, self.y, strict=True))
+        return rows | {str(multiplier(name)): row for name, row in self.multipliers.items()}
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return a DataFrame: index t, a column per row of the state; the status card is in `.attrs`."""
+        """Return a DataFrame: index t, a column per row of the state and multiplier; the status card is in `.attrs`."""
         try:
             import pandas
         except ModuleNotFoundError as error:
             raise _needs_data("to_pandas", "pandas") from error
-        frame = pandas.DataFrame(self.y.T.copy(), index=pandas.Index(self.t, name="t"), columns=list(self.names))
+        columns = {name: row.copy() for name, row in self._columns.items()}
+        frame = pandas.DataFrame(columns, index=pandas.Index(self.t, name="t"))
         frame.attrs.update(self.card())
         return frame
 
@@ -315,8 +323,7 @@ class Solution:
         except ModuleNotFoundError as error:
             raise _needs_data("to_xarray", "xarray") from error
         attributes = {key: value for key, value in self.card().items() if isinstance(value, (str, int, float))}
-        rows = {name: ("t", row.copy()) for name, row in zip(self.names, self.y, strict=True)}
-        rows |= {str(multiplier(name)): ("t", row.copy()) for name, row in self.multipliers.items()}
+        rows = {name: ("t", row.copy()) for name, row in self._columns.items()}
         return xarray.Dataset(rows, coords={"t": self.t}, attrs=attributes)
 
     def plot(self) -> Figure:

@@ -29,6 +29,8 @@ MOST_HEADERS = 5_000
 
 _POSITION = re.compile(r"(?s)(.*) \(at (?:line (\d+), column (\d+)|end of document)\)")
 _DECIMAL = re.compile(r"(?<![\w.])[+-]?[0-9][0-9_]*(?:\.[0-9_]+)?(?:[eE][+-]?[0-9_]+)?(?![\w.])")
+_CONDITION = re.compile(r"\bif\b")
+_INEQUALITY = re.compile(r"[<>]|!=")
 _KINDS = (
     (bool, "true or false"),
     (str, "a text"),
@@ -119,6 +121,28 @@ class Document:
             return read_expression(value, names)
         except SceneError as error:
             self.refuse(f"{what}: {error.reason}", *path, column=error.column)
+
+    def equation(self, names: Mapping[str, Any], *path: str | int) -> Any:
+        """Return the expression that a text says is zero: itself, or the difference of the sides of left == right."""
+        value = self.value(*path)
+        if not isinstance(value, str) or value.count("==") != 1 or _CONDITION.search(value):
+            if isinstance(value, str) and _INEQUALITY.search(value) and not _CONDITION.search(value):
+                self.refuse(
+                    f"{_dotted(path)} is an inequality. Constraints are equations: state the one that holds, and end "
+                    "the run by an event where the multiplier changes sign.",
+                    *path,
+                )
+            return self.expression(names, *path)
+        sides, begin = [], 0
+        for side in value.split("=="):
+            try:
+                sides.append(read_expression(side, names))
+            except SceneError as error:
+                place = None if error.column is None else error.column + begin
+                self.refuse(f"{_dotted(path)}: {error.reason}", *path, column=place)
+            begin += len(side) + len("==")
+        left, right = sides
+        return left - right
 
     def value(self, *path: str | int) -> Any:
         """Return the value at a path that is there."""

@@ -37,6 +37,9 @@ def expression(value: Any, what: str) -> Any:
         raise StatementError(f"{what} is a matrix of shape {value.shape}: give a scalar, such as its entry [0, 0].")
     if isinstance(value, sympy.Basic) and not isinstance(value, sympy.Expr):
         raise StatementError(f"{what} is {str(value)[:60]}, which has no value: give an expression.")
+    function = callable(value) and not isinstance(value, sympy.Basic)
+    if function or isinstance(value, (list, tuple, Mapping, Set)):
+        raise StatementError(f"{what} is {shown(value, 60)} ({type(value).__name__}): give one SymPy expression.")
     number = real_number(value, what)
     if isinstance(value, numbers.Rational):  # an int too, exactly
         return sympy.Rational(int(value.numerator), int(value.denominator))

@@ -37,7 +37,7 @@ _REMEDIES = {
     "//": "write / for a division",
     "%": "write the remainder out",
     ":=": "write the value itself; nothing is assigned here",
-    "=": "an expression has a value and assigns nothing; compare with ==",
+    "=": "an expression has a value and assigns nothing; for an equation or a comparison write ==",
     ".": "'.' belongs to a decimal such as 0.5; the velocity of x is x_dot",
     "!": "write a factorial out as a number",
     "[": "nothing is indexed here; give each thing a name of its own",

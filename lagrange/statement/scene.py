@@ -185,17 +185,17 @@ class _Scene:
         return energies
 
     def constraints(self, names: Mapping[str, Any]) -> dict[str, Any] | list[Any]:
-        """Return the constraints: a list of expressions that are zero, or a table of them by name."""
+        """Return the constraints: a list of expressions that are zero, or of equations with ==, or a table by name."""
         given = self.data.get("constraints", [])
         if isinstance(given, list):
-            return [self.document.expression(names, "constraints", i) for i in range(len(given))]
+            return [self.document.equation(names, "constraints", i) for i in range(len(given))]
         table = self.document.table("constraints")
         for name in table:
             try:
                 check_name(name, "constraint")
             except StatementError as error:
                 self.document.refuse(str(error), "constraints", name, key=True)
-        return {name: self.document.expression(names, "constraints", name) for name in table}
+        return {name: self.document.equation(names, "constraints", name) for name in table}
 
     def redundant(self) -> str:
         """Return what is done with constraints that follow from others."""

@@ -16,7 +16,7 @@ from sympy.physics.mechanics import dynamicsymbols
 
 from lagrange.errors import RunError, StatementError
 from lagrange.show.solution import Solution
-from lagrange.statement.coordinate import coordinate, t
+from lagrange.statement.coordinate import coordinate, coordinates, t
 from lagrange.statement.declare import declare
 from lagrange.statement.event import event
 from lagrange.system import System
@@ -208,6 +208,17 @@ def test_csv_round_trips(tmp_path: Path) -> None:
     assert lines[0] == "t,x,x_dot" and len(lines) == 52
     read = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]]).T
     np.testing.assert_array_equal(read, np.vstack([HARMONIC.t, HARMONIC.y]))
+
+
+def test_multipliers_stand_behind_the_state_in_tables(tmp_path: Path) -> None:
+    x, y = coordinates("x y")
+    rod = System((x.dot**2 + y.dot**2) / 2, y, constraints={"rod": x**2 + y**2 - 1}, initial={x: 0.6, y: -0.8})
+    run = rod.run(1.0)
+    lines = run.to_csv(tmp_path / "run.csv").read_text().splitlines()
+    assert lines[0] == "t,x,y,x_dot,y_dot,lambda[rod]"
+    assert [float(line.split(",")[-1]) for line in lines[1:]] == run.multipliers["rod"].tolist()
+    pytest.importorskip("pandas")
+    assert run.to_pandas()["lambda[rod]"].tolist() == run.multipliers["rod"].tolist()
 
 
 def test_npz_needs_no_pickle(tmp_path: Path) -> None:

@@ -137,6 +137,8 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
         {"constraints": ["x - y"]},
         "constraint 'constraint_1' is the text 'x - y': give a SymPy expression that is zero, or",
     ),
+    ({"constraints": {"rod": lambda x, y: 0}}, "(function): give one SymPy expression."),
+    ({"constraints": {"rod": (x, y)}}, "constraint 'rod' is (x(t), y(t)) (tuple): give one SymPy expression"),
     ({"constraints": {"a b": x}}, "'a b' cannot name a constraint"),
     (
         {"constraints": [x > 0]},
@@ -170,7 +172,7 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"potential": sympy.Eq(m, 1)}, "the potential energy is Eq(m, 1), which has no value: give an expression."),
     ({"potential": sympy.true}, "the potential energy is True, which has no value: give an expression."),
     ({"potential": float("nan")}, "the potential energy is nan: give a finite number."),
-    ({"potential": [1]}, "the potential energy is [1] (list): give a number."),
+    ({"potential": [1]}, "the potential energy is [1] (list): give one SymPy expression."),
     ({"potential": True}, "the potential energy is True (bool): give a number."),
     ({"potential": sympy.I}, "the potential energy contains the imaginary unit I."),
     ({"potential": sympy.gamma(theta)}, "the potential energy contains gamma"),

@@ -95,6 +95,9 @@ FIELDS: list[Bad] = [
     ({"about": True}, 11, 9, "about is true or false: give a text in quotation marks."),
     ({"constraints": "theta"}, 11, 15, "constraints is a text: write a table [constraints] of names and values."),
     ({"constraints": {"0": "theta"}}, 11, 16, "'0' cannot name a constraint"),
+    ({"constraints": ["theta >= 1"]}, 11, 16, "constraints[0] is an inequality. Constraints are equations"),
+    ({"constraints": ["theta = 1"]}, 11, 23, "for an equation or a comparison write =="),
+    ({"constraints": ["theta == q"]}, 11, 26, "constraints[0]: 'q' is not declared"),
     ({"constraints": ["theta - q"]}, 11, 25, "constraints[0]: 'q' is not declared"),
     # coordinates
     ({"coordinates": DROP}, 1, 1, 'coordinates is missing or is no list of names: write coordinates = ["theta"].'),
@@ -227,3 +230,10 @@ def test_the_library_lists_what_it_loads() -> None:
     for entry in library():
         assert library_path(entry.name) == entry.path
         assert load(entry.name).about == entry.about
+
+
+def test_constraints_are_expressions_or_equations_with_two_sides(tmp_path: Path) -> None:
+    """A condition inside an expression is no equation."""
+    forms = ["theta**2 - 1", "theta**2 == 1", "theta**2 - (1 if theta == theta else 2)"]
+    held = [read_scene(write(tmp_path, constraints=[form])).constraints[0].expression for form in forms]
+    assert held[0] == held[1] and held[2].has(held[0].args[0])

@@ -43,7 +43,7 @@ REFUSALS = {
     "x//2": (2, "'//' cannot stand in an expression: write / for a division."),
     "x % 2": (3, "'%' cannot stand in an expression: write the remainder out."),
     "x.dot": (2, "the velocity of x is x_dot"),
-    "x = 1": (3, "assigns nothing; compare with =="),
+    "x = 1": (3, "assigns nothing; for an equation or a comparison write =="),
     "x := 1": (3, "write the value itself"),
     "x!": (2, "write a factorial out as a number"),
     "x[0]": (2, "nothing is indexed here"),
