@@ -24,6 +24,7 @@ from lagrange.show.atomic_file import Writer, write_atomically, write_rows
 from lagrange.show.atomic_folder import write_together
 from lagrange.show.constraint_drift import ConstraintDrift, constraint_drift
 from lagrange.show.constraint_forces import ConstraintForces
+from lagrange.show.data_sets import data_frame, data_set
 from lagrange.show.drift import EnergyDrift, energy_drift
 from lagrange.show.picture import picture
 from lagrange.show.plot import plot
@@ -304,27 +305,14 @@ class Solution:
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return a DataFrame: index t, a column per row of the state and multiplier; the status card is in `.attrs`."""
-        try:
-            import pandas
-        except ModuleNotFoundError as error:
-            raise _needs_data("to_pandas", "pandas") from error
-        columns = {name: row.copy() for name, row in self._columns.items()}
-        frame = pandas.DataFrame(columns, index=pandas.Index(self.t, name="t"))
-        frame.attrs.update(self.card())
-        return frame
+        return data_frame(self.t, self._columns, self.card())
 
     def to_xarray(self) -> xarray.Dataset:
         """Return a Dataset over the dimension t; how the run ended is in `.attrs`.
 
         It has a variable per row of the state, and one for each multiplier, called lambda[name].
         """
-        try:
-            import xarray
-        except ModuleNotFoundError as error:
-            raise _needs_data("to_xarray", "xarray") from error
-        attributes = {key: value for key, value in self.card().items() if isinstance(value, (str, int, float))}
-        rows = {name: ("t", row.copy()) for name, row in self._columns.items()}
-        return xarray.Dataset(rows, coords={"t": self.t}, attrs=attributes)
+        return data_set(self.t, self._columns, self.card())
 
     def plot(self) -> Figure:
         """Return a Matplotlib figure: coordinates over time, the energy, and the path where positions are named."""
@@ -397,10 +385,3 @@ def _label(key: Any) -> str:
 
 def _finite(value: Any) -> float | None:
     return None if value is None or not math.isfinite(value) else float(value)
-
-
-def _needs_data(method: str, package: str) -> StatementError:
-    return StatementError(
-        f"{method}() needs {package}, which is not installed: pip install pandas xarray, or in a checkout "
-        "pip install '.[data]'."
-    )

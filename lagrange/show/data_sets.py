@@ -1,0 +1,45 @@
+"""Rows over time as pandas and xarray have them; both packages are optional."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from lagrange.errors import StatementError
+from lagrange.trajectory.trajectory import FloatArray
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+
+
+def data_frame(t: FloatArray, rows: Mapping[str, FloatArray], attributes: Mapping[str, Any]) -> pandas.DataFrame:
+    """Return rows (N,) as columns of a DataFrame, copied. Raises StatementError without pandas."""
+    try:
+        import pandas
+    except ModuleNotFoundError as error:
+        raise _missing("to_pandas", "pandas") from error
+    columns = {name: row.copy() for name, row in rows.items()}
+    frame = pandas.DataFrame(columns, index=pandas.Index(t, name="t"))
+    frame.attrs.update(attributes)
+    return frame
+
+
+def data_set(t: FloatArray, rows: Mapping[str, FloatArray], attributes: Mapping[str, Any]) -> xarray.Dataset:
+    """Return rows (N,) as variables of a Dataset over t, copied; attributes are texts and numbers alone.
+
+    Raises StatementError without xarray.
+    """
+    try:
+        import xarray
+    except ModuleNotFoundError as error:
+        raise _missing("to_xarray", "xarray") from error
+    kept = {key: value for key, value in attributes.items() if isinstance(value, (str, int, float))}
+    return xarray.Dataset({name: ("t", row.copy()) for name, row in rows.items()}, coords={"t": t}, attrs=kept)
+
+
+def _missing(method: str, package: str) -> StatementError:
+    return StatementError(
+        f"{method}() needs {package}, which is not installed: pip install pandas xarray, or in a checkout "
+        "pip install '.[data]'."
+    )
