@@ -18,7 +18,7 @@ from lagrange.statement.declare import initial_state
 from lagrange.statement.event import declare_events
 from lagrange.statement.number import real_array, real_number
 from lagrange.trajectory.conservation import energy, verified
-from lagrange.trajectory.constraints.consistent import consistent_start, moved_sentence
+from lagrange.trajectory.constraints.consistent import consistent_start, moved_sentence, violation
 from lagrange.trajectory.constraints.dependence import refuse_dependent
 from lagrange.trajectory.integrator import Integrator, Problem, run_by
 from lagrange.trajectory.memory_limit import memory_limit
@@ -79,7 +79,20 @@ def integrate(
         refuse_dependent(model, t0, start, problem.parameter_array)
     if start is not given:
         trajectory = replace(trajectory, message=f"{trajectory.message}{moved_sentence(model, given, start)}")
+    if trajectory.status.complete and len(model.equations.constraints):
+        trajectory = _on_constraints(problem, trajectory)
     return verified(problem, trajectory, before, adaptive=integrator.claims.adaptive), values
+
+
+def _on_constraints(problem: Problem, trajectory: Trajectory) -> Trajectory:
+    """Return a trajectory, as unreliable if its last state is off the constraints."""
+    if not trajectory.y.size:
+        return trajectory
+    end = float(trajectory.t[-1]), np.ascontiguousarray(trajectory.y[:, -1])
+    off = violation(problem.model, *end, problem.parameter_array)
+    if not off:
+        return trajectory
+    return replace(trajectory, status=Status.UNRELIABLE, message=f"{trajectory.message} {off}")
 
 
 def _check_events(problem: Problem, integrator: Integrator) -> None:

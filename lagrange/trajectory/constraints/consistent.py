@@ -20,6 +20,12 @@ from lagrange.statement.number import real_number
 from lagrange.trajectory.constraints.projection import Projection
 from lagrange.trajectory.constraints.residuals import residuals_of
 
+LARGEST_VIOLATION = 1e-2
+"""A run is unreliable if it ends at a state whose constraints are off by more than this part of their terms.
+
+What accumulates over a run at default tolerances is 1e-9 to 1e-5; a corner that was passed, or a reset, leaves 1e-1.
+"""
+
 
 @dataclass(frozen=True, eq=False)
 class Consistent:
@@ -103,6 +109,18 @@ def consistent_start(model: Model, t: float, y: FloatArray, parameters: FloatArr
     y = projection.completed(y)
     projection.check(y)
     return projection.of(y) if projection.off(y) else y
+
+
+def violation(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> str:
+    """Return a sentence for a run that ends at a state which violates a constraint, or ""."""
+    name, share = residuals_of(model).worst(t, y, parameters)
+    if share <= LARGEST_VIOLATION:
+        return ""
+    return (
+        f"The state at the end violates the constraint {name!r} by {share:.2g} of its terms: the run does not follow "
+        "the motion. Look for a reset that leaves the constraint, or a corner of it, or take smaller steps or "
+        "tolerances."
+    )
 
 
 def moved_sentence(model: Model, before: FloatArray, after: FloatArray) -> str:

@@ -67,6 +67,14 @@ class ConstraintResiduals:
         half = len(found) // 2
         return bool((np.abs(found[:half]) <= ON_SURFACE * found[half:]).all())
 
+    def worst(self, t: float, y: FloatArray, parameters: FloatArray) -> tuple[str, float]:
+        """Return the constraint that a state violates most, relative to its terms, and by how much."""
+        values, terms = self._of(t, y, parameters)
+        shares = np.abs(values) / np.where(terms > 0, terms, 1.0)
+        row = int(np.argmax(np.where(np.isfinite(shares), shares, np.inf)))
+        places = [name for name, holonomic in zip(self.names, self.holonomic, strict=True) if holonomic]
+        return [*places, *self.names][row], float(shares[row])
+
     def of_positions(self, t: float, y: FloatArray, parameters: FloatArray, units: FloatArray) -> Residuals:
         """Return the residuals of the holonomic constraints as functions of the coordinates."""
         values, terms = self._of(t, y, parameters)
