@@ -223,11 +223,9 @@ def test_a_start_on_the_constraints_costs_microseconds() -> None:
 
 @pytest.mark.parametrize("method", ["taylor", "dop853"])
 def test_a_run_that_ends_off_its_constraints_is_unreliable(method: str) -> None:
-    """Friction hides the loss of energy; what a reset or a corner leaves of the constraint does not."""
+    """Friction hides the loss of energy, and what a corner leaves of the constraint does not."""
     corner = pendulum(y - Abs(x), forces={x: -x.dot / 10})
     solution = corner.run(1.0, {x: 0.5, y: 0.5}, method=method)
-    assert solution.status in (lg.Status.UNRELIABLE, lg.Status.SINGULAR), solution.message
-    kick = lg.event(x, direction=-1, reset={x.dot: -5.0, y.dot: -5.0})
-    kicked = pendulum(forces={x: -x.dot / 10}).run(2.0, events=[kick], method=method)
-    assert kicked.status is lg.Status.UNRELIABLE
-    assert "The state at the end violates the constraint 'rod' by " in kicked.message
+    assert solution.status is lg.Status.UNRELIABLE, solution.message
+    told = ("The run ends on a corner of the constraint 'rod'", "The state at the end violates the constraint 'rod' by")
+    assert any(one in solution.message for one in told)

@@ -113,13 +113,19 @@ def consistent_start(model: Model, t: float, y: FloatArray, parameters: FloatArr
 
 def violation(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> str:
     """Return a sentence for a run that ends at a state which violates a constraint, or ""."""
-    name, share = residuals_of(model).worst(t, y, parameters)
+    residuals = residuals_of(model)
+    corner = residuals.at_corner(t, y, parameters)
+    if corner is not None:
+        return (
+            f"The run ends on a corner of the constraint {residuals.names[corner]!r}, where velocities jump in a way "
+            "that is not stated: end it before by an event, or write the constraint smoothly."
+        )
+    name, share = residuals.worst(t, y, parameters)
     if share <= LARGEST_VIOLATION:
         return ""
     return (
         f"The state at the end violates the constraint {name!r} by {share:.2g} of its terms: the run does not follow "
-        "the motion. Look for a reset that leaves the constraint, or a corner of it, or take smaller steps or "
-        "tolerances."
+        "the motion. Look for a corner of the constraint, or take smaller steps or tolerances."
     )
 
 
