@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Sequence
 from functools import lru_cache
 from itertools import pairwise
@@ -90,6 +91,23 @@ class EventMemory:
         self.switch_rows, self.switch_combinations = (np.empty(ROOM, dtype=np.int64) for _ in range(2))
         reals, wholes = scratch_sizes(self.count, dimension)
         self.scratch, self.whole_scratch = np.empty(reals + MOST_LANES), np.empty(wholes, dtype=np.int64)
+        self.keep_start()
+
+    def keep_start(self) -> None:
+        """Let what holds now be what every run begins with, by the same driver with the same parameters."""
+        self._start = bytes(self.record), self.combinations.copy()
+
+    def restart(self) -> None:
+        """Begin another run: nothing has happened, and no sides are known."""
+        record, combinations = self._start
+        ctypes.memmove(ctypes.addressof(self.record), record, len(record))
+        self.combinations[:] = combinations
+        self.sides.fill(0)
+
+    @property
+    def nbytes(self) -> int:
+        """How many bytes the arrays take."""
+        return sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
 
     def hold(self, sides: FloatArray, size: int) -> int:
         """Let sides hold; return where in arrays of numbers, of a size for each, those for these sides belong."""

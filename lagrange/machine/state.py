@@ -140,6 +140,12 @@ class DriverState:
         self.y[:] = y
         self.fault, self.kept = None, 0
 
+    def restart_series(self) -> None:
+        """Forget what a former run by series has left, where something looks at it before the driver begins."""
+        taylor = self.taylor
+        taylor.low, taylor.scale, taylor.next_limit, taylor.limit = 0.0, 1.0, math.inf, math.inf
+        taylor.rescalings = taylor.failures = taylor.inspect = 0
+
     @property
     def t(self) -> float:
         """The time reached."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
@@ -81,6 +82,22 @@ class StepEventMemory:
         self.break_rows, self.break_times = np.empty(ROOM + 1, dtype=np.int64), np.empty(ROOM + 1)
         self.break_states = np.empty((ROOM + 1, size))
         self.kept_reals, self.kept_counts = np.empty(0), np.empty(0, dtype=np.int64)
+        self.keep_start()
+
+    def keep_start(self) -> None:
+        """Let the records as they are be those that every run begins with."""
+        self._start = bytes(self.run), bytes(self.review)
+
+    def restart(self) -> None:
+        """Begin another run by the same driver: no steps were taken, and nothing has happened."""
+        for record, start in zip((self.run, self.review), self._start, strict=True):
+            ctypes.memmove(ctypes.addressof(record), start, len(start))
+        self.kept_counts.fill(0)
+
+    @property
+    def nbytes(self) -> int:
+        """How many bytes the arrays take."""
+        return sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
 
     def keep(self, state: DriverState) -> None:
         """Make room for the numbers and counts of a run."""

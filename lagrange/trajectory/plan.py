@@ -16,6 +16,7 @@ from lagrange.procedure.step.constants import AFTER_BROKEN
 from lagrange.program.actions import LAWS
 from lagrange.program.step import StepProgram
 from lagrange.trajectory.events.ending import EventResult
+from lagrange.trajectory.events.event_loop import WatchedEvents
 from lagrange.trajectory.events.step_watch import StepWatch
 from lagrange.trajectory.integrator import Claims, Integrator, Problem
 from lagrange.trajectory.outputs import FollowedSteps
@@ -27,12 +28,24 @@ PathFunction = Callable[[FloatArray], FloatArray]
 """Dense output: from times (K,) to states (2n, K)."""
 
 
+class WatchMemory(Protocol):
+    """What a watcher keeps for the next run by its driver."""
+
+    @property
+    def nbytes(self) -> int:
+        """How many bytes it takes."""
+
+
 class Watcher(Protocol):
     """Finds events along a run, and handles them."""
 
     @property
     def driver(self) -> Driver:
         """The driver that advances the run; it returns where an event is to be handled."""
+
+    @property
+    def memory(self) -> WatchMemory:
+        """What another run by the same driver, with the same parameters and events, may begin with."""
 
     @property
     def occurrences(self) -> Sequence[Sized]:
@@ -87,8 +100,11 @@ class Plan(Protocol):
     def driver(self, model: Model, parameters: FloatArray) -> Driver:
         """Return a driver for parameters (k,)."""
 
-    def watch(self, problem: Problem, driver: Any) -> Watcher | None:
-        """Return the watcher of events and switching surfaces for the plan's driver, or None if there are none."""
+    def watch(self, problem: Problem, driver: Any, memory: Any = None) -> Watcher | None:
+        """Return the watcher of events and switching surfaces for the plan's driver, or None if there are none.
+
+        A `memory` is that of the watcher of a former run by this driver.
+        """
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: Any) -> PathFunction:
         """Return the dense output from the accepted times (S+1,) and states (S+1, 2n), and the watcher."""
@@ -148,11 +164,12 @@ class StepPlan:
         projection = model.law("projection") if len(model.equations.constraints) else None
         return model.machine.driver(self.step, model.law(law.quantity), parameters, derivative, projection)
 
-    def watch(self, problem: Problem, driver: Driver) -> StepWatch | None:
+    def watch(self, problem: Problem, driver: Driver, memory: WatchedEvents | None = None) -> StepWatch | None:
         """Return what watches the events of the run, if it has any."""
         if not problem.events:
             return None
-        return StepWatch(problem, driver, partial(self.path_of, problem), fixed=self.step.control is None)
+        fixed = self.step.control is None
+        return StepWatch(problem, driver, partial(self.path_of, problem), fixed=fixed, memory=memory)
 
     def followed(self, problem: Problem, wanted: FloatArray, watch: Any) -> FollowedSteps:
         """Return what evaluates output times as a run goes."""

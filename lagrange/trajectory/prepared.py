@@ -1,7 +1,7 @@
 """What a model keeps from run to run: the plans of its methods, and drivers with their memory that no run uses.
 
-A short run takes a few microseconds, and its plan and its driver took ten times as long. Drivers of runs with events or
-output times refer to arrays of the run, and are made anew.
+A short run takes a few microseconds, and its plan and its driver took ten times as long. A driver of a run with events
+is kept with the memory that it shares with what watches them, which begins anew with each run.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from lagrange.machine.backend import Driver
-from lagrange.machine.state import DriverState
+from lagrange.machine.state import NO_OUTPUTS, DriverState
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.plan import Plan, Planned
+from lagrange.trajectory.plan import Plan, Planned, Watcher, WatchMemory
 from lagrange.trajectory.trajectory import FloatArray
 
 PLANS_KEPT = 8
@@ -22,17 +22,25 @@ PLANS_KEPT = 8
 DRIVERS_KEPT = 4
 """Most idle drivers that a plan keeps, each for other parameters; the oldest is dropped."""
 
+MOST_BYTES = 2**20
+"""Most bytes that a driver is kept with for what watches its events: enough for some 30 entries of the state.
+
+Runs of larger systems take so long that it hardly counts.
+"""
+
 
 class IdleDriver(NamedTuple):
     """A driver between two runs, the state that it advanced, and the `reals` with which such a run begins.
 
     `steps` are as many as its last run took, for the first call of the next, or 0 where they took too long for one.
+    `memory` is what its watcher has left for the next.
     """
 
     driver: Driver
     state: DriverState
     first: FloatArray
     steps: int
+    memory: WatchMemory | None = None
 
 
 @dataclass(eq=False)
@@ -50,29 +58,41 @@ class Prepared:
 
     def take(self, problem: Problem) -> IdleDriver | None:
         """Return an idle driver, which no other run has from now on, with the state at the start of the problem."""
-        if problem.events or problem.t_eval is not None:
-            return None
         found = self.idle.pop(problem.parameter_array.tobytes(), None)
         if found is not None:
             settings = self.plan.tolerances
             step = settings.step if problem.t1 >= problem.t0 else -settings.step
             found.state.restart(found.first, (problem.t0, problem.t1), problem.y0, step, settings.longest)
             found.state.integers[DriverState.RECORD] = 1
+            if found.memory is not None:
+                found.state.restart_series()
         return found
 
-    def give(self, problem: Problem, taken: IdleDriver | None, driver: Driver, state: DriverState, steps: int) -> None:
+    def give(
+        self,
+        problem: Problem,
+        taken: IdleDriver | None,
+        driver: Driver,
+        state: DriverState,
+        steps: int,
+        watch: Watcher | None,
+    ) -> None:
         """Keep the driver of a run that has succeeded, and was `taken` or is new, for the next with its parameters."""
         if self.method is None:
             return
-        if problem.events or problem.t_eval is not None or self.plan.watched:
+        memory = None if watch is None else watch.memory
+        if memory is not None and memory.nbytes > MOST_BYTES:
             self.steps = steps
             return
-        if taken is None:
-            driver.adopt(state)
-            first = self.plan.tolerances.begin(problem.t0, problem.t1, problem.y0).reals
-        else:
+        state.outputs = NO_OUTPUTS
+        if taken is not None:
             first = taken.first
-        self.idle[problem.parameter_array.tobytes()] = IdleDriver(driver, state, first, steps)
+        else:
+            # What watches a run keeps its state apart from that in the driver's memory.
+            if memory is None:
+                driver.adopt(state)
+            first = self.plan.tolerances.begin(problem.t0, problem.t1, problem.y0).reals
+        self.idle[problem.parameter_array.tobytes()] = IdleDriver(driver, state, first, steps, memory)
         drop_oldest(self.idle, DRIVERS_KEPT)
 
 

@@ -85,9 +85,9 @@ def _driven(problem: Problem, kept: Prepared, name: str) -> Trajectory:
         status, sentence = Status.MAX_WALL, message(Status.MAX_WALL, problem, state.t, state.y, name, cause=late)
     if status is None:
         try:
-            driver = plan.driver(problem.model, parameters) if idle is None else idle.driver
-            watch = plan.watch(problem, driver)
-            driver = driver if watch is None else watch.driver
+            steps = plan.driver(problem.model, parameters) if idle is None else idle.driver
+            watch = plan.watch(problem, steps, None if idle is None else idle.memory)
+            driver = steps if watch is None else watch.driver
             if problem.t_eval is not None and isinstance(plan, StepPlan):
                 rows.followed = plan.followed(problem, problem.t_eval, watch)
             late = compiled_late(problem)
@@ -111,7 +111,7 @@ def _driven(problem: Problem, kept: Prepared, name: str) -> Trajectory:
         status = found.status
     if status is Status.SUCCESS:
         tried = min(found.steps + found.rejected + 2, MOST_STEPS_PER_CALL)
-        kept.give(problem, idle, driver, state, tried if found.wall < SECONDS_PER_CALL else 0)
+        kept.give(problem, idle, steps, state, tried if found.wall < SECONDS_PER_CALL else 0, watch)
     return found
 
 

@@ -6,6 +6,8 @@ from dataclasses import replace
 from importlib.util import find_spec
 from typing import Any
 
+import numpy as np
+
 from lagrange.machine.model import Model
 from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.integrator import Problem
@@ -55,6 +57,12 @@ def run(model: Model, end: float, method: Any, start: float = 0.0, initial: Any 
     """Return the trajectory from `start` to `end`."""
     progress = options.pop("progress", None)
     return integrate(model, (start, end), initial, RunOptions(method, **options), progress=progress)[0]
+
+
+def same(a: Trajectory, b: Trajectory) -> bool:
+    """Whether two runs are the same but for the clock, to the last bit."""
+    said = [(one.status, one.message, one.steps, one.rejected, one.evaluations, one.span, one.form) for one in (a, b)]
+    return said[0] == said[1] and np.array_equal(a.t, b.t) and np.array_equal(a.y, b.y)
 
 
 def stepped(name: str, step: float) -> Any:

@@ -22,15 +22,9 @@ from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.prepared import DRIVERS_KEPT, PLANS_KEPT, Prepared
 from lagrange.trajectory.trajectory import Status, Trajectory
 from tests.models import TARGETS, build, k, m, model, x
-from tests.trajectory.runs import FIXED, NAMES, planned, run
+from tests.trajectory.runs import FIXED, NAMES, planned, run, same
 
 STARTS = ({"x": 0.1, "y_dot": 0.2}, {"x": -0.2, "y": 0.1, "x_dot": 0.3})
-
-
-def same(a: Trajectory, b: Trajectory) -> bool:
-    """Whether two runs are the same but for the clock, to the last bit."""
-    said = [(one.status, one.message, one.steps, one.rejected, one.evaluations, one.span, one.form) for one in (a, b)]
-    return said[0] == said[1] and np.array_equal(a.t, b.t) and np.array_equal(a.y, b.y)
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -163,7 +157,7 @@ def test_a_second_run_with_the_same_events_plans_nothing(method: str, monkeypatc
 
 @pytest.mark.parametrize("options", [{"events": [x]}, {"t_eval": np.linspace(0.0, 300.0, 7)}])
 def test_a_second_run_of_as_many_steps_is_one_call(options: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    """With events or output times too, whose drivers are made anew."""
+    """With events or output times too."""
     compiled, budgets = oscillator(), []
     advance = LlvmTaylorDriver.advance
 

@@ -259,6 +259,7 @@ class LlvmTaylorDriver:
         self._use_tiers()
         self._place, self._budget = address(self._arguments), self._steps.places["budget"]
         self._state: DriverState | None = None
+        self._output_record: Any = None
         self._memory: EventMemory | None = None
         self._numbers: FloatArray | None = None
         projection = compiled.program.projection
@@ -343,8 +344,8 @@ class LlvmTaylorDriver:
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Advance a run; see `Driver`."""
-        if state is not self._state:
-            self._state = state
+        if state is not self._state or state.outputs.record is not self._output_record:
+            self._state, self._output_record = state, state.outputs.record
             if self._memory is None and self._compiled.layout.watched:
                 self.watch(idle(self._compiled.program))
             reals, counts = address(state.reals), address(state.counts)

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.equations.euler_lagrange import Equations
 from lagrange.graph.node import Binding
-from lagrange.machine.backend import DensePath, Driver
+from lagrange.machine.backend import DensePath, Driver, Kernel
 from lagrange.machine.step_events import EventSteps, Reaction, StepEventMemory
 from lagrange.procedure.dense.hermite import hermite_polynomial
 from lagrange.procedure.events.step_zeros import ANYHOW, UNKNOWN
-from lagrange.program.program import Program
 from lagrange.trajectory.events.actions import Impact
+from lagrange.trajectory.events.actions import impacts as impacts_of
 from lagrange.trajectory.events.event_log import Breaks, Occurrences
 from lagrange.trajectory.events.roots import Side
-from lagrange.trajectory.events.step_batch import Path
+from lagrange.trajectory.events.step_batch import Path, PathOf
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.paths.step_paths import StepPath
 from lagrange.trajectory.trajectory import FloatArray
@@ -35,11 +35,11 @@ CHANGE_STEPS = 8
 
 
 class KnownPath:
-    """Makes paths through accepted states: the dense output of steps is made once for all."""
+    """Makes paths through accepted states: the dense output of steps is made once for all, or `known` before."""
 
-    def __init__(self, path_of: Callable[[FloatArray, FloatArray], Path]) -> None:
+    def __init__(self, path_of: PathOf, known: StepPath | None = None) -> None:
         self._path_of = path_of
-        self.known: StepPath | None = None
+        self.known = known
 
     def __call__(self, times: FloatArray, states: FloatArray) -> Path:
         """Return the path through accepted times (S+1,) and states (S+1, 2n)."""
@@ -56,14 +56,43 @@ def inertia_stays(equations: Equations) -> bool:
     return all(equations.mass[i][i].binding <= Binding.PARAMETER for i in alone)
 
 
+@dataclass(eq=False)
+class WatchedEvents:
+    """The events of a run by a step program, and what the next run by its driver with the same events begins with.
+
+    `kernel` gives the values of the events, and `steps` is the compiled loop, if a run was worth it. `dense` is a path
+    through a first state, with the dense output of all.
+    """
+
+    impacts: tuple[Impact, ...]
+    kernel: Kernel
+    memory: StepEventMemory
+    steps: EventSteps | None = None
+    dense: StepPath | None = None
+
+    @classmethod
+    def of(cls, problem: Problem) -> WatchedEvents:
+        """Return the events of a problem, translated."""
+        model = problem.model
+        impacts = impacts_of(model, problem.events, problem.parameter_array)
+        kernel = model.function("events", tuple(one.node for one in impacts))
+        memory = StepEventMemory(len(problem.y0), [Reaction(one.direction, one.first, one.rows) for one in impacts])
+        memory.run.resets = int(inertia_stays(model.equations))
+        memory.keep_start()
+        return cls(impacts, kernel, memory)
+
+    @property
+    def nbytes(self) -> int:
+        """How many bytes the memory of the loop takes."""
+        return self.memory.nbytes
+
+
 class EventLoop:
     """Makes the loop when it is worth it, and has the memory that it shares with a watch."""
 
-    def __init__(self, problem: Problem, impacts: Sequence[Impact], program: Program, *, fixed: bool) -> None:
-        self._problem, self._impacts, self._program, self._fixed = problem, impacts, program, fixed
-        reactions = [Reaction(one.direction, one.first, one.rows) for one in impacts]
-        self.memory = StepEventMemory(len(problem.y0), reactions)
-        self.memory.run.resets = int(inertia_stays(problem.model.equations))
+    def __init__(self, problem: Problem, watched: WatchedEvents, *, fixed: bool) -> None:
+        self._problem, self._watched, self._fixed = problem, watched, fixed
+        self._impacts, self.memory = watched.impacts, watched.memory
         self._possible = True
 
     def compiled(self, driver: Driver, path_of: KnownPath, t: float, steps: int, changes: int) -> EventSteps | None:
@@ -73,8 +102,9 @@ class EventLoop:
         if not self._possible or work <= ENOUGH or work * span < WORTH_COMPILING * covered:
             return None
         self._possible = False
-        path = path_of.known
-        return self._made(driver, path.dense) if path is not None else None
+        if self._watched.steps is None and path_of.known is not None:
+            self._watched.steps = self._made(driver, path_of.known.dense)
+        return self._watched.steps
 
     def _made(self, driver: Driver, dense: DensePath) -> EventSteps | None:
         """Return the loop, with the cubic through both ends as a screen where the error of steps is under control."""
@@ -83,7 +113,7 @@ class EventLoop:
         screened = not self._fixed and dense.degree > cubic.degree
         screen = model.machine.dense(cubic, model.kernel("rhs"), parameters) if screened else None
         resets = next((one.kernel.program for one in self._impacts if one.kernel is not None), None)
-        return model.machine.event_steps(driver, self._program, resets, parameters, dense, screen)
+        return model.machine.event_steps(driver, self._watched.kernel.program, resets, parameters, dense, screen)
 
     def write(
         self,

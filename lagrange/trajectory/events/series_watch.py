@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
+from lagrange.machine.event_memory import EventMemory
 from lagrange.machine.state import DriverState
 from lagrange.procedure.events.constants import TOGETHER
 from lagrange.procedure.taylor.constants import MOST_FAILURES
@@ -51,11 +52,11 @@ class Watch(SharedWatch):
         impacts: Sequence[Impact],
         names: Callable[[], Sequence[str]],
         continuations: Continuations,
+        memory: EventMemory | None = None,
     ) -> None:
         self.steep, self.hidden = series.program.watched_degree > order, series.program.hides_growth
-        super().__init__(series, driver, parameters, impacts, enabled=not self.steep, wary=self.hidden)
-        self.series, self.order, self.driver = series, order, driver
-        self.names, self.continuations = names, continuations
+        super().__init__(series, driver, parameters, impacts, memory, enabled=not self.steep, wary=self.hidden)
+        self.order, self.names, self.continuations = order, names, continuations
         self._last: tuple[object, EventSeries] | None = None
 
     def begin(self, state: DriverState) -> EventResult:
@@ -361,9 +362,7 @@ class Watch(SharedWatch):
         """Reset the state, every event from the state before, and start the motion anew."""
         before, after = state.y.copy(), state.y.copy()
         at_zero = np.abs(self._ahead(state).watched[0])
-        for impact in dict.fromkeys(
-            self.impacts[m.which - self.surfaces] for m in sorted(zeros, key=lambda m: m.which)
-        ):
+        for impact in dict.fromkeys(self.impact_of(m) for m in sorted(zeros, key=lambda m: m.which)):
             impact.apply(state.t, before, after)
         if not np.isfinite(after).all():
             return nowhere(self.names()[zeros[0].which])

@@ -19,6 +19,7 @@ from lagrange.trajectory.trajectory import FloatArray
 class SharedWatch(EventLog):
     """Where everything watched stands, for the watch and for the loop: between them it is read and written as a whole.
 
+    A `memory` is that of a former run by the driver with the same parameters, or None.
     `zero_sides` are the sides of zero before the next step, `starting` has what starts at zero there, `pending` what is
     to happen at the state, and `planned` what holds before the step that the watch has planned.
     """
@@ -29,11 +30,13 @@ class SharedWatch(EventLog):
         driver: TaylorDriver,
         parameters: FloatArray,
         impacts: Sequence[Impact],
+        memory: EventMemory | None,
         *,
         enabled: bool,
         wary: bool,
     ) -> None:
         super().__init__(len(impacts), 2 * series.program.dimension)
+        self.series, self.driver = series, driver
         self.impacts, self.surfaces = tuple(impacts), series.program.sides
         self.zero_sides = [Side()] * (self.surfaces + len(self.impacts))
         self.starting: frozenset[int] = frozenset()
@@ -43,13 +46,24 @@ class SharedWatch(EventLog):
         self.parameters, self.sides = parameters, np.zeros(self.surfaces)
         self.epochs: list[tuple[int, FloatArray]] = []
         self._values: dict[int, FloatArray] = {}
+        self.enabled = enabled
+        if memory is None:
+            memory = self._made(series, parameters)
+            memory.record.wary = int(wary)
+            driver.watch(memory)
+            memory.keep_start()
+        else:
+            memory.restart()
+            if self.surfaces:
+                driver.use(np.concatenate([parameters, np.full(self.surfaces, np.nan)]))
+        self.memory = memory
+
+    def _made(self, series: Series, parameters: FloatArray) -> EventMemory:
+        """Return new memory for the loop."""
         reactions = [Reaction(one.direction, one.terminal, one.first, one.rows, one.root) for one in self.impacts]
         resets = next((one.kernel for one in self.impacts if one.kernel is not None), None)
-        values, size = series.values if enabled else None, 2 * series.program.dimension
-        self._memory = EventMemory(size, self.surfaces, reactions, values, resets, parameters)
-        self.enabled = enabled
-        self._memory.record.wary = int(wary)
-        driver.watch(self._memory)
+        values, size = series.values if self.enabled else None, 2 * series.program.dimension
+        return EventMemory(size, self.surfaces, reactions, values, resets, parameters)
 
     @property
     def values(self) -> FloatArray:
@@ -59,11 +73,11 @@ class SharedWatch(EventLog):
     @property
     def jumps(self) -> int:
         """How often the state has jumped."""
-        return int(self._memory.record.jumps)
+        return int(self.memory.record.jumps)
 
     def jump(self) -> None:
         """Count a jump of the state."""
-        self._memory.record.jumps += 1
+        self.memory.record.jumps += 1
 
     def impact_of(self, zero: EventZero) -> Impact:
         """Return the event that a zero is of."""
@@ -92,7 +106,7 @@ class SharedWatch(EventLog):
 
     def read_events(self, state: DriverState) -> None:
         """Take over the events that have happened, and the changes of sides."""
-        memory = self._memory
+        memory = self.memory
         if memory.record.done:
             # An interruption may come anywhere here, and what is kept by then is not kept again.
             steps, mark = state.count(DriverState.STEPS), memory.mark
@@ -111,11 +125,11 @@ class SharedWatch(EventLog):
     @property
     def is_pending(self) -> bool:
         """Whether something is to happen where the run stands."""
-        return bool(self.pending) or self._memory.record.due != 0
+        return bool(self.pending) or self.memory.record.due != 0
 
     def read_sides(self, state: DriverState) -> None:
         """Take over where everything watched stands, and what is to happen there."""
-        memory, record = self._memory, self._memory.record
+        memory, record = self.memory, self.memory.record
         signs, nears = memory.signs.tolist(), memory.nears.tolist()
         self.zero_sides = [Side(sign, bool(near)) for sign, near in zip(signs, nears, strict=True)]
         self.starting = frozenset(np.flatnonzero(memory.starting).tolist())
@@ -128,7 +142,7 @@ class SharedWatch(EventLog):
 
     def write(self, state: DriverState) -> None:
         """Leave where everything watched stands to the loop, which does nothing where something is pending."""
-        memory, record, planned = self._memory, self._memory.record, self.planned
+        memory, record, planned = self.memory, self.memory.record, self.planned
         record.unproven = int(planned.steps > state.count(DriverState.STEPS))
         if record.unproven:
             self._put(planned.zero_sides, planned.starting)
@@ -141,7 +155,7 @@ class SharedWatch(EventLog):
     @property
     def unbegun(self) -> bool:
         """Whether the loop has not found the sides at the start of the motion."""
-        return bool(self._memory.record.fresh)
+        return bool(self.memory.record.fresh)
 
     def leave_start_to_the_loop(self, state: DriverState, *, first: bool) -> None:
         """Have the loop find the sides at the start of a motion; nothing is known before the `first` of a run."""
@@ -149,14 +163,14 @@ class SharedWatch(EventLog):
             self.epochs.append((0, self.values))
         else:
             self.write(state)
-        self._memory.record.enabled = self._memory.record.fresh = state.taylor.inspect = 1
+        self.memory.record.enabled = self.memory.record.fresh = state.taylor.inspect = 1
 
     def leave_all_to_the_watch(self) -> None:
         """Have the loop come back before each step on which something may vanish."""
-        self._memory.record.enabled = 0
+        self.memory.record.enabled = 0
 
     def _put(self, zero_sides: Sequence[Side], starting: frozenset[int]) -> None:
-        memory = self._memory
+        memory = self.memory
         memory.signs[:] = [side.sign for side in zero_sides]
         memory.nears[:] = [side.near for side in zero_sides]
         memory.starting[:] = [place in starting for place in range(memory.count)]

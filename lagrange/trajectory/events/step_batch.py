@@ -35,6 +35,10 @@ class Path(Protocol):
         """Return the states at the same fractions theta (K,) of each of some steps (k,), (2n, k, K)."""
 
 
+PathOf = Callable[[FloatArray, FloatArray], Path]
+"""Makes the path through accepted times (S+1,) and states (S+1, 2n)."""
+
+
 @dataclass(frozen=True, eq=False)
 class Window:
     """Some steps of a path, from one up to another."""

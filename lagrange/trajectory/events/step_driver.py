@@ -40,7 +40,7 @@ class Reviewer(Protocol):
     """What looks at accepted steps."""
 
     @property
-    def memory(self) -> StepEventMemory:
+    def shared(self) -> StepEventMemory:
         """What the run and its events share with machine code."""
 
     @property
@@ -83,7 +83,7 @@ class EventDriver:
 
     def __init__(self, driver: Driver, watch: Reviewer, *, fixed: bool) -> None:
         self._driver, self._watch, self._fixed = driver, watch, fixed
-        self._memory, self._run = watch.memory, watch.memory.run
+        self._memory, self._run = watch.shared, watch.shared.run
         self._run.ahead = FIRST_LOOK if watch.resets else LONGEST_LOOK
         self._run.fixed = int(fixed)
         self._compiled: EventSteps | None = None

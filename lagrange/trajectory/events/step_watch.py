@@ -7,7 +7,7 @@ place, and what lies behind it has not happened. What is regular is done in mach
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -18,7 +18,6 @@ from lagrange.machine.state import DriverState
 from lagrange.machine.step_events import EventSteps
 from lagrange.procedure.events.constants import CLEAR_FACTOR, NOISE_HALVES, TOGETHER
 from lagrange.procedure.events.roots import roots
-from lagrange.trajectory.events.actions import impacts as impacts_of
 from lagrange.trajectory.events.actions import rates
 from lagrange.trajectory.events.ending import (
     EventResult,
@@ -30,11 +29,11 @@ from lagrange.trajectory.events.ending import (
     without_value,
 )
 from lagrange.trajectory.events.event_log import Breaks, ChangeCounter, EventLog, Occurrence, ResetIntervals
-from lagrange.trajectory.events.event_loop import EventLoop, KnownPath
+from lagrange.trajectory.events.event_loop import EventLoop, KnownPath, WatchedEvents
 from lagrange.trajectory.events.motion_start import MotionStart
 from lagrange.trajectory.events.planned_step import EventZero
 from lagrange.trajectory.events.roots import Isolate, Root, Side
-from lagrange.trajectory.events.step_batch import Path, Sample, StepBatch, Window
+from lagrange.trajectory.events.step_batch import Path, PathOf, Sample, StepBatch, Window
 from lagrange.trajectory.events.step_driver import Cut, EventDriver
 from lagrange.trajectory.events.zeros_on_step import SAME_JUMP, StepZeros, ended, rests, trace, velocity
 from lagrange.trajectory.integrator import Problem
@@ -51,15 +50,17 @@ class StepWatch(EventLog):
     """Watches the events along the run of one state."""
 
     def __init__(
-        self, problem: Problem, driver: Driver, path_of: Callable[[FloatArray, FloatArray], Path], *, fixed: bool
+        self, problem: Problem, driver: Driver, path_of: PathOf, memory: WatchedEvents | None = None, *, fixed: bool
     ) -> None:
         super().__init__(len(problem.events), len(problem.y0))
-        model, self.problem, self.parameters = problem.model, problem, problem.parameter_array
-        impacts = impacts_of(model, problem.events, self.parameters)
-        self.kernel, self.impacts = model.function("events", tuple(one.node for one in impacts)), impacts
-        self.path_of = KnownPath(path_of)
-        self._loop = EventLoop(problem, impacts, self.kernel.program, fixed=fixed)
-        self.memory = self._loop.memory
+        self.problem, self.parameters = problem, problem.parameter_array
+        if memory is None:
+            memory = WatchedEvents.of(problem)
+        else:
+            memory.memory.restart()
+        self.memory, self.kernel, self.impacts = memory, memory.kernel, memory.impacts
+        self.path_of = KnownPath(path_of, memory.dense)
+        self._loop, self.shared = EventLoop(problem, memory, fixed=fixed), memory.memory
         self.driver = EventDriver(driver, self, fixed=fixed)
         self.breaks = Breaks(len(problem.y0))
         self.change_counter = ChangeCounter()
@@ -67,7 +68,7 @@ class StepWatch(EventLog):
         self.changed = problem.t0
         self._changed_at = 0
         self._intervals = ResetIntervals()
-        self._relay = [Side()] * len(impacts)
+        self._relay = [Side()] * len(self.impacts)
         self._levels: dict[int, float] = {}
         self._resting: frozenset[int] = frozenset()
         self._start: MotionStart | None = MotionStart(first=True)
@@ -98,7 +99,8 @@ class StepWatch(EventLog):
         """Begin at the start of the run."""
         self.state = state
         path = self.path_of(np.array([state.t]), state.y[None].copy())
-        self.memory.run.both = int(isinstance(path, StepPath) and path.joins)
+        self.memory.dense = self.path_of.known
+        self.shared.run.both = int(isinstance(path, StepPath) and path.joins)
         return self._defined(state)
 
     def process(self, state: DriverState) -> EventResult:
@@ -152,7 +154,7 @@ class StepWatch(EventLog):
 
     def write(self) -> None:
         """Leave where everything stands to machine code."""
-        run, begun = self.memory.run, self._start
+        run, begun = self.shared.run, self._start
         run.starts, run.jumps = int(begun is not None), self.jumps
         run.changed, run.changed_at = self.changed, self._changed_at
         stayed, zeros = ({}, {}) if begun is None else (begun.stayed, begun.zeros)
@@ -160,7 +162,7 @@ class StepWatch(EventLog):
 
     def read(self) -> None:
         """Take over what machine code has left: events, changes of the motion, and where everything stands."""
-        run, memory = self.memory.run, self.memory
+        run, memory = self.shared.run, self.shared
         last = run.breaks
         self.collect()
         if run.jumps > self.jumps:

@@ -17,6 +17,7 @@ from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.procedure.step.constants import FAR_FROM_ZERO, FIRST_SHARE, LEAST_FLOOR, MOST_SURVEYS
 from lagrange.statement.number import real_number
+from lagrange.trajectory.events.event_loop import WatchedEvents
 from lagrange.trajectory.events.step_watch import StepWatch
 from lagrange.trajectory.foreign.fault import Fault
 from lagrange.trajectory.foreign.guarded_rhs import GuardedRhs, StopError
@@ -132,9 +133,9 @@ class SolverPlan:
         deadline = np.inf if limit is None else time.perf_counter() + limit
         return SolverDriver(self, GuardedRhs(self.problem, self.package, parameters, deadline))
 
-    def watch(self, problem: Problem, driver: SolverDriver) -> StepWatch | None:
+    def watch(self, problem: Problem, driver: SolverDriver, memory: WatchedEvents | None = None) -> StepWatch | None:
         """Return what watches the events of the run, if it has any; see `Plan`."""
-        return StepWatch(problem, driver, self._latest, fixed=False) if problem.events else None
+        return StepWatch(problem, driver, self._latest, fixed=False, memory=memory) if problem.events else None
 
     def _latest(self, times: FloatArray, states: FloatArray) -> SampledPath:
         """Return the path over the steps that were taken last."""

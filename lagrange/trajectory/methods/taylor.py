@@ -11,6 +11,7 @@ import numpy as np
 from lagrange.errors import StatementError, shown
 from lagrange.graph.node import Node
 from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
+from lagrange.machine.event_memory import EventMemory
 from lagrange.machine.model import Model
 from lagrange.machine.series.order import LOWEST_ORDER
 from lagrange.machine.state import DriverState
@@ -120,16 +121,15 @@ class TaylorPlan:
             parameters = np.concatenate([parameters, np.full(sides, np.nan)])
         return self.series.driver(self.order, parameters)
 
-    def watch(self, problem: Problem, driver: TaylorDriver) -> Watch | None:
+    def watch(self, problem: Problem, driver: TaylorDriver, memory: EventMemory | None = None) -> Watch | None:
         """Return what watches events and surfaces; see `Plan`."""
         if not self.watched:
             return None
         parameters, own = problem.parameter_array, self.tolerances
         absolute = None if own.share else own.margin * own.atol
         continuations = Continuations(problem, DOP853(rtol=own.margin * own.rtol, atol=absolute))
-        return Watch(
-            self.series, self.order, driver, parameters, self.impacts, partial(watched_names, problem), continuations
-        )
+        names = partial(watched_names, problem)
+        return Watch(self.series, self.order, driver, parameters, self.impacts, names, continuations, memory)
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: Watch | None) -> SeriesPath:
         """Return the dense output: the series themselves."""
