@@ -149,6 +149,8 @@ class StepPlan:
     tolerances: Tolerances
     path_of: Callable[[Problem, FloatArray, FloatArray], StepPath]
     form: str = ""
+    projected: bool = True
+    """Whether steps are projected onto the constraints of a system, unless they end there by themselves."""
 
     writes_outputs = False
 
@@ -161,7 +163,8 @@ class StepPlan:
         """Return the driver of the step around its law."""
         law = LAWS[self.step.law]
         derivative = model.law(law.derivative) if self.step.solves else None
-        projection = model.law("projection") if len(model.equations.constraints) else None
+        held = self.projected and len(model.equations.constraints) > 0
+        projection = model.law("projection") if held else None
         return model.machine.driver(self.step, model.law(law.quantity), parameters, derivative, projection)
 
     def watch(self, problem: Problem, driver: Driver, memory: WatchedEvents | None = None) -> StepWatch | None:

@@ -15,6 +15,7 @@ from lagrange.compiler import compile_model, equations_of
 from lagrange.errors import StatementError
 from lagrange.machine.backend import FloatArray
 from lagrange.statement.event import Event
+from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.trajectory import Status
@@ -70,6 +71,13 @@ def test_constraints_hold_to_round_off_at_every_step(method: str, name: str, tar
     compiled = system(name, target)
     phi, psi = held(compiled, run(compiled, 2.0, method, step=0.02))
     assert phi.max() < 2 * 32 * 2.0**-52 and psi.max() < 10 * 32 * 2.0**-52
+
+
+@pytest.mark.parametrize("method", CONSTRAINED)
+def test_steps_that_end_on_the_constraints_are_not_projected(method: str) -> None:
+    """A projection would add errors to the step that are not those of a symplectic map."""
+    plan: Any = implicit(method).plan(Problem(system("pendulum"), {}, 0.0, 1.0, np.zeros(4)))
+    assert plan.projected is (method not in HOLONOMIC)
 
 
 @pytest.mark.parametrize("method", HOLONOMIC)

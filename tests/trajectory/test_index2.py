@@ -17,7 +17,7 @@ from lagrange.trajectory.methods.index2 import STAGES, radau5_index2
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.trajectory import Status
 from tests.models import TARGETS, build
-from tests.trajectory.constrained_systems import SYSTEMS, system, truth, x
+from tests.trajectory.constrained_systems import SYSTEMS, held, system, truth, x
 from tests.trajectory.runs import CONSTRAINED, CONTROLLED, run
 
 
@@ -72,6 +72,14 @@ def test_errors_follow_the_tolerance(method: str, name: str, target: str) -> Non
         assert errors[-1] < 100 * rtol
     # A decade of the tolerance is one of the error. The projection makes up for some of it where steps are long.
     assert np.polyfit([-4, -6, -8, -10], np.log10(errors), 1)[0] == pytest.approx(1, abs=0.15), errors
+
+
+@pytest.mark.parametrize("name", [*SYSTEMS, "sleigh"])
+def test_constraints_hold_to_round_off_at_a_loose_tolerance(name: str) -> None:
+    """By the projection of every step: Newton's method leaves a part of the tolerance."""
+    compiled = system(name)
+    phi, psi = held(compiled, run(compiled, 2.0, "radau5-index2", rtol=1e-5))
+    assert phi.max() < 2 * 32 * 2.0**-52 and psi.max() < 10 * 32 * 2.0**-52
 
 
 @pytest.mark.parametrize("name", [*SYSTEMS, "sleigh"])

@@ -37,8 +37,9 @@ class ImplicitMethod:
     `law` is what it calls: "rhs", or "momentum" or "constrained" for step(g, t, q, v, h, solve). With a `control` it
     returns an error vector for each vector of the state as well and takes `rtol` and `atol`, otherwise equal steps of
     size `step`. With a `starter`, which takes the first step, it gets the state one step back behind the state. `path`
-    makes the dense output, whose order is claimed; without it there is one of Hermite polynomials. A method that is
-    `holonomic` refuses constraints that are stated in velocities.
+    makes the dense output, whose order is claimed; without it there is one of Hermite polynomials. The steps of a
+    method that is `holonomic` end on the constraints by themselves: they are not projected, and constraints that are
+    stated in velocities are refused.
     """
 
     name: str
@@ -81,7 +82,7 @@ class ImplicitMethod:
         chosen = adaptive_settings if self.control else fixed_settings
         tolerances = chosen(self.name, problem, self.step, self.rtol, self.atol)
         path = self.path or hermite_path(self.claims.order)
-        return StepPlan(self.program, tolerances, path)
+        return StepPlan(self.program, tolerances, path, projected=not self.holonomic)
 
     def integrate(self, problem: Problem) -> Trajectory:
         """Run the problem; see `Integrator`."""
