@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import chain
 
 from lagrange.machine.kernel import llvm_ldl
 from lagrange.machine.llvm.emitter import Emitter
@@ -79,6 +80,8 @@ class Body:
         self.e = Emitter()
         self.values: dict[int, str] = {}
         self.vectors: dict[int, list[str]] = {}
+        self.held: dict[int, tuple[str, int]] = {}
+        """Results that stand in memory and are loaded on first use: the array and the index."""
         self.singular: list[str] = []
         self.called: dict[Procedure, None] = {}
         """The procedures of other modules that are called by name, in order."""
@@ -90,13 +93,15 @@ class Body:
         self.by_code = {instruction: i for i, instruction in enumerate(program.instructions)}
 
     def ref(self, i: int) -> str:
-        """Return the value of an instruction; constants and parameters are loaded on first use."""
+        """Return the value of an instruction; what stands in memory is loaded on first use."""
         if i not in self.values:
             one = self.program.instructions[i]
             if one.op == "constant":
                 return number(one.value, self.lanes)
             if one.op == "parameter":
                 self.values[i] = self.given(one.place)
+            elif i in self.held:
+                self.values[i] = self.e.get(*self.held[i], self.kind)
             else:
                 self.restore(i, self.slots[i])
         return self.values[i]
@@ -256,7 +261,7 @@ class Body:
         if plan.written_out:
             *entries, trusted = self.vector(instruction.args[0])
             x = llvm_ldl.solve(self.e, self.lanes, plan, llvm_ldl.by_place(plan, entries), right)
-            self.vectors[i] = self.with_pivoting(factor, trusted, x, right)
+            (self.vectors[i],) = self.with_pivoting(factor, trusted, [x], [right])
             return
         memory = self.scratch("right", self.kind, n)
         for k, value in enumerate(right):
@@ -269,15 +274,20 @@ class Body:
             self.singular.append(self.solve_lanes(n, self.matrix(factor), memory))
         self.vectors[i] = [self.e.get(memory, k, self.kind) for k in range(n)]
 
-    def solve_lanes(self, n: int, matrix: str, right: str) -> str:
-        """Solve the systems of all lanes in memory, and return whether one is singular."""
+    def solve_lanes(self, n: int, matrix: str, right: str, count: int = 1) -> str:
+        """Solve the systems of all lanes in memory, so many in each, and return whether one is singular."""
         work = self.scratch("work", "double", work_size(n))
-        arguments = f"i64 {n}, i64 {self.lanes}, ptr {matrix}, ptr {right}, ptr {work}"
+        arguments = f"i64 {n}, i64 {self.lanes}, i64 {count}, ptr {matrix}, ptr {right}, ptr {work}"
         return self.e.value(f"call i1 @solve_lanes({arguments})")
 
-    def with_pivoting(self, factor: Instruction, trusted: str, x: list[str], right: list[str]) -> list[str]:
-        """Return x where all pivots could be trusted, else the solution with pivoting."""
-        e, kind, n = self.e, self.kind, len(right)
+    def with_pivoting(
+        self, factor: Instruction, trusted: str, x: Sequence[list[str]], right: Sequence[list[str]]
+    ) -> list[list[str]]:
+        """Return the solutions x for some right-hand sides where all pivots could be trusted, else those with pivoting.
+
+        All must be known by now: both ways meet behind the branch.
+        """
+        e, kind, n, count = self.e, self.kind, factor.order, len(right)
         name = e.fresh("pivot")
         every = trusted
         if self.lanes > 1:
@@ -287,19 +297,22 @@ class Body:
         e.do(f"br i1 {every}, label %{name}.join, label %{name}.cold, !prof !0")
         e.label(f"{name}.cold")
         known = dict(self.values)  # values loaded on the cold path are not known on the other
-        with self.heap(self.lanes * (n * n + n) + work_size(n) if n > LARGEST_ON_STACK else 0):
-            matrix, memory = self.matrix(factor), self.scratch("right", kind, n)
-            for k, value in enumerate(right):
+        with self.heap(self.lanes * (n * n + count * n) + work_size(n) if n > LARGEST_ON_STACK else 0):
+            matrix, memory = self.matrix(factor), self.scratch("right", kind, count * n)
+            for k, value in enumerate(chain(*right)):
                 e.put(value, memory, k, kind)
-            singular = self.solve_lanes(n, matrix, memory)
-            slow = [e.get(memory, k, kind) for k in range(n)]
+            singular = self.solve_lanes(n, matrix, memory, count)
+            slow = [e.get(memory, k, kind) for k in range(count * n)]
         self.values = known
         cold = e.block
         e.jump(f"{name}.join")
         e.label(f"{name}.join")
         bad = e.value(f"phi i1 [ false, %{before} ], [ {singular}, %{cold} ]")
         self.singular.append(bad)
-        return [e.value(f"phi {kind} [ {a}, %{before} ], [ {b}, %{cold} ]") for a, b in zip(x, slow, strict=True)]
+        found = [
+            e.value(f"phi {kind} [ {a}, %{before} ], [ {b}, %{cold} ]") for a, b in zip(chain(*x), slow, strict=True)
+        ]
+        return [found[k * n : (k + 1) * n] for k in range(count)]
 
     def status(self) -> str:
         """Return 1 if any matrix was singular."""

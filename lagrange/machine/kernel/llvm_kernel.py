@@ -16,9 +16,9 @@ from lagrange.machine.copies import Shared, UnpickledKernel
 from lagrange.machine.kernel import llvm_calling
 from lagrange.machine.kernel.llvm_arrays import quick_calls
 from lagrange.machine.kernel.llvm_body import prepared_size
-from lagrange.machine.kernel.llvm_text import column_module, scalar_module, solves
+from lagrange.machine.kernel.llvm_text import column_module, scalar_code, solves
 from lagrange.machine.llvm.address import address
-from lagrange.machine.llvm.engine import Module, lanes, linear_solver, vector_routines
+from lagrange.machine.llvm.engine import Module, lanes, linear_solver, solver_of_columns, vector_routines
 from lagrange.procedure.blocks import whole_blocks
 from lagrange.program.program import Program
 
@@ -36,7 +36,10 @@ class LlvmKernel(Shared):
         self._program = program
         if solves(program):
             linear_solver(often=not all(plan.written_out for plan in program.eliminations.values()))
-        self._module = Module(scalar_module(program))
+        text, called = scalar_code(program)
+        if called:
+            solver_of_columns()
+        self._module = Module(text)
         self._address = self._module.address(program.name)
         self._prepare = _PREPARE(self._module.address(f"{program.name}_prepare"))
         self._scalar = _SCALAR(self.address)

@@ -17,12 +17,14 @@ from collections.abc import Iterator, Sequence
 
 from lagrange.machine.kernel import llvm_calling
 from lagrange.machine.kernel.llvm_body import Body, shares_angle_function
+from lagrange.machine.kernel.llvm_solve_groups import GroupedSolves
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.engine import dense_solver
 from lagrange.machine.llvm.operations import declaration
 from lagrange.machine.llvm.procedures import declaration as announced
 from lagrange.machine.llvm.sine_cosine import angle_function
 from lagrange.machine.llvm.spelling import BOOLEAN, intrinsics, library_functions, number, spell
+from lagrange.procedure.form import Procedure
 from lagrange.procedure.linear.ldl import factor_size
 from lagrange.program.program import SYSTEMS, Instruction, Program
 
@@ -51,8 +53,16 @@ def solves(program: Program) -> bool:
 
 def scalar_module(program: Program) -> str:
     """Return the IR of `prepare` and of the scalar kernel."""
-    scalar = [_in_registers(program), _through_registers(program)] if llvm_calling.hold(program) else [_scalar(program)]
-    return _module(program, [prepare_function(program), *scalar], 1, {})
+    return scalar_code(program)[0]
+
+
+def scalar_code(program: Program) -> tuple[str, tuple[Procedure, ...]]:
+    """Return the IR of `prepare` and of the scalar kernel, and what it calls beside the solver of dense systems."""
+    grouped = GroupedSolves(Body(program, 1, {}))
+    scalar = [_in_registers(grouped), _through_registers(program)] if llvm_calling.hold(program) else [_scalar(grouped)]
+    called = tuple(grouped.body.called)
+    announcements = [announced(one) for one in called]
+    return _module(program, [*announcements, prepare_function(program), *scalar], 1, {}), called
 
 
 def column_module(program: Program, lanes: int, vector_names: dict[str, str]) -> str:
@@ -92,9 +102,9 @@ def prepare_function(program: Program) -> str:
     return e.function(f"define i32 @{program.name}_prepare(ptr noalias %p) #1")
 
 
-def _scalar(program: Program) -> str:
-    body = Body(program, 1, {})
-    _run(body, {i.place: body.e.get("%y", i.place) for i in program.instructions if i.op == "state"})
+def _scalar(grouped: GroupedSolves) -> str:
+    body, program = grouped.body, grouped.body.program
+    _run(grouped, {i.place: body.e.get("%y", i.place) for i in program.instructions if i.op == "state"})
     if len(program.outputs) <= FEW_RESULTS:
         _store_together(body.e, [_result(body, ref) for ref in program.outputs])
     else:
@@ -106,11 +116,11 @@ def _scalar(program: Program) -> str:
 _IN_MEMORY = "double %t, ptr noalias %y, ptr noalias readonly %p, ptr noalias %out"
 
 
-def _in_registers(program: Program) -> str:
+def _in_registers(grouped: GroupedSolves) -> str:
     """Emit the kernel that takes its state in registers and returns its results there."""
-    body = Body(program, 1, {})
+    body, program = grouped.body, grouped.body.program
     state = [f"%y{i}" for i in range(program.states)]
-    _run(body, dict(enumerate(state)))
+    _run(grouped, dict(enumerate(state)))
     llvm_calling.give_back(body.e, [_result(body, ref) for ref in llvm_calling.results(program)], body.status())
     return body.e.function(f"define {llvm_calling.signature(program, state)} #0")
 
@@ -134,14 +144,15 @@ def _through_registers(program: Program) -> str:
     return e.function(f"define i32 @{program.name}({_IN_MEMORY}) #0")
 
 
-def _run(body: Body, state: dict[int, str]) -> None:
+def _run(grouped: GroupedSolves, state: dict[int, str]) -> None:
     """Emit the part that runs every time, at a time %t and a state."""
+    body = grouped.body
     for i, one in enumerate(body.program.instructions):
         if one.op == "state":
             body.values[i] = state[one.place]
         elif one.op == "time":
             body.values[i] = "%t"
-    body.run(range(body.program.hoisted, len(body.program.instructions)))
+    grouped.run(range(body.program.hoisted, len(body.program.instructions)))
 
 
 def _store_each(body: Body, stride: str) -> None:
@@ -198,7 +209,7 @@ def _block(program: Program, lanes: int, vector_names: dict[str, str]) -> str:
             body.values[i] = e.load(e.address(base, row), body.kind)
         elif one.op == "time":
             body.values[i] = e.load("%t", body.kind)
-    body.run(range(program.hoisted, len(program.instructions)))
+    GroupedSolves(body).run(range(program.hoisted, len(program.instructions)))
     _store_each(body, "%stride")
     e.do(f"ret i32 {body.status()}")
     given = ", ".join(f"ptr noalias {base}" for base in _bases(program))

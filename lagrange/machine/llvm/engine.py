@@ -15,7 +15,7 @@ from lagrange.machine.llvm.operations import LIBRARY
 from lagrange.machine.llvm.procedures import module
 from lagrange.procedure.form import Procedure
 from lagrange.procedure.linear.inverse import invert
-from lagrange.procedure.linear.ldl import factor_dense, invert_dense, solve_factored, solve_lanes
+from lagrange.procedure.linear.ldl import factor_dense, invert_dense, solve_columns, solve_factored, solve_lanes
 from lagrange.program.program import ARITY
 
 _LOADING = threading.Lock()
@@ -122,6 +122,20 @@ def _linear_solver(often: bool) -> Module:
     made = Module(module(dense_solver()), optimize=often, quickly=not often)
     for procedure in dense_solver():
         llvm.add_symbol(procedure.name, made.address(procedure.name))
+    return made
+
+
+def solver_of_columns() -> Module:
+    """Return the solution of factored systems side by side, compiled once per process."""
+    linear_solver(often=False)
+    with _LOADING:
+        return _solver_of_columns()
+
+
+@cache
+def _solver_of_columns() -> Module:
+    made = Module(module([solve_columns()], elsewhere=dense_solver()))
+    llvm.add_symbol(solve_columns().name, made.address(solve_columns().name))
     return made
 
 
