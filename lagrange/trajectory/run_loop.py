@@ -105,9 +105,11 @@ def _driven(problem: Problem, kept: Prepared, name: str) -> Trajectory:
             detail = lost_inertia(problem, state.t, state.y)
             status = Status.SINGULAR if detail else status
         sentence = _final_sentence(problem, plan, name, state, status, detail)
-    found = _trajectory(problem, plan, state, rows, watch, (name, status, sentence, began))
+    rows.follow(last=True)
+    accepted = rows.joined()
+    found = _trajectory(problem, plan, state, rows, accepted, watch, (name, status, sentence, began))
     if status.complete and len(problem.model.equations.constraints) and not rows.dropped:
-        found = _until_dependent(problem, plan, found, rows)
+        found = _until_dependent(problem, plan, found, accepted)
         status = found.status
     if status is Status.SUCCESS:
         tried = min(found.steps + found.rejected + 2, MOST_STEPS_PER_CALL)
@@ -115,9 +117,11 @@ def _driven(problem: Problem, kept: Prepared, name: str) -> Trajectory:
     return found
 
 
-def _until_dependent(problem: Problem, plan: Plan, found: Trajectory, rows: AcceptedStates) -> Trajectory:
+def _until_dependent(
+    problem: Problem, plan: Plan, found: Trajectory, accepted: tuple[FloatArray, FloatArray]
+) -> Trajectory:
     """Return a run as it is, or up to a configuration that it passed where rounding decides how the motion goes on."""
-    times, states = rows.joined()
+    times, states = accepted
     passed = dependent_passage(problem.model, times, states, problem.parameter_array, plan.tolerances.rtol)
     if passed is None:
         return found
@@ -136,14 +140,14 @@ def _trajectory(
     plan: Plan,
     state: DriverState,
     rows: AcceptedStates,
+    accepted: tuple[FloatArray, FloatArray],
     watch: Watcher | None,
     ended: tuple[str, Status, str, float],
 ) -> Trajectory:
     """Return the trajectory of a run that has ended: the method's name, the status, its sentence, and the begin."""
     name, status, sentence, began = ended
     tolerances, counts = plan.tolerances, state.integers
-    rows.follow(last=True)
-    times, states = rows.joined()
+    times, states = accepted
     t, y, path = _outputs(problem, plan, state, rows, (times, states), watch)
     notes = [*tolerances.notes, *coarse(problem, status, states, tolerances)]
     if rows.dropped:

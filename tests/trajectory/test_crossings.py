@@ -9,6 +9,9 @@ import pytest
 from sympy import cos, sin
 
 import lagrange as lg
+from lagrange.machine.singular import Singular
+from lagrange.trajectory import run_loop
+from lagrange.trajectory.constraints.passage import dependent_passage
 
 a, b, s = lg.coordinates("a b s")
 
@@ -57,3 +60,41 @@ def test_a_sharp_turn_that_is_no_crossing_is_followed() -> None:
     start = near.consistent({a: 0.3, b: 0.3, s: 1.9, a.dot: 3.0, b.dot: 3.0}).initial
     solution = near.run(3.0, start, check=False)
     assert solution.status is lg.Status.SUCCESS, solution.message
+
+
+def short_steps(towards: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return times and states of rods that turn together, with one short step where they stand at an angle."""
+    times = np.concatenate([np.linspace(0.0, 1.0, 11), [1.0 + 1e-6], np.linspace(1.1, 2.0, 10)])
+    angles = np.full(len(times), 0.3)
+    angles[10:12] = towards
+    still = np.zeros_like(angles)
+    return times, np.column_stack([angles, angles, 2 * np.cos(angles), still, still, still])
+
+
+@pytest.mark.parametrize(("angle", "rtol", "found"), [(1e-6, 1e-9, True), (1e-2, 1e-9, False), (1e-2, 1e-4, True)])
+def test_short_steps_towards_a_crossing_are_seen(angle: float, rtol: float, found: bool) -> None:
+    model = CRANK.compile(check=False)
+    times, states = short_steps(np.pi / 2 - angle)
+    passed = dependent_passage(model, times, states, model.parameter_array(), rtol)
+    assert (passed is not None) == found
+    if passed is not None:
+        assert passed[0] == 10 and [row for row, _ in passed[1].rows] == [1]
+    assert dependent_passage(model, np.linspace(0.0, 2.0, len(times)), states, model.parameter_array(), rtol) is None
+
+
+@pytest.mark.parametrize("options", [{}, {"t_eval": np.linspace(0.0, 3.0, 301)}])
+def test_a_run_that_rounding_would_decide_ends_before(monkeypatch: pytest.MonkeyPatch, options: dict[str, Any]) -> None:
+    seen: list[float] = []
+
+    def passed(model: Any, times: Any, states: Any, *_: Any) -> Any:
+        if seen:
+            return None
+        seen.append(float(times[5]))
+        return 5, Singular(1e-7, rows=((1, 1.0),))
+
+    monkeypatch.setattr(run_loop, "dependent_passage", passed)
+    solution = CRANK.run(3.0, START, method="dop853", check=False, **options)
+    assert solution.status is lg.Status.SINGULAR and solution.t[-1] <= seen[0] + 1e-12
+    assert "the constraint 'across' restricts no velocity" in solution.message
+    assert "an error as small as the tolerance decides how the motion goes on." in solution.message
+    assert len(solution.t) == len(solution.y[0]) and solution.t[-1] > 0.0

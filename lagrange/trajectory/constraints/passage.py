@@ -22,6 +22,9 @@ SHORT_STEP = 0.1
 FIRST_STEPS = 3
 """Steps at the start that are left out: they are short because the step size is sought."""
 
+SURELY_FAR = 1e2
+"""Units change the least singular value of rows by less than this factor, once rows are as long as at the start."""
+
 MANY_STEPS = 10_000
 """From this many steps on the shortest is looked at in any case: it costs nothing beside them."""
 
@@ -37,15 +40,26 @@ def dependent_passage(
 
     None if that step is not short, or the constraints are independent.
     """
-    sizes = np.abs(np.diff(times))[FIRST_STEPS:-1]
-    if not len(sizes) or not rtol:
+    count = len(times) - 1 - FIRST_STEPS
+    if count < 2 or not rtol:
         return None
-    row = FIRST_STEPS + int(np.argmin(sizes))
-    if sizes.min() > SHORT_STEP * sizes.mean() and len(sizes) < MANY_STEPS:
+    # The last step is left out as well: it is as long as is left.
+    sizes = np.abs(np.diff(times[FIRST_STEPS:-1]))
+    row = int(np.argmin(sizes))
+    if count < MANY_STEPS and sizes[row] * count > SHORT_STEP * abs(times[-1] - times[FIRST_STEPS]):
         return None
+    row += FIRST_STEPS
     first, here = (residuals_of(model).gradient(times[k], states[k], parameters) for k in (0, row))
+    if _least(here, first) > SURELY_FAR * CLOSE * math.sqrt(rtol) * _least(first, first):
+        return None
     unit = np.eye(first.shape[1])
     found = least_regular(unit, here, scales(unit, first))
     if found is None or found.motion is not None or found.regularity > CLOSE * math.sqrt(rtol):
         return None
     return row, found
+
+
+def _least(rows: FloatArray, first: FloatArray) -> float:
+    """Return the least singular value of rows, in units of the lengths of those at the start."""
+    sizes = np.sqrt((first**2).sum(axis=1))
+    return float(np.linalg.svd(rows / np.where(sizes > 0, sizes, 1.0)[:, None], compute_uv=False)[-1])
