@@ -81,7 +81,7 @@ class Prepared:
         if self.method is None:
             return
         memory = None if watch is None else watch.memory
-        if memory is not None and memory.nbytes > MOST_BYTES:
+        if taken is None and memory is not None and memory.nbytes > MOST_BYTES:
             self.steps = steps
             return
         state.outputs = NO_OUTPUTS
