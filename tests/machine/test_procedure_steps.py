@@ -55,7 +55,7 @@ class Compiled:
         problem = Problem(compiled, compiled.parameter_values(), 0.0, 1.0, self.start)
         plan = planned(name, problem)
         assert isinstance(plan, StepPlan)
-        self.step = plan.step
+        self.step, self.projected = plan.step, plan.projected
         self.driver: Any = plan.driver(compiled, compiled.parameter_array())
         self.state = DriverState(0.0, 1.0, self.start, 1e-6, 1e-8, step if name in FIXED else 0.0, share)
 
@@ -80,7 +80,7 @@ class Interpreted:
 
     def __init__(self, beside: Compiled, compiled: Model) -> None:
         self.beside = beside
-        projected = len(compiled.equations.constraints) > 0
+        projected = beside.projected and len(compiled.equations.constraints) > 0
         self.layout: Layout = laid_out(beside.step, compiled.dimension * 2, projected=projected)
         self.loop, self.effort = steps_of(self.layout), EFFORT.structure()
         law, parameters = LAWS[beside.step.law], compiled.parameter_array()
