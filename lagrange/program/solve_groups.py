@@ -27,6 +27,9 @@ def scheduled(program: Program, refs: Iterable[int], most: Callable[[int], int])
     groups it is the program's.
     """
     refs = list(refs)
+    factors = [program.instructions[i].args[0] for i in refs if program.instructions[i].op == "solve"]
+    if len(factors) == len(dict.fromkeys(factors)):
+        return list(refs)
     known: dict[int, int] = {}
     """How many solves the operands of an instruction build upon."""
     depth: dict[int, int] = {}

@@ -30,9 +30,12 @@ class GroupedSolves:
 
     def run(self, refs: Iterable[int]) -> None:
         """Emit some instructions, each after those that it reads."""
-        code = self.body.program.instructions
+        code, refs = self.body.program.instructions, list(refs)
         steps = scheduled(self.body.program, refs, self.most)
         groups = {i: step for step in steps if isinstance(step, SolveGroup) for i in step.solves}
+        if not groups:
+            self.body.run(refs)
+            return
         for step in steps:
             if isinstance(step, SolveGroup):
                 self.solve(step)
