@@ -126,13 +126,21 @@ def _until_dependent(
     if passed is None:
         return found
     row, dependent = passed
-    end = float(times[row])
-    forwards = 1 if problem.t1 >= problem.t0 else -1
-    wanted = None if problem.t_eval is None else problem.t_eval[(problem.t_eval - end) * forwards <= 0]
-    before = _driven(replace(problem, t1=end, t_eval=wanted), Prepared(plan), found.method)
+    end, forwards = float(times[row]), 1 if problem.t1 >= problem.t0 else -1
     detail = crossing(problem, dependent, states[row])
-    text = message(Status.SINGULAR, problem, end, states[row], found.method, detail=detail)
-    return replace(before, status=Status.SINGULAR, message=text)
+    before = (found.t - end) * forwards <= 0
+    events = [(t - end) * forwards <= 0 for t in found.t_events]
+    return replace(
+        found,
+        t=found.t[before],
+        y=found.y[:, before],
+        status=Status.SINGULAR,
+        message=message(Status.SINGULAR, problem, end, states[row], found.method, detail=detail),
+        steps=row,
+        span=(found.span[0], end),
+        t_events=tuple(t[kept] for t, kept in zip(found.t_events, events, strict=True)),
+        y_events=tuple(y[kept] for y, kept in zip(found.y_events, events, strict=True)),
+    )
 
 
 def _trajectory(

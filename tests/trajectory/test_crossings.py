@@ -100,3 +100,25 @@ def test_a_run_that_rounding_would_decide_ends_before(monkeypatch: pytest.Monkey
     assert "the constraint 'across' restricts no velocity" in solution.message
     assert "an error as small as the tolerance decides how the motion goes on." in solution.message
     assert len(solution.t) == len(solution.y[0]) and solution.t[-1] > 0.0
+
+
+@pytest.mark.parametrize("method", ["bs3", "radau3", "scipy-radau", "taylor"])
+def test_a_run_that_ends_at_a_crossing_is_cut_and_not_run_again(method: str) -> None:
+    """Other packages' solvers cannot be run again, and a run up to a short step has a short step before that."""
+    solution = lg.scene("four-bar-change-point").run(2.0, method=method, rtol=1e-8, events=[lg.t - 0.5, lg.t - 1.9])
+    assert solution.status is lg.Status.SINGULAR
+    assert solution.t[-1] == solution.trajectory.span[1] == pytest.approx(0.722, abs=1e-3)
+    assert f"{method} stopped at t = {solution.t[-1]:.6g} on the way from 0 to 2" in solution.message
+    assert [len(times) for times in solution.t_events] == [1, 0]
+    assert solution.trajectory.steps == len(solution.t) - 1
+
+
+@pytest.mark.parametrize("method", ["cvode", "scipy-bdf", "dopri5"])
+def test_redundant_constraints_that_are_allowed_are_no_crossing(method: str) -> None:
+    """The first steps of these methods are short."""
+    x, y = lg.coordinates("x y")
+    rod = x**2 + y**2 - 1
+    stated: dict[str, Any] = {"kinetic": (x.dot**2 + y.dot**2) / 2, "potential": y, "initial": {x: 1.0}}
+    system = lg.System(**stated, constraints={"rod": rod, "again": 2 * rod}, redundant="allow")
+    solution = system.run(1.0, method=method)
+    assert solution.status is lg.Status.SUCCESS, solution.message
