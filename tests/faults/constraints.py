@@ -1,4 +1,4 @@
-"""Faults of constraints: empty, dependent, contradictory, not met or not smooth."""
+"""Faults of constraints: empty, dependent, contradictory, not met, not smooth, or lost on the way."""
 
 from __future__ import annotations
 
@@ -7,14 +7,23 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-from sympy import Abs, cos, sin, sqrt
+import numpy as np
+from scipy.integrate import solve_ivp
+from sympy import Abs, cos, log, sin, sqrt
 
 import lagrange as lg
 from lagrange.machine.model import Model
-from tests.faults.fault import Fault
+from lagrange.trajectory.trajectory import FloatArray, Status
+from tests.faults.fault import GAVE_UP, Fault
+from tests.faults.motions import NO_NUMBER, t
+from tests.mechanisms.ladder import parallelogram_acceleration
 
 x, y, z = lg.coordinates("x y z")
 m, l = lg.parameters("m l")
+
+LOST = (*NO_NUMBER, Status.SINGULAR)
+"""How a run may end where its constraints do."""
+
 
 NOT_MADE_FOR = "|leave out the forces of the constraints|moves coordinates and velocities in turn"
 """What methods say that do not know of constraints, when they are asked before the start is looked at."""
@@ -30,6 +39,68 @@ def held(constraints: Any, initial: Any = None, potential: Any = None, **more: A
         return lg.System(constraints=constraints, initial=initial or {}, **stated).compile()
 
     return made
+
+
+def free(times: FloatArray) -> FloatArray:
+    """x moves on from 0 at speed 1, and y stays 0."""
+    return np.array([times, 0 * times, np.ones_like(times), 0 * times])
+
+
+def swing(start: float, mass: float = 1.0) -> Callable[[FloatArray], FloatArray]:
+    """A pendulum of unit length under unit gravity from rest at an angle."""
+
+    def states(times: FloatArray) -> FloatArray:
+        if not times.size:
+            return np.empty((4, 0))
+        found = solve_ivp(
+            lambda _, s: [s[1], -np.sin(s[0])], (0, times[-1]), [start, 0], "DOP853", times, rtol=1e-12, atol=1e-13
+        )
+        angle, turn = found.y
+        return np.array([np.sin(angle), -np.cos(angle), turn * np.cos(angle), turn * np.sin(angle)])
+
+    return states
+
+
+def driven(times: FloatArray) -> FloatArray:
+    """x = sin t, and y falls freely."""
+    return np.array([np.sin(times), -(times**2) / 2, np.cos(times), -times])
+
+
+def logarithm(times: FloatArray) -> FloatArray:
+    """x = log(1 - t), and y falls freely; past t = 1 there is none."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.array([np.log1p(-times), -(times**2) / 2, -1 / (1 - times), -times])
+
+
+def straightened(times: FloatArray) -> FloatArray:
+    """The joint of two rods whose ends are 1 + t apart; past t = 1 there is none."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        depth = np.sqrt(1 - (1 + times) ** 2 / 4)
+        return np.array([(1 + times) / 2, -depth, 0.5 + 0 * times, (1 + times) / 4 / depth])
+
+
+@cache
+def parallelograms() -> Model:
+    """Two four-bar linkages, whose rods lie in one line at t = 0.714 first."""
+    return lg.scene("four-bar-ladder").compile()
+
+
+def parallel(times: FloatArray) -> FloatArray:
+    """The rods stay parallel: they go on as they came."""
+    if not times.size:
+        return np.empty((12, 0))
+    found = solve_ivp(
+        lambda _, s: [s[1], parallelogram_acceleration(2, s[0])],
+        (0, times[-1]),
+        [np.pi / 2, -1],
+        "DOP853",
+        times,
+        rtol=1e-12,
+        atol=1e-13,
+    )
+    angle, turn = found.y
+    pins = [place for i in range(3) for place in (i + np.cos(angle), np.sin(angle))]
+    return np.array([*pins, *[-turn * np.sin(angle), turn * np.cos(angle)] * 3])
 
 
 ROD = x**2 + y**2 - 1
@@ -144,4 +215,86 @@ BEGUN = (
     ),
 )
 
-CONSTRAINTS: tuple[Fault, ...] = (*STATED, *BEGUN)
+MOVED: tuple[Fault, ...] = (
+    Fault(
+        "typed start",
+        "a start on a rod with eight digits",
+        held({"rod": ROD}, {x: 0.84147098, y: -0.54030231}),
+        truth=swing(1.0),
+        close=1e-5,
+    ),
+    Fault("rod with large units", "1e12 times a rod", held({"rod": 10**12 * ROD}, AT_ONE), truth=swing(1.0)),
+    Fault("rod with small units", "1e-12 times a rod", held({"rod": ROD / 10**12}, AT_ONE), truth=swing(1.0)),
+    Fault(
+        "redundant and allowed",
+        "a rod stated twice, with redundant='allow'",
+        held({"rod": ROD, "again": 2 * ROD}, AT_ONE, redundant="allow"),
+        truth=swing(1.0),
+    ),
+    Fault(
+        "long swing",
+        "a rod for ten swings",
+        held({"rod": ROD}, AT_ONE),
+        end=67.0,
+        truth=swing(1.0),
+        close=1e-3,
+        fine=0.2,
+        rough=0.3,
+        statuses=GAVE_UP,
+        window=(0.0, 67.0),
+    ),
+    Fault(
+        "driven constraint",
+        "x = sin t as a constraint, in free fall",
+        held({"drive": x - sin(t)}, {x.dot: 1.0}),
+        end=2.0,
+        truth=driven,
+    ),
+    Fault(
+        "coordinate that is determined",
+        "z = x y as a constraint, and z without kinetic energy",
+        held({"z": z - x * y}, {x.dot: 1.0}, potential=0, coordinates=[x, y, z]),
+        truth=lambda times: np.insert(np.insert(free(times), 2, 0 * times, axis=0), 5, 0 * times, axis=0),
+    ),
+    Fault(
+        "drive out of its domain",
+        "x = log(1 - t) as a constraint, past t = 1",
+        held({"drive": x - log(1 - t)}, {x.dot: -1.0}),
+        end=2.0,
+        truth=logarithm,
+        compared=0.9,
+        rough=0.5,
+        statuses=(*LOST, *GAVE_UP),
+        window=(0.85, 1.1),
+    ),
+    Fault(
+        "change point",
+        "parallelogram linkages through the configuration in which other motions cross theirs",
+        parallelograms,
+        end=1.2,
+        truth=parallel,
+        compared=0.71,
+        close=1e-4,
+        fine=0.05,
+        rough=1.0,
+        statuses=(*LOST, *GAVE_UP),
+        window=(0.6, 1.0),
+    ),
+    Fault(
+        "arm pulled straight",
+        "two rods of length 1, the end drawn away at speed 1: straight at t = 1",
+        held(
+            {"upper": ROD, "lower": (x - 1 - t) ** 2 + y**2 - 1},
+            {x: 0.5, y: -math.sqrt(0.75), x.dot: 0.5, y.dot: 0.25 / math.sqrt(0.75)},
+        ),
+        end=2.0,
+        truth=straightened,
+        compared=0.8,
+        rough=0.5,
+        statuses=(*LOST, *GAVE_UP),
+        window=(0.8, 1.1),
+    ),
+)
+
+
+CONSTRAINTS: tuple[Fault, ...] = (*STATED, *BEGUN, *MOVED)

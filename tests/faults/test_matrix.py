@@ -8,7 +8,7 @@ from __future__ import annotations
 import pytest
 
 from lagrange.trajectory.methods.registry import names
-from tests.faults.constraints import BEGUN, CONSTRAINTS, STATED
+from tests.faults.constraints import BEGUN, CONSTRAINTS, MOVED, STATED
 from tests.faults.fault import Fault, take
 from tests.faults.matrix import FAULTS
 from tests.faults.motions import MOTIONS
@@ -48,6 +48,12 @@ def test_a_constraint_that_cannot_be_meant(fault: Fault, method: str) -> None:
 @pytest.mark.parametrize("method", names())
 @pytest.mark.parametrize("fault", BEGUN, ids=lambda fault: fault.name)
 def test_a_start_that_constraints_do_not_allow(fault: Fault, method: str) -> None:
+    gets_what_it_deserves(fault, method)
+
+
+@pytest.mark.parametrize("method", names())
+@pytest.mark.parametrize("fault", MOVED, ids=lambda fault: fault.name)
+def test_a_motion_that_constraints_make_hard(fault: Fault, method: str) -> None:
     gets_what_it_deserves(fault, method)
 
 
