@@ -197,6 +197,11 @@ class SeriesProgram:
         """Whether there are functions whose series begin far below all others, and grow beyond them."""
         return any(instruction.op in ("exp", "tanh", "sinh", "cosh") for instruction in self.start.instructions)
 
+    @cached_property
+    def may_cross(self) -> bool:
+        """Whether rows that grow from below rounding may be rounding: where motions that obey constraints cross."""
+        return any(stage.plan.multipliers for stage in self.stages) and not self.hides_growth
+
     def _needed(self, outputs: list[int]) -> list[int]:
         """Return what the outputs are computed from at the same order, arguments first."""
         marked = set(outputs)

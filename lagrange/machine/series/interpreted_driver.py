@@ -140,7 +140,8 @@ class NumpyTaylorDriver:
         dimension, watched = 2 * series.program.dimension, len(series.program.watched)
         self._projection = series.projection
         projected = self._projection is not None
-        self._layout = TaylorLayout(dimension, dimension + watched, watched, dimension, block=1, projected=projected)
+        ways = {"projected": projected, "crossing": series.program.may_cross}
+        self._layout = TaylorLayout(dimension, dimension + watched, watched, dimension, block=1, **ways)
         self._work = np.zeros(self._layout.size(order))
         self._held, self._sizes = HELD.structure(), self._layout.sizes
         self._memory: EventMemory | None = None

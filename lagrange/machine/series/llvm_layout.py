@@ -49,4 +49,5 @@ def _layout(program: SeriesProgram, width: int, scratch: int, *, chains: bool) -
     block = 2 if dimension <= 2 else 4 if dimension <= 4 else 8
     end = whole_blocks(dimension, block)
     projected = program.projection is not None
-    return TaylorLayout(dimension, width or end + watched, watched, end, block, scratch, chains, projected)
+    crossing = program.may_cross
+    return TaylorLayout(dimension, width or end + watched, watched, end, block, scratch, chains, projected, crossing)

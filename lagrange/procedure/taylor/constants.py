@@ -32,6 +32,10 @@ RADIUS_FRACTION = -1.0
 
 The bound holds however small the last rows are. Far from a wall exp(200 (x - 1)) the rows are below all tolerances, and
 only their growth shows the wall.
+
+It does not hold for systems with constraints and without such functions. Where two motions cross, a violation e of the
+constraints, as rounding leaves it, is a term like e / t in the time t to the crossing: the rows grow with the radius t
+from below rounding, and steps of half of it would never pass.
 """
 
 ROW_DISTANCE = 4

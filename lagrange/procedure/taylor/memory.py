@@ -103,7 +103,7 @@ class TaylorLayout(Offsets):
     `dimension` is 2n. Rows are `width` doubles apart. A row begins with q and v; its coefficients of the event
     functions begin at `watched_at`. With an order of 0 the code serves every order. Vectors are computed on `block`
     entries at once. `scratch` doubles follow the rows. With `projected` the state is moved onto the constraints of the
-    system behind each step.
+    system behind each step, and with `crossing` the radius of convergence does not bound the step.
     """
 
     dimension: int
@@ -114,6 +114,7 @@ class TaylorLayout(Offsets):
     scratch: int = 0
     chains: bool = False
     projected: bool = False
+    crossing: bool = False
 
     @cached_property
     def padded(self) -> int:

@@ -14,7 +14,13 @@ from typing import Any
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, Procedure
-from lagrange.procedure.taylor.constants import GUARD, RADIUS_FRACTION, ROW_DISTANCE, ROWS_USED, ZERO_BOUND
+from lagrange.procedure.taylor.constants import (
+    GUARD,
+    RADIUS_FRACTION,
+    ROW_DISTANCE,
+    ROWS_USED,
+    ZERO_BOUND,
+)
 from lagrange.procedure.taylor.memory import (
     SeriesMemory,
     TaylorLayout,
@@ -70,8 +76,9 @@ class _Exponent:
             size = p.call(logarithm(), run.ratio(run.less(less), self.weights))
             self.sizes[less] = size.called(f"size_{less}")
         least = reduce(self.lesser, [self.guarded(less) for less in range(2, ROWS_USED)])
-        one, other = (self.radius(less) for less in (1, 0))
-        least = self.lesser(least, p.choose(one > other, one, other) + RADIUS_FRACTION)
+        if not self.layout.crossing:
+            one, other = (self.radius(less) for less in (1, 0))
+            least = self.lesser(least, p.choose(one > other, one, other) + RADIUS_FRACTION)
         bound = p.smaller(*(self.sizes[less] * run.minus_one_over(run.less(less)) for less in (1, 0)))
         found = p.variable(self.lesser(bound, least), "found")
         with p.when(ends(run, found.value), likely=False):
