@@ -334,6 +334,8 @@ def _final_sentence(problem: Problem, plan: Plan, name: str, state: DriverState,
             name,
             detail=problem.model.singular_message(state.t, state.y, None, problem.parameter_array),
         )
+    if status is Status.DIVERGED and cause not in ("", UNPROJECTED):
+        return told(state.t, state.y, name, cause=cause)
     if status is Status.DIVERGED:
         return told(state.t, state.y, name, detail=cause or unsolved(state.reals[DriverState.RESIDUAL]))
     if status is not Status.NON_FINITE or cause:

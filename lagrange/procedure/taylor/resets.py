@@ -154,6 +154,7 @@ class _Reset(DueChange):
         p, layout, record = self.p, self.layout, self.watched.record
         place = self.due()
         number = (self.watched.side(COUNT)[place] + 1).called("number")
+        self.leave_if(~record.checked.equals(0))
         self.leave_if(self.watched.setting(RESET_SIZE, place).equals(0) | self.watched.is_last(place, number))
         self.leave_if(record.done >= record.room)
         there = self.work.at(p.whole(layout.ahead(self.memory.order)))

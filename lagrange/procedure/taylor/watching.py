@@ -31,6 +31,7 @@ WATCH = Record.of(
     due=WHOLE,
     direction=WHOLE,
     jumps=WHOLE,
+    checked=WHOLE,
     planned=WHOLE,
     unproven=WHOLE,
     combination=WHOLE,
@@ -50,6 +51,7 @@ WATCH = Record.of(
     due          what vanishes at the end of the last step and changes the motion there: its place and 1; 0 for nothing
     direction    the direction in which it passes through zero
     jumps        how often the state was reset
+    checked      1 where the state behind a reset is to be checked, which is done elsewhere
     planned      the number of accepted steps behind which a step planned elsewhere is proven
     unproven     1 where the sides before the step that is not proven are kept: others are at its end
     combination  the sides that hold as a binary number, 1 for above: the first surface is the last digit; or -1

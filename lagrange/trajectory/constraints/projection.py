@@ -59,7 +59,7 @@ class Projection:
             return y
         alone = np.zeros(len(y), dtype=bool)
         alone[rows] = True
-        found = _only(self, alone).reached(y)
+        found = self.solved_for(rows.tolist(), y)
         if found is None:
             names = listing(self.model.statement.names[i] for i in self.model.equations.first_order)
             raise StatementError(
@@ -68,15 +68,34 @@ class Projection:
             )
         return np.where(alone & (y == 0.0), found, y)
 
+    def solved_for(self, rows: Sequence[int], y: FloatArray) -> FloatArray | None:
+        """Return a state with entries that the others determine, or None where they do not."""
+        alone = np.zeros(len(y), dtype=bool)
+        alone[list(rows)] = True
+        return _only(self, alone).reached(y)
+
     def check(self, y: FloatArray) -> None:
         """Raise StatementError for a state that is off the constraints by more than rounding of what was typed."""
         units = units_of(self.metric(y))
         for part in (0, 1):
             found = self._at(part, y, units)
             self.differentiable(found, part, y)
-            far = np.abs(found.values) > np.maximum(ROUNDING * found.terms, ON_SURFACE * found.sizes)
-            if far.any():
-                raise StatementError(self._violated(found, np.flatnonzero(far).tolist(), part, y))
+            far = _far(found)
+            if far:
+                raise StatementError(self._violated(found, far, part, y))
+
+    def violated(self, y: FloatArray, before: FloatArray) -> str | None:
+        """Return which constraints a state is off by more than rounding, as a sentence, or None.
+
+        Displacements are measured by the inertia of the state before: there it is finite.
+        """
+        units = units_of(self.metric(before))
+        for part in (0, 1):
+            found = self._at(part, y, units)
+            far = _far(found)
+            if far:
+                return f"{self._values(found, far, part)}."
+        return None
 
     def of(self, y: FloatArray) -> FloatArray:
         """Return the nearest state on the constraints. Raises StatementError where there is none."""
@@ -144,7 +163,8 @@ class Projection:
         """Return the constraints of the coordinates, or those of the velocities."""
         return [one for one in self.residuals.stated if part or one.holonomic]
 
-    def _violated(self, found: Residuals, rows: list[int], part: int, y: FloatArray) -> str:
+    def _values(self, found: Residuals, rows: list[int], part: int) -> str:
+        """Return the values of some constraints, in words."""
         stated = self._stated(part)
         told = [
             f"{stated[row].name!r} ({_zero(stated[row], part, self.model)}) is {found.values[row]:.6g}, with terms of "
@@ -152,14 +172,18 @@ class Projection:
             for row in rows[:MOST_NAMED]
         ]
         more = f", and {len(rows) - MOST_NAMED} more are violated" if len(rows) > MOST_NAMED else ""
+        return f"{listing(told)}{more}"
+
+    def _violated(self, found: Residuals, rows: list[int], part: int, y: FloatArray) -> str:
+        stated = self._stated(part)
         entered = any(stated[row].name.startswith(RELATION) for row in rows)
         leave_out = ", leave out the velocities of coordinates without inertia, which follow" if entered else ""
         what = "velocities do" if part else "state does"
         many = "constraints" if len(rows) > 1 else "constraint"
         return (
-            f"the initial {what} not satisfy the {many} at t = {self.t:g}: {listing(told)}{more}. Give values that "
-            f"satisfy {'them' if len(rows) > 1 else 'it'} to {ROUNDING:g}{leave_out}, or take the nearest ones, "
-            f"system.consistent({{{self._given(y)}}}).initial."
+            f"the initial {what} not satisfy the {many} at t = {self.t:g}: {self._values(found, rows, part)}. "
+            f"Give values that satisfy {'them' if len(rows) > 1 else 'it'} to {ROUNDING:g}{leave_out}, or take the "
+            f"nearest ones, system.consistent({{{self._given(y)}}}).initial."
         )
 
     def _given(self, y: FloatArray) -> str:
@@ -186,6 +210,12 @@ class Projection:
             f"no {what} the {many} {listing(map(repr, left))}: {stated[row].name!r} "
             f"({_zero(stated[row], part, self.model)}) stays at {found.values[row]:.6g}, at {self.place(y)}. {remedy}."
         )
+
+
+def _far(found: Residuals) -> list[int]:
+    """Return the rows that are off by more than rounding of what was typed; one without a value is."""
+    near = np.abs(found.values) <= np.maximum(ROUNDING * found.terms, ON_SURFACE * found.sizes)
+    return np.flatnonzero(~near).tolist()
 
 
 def _only(projection: Projection, moving: NDArray[np.bool_]) -> Projection:

@@ -75,6 +75,16 @@ def nowhere(name: str) -> EventResult:
     )
 
 
+def off_constraints(names: str, violated: str) -> EventResult:
+    """Return the end of a run whose resets, at the zeros of the events of some names, leave the constraints."""
+    return EventResult(
+        Status.DIVERGED,
+        f"The reset where {names} is zero leads off the constraints: {violated} An impact changes velocities alone, "
+        "and of those each that the constraints tie to another: reset all of them, to a motion that the constraints "
+        "allow.",
+    )
+
+
 def undefined(names: Sequence[str], watched: FloatArray) -> EventResult:
     """Return the end of a run at which something watched, (order + 1, watched), has no value."""
     bad = int(np.argmax(~np.isfinite(watched).all(axis=0)))

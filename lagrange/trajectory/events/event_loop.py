@@ -77,7 +77,8 @@ class WatchedEvents:
         impacts = impacts_of(model, problem.events, problem.parameter_array)
         kernel = model.function("events", tuple(one.node for one in impacts))
         memory = StepEventMemory(len(problem.y0), [Reaction(one.direction, one.first, one.rows) for one in impacts])
-        memory.run.resets = int(inertia_stays(model.equations))
+        checked = any(one.constrained for one in impacts)
+        memory.run.resets = int(not checked and inertia_stays(model.equations))
         memory.keep_start()
         return cls(impacts, kernel, memory)
 

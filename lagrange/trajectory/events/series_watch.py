@@ -17,12 +17,11 @@ from lagrange.machine.event_memory import EventMemory
 from lagrange.machine.state import DriverState
 from lagrange.procedure.events.constants import TOGETHER
 from lagrange.procedure.taylor.constants import MOST_FAILURES
-from lagrange.trajectory.events.actions import Impact
+from lagrange.trajectory.events.actions import Impact, reset_state
 from lagrange.trajectory.events.ending import (
     EventResult,
     accumulating,
     at_rest,
-    nowhere,
     rootless,
     sliding,
     undefined,
@@ -125,7 +124,7 @@ class Watch(SharedWatch):
             return EventResult(Status.SUCCESS)
         self.read_sides(state)
         result = self._finish(state)
-        ended = result.status in (Status.EVENT, Status.NON_FINITE) and not result.smooth
+        ended = result.status in (Status.EVENT, Status.NON_FINITE, Status.DIVERGED) and not result.smooth
         return result if ended else EventResult(Status.SUCCESS, jumped=result.jumped)
 
     def is_due(self, state: DriverState) -> bool:
@@ -360,12 +359,11 @@ class Watch(SharedWatch):
 
     def _jump(self, zeros: Sequence[EventZero], state: DriverState, *, ends: bool) -> EventResult:
         """Reset the state, every event from the state before, and start the motion anew."""
-        before, after = state.y.copy(), state.y.copy()
         at_zero = np.abs(self._ahead(state).watched[0])
-        for impact in dict.fromkeys(self.impact_of(m) for m in sorted(zeros, key=lambda m: m.which)):
-            impact.apply(state.t, before, after)
-        if not np.isfinite(after).all():
-            return nowhere(self.names()[zeros[0].which])
+        resets = {self.impact_of(m): m.which for m in sorted(zeros, key=lambda m: m.which)}
+        after, broken = reset_state(resets, self.names, state.t, state.y)
+        if broken.status is not None:
+            return broken
         state.y[:] = after
         self.jump()
         self.driver.restart(state)

@@ -50,6 +50,7 @@ class SharedWatch(EventLog):
         if memory is None:
             memory = self._made(series, parameters)
             memory.record.wary = int(wary)
+            memory.record.checked = int(any(one.constrained for one in self.impacts))
             driver.watch(memory)
             memory.keep_start()
         else:

@@ -18,12 +18,11 @@ from lagrange.machine.state import DriverState
 from lagrange.machine.step_events import EventSteps
 from lagrange.procedure.events.constants import CLEAR_FACTOR, NOISE_HALVES, TOGETHER
 from lagrange.procedure.events.roots import roots
-from lagrange.trajectory.events.actions import rates
+from lagrange.trajectory.events.actions import rates, reset_state
 from lagrange.trajectory.events.ending import (
     EventResult,
     accumulating,
     at_rest,
-    nowhere,
     undefined,
     unresolved,
     without_value,
@@ -356,12 +355,11 @@ class StepWatch(EventLog):
 
     def _jump(self, zeros: Sequence[EventZero], jumped: frozenset[int], state: DriverState) -> EventResult:
         """Reset the state, every event from the state before, and start the motion anew; some events jump there."""
-        before, after = state.y.copy(), state.y.copy()
+        before = state.y.copy()
         at_zero = np.abs(self.kernel(state.t, before, self.parameters))
-        for m in zeros:
-            self.impacts[m.which].apply(state.t, before, after)
-        if not np.isfinite(after).all():
-            return nowhere(self.names()[zeros[0].which])
+        after, broken = reset_state({self.impacts[m.which]: m.which for m in zeros}, self.names, state.t, before)
+        if broken.status is not None:
+            return broken
         through = self._through(zeros, state.t, before, after)
         # A flight of one step is as long as its velocity says; one of several ends by how its heights are rounded.
         several = state.count(S.STEPS) > self._changed_at + 1
