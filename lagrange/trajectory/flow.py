@@ -17,6 +17,7 @@ from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.statement.number import real_array, real_number
 from lagrange.trajectory.constraints.consistent import consistent_start
+from lagrange.trajectory.constraints.dependence import check_independent
 from lagrange.trajectory.integrator import Problem, run_by
 from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.options import DEFAULT_OPTIONS, RunOptions
@@ -86,7 +87,9 @@ class Flow:
         if not (type(t0) is type(t1) is float and math.isfinite(t1 - t0)):
             t0, t1 = real_number(t0, "the first time"), real_number(t1, "the last time")
         if self._constrained:
-            start = consistent_start(self._model, t0, start, self._model.parameter_array(parameters))
+            array = self._model.parameter_array(parameters)
+            start = consistent_start(self._model, t0, start, array)
+            check_independent(self._model, t0, start, array)
         if t0 == t1:
             return start.copy()
         if self._plan is None:

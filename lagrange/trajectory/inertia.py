@@ -67,9 +67,10 @@ def _lost_rank(problem: Problem, t: float, y: FloatArray) -> str:
             f"constraints, vanishes there, at {place}: it is {left}. End the run before it, or state a Lagrangian that "
             "keeps its inertia."
         )
+    what = "these derivatives are" if len(found.rows) == 1 else "their least singular value is"
     return (
-        f"{dependent_rows(model.equations.constraints.names, found)} there, at {place}: their least singular value is "
-        f"{left}, and the accelerations grow beyond all bounds. End the run before it."
+        f"{dependent_rows(model.equations.constraints.names, found)} there, at {place}: {what} {left}, and the "
+        "accelerations grow beyond all bounds. End the run before it."
     )
 
 

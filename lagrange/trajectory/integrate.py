@@ -19,7 +19,7 @@ from lagrange.statement.event import declare_events
 from lagrange.statement.number import real_array, real_number
 from lagrange.trajectory.conservation import energy, verified
 from lagrange.trajectory.constraints.consistent import consistent_start, moved_sentence, violation
-from lagrange.trajectory.constraints.dependence import refuse_dependent
+from lagrange.trajectory.constraints.dependence import check_independent, refuse_dependent
 from lagrange.trajectory.integrator import Integrator, Problem, run_by
 from lagrange.trajectory.memory_limit import memory_limit
 from lagrange.trajectory.methods.registry import DEFAULT, find
@@ -74,6 +74,8 @@ def integrate(
     integrator = find(DEFAULT if options.method is None else options.method)
     _check_events(problem, integrator)
     before = _check_start(problem)
+    if len(model.equations.constraints):
+        check_independent(model, t0, start, problem.parameter_array)
     trajectory = run_by(integrator, problem)
     if trajectory.status is Status.SINGULAR and not trajectory.steps and len(model.equations.constraints):
         refuse_dependent(model, t0, start, problem.parameter_array)
@@ -144,7 +146,9 @@ def _output_times(t_eval: ArrayLike | None, t0: float, t1: float, width: int) ->
         return None
     times = real_array(t_eval, "t_eval", width=width)
     if times.ndim != 1:
-        raise StatementError(f"t_eval has shape {times.shape}: give a list of times.")
+        raise StatementError(
+            f"t_eval has shape {times.shape}: give a list of times, such as np.linspace({t0:g}, {t1:g}, 1000)."
+        )
     low, high = min(t0, t1), max(t0, t1)
     slack = SPAN_ROUND_OFF * (high - low)
     if times.size and not (times.min() >= low and times.max() <= high):

@@ -125,6 +125,7 @@ def test_an_arm_that_is_pulled_straight_ends_with_the_configuration(method: str)
     assert "the constraint 'reach' restricts no velocity, for all its derivatives by them vanish, there, at a = " in (
         solution.message
     )
+    assert "these derivatives are" in solution.message and "their least" not in solution.message
     assert "of what it was at the start, and the accelerations grow beyond all bounds." in solution.message
 
 
@@ -151,3 +152,14 @@ def test_units_do_not_matter() -> None:
     assert "the constraints 'a' and 'c' are dependent" in refusal(
         system, scaled, coordinates=[x, y, z], kinetic=(x.dot**2 + y.dot**2 + z.dot**2) / 2
     )
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.5, 0.6435011087932844, 1.0, 2.0, 3.0])
+@pytest.mark.parametrize("method", METHODS)
+def test_a_square_is_refused_whatever_rounding_leaves_of_it(angle: float, method: str) -> None:
+    twice = system({"twice": (x**2 + y**2 - l**2) ** 2})
+    start = {x: 0.7 * float(cos(angle)), y: -0.7 * float(sin(angle))}
+    text = refusal(twice.run, 0.1, start, method=method, check=False)
+    assert "the constraint 'twice' restricts no velocity, for all its derivatives by them vanish, wherever it" in text
+    flow = lg.flow(twice.compile(check=False), method=method)
+    assert "state it without the square" in refusal(flow, [*start.values(), 0.0, 0.0], 0.0, 0.1)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import runpy
+from operator import attrgetter
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import sympy as sp
 
+import lagrange as lg
 from lagrange.errors import StatementError
 from lagrange.machine.model import Model
 from tests.models import TARGETS, VALUES, build, m, model, r, z
@@ -108,3 +112,19 @@ def test_a_function_has_a_name_and_a_node(name: str, count: int) -> None:
     compiled = model("oscillator")
     with pytest.raises(StatementError, match=f"there is no function '{name}' of {count} nodes: name it, and give a"):
         compiled.function(name, compiled.equations.q[:count])
+
+
+def test_python_has_no_address_and_says_where_one_is() -> None:
+    kernel = lg.scene("pendulum").compile("numpy").kernel("rhs")
+    with pytest.raises(StatementError, match=r"no address: take that of the llvm target, system\.compile\('llvm'\)"):
+        attrgetter("address")(kernel)
+
+
+def test_the_source_runs_as_it_is_printed(tmp_path: Path) -> None:
+    compiled = lg.scene("double-pendulum").compile()
+    text, file = compiled.source("rhs"), tmp_path / "rhs.py"
+    assert "p = model.parameter_array()" in text
+    file.write_text(text)
+    made = runpy.run_path(str(file))
+    state = [0.3, 0.2, 0.1, -0.4]
+    assert made["rhs"](compiled.parameter_array())(0.0, state) == pytest.approx(compiled.rhs(0.0, state))

@@ -229,3 +229,31 @@ def test_a_run_that_ends_off_its_constraints_is_unreliable(method: str) -> None:
     assert solution.status is lg.Status.UNRELIABLE, solution.message
     told = ("The run ends on a corner of the constraint 'rod'", "The state at the end violates the constraint 'rod' by")
     assert any(one in solution.message for one in told)
+
+
+def test_the_advice_on_an_initial_state_may_be_pasted() -> None:
+    """It has the parameters and the time of the run, and every entry."""
+    x0 = {"x": 0.6, "y": -0.8, "x_dot": 0.8, "y_dot": 0.6}
+    system = pendulum()
+    text = refusal(system.run, 1.0, x0, parameters={"l": 2}, t_start=1.5, check=False)
+    call = text.rpartition("or take the nearest ones, ")[2].removesuffix(".initial.")
+    assert call == f"system.consistent({x0}, parameters={{'l': 2.0}}, t=1.5)"
+    found = eval(call, {"system": system})
+    assert system.run(1.0, found.initial, parameters={"l": 2}, t_start=1.5, check=False).status is lg.Status.SUCCESS
+
+
+def test_the_advice_is_complete_for_many_entries() -> None:
+    chain = lg.coordinates("a b c d e f")
+    system = lg.System(
+        kinetic=sum(q.dot**2 for q in chain) / 2,
+        constraints=[sum(q**2 for q in chain) - 6],
+        initial=dict.fromkeys(chain, 1.0),
+    )
+    text = refusal(system.run, 1.0, {"a": 2.0, "b": 0.0}, check=False)
+    assert "system.consistent({'a': 2, 'b': 0}).initial." in text
+
+
+def test_where_no_nearest_state_is_found_none_is_advised() -> None:
+    text = refusal(pendulum(initial={}).run, 1.0, check=False)
+    assert "consistent" not in text
+    assert "no nearest state is found from this one, so give initial values, of coordinates first." in text

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from sympy import Min
 
+import lagrange as lg
 from lagrange.compiler import compile_model, equations_of
 from lagrange.errors import StatementError
 from lagrange.machine.backend import FloatArray
@@ -253,3 +254,8 @@ def test_a_method_of_ones_own_may_take_velocity_constraints() -> None:
 def test_the_methods_of_this_file_are_those_with_multipliers() -> None:
     assert {*CONSTRAINED} == {"rattle", "constrained-midpoint", "lobatto4", "radau5-index2"}
     assert {*HOLONOMIC} == {*CONSTRAINED} & {*EQUAL}
+
+
+def test_several_constraints_on_velocities_are_refused_in_the_plural() -> None:
+    with pytest.raises(StatementError, match="'along_x' and 'along_y' are stated in velocities"):
+        lg.scene("rolling-disc").run(1.0, method="rattle", check=False)

@@ -70,6 +70,7 @@ def coupled() -> lg.System:
         ({"t_eval": [0.5, 0.2]}, "t_eval is not sorted in the direction of the run: sort it"),
         ({"t_eval": [0.5, float("nan")]}, "t_eval contains nan, outside the time span"),
         ({"t_eval": [[0.5]]}, "t_eval has shape (1, 1)"),
+        ({"t_eval": 1000}, "give a list of times, such as np.linspace(0, "),
         ({"t_eval": ["a"]}, "t_eval has entries of type <U1: give real numbers"),
         ({"events": lambda t, y: y[0]}, "give a SymPy expression whose zero is the event, such as theta - 1"),
         ({"events": "theta"}, "the event is 'theta', a text: give the symbol or the expression itself"),

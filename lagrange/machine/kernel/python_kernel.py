@@ -56,8 +56,12 @@ CHECKS: dict[str, Any] = {
 """What checks of one state, and what makes an array of its results, are made of."""
 
 SOURCE_NOTE = """\
-# y = {inputs}, p = the parameters, in the statement's order; sin, exp and the like are those of math,
-# power is math.pow, and np is NumPy. None, or an error of math, sends a state to the interpreter.
+# y = {inputs}, p = model.parameter_array(): the parameters, in the statement's order. A result of None, or an error
+# of math, sends a state to the interpreter.
+
+import numpy as np
+from math import acos, asin, atan, atan2, cos, cosh, exp, inf, log, nan, pow as power, sin, sinh, sqrt, tan, tanh
+from numpy import sign
 
 # One state: {name}(p)(t, y), with sequences of floats, returns a tuple of floats. The calls of a model have its
 # lines between those that check arrays and make one.
@@ -118,6 +122,14 @@ class PythonKernel:
     def program(self) -> Program:
         """What it computes."""
         return self._program
+
+    @property
+    def address(self) -> int:
+        """Raises StatementError: only machine code has an address."""
+        raise StatementError(
+            f"{self._program.name} is run as Python here, and has no address: take that of the llvm target, "
+            f"system.compile('llvm').kernel({self._program.name!r}).address."
+        )
 
     def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
         """Evaluate the program; see `Kernel`."""

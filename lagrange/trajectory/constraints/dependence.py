@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from weakref import WeakSet
+
 import numpy as np
 
 from lagrange.equations.first_order import RELATION
@@ -9,6 +11,7 @@ from lagrange.errors import StatementError, listing
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.machine.singular import Singular, dependent_rows, least_regular
+from lagrange.statement.statement import REFUSE
 from lagrange.trajectory.constraints.projection import Projection
 from lagrange.trajectory.constraints.residuals import residuals_of, units_of
 
@@ -38,11 +41,28 @@ def dependence_around(model: Model, t: float, y: FloatArray, parameters: FloatAr
         reached = projection.reached(state)
         if reached is None:
             continue
-        found = _vanishing(model, t, state, reached, parameters) or _rows(model, t, reached, parameters)
+        # A state on the surface is compared with one beside it.
+        off = tried[1] if state is y else state
+        found = _vanishing(model, t, off, reached, parameters) or _rows(model, t, reached, parameters)
         if found is None:
             return None
         first = found if first is None else first
     return first
+
+
+_INDEPENDENT: WeakSet[Model] = WeakSet()
+"""Models whose constraints were independent at a state that satisfies them: they are not dependent wherever they hold.
+"""
+
+
+def check_independent(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> None:
+    """Raise StatementError if constraints are dependent at the first start of a model, and all around it.
+
+    There rounding may leave them derivatives that look independent, and multipliers of 1e16.
+    """
+    if model.statement.redundant == REFUSE and model not in _INDEPENDENT:
+        refuse_dependent(model, t, y, parameters)
+        _INDEPENDENT.add(model)
 
 
 def refuse_dependent(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> None:

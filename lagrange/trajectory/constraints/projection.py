@@ -21,6 +21,9 @@ ROUNDING = 1e-6
 MOST_NAMED = 3
 """Most constraints that a refusal names."""
 
+MOST_ENTRIES = 4
+"""A refusal repeats no more entries of a state that the statement has as well."""
+
 LONGEST_EXPRESSION = 60
 """A message shows no longer expressions."""
 
@@ -182,13 +185,26 @@ class Projection:
         many = "constraints" if len(rows) > 1 else "constraint"
         return (
             f"the initial {what} not satisfy the {many} at t = {self.t:g}: {self._values(found, rows, part)}. "
-            f"Give values that satisfy {'them' if len(rows) > 1 else 'it'} to {ROUNDING:g}{leave_out}, or take the "
-            f"nearest ones, system.consistent({{{self._given(y)}}}).initial."
+            f"Give values that satisfy {'them' if len(rows) > 1 else 'it'} to {ROUNDING:g}{leave_out}"
+            f"{self._nearest_in_words(y)}."
         )
 
-    def _given(self, y: FloatArray) -> str:
-        parts = [f"{n!r}: {x:.6g}" for n, x in zip(self.model.layout.names(), y, strict=True) if x]
-        return ", ".join(parts if len(parts) <= 4 else [*parts[:3], "..."])
+    def _nearest_in_words(self, y: FloatArray) -> str:
+        """Return the call that finds the nearest state, as it may be pasted, or that there is none."""
+        if self.reached(y) is None:
+            return ": no nearest state is found from this one, so give initial values, of coordinates first"
+        statement, names = self.model.statement, self.model.layout.names()
+        entries = list(zip(names, y.tolist(), statement.initial, strict=True))
+        # What is left out is that of the statement.
+        given = [(name, x) for name, x, stated in entries if x or x != stated]
+        if len(given) > MOST_ENTRIES:
+            given = [(name, x) for name, x, stated in entries if x != stated]
+        pairs = zip(statement.parameters, self.parameters.tolist(), strict=True)
+        changed = ", ".join(f"{str(p)!r}: {x!r}" for p, x in pairs if statement.defaults.get(p) != x)
+        arguments = [f"{{{', '.join(f'{name!r}: {x:.12g}' for name, x in given)}}}"]
+        arguments += [f"parameters={{{changed}}}"] * bool(changed)
+        arguments += [f"t={self.t!r}"] * bool(self.t)
+        return f", or take the nearest ones, system.consistent({', '.join(arguments)}).initial"
 
     def _not_met(self, found: Residuals, part: int, y: FloatArray) -> str:
         stated = self._stated(part)
