@@ -41,7 +41,7 @@ MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
     "trajectory/constraints": ("machine records", "machine/kernel", "machine entries"),
     "trajectory/paths": ("machine records", "machine entries", "trajectory records", "trajectory/tableaux"),
     "trajectory/events": (
-        *("machine records", "machine/kernel", "machine entries"),
+        *("machine records", "machine/kernel", "machine entries", "trajectory/constraints"),
         *("trajectory records", "trajectory/paths"),
     ),
     "trajectory runs": (

@@ -49,6 +49,7 @@ class Flow:
         self._model = model
         self._dimension = model.layout.size
         self._constrained = bool(len(model.equations.constraints))
+        self._independent = False
         self._max_steps = options.step_limit
         self._local = _Prepared()
         unit = Problem(
@@ -89,7 +90,9 @@ class Flow:
         if self._constrained:
             array = self._model.parameter_array(parameters)
             start = consistent_start(self._model, t0, start, array)
-            check_independent(self._model, t0, start, array)
+            if not self._independent:
+                check_independent(self._model, t0, start, array)
+                self._independent = True
         if t0 == t1:
             return start.copy()
         if self._plan is None:
