@@ -79,3 +79,10 @@ def test_velocities_without_inertia_follow_behind_a_reset(method: str) -> None:
     found = turning.run(4.0, events=[lg.event(y, direction=-1, reset={x: x / 2})], method=method).require()
     assert found.t_events[0] == pytest.approx([np.pi], abs=1e-7)
     assert found.y[:2, -1] == pytest.approx([np.cos(4.0) / 2, np.sin(4.0) / 2], abs=1e-7)
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_a_run_may_end_behind_a_reset_where_all_terms_are_round_off(method: str) -> None:
+    """At x = 0 the terms of x x.dot + y y.dot are both round-off, and so is what the reset leaves of them."""
+    found = run(3.0, lg.event(x, direction=-1, terminal=True, reset={x.dot: -x.dot}), method=method)
+    assert found.status is lg.Status.EVENT

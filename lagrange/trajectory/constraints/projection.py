@@ -49,8 +49,12 @@ class Projection:
 
     def off(self, y: FloatArray) -> bool:
         """Whether a state is off the constraints by more than round-off."""
+        return self.share(y) > ON_SURFACE
+
+    def share(self, y: FloatArray) -> float:
+        """Return the largest violation at a state, relative to what rounding of all entries makes of it too."""
         units = units_of(self.metric(y))
-        return max(self._at(part, y, units).largest for part in (0, 1)) > ON_SURFACE
+        return max(self._at(part, y, units).largest for part in (0, 1))
 
     def completed(self, y: FloatArray) -> FloatArray:
         """Return a state with the velocities of coordinates without inertia, from their equations where they are zero.
