@@ -10,7 +10,10 @@ from lagrange.statement.statement import REFUSE, Statement
 
 def solved_statement(model: Model) -> Statement:
     """Return the statement of a model without the constraints that follow from others."""
-    statement, solved = model.statement, model.equations.constraints.names
+    statement = model.statement
+    if not statement.constraints:
+        return statement
+    solved = model.equations.constraints.names
     kept = tuple(one for one in statement.constraints if one.name in solved)
     if len(kept) == len(statement.constraints):
         return statement

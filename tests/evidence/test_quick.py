@@ -140,3 +140,23 @@ def test_it_costs_six_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Precise, "__call__", counted)
     looked_at(StandIn(statements.pendulum_chain(2)))
     assert len(calls) == 6
+
+
+@pytest.mark.parametrize("wrong", [1, 2])
+def test_a_large_system_is_asked_twice_before_a_full_test(
+    wrong: int, monkeypatch: pytest.MonkeyPatch, confirmations: list[Point]
+) -> None:
+    monkeypatch.setattr("lagrange.evidence.quick.MOST_CONFIRMED", 1)
+    left = [wrong]
+
+    def off(name: str, value: Any) -> Any:
+        left[0] -= 1
+        return value * (1 + 1e-6) if left[0] >= 0 else value
+
+    model = StandIn(statements.pendulum_chain(2), late=off)
+    if wrong == 2:
+        with pytest.raises(RunError, match="fault of lagrange"):
+            looked_at(model)
+    else:
+        looked_at(model)
+    assert len(confirmations) == wrong - 1
