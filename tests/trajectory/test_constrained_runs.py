@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import sympy as sp
 
 import lagrange as lg
 from lagrange.machine.backend import FloatArray
@@ -257,3 +258,36 @@ def test_a_plan_of_momenta_is_refused_before_anything_is_compiled() -> None:
     method: Any = find("galerkin4")
     with pytest.raises(lg.StatementError, match="'rod0' and 'rod1'"):
         method.plan(problem)
+
+
+@pytest.mark.parametrize("target", ["llvm", "numpy"])
+@pytest.mark.parametrize("method", ["taylor", "dop853", "tsit5", "bs3", "verner9", "radau3", "radau5", "radau5-index2"])
+def test_a_change_that_a_step_passes_over_is_no_error_to_be_projected_away(method: str, target: str) -> None:
+    """The speed is held to 1.5 + tanh(100 (t - 1)) / 2, which is constant but for a hundredth of a second.
+
+    A projection alone would set the new speed behind a step that went on with the old one: x(3) = 4 in place of 5.
+    """
+    x, y = lg.coordinates("x y")
+    belt = lg.System(
+        (x.dot**2 + y.dot**2) / 2,
+        constraints={"belt": x.dot - sp.Rational(3, 2) - sp.tanh(100 * (lg.t - 1)) / 2},
+        initial={x.dot: 1.0},
+    )
+    run = belt.run(3.0, method=method, target=target, check=False)
+    assert run.status is lg.Status.SUCCESS
+    # 1000 tolerances of rtol = 1e-9.
+    assert run[x][-1] == pytest.approx(5.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("method", ["dop853", "radau5"])
+def test_a_constraint_that_jumps_ends_a_run(method: str) -> None:
+    x, y = lg.coordinates("x y")
+    floor = lg.System(
+        (x.dot**2 + y.dot**2) / 2,
+        dissipation=x.dot**2 / 1000,
+        constraints={"floor": y - sp.Piecewise((1, x > 0), (-1000, True))},
+        initial={x: 1.0, y: 1.0, x.dot: -1.0},
+    )
+    run = floor.run(3.0, method=method, check=False)
+    assert run.status is lg.Status.STEP_TOO_SMALL and run[y].tolist() == [1.0] * len(run.t)
+    assert abs(run[x][-1]) < 1e-6

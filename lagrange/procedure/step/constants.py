@@ -45,6 +45,13 @@ AFTER_DIVERGED, AFTER_BROKEN = 0.5, 0.25
 A step that did not converge may do so at half its length; a step out of the domain has to shrink further.
 """
 
+LARGEST_CORRECTION = 100.0
+"""Largest displacement by which a projection onto constraints may end a step with error control, in tolerances.
+
+What a step errs from the constraints is a part of its error, which is below one by its estimate. A larger displacement
+is a change that the step has passed over.
+"""
+
 LARGEST_RETRY = 0.95
 """Upper bound of the factor of the step length after a rejection by the error norm."""
 

@@ -16,6 +16,7 @@ from lagrange.procedure.step.constants import (
     AFTER_DIVERGED,
     EARLIEST,
     FAR_FROM_ZERO,
+    LARGEST_CORRECTION,
     LARGEST_RETRY,
     LEAST_NORM,
     LEAST_PREVIOUS,
@@ -51,7 +52,7 @@ class _ControlledLoop:
     def __init__(self, layout: Layout, control: Control) -> None:
         self.p = p = Builder("controlled_steps", "Take steps that follow the error, and return an outcome.")
         self.layout, self.control = layout, control
-        self.rejection = reject(layout)
+        self.rejection, self.measure = reject(layout), error_norm(layout, control)
         self.given = Running(p, layout)
         self.run, self.counts = self.given.run, self.given.counts
         self.budget = p.given("budget", WHOLE)
@@ -108,7 +109,7 @@ class _ControlledLoop:
     def control_error(self, length: Real, after: Real, rejected: Flag, entries: Sequence[Memory]) -> None:
         """Accept or reject a finite trial step by its error norm, and choose the length of the next one."""
         p, run, control, given = self.p, self.run, self.control, self.given
-        norm = p.call(error_norm(self.layout, control), run, given.floors, given.work).called("norm")
+        norm = p.call(self.measure, run, given.floors, given.work).called("norm")
         exponent = -(1 / control.exponent - PI_SHARE * control.memory)
         factor: Any = p.larger(norm, LEAST_NORM) ** exponent * control.safety
         with p.when(norm <= 1.0) as ways:
@@ -128,10 +129,14 @@ class _ControlledLoop:
             self.accept(norm, longer, after, entries)
             return
         outcome, moved = project_new_state(self.given, after, entries)
-        with p.when(outcome.equals(Outcome.DONE), likely=True) as ways:
+        done, correction = outcome.equals(Outcome.DONE), p.variable(0.0, "correction")
+        with p.when(moved):
+            correction.value = p.call(self.measure, self.run, self.given.floors, self.given.work)
+        with p.when(done & (correction.value <= LARGEST_CORRECTION), likely=True) as ways:
             self.accept(norm, longer, after, [*entries, moved])
         with ways.otherwise():
-            self.reject(p.real(outcome), length * AFTER_DIVERGED, moved=False)
+            cause = p.choose(done, float(Outcome.STEP_TOO_SMALL), p.real(outcome))
+            self.reject(cause, length * AFTER_DIVERGED, moved=False)
 
     def accept(self, norm: Real, longer: Real, after: Real, more: Sequence[Any]) -> None:
         """Accept the trial step, and take a longer or shorter one next."""

@@ -11,7 +11,10 @@ from lagrange.procedure.values import Flag, Memory, Real, Whole
 
 
 def project_new_state(given: Running, t: Real, entries: Sequence[Memory]) -> tuple[Whole, Flag]:
-    """Project the new state, which is at a time; return an outcome, and whether the state has moved."""
+    """Project the new state, which is at a time; return an outcome, and whether the state has moved.
+
+    If it has, the error vectors of the step are how far.
+    """
     p, layout = given.p, given.layout
     n, state = layout.dimension, given.work.at(layout.argument)
     lost = p.reserve(n, room=layout.block, name="lost")
@@ -24,6 +27,11 @@ def project_new_state(given: Running, t: Real, entries: Sequence[Memory]) -> tup
             p.copy(given.work.at(low), lost.at(part), layout.length)
     outcome, moved = p.call(project(n, layout.block), *given.projection, t, state, lost)
     with p.when(moved):
+        for k in range(len(layout.step.errors)):
+            part, vector, _ = _parts(layout)[k % layout.step.states]
+            before, error = given.work.at(vector), given.work.at(layout.place(layout.errors + k))
+            with p.each(layout.length) as i:
+                error[i] = state.at(part)[i] - before[i]
         for part, vector, low in _parts(layout):
             p.copy(state.at(part), given.work.at(vector), layout.length, spill=False)
             if low is not None:
