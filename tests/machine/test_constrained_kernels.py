@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import lagrange as lg
 from lagrange.compiler import machine, model_of
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.errors import RunError
@@ -18,6 +19,7 @@ from lagrange.machine.series.llvm_driver import CompiledJet
 from lagrange.machine.series.packing import pack
 from lagrange.program.taylor import series_program
 from lagrange.statement.statement import Statement
+from tests.models import m, stated
 from tests.series_systems import HELD, ladder, rods
 
 CASES: dict[str, Callable[[], Statement]] = {**HELD, "12 rods": lambda: rods(12)}
@@ -111,3 +113,18 @@ def test_a_dense_system_beyond_what_is_written_out_has_its_inverse(order: int, m
     expected = NumpySeries(program).rows(6, 0.25, np.array(statement.initial), 0.5, given)
     found = CompiledJet(pack(program, 8), order).rows(6, 0.25, np.array(statement.initial), 0.5, given)
     assert found == pytest.approx(expected, rel=1e-11, abs=1e-12)
+
+
+@pytest.mark.parametrize("target", ["llvm", "numpy"])
+@pytest.mark.parametrize("light", [1e-6, 1e-9, 1e-12, 1e-15, 1e-17])
+def test_a_light_body_tied_to_a_heavy_one_has_its_acceleration(light: float, target: str) -> None:
+    """Both have F / (m + M). Pivots in their order would give the light one the difference of two equal forces."""
+    a, b = lg.coordinates("a b")
+    tied = stated(
+        kinetic=m * a.dot**2 / 2 + b.dot**2 / 2, potential=-a, constraints={"tie": a - b}, parameters={m: light}
+    )
+    held, zero = model_of(tied, machine(target)), np.zeros(2)
+    exact = 1 / (1 + light)
+    assert held.accelerations(zero, zero) == pytest.approx([exact, exact], rel=1e-11)
+    many = held.accelerations(np.zeros((2, 9)), np.zeros((2, 9)))
+    assert many == pytest.approx(np.full((2, 9), exact), rel=1e-11)

@@ -289,7 +289,7 @@ class Body:
         """
         e, kind, n, count = self.e, self.kind, factor.order, len(right)
         name = e.fresh("pivot")
-        every = trusted
+        every = trusted = self.satisfied(factor, trusted, x, right)
         if self.lanes > 1:
             bits = e.value(f"bitcast {flag_type(self.lanes)} {trusted} to i{self.lanes}")
             every = e.value(f"icmp eq i{self.lanes} {bits}, -1")
@@ -313,6 +313,15 @@ class Body:
             e.value(f"phi {kind} [ {a}, %{before} ], [ {b}, %{cold} ]") for a, b in zip(chain(*x), slow, strict=True)
         ]
         return [found[k * n : (k + 1) * n] for k in range(count)]
+
+    def satisfied(self, factor: Instruction, trusted: str, x: Sequence[list[str]], right: Sequence[list[str]]) -> str:
+        """Return whether pivots are trusted, and the rows of multipliers satisfied by every solution."""
+        plan = self.program.eliminations[self.by_code[factor]]
+        for solution, wanted in zip(x, right, strict=True) if plan.negative else ():
+            good = llvm_ldl.satisfied(self.e, self.lanes, plan, self.entries(factor), solution, wanted)
+            if good is not None:
+                trusted = self.e.value(f"and {flag_type(self.lanes)} {trusted}, {good}")
+        return trusted
 
     def status(self) -> str:
         """Return 1 if any matrix was singular."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.spelling import element, flag_type, number
-from lagrange.procedure.linear.ldl import least_pivot
+from lagrange.procedure.linear.ldl import RESIDUAL, least_pivot
 from lagrange.program.elimination import Elimination
 
 Entries = dict[tuple[int, int], str]
@@ -87,3 +87,25 @@ def solve(
         for k in plan.columns[i]:
             x[i] = less(x[i], lower(k, i), x[k])
     return x
+
+
+def satisfied(
+    e: Emitter, lanes: int, plan: Elimination, a: Entries, x: Sequence[str], right: Sequence[str]
+) -> str | None:
+    """Return whether a solution satisfies the rows of the multipliers, None without multipliers.
+
+    With inertias that differ by many digits pivots are large and the solution is still wrong: what is light gets the
+    difference of two forces that nearly cancel. Its accelerations then violate the constraints.
+    """
+    kind, found = element(lanes), None
+    for i in plan.negative:
+        row = [(a[max(i, j), min(i, j)], x[j]) for j in range(plan.order) if (max(i, j), min(i, j)) in a]
+        left, size = right[i], e.fabs(right[i], kind)
+        for entry, value in row:
+            product = e.value(f"fmul {kind} {entry}, {value}")
+            left = e.value(f"fsub {kind} {left}, {product}")
+            size = e.value(f"fadd {kind} {size}, {e.fabs(product, kind)}")
+        most = e.value(f"fmul {kind} {size}, {number(RESIDUAL, lanes)}")
+        good = e.value(f"fcmp ole {kind} {e.fabs(left, kind)}, {most}")
+        found = good if found is None else e.value(f"and {flag_type(lanes)} {found}, {good}")
+    return found

@@ -21,7 +21,7 @@ from lagrange.machine.kernel.python_text import (
     rows_of,
 )
 from lagrange.machine.python_source import ATOM
-from lagrange.procedure.linear.ldl import least_pivot
+from lagrange.procedure.linear.ldl import RESIDUAL, least_pivot
 from lagrange.program.program import Instruction, Program
 
 UFUNCS = {op: function.__name__ for op, function in OPERATIONS.items() if isinstance(function, np.ufunc)}
@@ -234,6 +234,22 @@ class _Rows(FloatPrinter):
                 self.write(f"np.subtract({row}, {spare}, {row})")
                 self.release([spare])
         self.vectors[place], self.slots[place] = x, x
+        for start, products in self.held_rows(one, x):
+            self.hold(start, products)
+
+    def hold(self, start: str, products: list[tuple[str, str]]) -> None:
+        """Leave where a row of a multiplier is not satisfied; see `solve`."""
+        left, size, spare = (self.row() for _ in range(3))
+        self.write(f"np.copyto({left}, {start})")
+        self.write(f"np.absolute({left}, {size})")
+        for a, b in products:
+            self.write(f"np.multiply({a}, {b}, {spare})")
+            self.write(f"np.subtract({left}, {spare}, {left})")
+            self.write(f"np.add({size}, np.absolute({spare}, {spare}), {size})")
+        self.write(f"np.multiply({size}, {RESIDUAL!r}, {size})")
+        self.write(f"if not (np.absolute({left}, {left}) <= {size}).all():")
+        self.write("    return False")
+        self.release([left, size, spare])
 
 
 def _last_uses(program: Program) -> list[int]:
@@ -241,7 +257,7 @@ def _last_uses(program: Program) -> list[int]:
     end = len(program.instructions)
     found = list(range(end))
     for i, one in enumerate(program.instructions):
-        for arg in one.args:
+        for arg in (*one.args, *_held_entries(program, one)):
             found[arg] = i
     for ref in program.outputs:
         found[ref] = end
@@ -249,3 +265,11 @@ def _last_uses(program: Program) -> list[int]:
         if one.op == "component":
             found[one.args[0]] = max(found[one.args[0]], found[i])
     return found
+
+
+def _held_entries(program: Program, one: Instruction) -> tuple[int, ...]:
+    """Return the entries of the matrix that a solve with multipliers reads behind it."""
+    if one.op != "solve":
+        return ()
+    factor = program.instructions[one.args[0]]
+    return factor.args if factor.negative else ()

@@ -6,11 +6,11 @@ goes well: where Python would raise, or a pivot cannot be trusted, the caller ev
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 from lagrange.machine.python_source import ATOM, LONGEST_VALUE, OPERANDS, SPELLED, literal
 from lagrange.procedure.form import REAL
-from lagrange.procedure.linear.ldl import least_pivot
+from lagrange.procedure.linear.ldl import RESIDUAL, least_pivot
 from lagrange.program.program import Instruction, Program
 
 WRITTEN_OUT = 12
@@ -22,7 +22,7 @@ SPELLINGS: Mapping[str, tuple[int, str]] = {**SPELLED, "div": (SPELLED["mul"][0]
 NEEDED: Mapping[str, tuple[int, ...]] = {**OPERANDS, "div": OPERANDS["mul"]}
 """How tightly each operand must bind to stand without parentheses."""
 
-SUM = SPELLED["add"][0]
+SUM, PRODUCT = SPELLED["add"][0], SPELLED["mul"][0]
 
 FLAG_OPERATIONS = ("less", "less_equal", "equal", "and", "or", "not")
 GIVEN = ("time", "state", "parameter", "constant")
@@ -280,6 +280,20 @@ class FloatPrinter:
             terms = [f"{rows[k * (k + 1) // 2 + i]} * {x[k]}" for k in held]
             x[i] = self.named(f"s{place}_{i}", " - ".join([f"{x[i]} * {rows[i * (i + 3) // 2]}", *terms]))
         self.vectors[place] = x
+        for start, products in self.held_rows(one, x):
+            terms = [f"{a} * {b}" for a, b in products]
+            left, size = " - ".join([start, *terms]), " + ".join(f"abs({term})" for term in (start, *terms))
+            self.write(f"if not abs({left}) <= {RESIDUAL!r} * ({size}):")
+            self.write("    return None")
+
+    def held_rows(self, one: Instruction, x: Sequence[str]) -> list[tuple[str, list[tuple[str, str]]]]:
+        """Return for each multiplier of a solve its right-hand side, and the products in its row of the matrix."""
+        factor, found = self.program.instructions[one.args[0]], []
+        for i in factor.negative:
+            there = [(self.entry(factor, i, j), x[j]) for j in range(one.order)]
+            products = [(self.text_of(ref, PRODUCT), value) for ref, value in there if ref is not None]
+            found.append((self.text_of(one.args[1 + i], SUM), products))
+        return found
 
 
 def listed(letter: str, count: int, first: int = 0) -> str:

@@ -37,6 +37,10 @@ COLUMNS_AT_ONCE = 8
 """So many right-hand sides are solved for at once: the widest vectors of doubles that processors have."""
 
 
+RESIDUAL = 2.0**-40
+"""Part of its terms that a row of a multiplier may be off by, for a solution by pivots in their order to be trusted."""
+
+
 def least_pivot(negative: Sequence[int]) -> float:
     """Return the least pivot that is trusted, relative to its terms, in a matrix with some pivots below zero."""
     return PIVOT_BESIDE_MULTIPLIERS if negative else PIVOT
