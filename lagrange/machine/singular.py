@@ -59,9 +59,14 @@ def balanced(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return A_ij / (s_i s_j), which has entries of about 1 in every row, and s (Ruiz, RAL-TR-2001-034)."""
     scale = np.ones(len(matrix))
     for _ in range(30):
-        largest = np.abs(matrix / np.outer(scale, scale)).max(axis=1, initial=0.0)
+        largest = np.abs(_divided(matrix, scale)).max(axis=1, initial=0.0)
         scale = scale * np.sqrt(np.where(largest > 0, largest, 1.0))
-    return matrix / np.outer(scale, scale), scale
+    return _divided(matrix, scale), scale
+
+
+def _divided(matrix: FloatArray, scale: FloatArray) -> FloatArray:
+    """Return A_ij / (s_i s_j); the product of two scales may be too small for a double."""
+    return np.asarray(matrix / scale[:, None] / scale)
 
 
 def scales(mass: FloatArray, gradient: FloatArray) -> FloatArray:
@@ -80,7 +85,7 @@ def least_regular(mass: FloatArray, gradient: FloatArray, scale: FloatArray | No
         return None
     alike = scale is None
     scale = scales(mass, gradient) if scale is None else scale
-    whole = _whole(mass, gradient) / np.outer(scale, scale)
+    whole = _divided(_whole(mass, gradient), scale)
     held = whole[n:, :n]
     dependent = _dependent(held, scale[n:], alike=alike) if m else None
     if dependent is not None and dependent.regularity <= RANK:

@@ -102,15 +102,19 @@ class Nearest:
         return x, found
 
     def _step(self, found: Residuals, towards: FloatArray, right: FloatArray) -> FloatArray:
-        """Return the displacement d of least |d - towards| with G d = right."""
+        """Return the displacement d of least |d - towards| with G d = right, zero where doubles do not hold it."""
         free, n = self._free, len(self._free)
         gradient = found.gradient[:, free]
         matrix = np.block([[self._metric[np.ix_(free, free)], gradient.T], [gradient, np.zeros((len(right),) * 2)]])
-        scaled, scale = balanced(matrix)
-        known = np.concatenate([(self._metric @ towards)[free], right]) / scale
-        solution = np.linalg.lstsq(scaled, known, rcond=RANK)[0] / scale
         step = np.zeros_like(towards)
-        step[free] = solution[:n]
+        with np.errstate(all="ignore"):
+            scaled, scale = balanced(matrix)
+            known = np.concatenate([(self._metric @ towards)[free], right]) / scale
+            if not (np.isfinite(scaled).all() and np.isfinite(known).all()):
+                return step
+            solution = np.linalg.lstsq(scaled, known, rcond=RANK)[0] / scale
+        if np.isfinite(solution).all():
+            step[free] = solution[:n]
         return step
 
     def _length(self, displacement: FloatArray) -> float:
