@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from lagrange.errors import StatementError
 from lagrange.show.names import latex_text, letters, markdown_text, plain_text, word
 from lagrange.statement.choice import one_of
-from lagrange.statement.multiplier import multiplier
 
 if TYPE_CHECKING:
     from lagrange.equations.derivation import Derivation
@@ -68,6 +67,7 @@ def _sections(derivation: Derivation) -> Iterator[Section]:
     statement = derivation.statement
     yield Section("Stated", tuple(_stated(statement)))
     accelerations = list(statement.plain.values())[2::3]
+    known = {one.name: one.multiplier for one in statement.constraints}
     parts: tuple[tuple[str, Callable[[], list[TableRow]]], ...] = (
         ("Lagrangian", lambda: [(ShownQuantity("L"), derivation.lagrangian)]),
         (
@@ -85,7 +85,7 @@ def _sections(derivation: Derivation) -> Iterator[Section]:
             "Accelerations and multipliers" if statement.constraints else "Accelerations",
             lambda: [
                 *zip(accelerations, derivation.accelerations.values(), strict=True),
-                *((multiplier(name), value) for name, value in derivation.multipliers.items()),
+                *((known[name], value) for name, value in derivation.multipliers.items()),
             ],
         ),
         ("Energy", lambda: [(ShownQuantity("E"), derivation.energy)]),
@@ -188,7 +188,7 @@ class LatexPage(Page):
 
         stated = self.statement
         held = [one.name for one in stated.constraints]
-        named = [*stated.parameters, *map(multiplier, held)]
+        named = [*stated.parameters, *(one.multiplier for one in stated.constraints)]
         self.letters = letters([*stated.names, *(symbol.name for symbol in named)])
         self.indices = letters(held) | self.letters
         spelled = {symbol: str(self.letters[symbol.name]) for symbol in named}

@@ -13,6 +13,7 @@ from sympy.logic.boolalg import BooleanAtom
 from lagrange.errors import StatementError, shown
 from lagrange.statement.coordinate import check_name
 from lagrange.statement.expression import TEXTS, entries, expression
+from lagrange.statement.multiplier import multiplier
 from lagrange.statement.survey import Survey
 
 
@@ -23,6 +24,11 @@ class Constraint:
     name: str
     expression: Any
     holonomic: bool
+
+    @property
+    def multiplier(self) -> Any:
+        """Its multiplier as a symbol."""
+        return multiplier(self.name)
 
 
 def declare_constraints(given: Any, survey: Survey) -> tuple[Constraint, ...]:

@@ -108,7 +108,8 @@ def _driven(problem: Problem, kept: Prepared, name: str) -> Trajectory:
     rows.follow(last=True)
     accepted = rows.joined()
     found = _trajectory(problem, plan, state, rows, accepted, watch, (name, status, sentence, began))
-    if status.complete and len(problem.model.equations.constraints) and not rows.dropped:
+    looked_at = status.complete or status is Status.STEP_TOO_SMALL
+    if looked_at and len(problem.model.equations.constraints) and not rows.dropped:
         found = _until_dependent(problem, plan, found, accepted)
         status = found.status
     if status is Status.SUCCESS:

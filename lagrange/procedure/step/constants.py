@@ -52,6 +52,12 @@ What a step errs from the constraints is a part of its error, which is below one
 is a change that the step has passed over.
 """
 
+ROUNDED_START, SHORTENINGS = 2.0**-20, 8
+"""A state may begin a step off the constraints, as behind an event, by this part of its size at most.
+
+The displacement does not shrink with the step then: it is accepted when the step has been shortened so many times.
+"""
+
 LARGEST_RETRY = 0.95
 """Upper bound of the factor of the step length after a rejection by the error norm."""
 

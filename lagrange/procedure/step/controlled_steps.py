@@ -22,6 +22,8 @@ from lagrange.procedure.step.constants import (
     LEAST_PREVIOUS,
     NEAR_END,
     PI_SHARE,
+    ROUNDED_START,
+    SHORTENINGS,
     SPACING,
 )
 from lagrange.procedure.step.equal_steps import discard_history, equal_steps, is_finite, keep_entries, leave_at_budget
@@ -132,7 +134,9 @@ class _ControlledLoop:
         done, correction = outcome.equals(Outcome.DONE), p.variable(0.0, "correction")
         with p.when(moved):
             correction.value = p.call(self.measure, self.run, self.given.floors, self.given.work)
-        with p.when(done & (correction.value <= LARGEST_CORRECTION), likely=True) as ways:
+        begun_off = p.larger(ROUNDED_START / self.run.rtol, LARGEST_CORRECTION)
+        most = p.choose(self.counts.after_reject >= SHORTENINGS, begun_off, LARGEST_CORRECTION)
+        with p.when(done & (correction.value <= most), likely=True) as ways:
             self.accept(norm, longer, after, [*entries, moved])
         with ways.otherwise():
             cause = p.choose(done, float(Outcome.STEP_TOO_SMALL), p.real(outcome))
