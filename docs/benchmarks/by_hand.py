@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import ctypes
-import subprocess
-import tempfile
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from measure import FOLDER
+from native import compiled
 from numpy.typing import NDArray
 from systems import DOUBLE
 
-FLAGS = ("-O3", "-march=native")
 PARAMETERS = np.array(list(DOUBLE.values()))
 """m1, m2, l1, l2, g in the order of the C file."""
 
@@ -23,11 +19,7 @@ class ByHand:
     """The functions of double_pendulum.c."""
 
     def __init__(self) -> None:
-        with tempfile.TemporaryDirectory() as folder:
-            target = Path(folder) / "double_pendulum.so"
-            source = FOLDER / "double_pendulum.c"
-            subprocess.run(["gcc", *FLAGS, "-shared", "-fPIC", "-o", target, source, "-lm"], check=True)
-            self.library = ctypes.CDLL(str(target))
+        self.library = compiled("double_pendulum.c")
 
     @property
     def address(self) -> int:

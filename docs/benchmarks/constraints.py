@@ -6,21 +6,18 @@ python docs/benchmarks/constraints.py
 from __future__ import annotations
 
 import ctypes
-import subprocess
-import tempfile
 import time
 from argparse import ArgumentParser
 from collections.abc import Callable
 from functools import partial
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import sksundae
 import sympy
-from by_hand import FLAGS
-from measure import FOLDER, Page, best, milliseconds, shown
+from measure import Page, best, milliseconds, shown
+from native import compiled, load_sundials
 from numpy.typing import NDArray
 from race import taking_turns
 
@@ -44,7 +41,6 @@ GOAL = 1e-8
 TOLERANCES = tuple(10.0**-k for k in np.arange(5.0, 13.01, 0.5))
 OURS = ("taylor", "dop853")
 NATIVE, DIRECT = "IDA, C", "IDA, scikit-sundae"
-SYMBOLS = ("core", "nvecserial", "sunmatrixdense", "sunlinsoldense", "ida")
 BARS = {NATIVE: 3.0, DIRECT: 20.0}
 MOST_STEPS = 10**6
 LOOPS = (10, 20, 40, 80, 160)
@@ -93,18 +89,6 @@ class _Law(ctypes.Structure):
         *((name, ctypes.c_void_p) for name in ("given", "rows")),
         *((name, ctypes.c_int64) for name in ("size", "calls", "jacobians")),
     )
-
-
-def library() -> ctypes.CDLL:
-    """Return ida.c, compiled against the libraries that scikit-sundae brings."""
-    libraries = Path(sksundae.__file__).parent.parent / "scikit_sundae.libs"
-    for name in SYMBOLS:
-        (path,) = libraries.glob(f"libsundials_{name}-*")
-        ctypes.CDLL(str(path), mode=ctypes.RTLD_GLOBAL)
-    with tempfile.TemporaryDirectory() as folder:
-        target = Path(folder) / "ida.so"
-        subprocess.run(["gcc", *FLAGS, "-shared", "-fPIC", "-o", target, FOLDER / "ida.c"], check=True)
-        return ctypes.CDLL(str(target))
 
 
 class Case:
@@ -211,7 +195,8 @@ def first_good(case: Case, run: Callable[[float], NDArray[Any]]) -> tuple[float,
 
 def against_ida(page: Page, rounds: int) -> None:
     """Add the table of runs at equal error."""
-    native, rows = library(), []
+    load_sundials("ida")
+    native, rows = compiled("ida.c"), []
     for name, end in MECHANISMS.items():
         case = Case(name, end, native)
         rivals = {NATIVE: case.by_c, DIRECT: case.by_python, **{method: case.ours(method) for method in OURS}}

@@ -1,10 +1,7 @@
-/* CVODE around a right-hand side and a Jacobian in machine code, with no Python between them.
- *
- * The symbols of SUNDIALS 7 are those of libraries that are loaded already; its headers are not needed, for all that
- * is passed are pointers, doubles and int: SUNComm without MPI, and sunindextype as scikit-sundae has it. */
-#include <stdint.h>
+/* CVODE around a right-hand side and a Jacobian in machine code, with no Python between them. */
 
-typedef int32_t (*kernel)(double t, const double *y, const double *prepared, double *out);
+#include "sundials.h"
+
 typedef struct {
     kernel rhs, jacobian;
     const double *for_rhs, *for_jacobian;
@@ -14,16 +11,6 @@ typedef struct {
 typedef int (*right_side)(double, void *, void *, void *);
 typedef int (*derivative)(double, void *, void *, void *, void *, void *, void *, void *);
 
-int SUNContext_Create(int, void **);
-int SUNContext_Free(void **);
-void *N_VMake_Serial(int, double *, void *);
-double *N_VGetArrayPointer(void *);
-void N_VDestroy(void *);
-void *SUNDenseMatrix(int, int, void *);
-double *SUNDenseMatrix_Data(void *);
-void SUNMatDestroy(void *);
-void *SUNLinSol_Dense(void *, void *, void *);
-int SUNLinSolFree(void *);
 void *CVodeCreate(int, void *);
 void CVodeFree(void **);
 int CVodeInit(void *, right_side, double, void *);

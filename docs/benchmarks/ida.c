@@ -1,11 +1,8 @@
-/* IDA around a residual and its Jacobian in machine code, with no Python between them.
- *
- * The symbols of SUNDIALS 7 are those of libraries that are loaded already; its headers are not needed, for all that
- * is passed are pointers, doubles and int: SUNComm without MPI, and sunindextype as scikit-sundae has it. */
-#include <stdint.h>
+/* IDA around a residual and its Jacobian in machine code, with no Python between them. */
 #include <string.h>
 
-typedef int32_t (*kernel)(double t, const double *y, const double *prepared, double *out);
+#include "sundials.h"
+
 typedef struct {
     kernel residual, jacobian;
     const double *for_residual, *for_jacobian;
@@ -15,16 +12,6 @@ typedef struct {
 typedef int (*residual_function)(double, void *, void *, void *, void *);
 typedef int (*derivative)(double, double, void *, void *, void *, void *, void *, void *, void *, void *);
 
-int SUNContext_Create(int, void **);
-int SUNContext_Free(void **);
-void *N_VMake_Serial(int, double *, void *);
-double *N_VGetArrayPointer(void *);
-void N_VDestroy(void *);
-void *SUNDenseMatrix(int, int, void *);
-double *SUNDenseMatrix_Data(void *);
-void SUNMatDestroy(void *);
-void *SUNLinSol_Dense(void *, void *, void *);
-int SUNLinSolFree(void *);
 void *IDACreate(void *);
 void IDAFree(void **);
 int IDAInit(void *, residual_function, double, void *, void *);

@@ -10,9 +10,10 @@ from typing import Any
 
 import heyoka as hy
 import numpy as np
-from by_hand import FLAGS, PARAMETERS, ByHand
+from by_hand import PARAMETERS, ByHand
 from equations import from_lagrangian, from_sympy, textbook
 from measure import Page, best, microseconds, shown, verdict
+from native import FLAGS
 from numpy.typing import NDArray
 from systems import chain, double_pendulum
 

@@ -11,9 +11,10 @@ from typing import Any
 
 import heyoka as hy
 import numpy as np
-from by_hand import FLAGS, ByHand
+from by_hand import ByHand
 from equations import from_sympy, lambdified
 from measure import FOLDER, Page, best, microseconds, milliseconds, shown, verdict
+from native import FLAGS
 from numpy.typing import NDArray
 from picture import Curve, work_precision
 from scipy.integrate import solve_ivp

@@ -8,17 +8,14 @@ from __future__ import annotations
 import ctypes
 import itertools
 import math
-import subprocess
-import tempfile
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from by_hand import FLAGS
 from equations import lambdified
-from measure import FOLDER, Page, best, milliseconds, shown, verdict
+from measure import Page, best, milliseconds, shown, verdict
+from native import compiled
 from numpy.typing import NDArray
 from runs import error, reference, start
 from scipy.integrate import solve_ivp
@@ -49,10 +46,7 @@ class RightSide:
     """A loop in C over evaluations that wait for one another."""
 
     def __init__(self) -> None:
-        with tempfile.TemporaryDirectory() as folder:
-            target = Path(folder) / "right_side.so"
-            subprocess.run(["gcc", *FLAGS, "-shared", "-fPIC", "-o", target, FOLDER / "right_side.c"], check=True)
-            self.waiting = ctypes.CDLL(str(target)).waiting
+        self.waiting = compiled("right_side.c").waiting
         self.waiting.argtypes = [ctypes.c_void_p] * 3 + [ctypes.c_int64] * 2
 
     def call(self, model: lg.Model, y0: NDArray[Any]) -> Callable[[], int]:

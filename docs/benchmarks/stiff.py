@@ -8,21 +8,18 @@ from __future__ import annotations
 
 import ctypes
 import math
-import subprocess
-import tempfile
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import heyoka as hy
 import numpy as np
 import sksundae
-from by_hand import FLAGS
 from equations import from_sympy
-from measure import FOLDER, Page, milliseconds
+from measure import Page, milliseconds
+from native import compiled, load_sundials
 from numpy.typing import NDArray
 from race import taking_turns
 
@@ -41,7 +38,6 @@ METHODS = (
     *("cvode", "scipy-radau", "scipy-bdf", "dop853", "taylor"),
 )
 NATIVE, DIRECT = "CVODE, C", "CVODE, scikit-sundae"
-SYMBOLS = ("core", "nvecserial", "sunmatrixdense", "sunlinsoldense", "cvode")
 
 
 @dataclass
@@ -68,15 +64,8 @@ class Native:
     """CVODE from the libraries that scikit-sundae brings, called by C around a model's machine code."""
 
     def __init__(self, model: lg.Model, values: NDArray[Any]) -> None:
-        libraries = Path(sksundae.__file__).parent.parent / "scikit_sundae.libs"
-        for name in SYMBOLS:
-            (path,) = libraries.glob(f"libsundials_{name}-*")
-            ctypes.CDLL(str(path), mode=ctypes.RTLD_GLOBAL)
-        with tempfile.TemporaryDirectory() as folder:
-            target = Path(folder) / "cvode.so"
-            source = FOLDER / "cvode.c"
-            subprocess.run(["gcc", *FLAGS, "-shared", "-fPIC", "-o", target, source], check=True)
-            self.run = ctypes.CDLL(str(target)).run
+        load_sundials("cvode")
+        self.run = compiled("cvode.c").run
         self.run.argtypes = [ctypes.c_void_p, ctypes.c_void_p, *([ctypes.c_double] * 3), ctypes.c_void_p]
         size = 2 * model.dimension
         rhs, jacobian = model.kernel("rhs"), model.kernel("jacobian")

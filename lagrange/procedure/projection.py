@@ -11,6 +11,7 @@ from functools import cache
 
 from lagrange.procedure.blocks import whole_blocks
 from lagrange.procedure.builder import Builder
+from lagrange.procedure.compensated import compensated
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Callee, Procedure
 from lagrange.procedure.outcome import Outcome
 
@@ -64,12 +65,7 @@ def project(dimension: int, block: int) -> Procedure:
         p.leave_if(~better, unresolved, moved.value, likely=False)
         moved.value = p.true
         with p.each(dimension) as i:
-            y = state[i]
-            move = found[i] + lost[i]
-            total = y + move
-            back = total - y
-            state[i] = total
-            lost[i] = (y - (total - back)) + (move - back)
+            state[i], lost[i] = compensated(state[i], found[i] + lost[i])
         p.leave_if(left <= ROUND_OFF, p.whole(Outcome.DONE), moved.value, likely=True)
     p.leave(p.whole(Outcome.UNPROJECTED), moved.value)
     return p.finish(WHOLE, FLAG)

@@ -50,8 +50,8 @@ def integrate(
     statement = model.statement
     values = model.parameter_values(options.parameters)
     given = np.array(initial_state({} if initial is None else initial, statement.coordinates, statement.initial))
-    start = given
-    if len(model.equations.constraints):
+    start, constrained = given, bool(model.equations.constraints)
+    if constrained:
         start = consistent_start(model, t0, given, ordered(values, statement.parameters))
     problem = Problem(
         model=model,
@@ -74,14 +74,14 @@ def integrate(
     integrator = find(DEFAULT if options.method is None else options.method)
     _check_events(problem, integrator)
     before = _check_start(problem)
-    if len(model.equations.constraints):
+    if constrained:
         check_independent(model, t0, start, problem.parameter_array)
     trajectory = run_by(integrator, problem)
-    if trajectory.status is Status.SINGULAR and not trajectory.steps and len(model.equations.constraints):
+    if trajectory.status is Status.SINGULAR and not trajectory.steps and constrained:
         refuse_dependent(model, t0, start, problem.parameter_array)
     if start is not given:
         trajectory = replace(trajectory, message=f"{trajectory.message}{moved_sentence(model, given, start)}")
-    if trajectory.status.complete and len(model.equations.constraints):
+    if trajectory.status.complete and constrained:
         trajectory = _on_constraints(problem, trajectory)
     return verified(problem, trajectory, before, adaptive=integrator.claims.adaptive), values
 

@@ -92,6 +92,17 @@ def test_quick_calls_have_the_bits_of_the_kernel(name: str, quantity: str) -> No
         assert (quick.whole(0.3, y) is None) == (not np.isfinite(kernel(0.3, y, parameters)).all())
 
 
+@pytest.mark.parametrize("factor", [-1, sp.Rational(-5, 4), sp.Rational(5, 4), k, -k])
+def test_a_first_pivot_of_any_sign_is_read_where_it_is_known(factor: Any) -> None:
+    """A constant that a factor of L makes negative is tested before the function of a state."""
+    lagrangian = x.dot**2 + x * y.dot * x.dot + (1 + x**2) * y.dot**2 - x**2 * y**2
+    turned = lg.System(lagrangian=factor * lagrangian, coordinates=[x, y], parameters={k: 2.0}).compile("numpy")
+    plain = lg.System(lagrangian=lagrangian, coordinates=[x, y]).compile("numpy")
+    for state in np.random.default_rng(2).normal(size=(4, 4)):
+        expected = plain.accelerations(state[:2], state[2:])
+        assert turned.accelerations(state[:2], state[2:]) == pytest.approx(expected, rel=1e-12, abs=1e-12)
+
+
 def rows_program() -> Program:
     """Results that are read after they are put out, that are put out twice or as they came, and chosen ones."""
     code = (

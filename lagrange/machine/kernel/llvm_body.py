@@ -317,9 +317,11 @@ class Body:
     def satisfied(self, factor: Instruction, trusted: str, x: Sequence[list[str]], right: Sequence[list[str]]) -> str:
         """Return whether pivots are trusted, and the rows of multipliers satisfied by every solution."""
         plan = self.program.eliminations[self.by_code[factor]]
-        for solution, wanted in zip(x, right, strict=True) if plan.negative else ():
-            good = llvm_ldl.satisfied(self.e, self.lanes, plan, self.entries(factor), solution, wanted)
-            if good is not None:
+        if not plan.negative:
+            return trusted
+        entries = self.entries(factor)
+        for solution, wanted in zip(x, right, strict=True):
+            for good in llvm_ldl.satisfied(self.e, self.lanes, plan, entries, solution, wanted):
                 trusted = self.e.value(f"and {flag_type(self.lanes)} {trusted}, {good}")
         return trusted
 

@@ -91,13 +91,13 @@ def solve(
 
 def satisfied(
     e: Emitter, lanes: int, plan: Elimination, a: Entries, x: Sequence[str], right: Sequence[str]
-) -> str | None:
-    """Return whether a solution satisfies the rows of the multipliers, None without multipliers.
+) -> list[str]:
+    """Return whether a solution satisfies the rows of the multipliers, one flag for each row.
 
     With inertias that differ by many digits pivots are large and the solution is still wrong: what is light gets the
     difference of two forces that nearly cancel. Its accelerations then violate the constraints.
     """
-    kind, found = element(lanes), None
+    kind, found = element(lanes), []
     for i in plan.negative:
         row = [(a[max(i, j), min(i, j)], x[j]) for j in range(plan.order) if (max(i, j), min(i, j)) in a]
         left, size = right[i], e.fabs(right[i], kind)
@@ -106,6 +106,5 @@ def satisfied(
             left = e.value(f"fsub {kind} {left}, {product}")
             size = e.value(f"fadd {kind} {size}, {e.fabs(product, kind)}")
         most = e.value(f"fmul {kind} {size}, {number(RESIDUAL, lanes)}")
-        good = e.value(f"fcmp ole {kind} {e.fabs(left, kind)}, {most}")
-        found = good if found is None else e.value(f"and {flag_type(lanes)} {found}, {good}")
+        found.append(e.value(f"fcmp ole {kind} {e.fabs(left, kind)}, {most}"))
     return found

@@ -231,6 +231,10 @@ class FloatPrinter:
             ref is None or ref < self.program.hoisted or self.program.instructions[ref].op in ("constant", "parameter")
         )
 
+    def is_name_or_number(self, ref: int) -> bool:
+        """Return whether a value is read again at no cost."""
+        return self.texts[ref][0] == ATOM or self.program.instructions[ref].op in GIVEN
+
     def factor(self, place: int, one: Instruction) -> None:
         """Write L D L^T of a matrix: its entries below the diagonal, and 1/d, and leave where a pivot vanishes."""
         n, lower, scaled = one.order, Entries(), Entries()
@@ -238,8 +242,8 @@ class FloatPrinter:
             for i in range(j, n):
                 products = [f"{a} * {b}" for a, b in products_of(scaled, lower, i, j)]
                 start = self.entry(one, i, j)
-                if start is not None and not products and self.texts[start][0] == ATOM:
-                    scaled[i, j] = self.text_of(start)
+                if start is not None and not products and self.is_name_or_number(start):
+                    scaled[i, j] = self.text_of(start, ATOM)
                 elif start is not None or products:
                     first = "" if start is None else self.text_of(start, SUM)
                     text = first + "".join(f" - {each}" for each in products)

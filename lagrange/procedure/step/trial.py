@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from lagrange.procedure.builder import Builder
+from lagrange.procedure.compensated import compensated
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
 from lagrange.procedure.newton.corrections import product, solve_unknowns
 from lagrange.procedure.newton.prediction import keep
@@ -86,12 +87,7 @@ def _keep_result(vectors: Vectors, state: int, entries: Memory | None) -> None:
     old = vectors.at(state)
     lost, tried = (work.at(layout.lost + (i * step.states + state) * layout.width) for i in (0, 1))
     with p.each(layout.width, spill=True) as i:
-        y = old[i]
-        move = added[i] + lost[i]
-        total = y + move
-        back = total - y
-        new[i] = total
-        tried[i] = (y - (total - back)) + (move - back)
+        new[i], tried[i] = compensated(old[i], added[i] + lost[i])
 
 
 class Running:

@@ -8,6 +8,7 @@ from functools import cache
 from typing import Any
 
 from lagrange.procedure.builder import Builder
+from lagrange.procedure.compensated import compensated
 from lagrange.procedure.form import FLAG, REAL, Procedure
 from lagrange.procedure.taylor.memory import (
     BLOCK,
@@ -26,7 +27,6 @@ def advance(layout: TaylorLayout) -> Procedure:
 
     The state is unchanged if the sum is not finite. The procedure stores the state before, and the derivative at the
     end in units of the next scale.
-    Source: D. E. Knuth, The Art of Computer Programming, vol. 2, 3rd ed., 1997, 4.2.2, theorem B.
     """
     p = Builder("advance", "Add the series to the state, and return whether it stays finite.")
     s, longer = p.given("s", REAL), p.given("longer", REAL)
@@ -42,12 +42,8 @@ def advance(layout: TaylorLayout) -> Procedure:
         else:
             move, slope = horner(run, s, i)
             slopes[i] = slope * longer
-        added = move + low[i]
-        y = state[i]
-        total = y + added
-        back = total - y
+        total, lost[i] = compensated(state[i], move + low[i])
         new[i] = total
-        lost[i] = (y - (total - back)) + (added - back)
         largest = p.largest_magnitude(total)
     good = (largest.value < math.inf).called("good")
     with p.when(good, likely=True):

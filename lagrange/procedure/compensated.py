@@ -1,0 +1,15 @@
+"""Compensated addition: a sum of two numbers, and what rounding lost of it.
+
+Source: D. E. Knuth, The Art of Computer Programming, vol. 2, 3rd ed., 1997, 4.2.2, theorem B.
+"""
+
+from __future__ import annotations
+
+from lagrange.procedure.values import Real
+
+
+def compensated(y: Real, move: Real) -> tuple[Real, Real]:
+    """Return the rounded sum, and the error of the rounding, which is exact: y + move = total + lost."""
+    total = y + move
+    back = total - y
+    return total, (y - (total - back)) + (move - back)
