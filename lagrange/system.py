@@ -11,9 +11,9 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from lagrange.analysis import Analysis
 from lagrange.compiler import compile_model, equations_of, machine, model_of, state
 from lagrange.equations.derivation import Derivation, derive
-from lagrange.equations.reduction import reduced
 from lagrange.errors import StatementError, listing, shown
 from lagrange.evidence.check import check
 from lagrange.evidence.independent import solved_statement
@@ -31,7 +31,7 @@ from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.options import RunOptions
 
 
-class System:
+class System(Analysis):
     """A mechanical system: n coordinates, kinetic and potential energy, forces, parameters, initial state.
 
     Units are the user's own, consistent ones. Raises StatementError, in the user's symbols, for anything that
@@ -162,16 +162,6 @@ class System:
         a constraint psi = 0 on velocities (Chetaev's rule where psi is not linear in them).
         """
         return {name: dict(forces) for name, forces in self._derivation.constraint_forces.items()}
-
-    def eliminate(self, *coordinates: Any) -> System:
-        """Return a smaller System: holonomic constraints solved for coordinates, and both left out.
-
-        Each of `coordinates` is a coordinate or its name, the name of a constraint, or {coordinate: expression} where
-        the constraint has several solutions and one is meant. Energies, forces, dissipation, positions and the initial
-        state of the other coordinates are carried over. Raises StatementError where a constraint does not determine the
-        coordinate: it must be linear in it, with a coefficient that never vanishes.
-        """
-        return System.from_statement(reduced(self.statement, coordinates))
 
     @property
     def lagrangian(self) -> Any:

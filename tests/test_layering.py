@@ -22,6 +22,7 @@ STAGES = (
     "machine",
     "trajectory",
     "evidence",
+    "mechanics",
     "show",
 )
 TOP = len(STAGES)

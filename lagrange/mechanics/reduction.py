@@ -9,16 +9,15 @@ Source: H. Goldstein, C. Poole, J. Safko, Classical Mechanics, 3rd ed., 2002, se
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import sympy
 
 from lagrange.equations.terms import differentiable, printable
 from lagrange.errors import StatementError, listing, shown, suggestion
+from lagrange.mechanics.rewriting import rewritten
 from lagrange.statement.constraint import Constraint
 from lagrange.statement.coordinate import name_of, t, velocity_of
-from lagrange.statement.declare import declare
 from lagrange.statement.expression import expression
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
@@ -228,27 +227,12 @@ def _substituted(statement: Statement, name: str, constraint: Constraint, solved
     forces = {
         q: put(statement.forces[i]) + pull * back(slopes[q]) for i, q in enumerate(statement.coordinates) if q != gone
     }
-    alone = statement.potential == 0 and statement.kinetic == statement.lagrangian
-    energies = (
-        {"lagrangian": put(statement.lagrangian)}
-        if alone
-        else {"kinetic": put(statement.kinetic), "potential": put(statement.potential)}
-    )
-    n = len(statement.coordinates)
-    kept = [i for i in range(n) if i != place]
-    made = declare(
-        **energies,
+    start = dict(zip((*statement.coordinates, *statement.velocities), statement.initial, strict=True))
+    return rewritten(
+        statement,
+        put,
         coordinates=[q for q, _, _ in left],
-        forces={q: force for q, force in forces.items() if force != 0},
-        dissipation=put(statement.dissipation),
-        constraints={one.name: put(one.expression) for one in statement.constraints if one is not constraint},
-        parameters={p: statement.defaults.get(p) for p in statement.parameters},
-        initial={
-            **{statement.coordinates[i]: statement.initial[i] for i in kept},
-            **{statement.velocities[i]: statement.initial[n + i] for i in kept},
-        },
-        positions={label: tuple(map(put, point)) for label, point in statement.positions.items()},
-        links=statement.links,
-        name=statement.name,
+        forces=forces,
+        constraints=[one for one in statement.constraints if one is not constraint],
+        initial={key: start[key] for q, _, _ in left for key in (q, velocity_of(q))},
     )
-    return replace(made, about=statement.about, source=statement.source, run=statement.run)
