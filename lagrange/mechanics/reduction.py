@@ -28,6 +28,10 @@ DIGITS = 40
 TESTS = 5
 """States at which it is tested: one with another value is enough to refuse it."""
 
+ROUNDING = 1e-6
+"""An initial value this close to that of the expression, relative to the larger, is the same with fewer digits: six or
+more of those that a constraint is typed with are right."""
+
 
 def reduced(statement: Statement, wanted: Sequence[Any]) -> Statement:
     """Return a statement without some coordinates, and without the constraints that determine them.
@@ -108,7 +112,39 @@ def _without(statement: Statement, name: str, given: Any) -> Statement:
         constraint, solved = _solved(held, name, statement)
     else:
         constraint, solved = _checked(held, name, given, statement)
+    _check_initial(statement, name, solved)
     return _substituted(statement, name, constraint, solved)
+
+
+def _check_initial(statement: Statement, name: str, solved: Any) -> None:
+    """Raise StatementError where an initial value or velocity is another than that of an expression and its rate.
+
+    Zero is the initial value of what was not given: it follows. So does all where a parameter has no value.
+    """
+    plain, n = statement.plain, len(statement.coordinates)
+    state = zip((*statement.coordinates, *statement.velocities), statement.initial, strict=True)
+    numbers = {**{plain[symbol]: number for symbol, number in state}, **statement.defaults}
+    values = {symbol: sympy.Float(number) for symbol, number in numbers.items()} | {t: sympy.S.Zero}
+    derived = {name: (statement.names.index(name), solved)}
+    derived[f"{name}.dot"] = n + derived[name][0], _rate(solved, statement)
+    for label, (row, known) in derived.items():
+        given, found = statement.initial[row], printable(known).xreplace(values).evalf()
+        if not given or not found.is_number:
+            continue
+        if not found.is_finite or abs(found - given) > ROUNDING * max(abs(found), abs(given)):
+            follows = f"{found.evalf(6)}" if found.is_finite else "undefined"
+            raise StatementError(
+                f"{name} = {shown(str(printable(solved)))} does not hold at the initial state: {label} is {given:.6g} "
+                f"there, and {follows} by this expression. Give the expression of the branch that is meant, or other "
+                "initial values."
+            )
+
+
+def _rate(solved: Any, statement: Statement) -> Any:
+    """Return the derivative by time of an expression in plain symbols."""
+    smooth, plain = differentiable(solved), statement.plain
+    along = (smooth.diff(plain[q]) * plain[velocity_of(q)] for q in statement.coordinates if smooth.has(plain[q]))
+    return sympy.Add(smooth.diff(t), *along)
 
 
 def _contains(constraint: Constraint, name: str, statement: Statement) -> bool:
@@ -210,10 +246,10 @@ def _substituted(statement: Statement, name: str, constraint: Constraint, solved
     gone = statement.coordinates[place]
     plain = statement.plain
     stated = {symbol: leaf for leaf, symbol in plain.items()}
-    left = [(q, plain[q], plain[velocity_of(q)]) for q in statement.coordinates if q != gone]
+    left = [(q, plain[q]) for q in statement.coordinates if q != gone]
     smooth = differentiable(solved)
-    slopes = {q: smooth.diff(symbol) for q, symbol, _ in left}
-    rate = sympy.Add(smooth.diff(t), *(slopes[q] * v for q, _, v in left))
+    slopes = {q: smooth.diff(symbol) for q, symbol in left}
+    rate = _rate(solved, statement)
 
     def back(given: Any) -> Any:
         return printable(given).xreplace(stated)
@@ -231,8 +267,8 @@ def _substituted(statement: Statement, name: str, constraint: Constraint, solved
     return rewritten(
         statement,
         put,
-        coordinates=[q for q, _, _ in left],
+        coordinates=[q for q, _ in left],
         forces=forces,
         constraints=[one for one in statement.constraints if one is not constraint],
-        initial={key: start[key] for q, _, _ in left for key in (q, velocity_of(q))},
+        initial={key: start[key] for q, _ in left for key in (q, velocity_of(q))},
     )

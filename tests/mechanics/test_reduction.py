@@ -73,6 +73,33 @@ def test_a_branch_may_be_given() -> None:
     assert small[0] == pytest.approx(large[0], rel=1e-13)
 
 
+@pytest.mark.parametrize(
+    ("initial", "words"),
+    [
+        ({x: 0.6, y: -0.8}, "y is -0.8 there, and 0.8"),
+        ({x: 0.6, y: 0.8, x.dot: 1.0, y.dot: 0.75}, "y.dot is 0.75 there, and -0.75"),
+        ({x: 1.0, y.dot: 0.5}, "y.dot is 0.5 there, and undefined by"),
+        ({x: 1.2, y: 0.8}, "y is 0.8 there, and 0.663325*I by"),
+    ],
+)
+def test_a_branch_that_the_motion_does_not_start_on_is_refused(initial: Any, words: str) -> None:
+    rod = lg.System(
+        kinetic=m * (x.dot**2 + y.dot**2) / 2, constraints={"rod": ROD}, parameters={m: 1, l: 1}, initial=initial
+    )
+    with pytest.raises(StatementError) as refusal:
+        rod.eliminate({y: sqrt(l**2 - x**2)})
+    assert str(refusal.value).startswith("y = 'sqrt(l**2 - x**2)' does not hold at the initial state: " + words)
+    assert "Give the expression of the branch that is meant, or other initial values." in str(refusal.value)
+
+
+def test_initial_values_that_were_not_given_follow_from_the_branch() -> None:
+    """Those that were given may be rounded."""
+    stated: dict[str, Any] = {"kinetic": x.dot**2 + y.dot**2, "constraints": {"rod": ROD}, "parameters": {l: 1}}
+    for initial in ({x: 0.6, x.dot: 1.0}, {x: 1 / 3, y: 0.942809}):
+        small = lg.System(**stated, initial=initial).eliminate({y: sqrt(l**2 - x**2)})
+        assert small.statement.initial == (initial[x], initial.get(x.dot, 0.0))
+
+
 def test_a_lagrangian_stays_one() -> None:
     system = lg.System(lagrangian=x.dot**2 / 2 + y.dot**2 / 2 - x * y, constraints=[y - 2 * x])
     small = system.eliminate(y).statement
