@@ -6,7 +6,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Any, Self
 
+from lagrange.equations.derivation import Derivation
+from lagrange.mechanics.comparison import EquationsComparison, compare_equations
 from lagrange.mechanics.reduction import reduced
+from lagrange.mechanics.student_equations import equations_of_text, read_equations
 from lagrange.mechanics.substitution import substituted
 from lagrange.statement.statement import Statement
 
@@ -20,6 +23,10 @@ class Analysis(ABC):
     @abstractmethod
     def from_statement(cls, statement: Statement) -> Self:
         """Return the system of a checked statement."""
+
+    @abstractmethod
+    def derivation(self) -> Derivation:
+        """Return the textbook derivation."""
 
     def eliminate(self, *coordinates: Any) -> Self:
         """Return a smaller System: holonomic constraints solved for coordinates, and both left out.
@@ -38,3 +45,21 @@ class Analysis(ABC):
         StatementError for what is no parameter, and for expressions that are not constant.
         """
         return self.from_statement(substituted(self.statement, parameters))
+
+    def compare(self, derived: Any) -> EquationsComparison:
+        """Compare equations of motion that somebody derived, such as a student, with those of the system.
+
+        Each is a text such as "l*theta_ddot + g*sin(theta) = 0", a SymPy expression that is zero, or an Eq; give a list
+        or {coordinate: equation}. They are right if they are equivalent: in any order, multiplied by anything, combined
+        linearly or solved for the accelerations. The result is truthy if so; its `.message` names the first wrong term
+        with a state at which the equation does not hold. Raises StatementError for what cannot be read, and for
+        equations that are not linear in the accelerations.
+        """
+        return compare_equations(self.statement, self.derivation(), read_equations(derived, self.statement))
+
+    def compare_text(self, text: str) -> EquationsComparison:
+        """Compare equations of motion in a text, one a line, as `compare` does; # begins a comment.
+
+        A refusal names the line and the column.
+        """
+        return compare_equations(self.statement, self.derivation(), equations_of_text(text, self.statement))

@@ -33,6 +33,7 @@ from lagrange.arguments import (
     start,
 )
 from lagrange.errors import LagrangeError, StatementError, listing
+from lagrange.grade_command import add_grade
 from lagrange.interruption import SENTENCE, Signalled
 from lagrange.race_command import add_race
 from lagrange.show.atomic_file import write_atomically
@@ -145,6 +146,7 @@ def parser() -> argparse.ArgumentParser:
     )
     add_json(check_)
     add_race(commands)
+    add_grade(commands)
     list_ = add_command(commands, "scenes", scenes, "list the library of scenes", takes_scene=False)
     add_json(list_)
     new_ = add_command(commands, "new", new, "write a commented scene file to start from", takes_scene=False)

@@ -194,6 +194,8 @@ def sound(folder: Path) -> dict[str, Any]:
         "claims": lg.Claims(order=1, explicit=False),
         "coefficients": [1.0],
         "coordinates": [x, y],
+        "derived": [m * x.ddot + k * x, m * y.ddot + k * y],
+        "text": "m*x_ddot + k*x = 0\nm*y_ddot + k*y = 0",
         "embedded": None,
         "equations": model().equations,
         "expression": x - y,

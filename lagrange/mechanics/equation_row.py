@@ -1,0 +1,94 @@
+"""One equation of motion taken apart: its coefficients of accelerations and multipliers, and what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import sympy
+
+from lagrange.errors import StatementError, listing
+from lagrange.evidence.operations import OutsideDomain
+from lagrange.evidence.precise import Precise
+from lagrange.mechanics.motion_samples import MotionSample
+from lagrange.mechanics.student_equations import StudentEquation
+from lagrange.statement.statement import Statement
+
+DIGITS = 40
+"""Digits of the values; the motion is known to some 30 of them."""
+
+HELD = 1e-12
+"""Residual, relative to the terms, up to which an equation holds: numbers in it may be rounded to doubles, and states
+on constraints are. A term of another size would have to be smaller than that at every state."""
+
+
+@dataclass(frozen=True, eq=False)
+class EquationRow:
+    """zero = sum of slopes[z] * z over the unknowns z, plus rest; all in the plain symbols of the statement."""
+
+    statement: Statement
+    label: str
+    zero: Any
+    slopes: Mapping[Any, Any]
+    rest: Any
+
+    @cached_property
+    def _tape(self) -> Precise:
+        return tape([*self.slopes.values(), self.rest], self.statement)
+
+    def numbers(self, sample: MotionSample) -> tuple[list[Any], Any]:
+        """Return the coefficients and the rest at a state. Raises OutsideDomain."""
+        *slopes, rest = values_at(self._tape, sample)
+        return slopes, rest
+
+    def residual(self, sample: MotionSample, sign: int = 1) -> tuple[Any, Any]:
+        """Return what the equation leaves for the motion, and the size of its terms; `sign` is that of multipliers."""
+        slopes, rest = self.numbers(sample)
+        solved = [*sample.accelerations, *(sign * x for x in sample.multipliers)]
+        terms = [slope * x for slope, x in zip(slopes, solved, strict=True)]
+        return sum(terms) + rest, sum(map(abs, terms)) + abs(rest)
+
+    def holds(self, samples: Sequence[MotionSample], sign: int = 1) -> bool:
+        """Return whether the motion satisfies the equation at all states where it has a value."""
+        found = []
+        for sample in samples:
+            try:
+                found.append(self.residual(sample, sign))
+            except OutsideDomain:
+                continue
+        return bool(found) and all(abs(left) <= HELD * size for left, size in found)
+
+
+def unknowns_of(statement: Statement) -> list[Any]:
+    """Return the accelerations in plain symbols, and the multipliers."""
+    return [*list(statement.plain.values())[2::3], *(one.multiplier for one in statement.constraints)]
+
+
+def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
+    """Return an equation taken apart. Raises StatementError where it is not linear in accelerations and multipliers."""
+    unknowns = unknowns_of(statement)
+    found = [symbol for symbol in unknowns if equation.zero.has(symbol)]
+    slopes = {symbol: sympy.diff(equation.zero, symbol) if symbol in found else sympy.S.Zero for symbol in unknowns}
+    bent = [symbol for symbol in found if slopes[symbol].has(*found) and sympy.simplify(slopes[symbol]).has(*found)]
+    if bent:
+        raise StatementError(
+            f"{equation.label} is not linear in {listing(map(str, bent))}: equations of motion are compared as linear "
+            "equations for the accelerations. Solve it for them, or clear what stands around them."
+        )
+    slopes = {symbol: sympy.simplify(s) if found and s.has(*found) else s for symbol, s in slopes.items()}
+    rest = equation.zero.xreplace(dict.fromkeys(found, sympy.S.Zero))
+    return EquationRow(statement, equation.label, equation.zero, slopes, rest)
+
+
+def tape(expressions: Sequence[Any], statement: Statement) -> Precise:
+    """Return expressions in plain symbols, ready to be evaluated. Raises OutsideDomain for numbers without a value."""
+    stated = {symbol: leaf for leaf, symbol in statement.plain.items()}
+    return Precise([expression.xreplace(stated) for expression in expressions], statement, DIGITS)
+
+
+def values_at(expressions: Precise, sample: MotionSample) -> list[Any]:
+    """Return the values at a state. Raises OutsideDomain."""
+    point, number = sample.point, expressions.context.mpf
+    return expressions(point.q, point.v, point.t, {p: number(x) for p, x in point.parameters.items()})

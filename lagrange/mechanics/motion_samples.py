@@ -1,0 +1,76 @@
+"""States of a statement with the accelerations and multipliers of the motion, to many digits, without compiled code."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from lagrange.errors import StatementError
+from lagrange.evidence.constraint_surface import ConstraintSurface
+from lagrange.evidence.operations import OutsideDomain
+from lagrange.evidence.reference import Reference
+from lagrange.evidence.sample import SAMPLE_KINDS, Point, Sampler
+from lagrange.statement.statement import Statement
+
+ATTEMPTS = 120
+"""Draws for one state before the search is given up."""
+
+
+@dataclass(frozen=True)
+class MotionSample:
+    """A state on the constraints, with the accelerations (n,), the multipliers (m,) and the matrices M and G there."""
+
+    point: Point
+    accelerations: tuple[Any, ...]
+    multipliers: tuple[Any, ...]
+    mass: tuple[list[Any], ...]
+    gradient: tuple[list[Any], ...]
+
+    @property
+    def parameters(self) -> Mapping[Any, float]:
+        """The values of the parameters."""
+        return self.point.parameters
+
+
+def motion_samples(statement: Statement, count: int, seed: int = 0) -> list[MotionSample]:
+    """Return so many states at which the statement determines the motion, the same for the same seed.
+
+    Parameters and states are of order one, so that no term hides behind another. Raises StatementError where no such
+    states are found.
+    """
+    sampler, surface, reference = Sampler(statement, seed), ConstraintSurface(statement), Reference(statement)
+    found: list[MotionSample] = []
+    order_one = SAMPLE_KINDS[1]
+    near = SAMPLE_KINDS[3]
+    for attempt in range(ATTEMPTS):
+        if len(found) == count:
+            return found
+        point = sampler.point(near if attempt % 3 == 2 else order_one, attempt // 3)
+        try:
+            if statement.constraints:
+                q, v = surface.nearest(point.q, point.v, point.t, point.parameters)
+                point = replace(point, q=tuple(map(float, q)), v=tuple(map(float, v)))
+            found.append(_sample(point, reference, len(statement.constraints)))
+        except OutsideDomain:
+            continue
+    raise StatementError(
+        f"{statement.name} has no state, of {ATTEMPTS} that were drawn, at which its motion is determined: give "
+        "initial values and parameters at which it runs."
+    )
+
+
+def _sample(point: Point, reference: Reference, held: int) -> MotionSample:
+    entries, n = reference.at(point, ()), len(point.q)
+
+    def rows(name: str, count: int) -> tuple[list[Any], ...]:
+        values = entries[name].value if count else []
+        return tuple(list(values[i * n : (i + 1) * n]) for i in range(count))
+
+    return MotionSample(
+        point,
+        tuple(entries["accelerations"].value),
+        tuple(entries["multipliers"].value) if held else (),
+        rows("mass_matrix", n),
+        rows("constraint_gradient", held),
+    )

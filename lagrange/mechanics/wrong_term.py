@@ -1,0 +1,283 @@
+"""Which term of a wrong equation of motion is wrong, in words.
+
+The equation is compared with those that it may be meant to be: an Euler-Lagrange equation or a solved acceleration,
+times a factor, or the combination of all that has its accelerations. Both are sorted by products of accelerations,
+velocities and multipliers. The factor is that on which most of the coefficients agree, and the meant equation is the
+one with the fewest terms that differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from typing import Any
+
+import sympy
+
+from lagrange.equations.derivation import Derivation
+from lagrange.errors import StatementError, listing
+from lagrange.evidence.laws import solve
+from lagrange.evidence.operations import OutsideDomain
+from lagrange.mechanics.equation_row import HELD, EquationRow, tape, unknowns_of, values_at
+from lagrange.mechanics.motion_samples import MotionSample
+from lagrange.mechanics.student_equations import spelled
+from lagrange.statement.statement import Statement
+
+Numbers = list[Any]
+
+MOST_TERMS = 2_000
+"""Terms of an expanded equation above which no term is named."""
+
+SINGULAR = 1e-12
+"""Pivot, relative to its row, from which a mass matrix is not solved."""
+
+LARGEST_FACTOR = 1000
+"""Largest denominator of a factor that is told as a fraction."""
+
+
+def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample]) -> str:
+    """Return a sentence that names the first wrong term of an equation that does not hold."""
+    label = f"{row.label[0].upper()}{row.label[1:]}"
+    given = _Sorted.of(row.zero, row.statement, samples)
+    if given is None:
+        return f"{label} does not hold."
+    candidates = (*_candidates(given, derivation), *_combined(row, given, derivation))
+    compared = (_Meant(name, given, expected, factor) for name, expected, factor in candidates)
+    meant = min(compared, key=_rank, default=None)
+    if meant is None or not meant.agreeing:
+        return f"{label} does not hold, and no term of it is that of an equation of motion."
+    return meant.sentence(row.label)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sorted:
+    """An equation by products of accelerations, velocities and multipliers, {product: coefficient}, and its values."""
+
+    statement: Statement
+    samples: Sequence[MotionSample]
+    coefficients: Mapping[Any, Any]
+
+    @classmethod
+    def of(cls, zero: Any, statement: Statement, samples: Sequence[MotionSample]) -> _Sorted | None:
+        """Return an equation sorted, None where it is too long or has no values at the samples."""
+        plain = list(statement.plain.values())
+        moving = (*plain[1::3], *unknowns_of(statement))
+        terms = sympy.Add.make_args(sympy.expand(zero))
+        if len(terms) > MOST_TERMS:
+            return None
+        found: dict[Any, Any] = {}
+        for term in terms:
+            coefficient, product = term.as_independent(*moving, as_Add=False)
+            found[product] = found.get(product, 0) + coefficient
+        kept = {product: value for product, value in found.items() if value != 0}
+        usable = [one for one in samples if _values(list(kept.values()), statement, [one]) is not None]
+        return cls(statement, usable, kept) if usable else None
+
+    @cached_property
+    def values(self) -> Mapping[Any, Numbers]:
+        """The coefficients at the samples."""
+        found = _values(list(self.coefficients.values()), self.statement, self.samples)
+        return dict(zip(self.coefficients, found or [], strict=True))
+
+    def numbers(self, expression: Any) -> Numbers | None:
+        """Return the values of another expression at the samples, None where it has none."""
+        found = _values([expression], self.statement, self.samples)
+        return None if found is None else found[0]
+
+
+def _values(expressions: Sequence[Any], statement: Statement, samples: Sequence[MotionSample]) -> list[Numbers] | None:
+    """Return the values of expressions at some states, None where one has none."""
+    try:
+        made = tape(expressions, statement)
+        columns = [values_at(made, sample) for sample in samples]
+    except OutsideDomain:
+        return None
+    return [list(row) for row in zip(*columns, strict=True)] if columns else None
+
+
+@dataclass(frozen=True, eq=False)
+class _Factor:
+    """What an expected equation is multiplied by: its values at the samples, and the product that it was found on."""
+
+    values: Numbers
+    product: Any
+
+    @property
+    def constant(self) -> Fraction | None:
+        """The factor as a short fraction, if it is the same at all states."""
+        return _constant(self.values)
+
+
+def _candidates(given: _Sorted, derivation: Derivation) -> Iterator[tuple[str, _Sorted, _Factor]]:
+    """Yield the equations that may be meant, by the coordinate they belong to, with every factor that one may have."""
+    statement = given.statement
+    for parts in (_stated_rows, _solved_rows):
+        try:
+            rows = list(parts(derivation))
+        except StatementError:
+            continue
+        for name, zero in rows:
+            expected = _Sorted.of(zero.xreplace(statement.plain), statement, given.samples)
+            if expected is None or len(expected.samples) < len(given.samples):
+                continue
+            for product in expected.coefficients:
+                if product in given.coefficients:
+                    below = expected.values[product]
+                    if all(below):
+                        ratio = [a / b for a, b in zip(given.values[product], below, strict=True)]
+                        yield name, expected, _Factor(ratio, product)
+
+
+def _combined(row: EquationRow, given: _Sorted, derivation: Derivation) -> Iterator[tuple[str, _Sorted, _Factor]]:
+    """Yield the sum of equations with constant weights that has the accelerations of the given one."""
+    weights: list[Numbers] = []
+    for sample in given.samples:
+        slopes, _ = row.numbers(sample)
+        try:
+            weights.append(solve(sample.mass, [slopes[: len(sample.mass)]], SINGULAR)[0])
+        except OutsideDomain:
+            return
+    constants = [_constant(list(column)) for column in zip(*weights, strict=True)]
+    used = [i for i, weight in enumerate(constants) if weight != 0]
+    if len(used) < 2 or None in constants:
+        return
+    try:
+        stated = list(_stated_rows(derivation))
+    except StatementError:
+        return
+    zero = sympy.Add(*(_rational(constants[i] or Fraction(0)) * stated[i][1] for i in used))
+    expected = _Sorted.of(zero.xreplace(given.statement.plain), given.statement, given.samples)
+    if expected is not None and len(expected.samples) == len(given.samples):
+        one = [sample.accelerations[0] * 0 + 1 for sample in given.samples]
+        yield f"{listing(stated[i][0] for i in used)} together", expected, _Factor(one, None)
+
+
+def _stated_rows(derivation: Derivation) -> Iterator[tuple[str, Any]]:
+    for name, law in zip(derivation.statement.names, derivation.equations, strict=True):
+        yield name, law.lhs - law.rhs
+
+
+def _solved_rows(derivation: Derivation) -> Iterator[tuple[str, Any]]:
+    statement = derivation.statement
+    accelerations = list(statement.plain.values())[2::3]
+    for name, symbol, solved in zip(statement.names, accelerations, derivation.accelerations.values(), strict=True):
+        yield name, symbol - solved
+
+
+class _Meant:
+    """An equation that may be meant, times a factor, and where the given one differs from it."""
+
+    def __init__(self, name: str, given: _Sorted, expected: _Sorted, factor: _Factor) -> None:
+        self.name, self.expected, self.given, self.factor = name, expected, given, factor
+        products = [*expected.coefficients, *(one for one in given.coefficients if one not in expected.coefficients)]
+        self.differing = [one for one in products if not self._agrees(one)]
+        self.agreeing = len(products) - len(self.differing)
+        self.differing_terms = sum(map(self._terms, self.differing))
+
+    def _terms(self, product: Any) -> int:
+        """Return how many terms stand before a product."""
+        there = (row.coefficients.get(product, sympy.S.Zero) for row in (self.given, self.expected))
+        return max(len(sympy.Add.make_args(one)) for one in there)
+
+    def _wanted(self, product: Any) -> Numbers:
+        zero = [0] * len(self.factor.values)
+        return [c * r for c, r in zip(self.factor.values, self.expected.values.get(product, zero), strict=True)]
+
+    def _agrees(self, product: Any) -> bool:
+        there = self.given.values.get(product, [0] * len(self.factor.values))
+        return _same(there, self._wanted(product))
+
+    @cached_property
+    def multiple(self) -> Any:
+        """The factor as an expression."""
+        constant = self.factor.constant
+        if constant is not None:
+            return sympy.Rational(constant.numerator, constant.denominator)
+        product = self.factor.product
+        return sympy.cancel(self.given.coefficients[product] / self.expected.coefficients[product])
+
+    def sentence(self, label: str) -> str:
+        """Return what is wrong with the first product that differs."""
+        product = self.differing[0]
+        there = self.given.coefficients.get(product, sympy.S.Zero)
+        wanted = sympy.expand(self.multiple * self.expected.coefficients.get(product, sympy.S.Zero))
+        where = f"In {label}" if self.name in label else f"In {label}, that of {self.name},"
+        return f"{where} {_difference(product, there, wanted, self.given.numbers)}"
+
+
+def _rank(meant: _Meant) -> tuple[Any, ...]:
+    """Fewest differing terms first, then most agreeing products, then the simplest factor."""
+    constant = meant.factor.constant
+    simple = (1, -1).index(int(constant)) if constant in (1, -1) else 2 if constant is not None else 3
+    accelerates = 0 if meant.factor.product in unknowns_of(meant.given.statement) else 1
+    return meant.differing_terms, -meant.agreeing, simple, accelerates
+
+
+def _difference(product: Any, there: Any, wanted: Any, numbers: Callable[[Any], Numbers | None]) -> str:
+    """Return how the coefficient of a product differs from what it should be."""
+
+    def text(coefficient: Any) -> str:
+        return spelled(coefficient * product)
+
+    def known(coefficient: Any) -> str:
+        return f"the term {text(coefficient)}" if product == 1 else f"the term with {spelled(product)}"
+
+    if there == 0:
+        return f"the term {text(wanted)} is missing."
+    if wanted == 0:
+        return f"the term {text(there)} should not be there."
+    ratio = _ratio(numbers(there), numbers(wanted))
+    if ratio is not None:
+        return _scaled(known(there), ratio, text(there), text(wanted))
+    off = numbers(there - wanted)
+    for summands in (sympy.Add.make_args, _opened):
+        for one in summands(wanted):
+            factor = _ratio(off, numbers(one))
+            if factor == -1:
+                return f"the term {text(one)} is missing."
+            if factor is not None:
+                return _scaled(f"the term {text(one)}", factor + 1, text(one * _rational(factor + 1)), text(one))
+        for one in summands(there):
+            if _ratio(off, numbers(one)) == 1:
+                return f"the term {text(one)} should not be there."
+        for one in summands(there):
+            for other in summands(wanted):
+                if one != other and _ratio(off, numbers(one - other)) == 1:
+                    return f"the term {text(one)} is wrong: it should be {text(other)}."
+    return f"{known(there)} is wrong: it is {text(there)}, and should be {text(wanted)}."
+
+
+def _opened(expression: Any) -> tuple[Any, ...]:
+    """Return the terms of a sum whose sines and cosines of sums are written out."""
+    found: tuple[Any, ...] = sympy.Add.make_args(sympy.expand(sympy.expand_trig(expression)))
+    return found
+
+
+def _scaled(what: str, ratio: Fraction, there: str, wanted: str) -> str:
+    if ratio == -1:
+        return f"{what} has the wrong sign: it is {there}, and should be {wanted}."
+    return f"{what} has the wrong factor: it is {there}, {ratio} times what it should be, {wanted}."
+
+
+def _ratio(above: Numbers | None, below: Numbers | None) -> Fraction | None:
+    """Return the constant ratio of two expressions by their values, None where there is none."""
+    if above is None or below is None or not all(below):
+        return None
+    return _constant([a / b for a, b in zip(above, below, strict=True)])
+
+
+def _constant(values: Numbers) -> Fraction | None:
+    """Return the short fraction that all values are, None where they are not."""
+    found = Fraction(str(values[0])).limit_denominator(LARGEST_FACTOR)
+    return found if _same(values, [values[0] * 0 + found.numerator] * len(values), found.denominator) else None
+
+
+def _same(left: Numbers, right: Numbers, times: int = 1) -> bool:
+    """Return whether times * left and right agree at all states."""
+    return all(abs(times * a - b) <= HELD * (abs(times * a) + abs(b)) for a, b in zip(left, right, strict=True))
+
+
+def _rational(value: Fraction) -> Any:
+    return sympy.Rational(value.numerator, value.denominator)

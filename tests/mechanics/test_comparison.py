@@ -1,0 +1,251 @@
+"""Students' equations: what is equivalent is accepted, what is not is refused with the term that is wrong."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from functools import cache
+from typing import Any
+
+import pytest
+import sympy as sp
+
+import lagrange as lg
+from lagrange.errors import StatementError
+from lagrange.mechanics.student_equations import spelled
+from tests import covering
+
+SCENES = ("pendulum", "double-pendulum", "elastic-pendulum", "bead-on-hoop", "swinging-atwood-machine", "henon-heiles")
+
+
+@cache
+def system(name: str) -> lg.System:
+    return lg.scene(name)
+
+
+@cache
+def rows(name: str) -> tuple[Any, ...]:
+    """What each equation of a scene says is zero, in plain symbols."""
+    found = system(name)
+    return tuple((law.lhs - law.rhs).xreplace(found.statement.plain) for law in found.equations())
+
+
+@cache
+def solved(name: str) -> tuple[Any, ...]:
+    plain = system(name).statement.plain
+    pairs = system(name).accelerations().items()
+    return tuple(plain[q.diff(lg.t, 2)] - a.xreplace(plain) for q, a in pairs)
+
+
+def texts(zeros: Any) -> list[str]:
+    return [f"{spelled(zero)} = 0" for zero in zeros]
+
+
+def sides(zero: Any) -> str:
+    """An equation with its negative terms on the right."""
+    terms = sp.Add.make_args(sp.expand(zero))
+    left = [one for one in terms if not one.could_extract_minus_sign()]
+    right = [-one for one in terms if one.could_extract_minus_sign()]
+    return f"{spelled(sp.Add(*left))} == {spelled(sp.Add(*right))}"
+
+
+def first_parameter(name: str) -> Any:
+    return system(name).statement.parameters[0] if system(name).statement.parameters else sp.Integer(3)
+
+
+def mixed(name: str) -> list[Any]:
+    """Sums of the equations with coefficients that depend on the state."""
+    found, (x, *_) = rows(name), system(name).statement.plain.values()
+    return [zero + (2 + sp.cos(x)) * found[0] for zero in found]
+
+
+REWRITINGS: dict[str, Callable[[str], Any]] = {
+    "reversed and on two sides": lambda name: [sides(zero) for zero in reversed(rows(name))],
+    "scaled": lambda name: texts(-3 * zero / first_parameter(name) for zero in rows(name)),
+    "solved": lambda name: texts(solved(name)),
+    "mixed": lambda name: texts(mixed(name)),
+    "sines of sums written out": lambda name: texts(sp.expand_trig(sp.expand(zero)) for zero in rows(name)),
+}
+
+
+@pytest.mark.parametrize("how", REWRITINGS)
+@pytest.mark.parametrize("name", SCENES)
+def test_equivalent_equations_are_right(name: str, how: str) -> None:
+    result = system(name).compare(REWRITINGS[how](name))
+    assert result and result.message == "The equations are right: they are equivalent to those of the system."
+    assert not result.wrong and not result.counterexample
+
+
+def swapped(term: Any) -> Any:
+    """A term with sine for cosine and cosine for sine, or its first factor of higher power squared."""
+    table = {f: (sp.cos if isinstance(f, sp.sin) else sp.sin)(f.args[0]) for f in term.atoms(sp.sin, sp.cos)}
+    return term.xreplace(table) if table else None
+
+
+MUTATIONS: dict[str, Callable[[Any], Any]] = {
+    "sign": lambda term: -term,
+    "twice": lambda term: 2 * term,
+    "half": lambda term: term / 2,
+    "left out": lambda term: sp.Integer(0),
+    "sine for cosine": swapped,
+}
+
+
+def mutants() -> Iterator[tuple[str, int, str, Any, Any]]:
+    """Yield scene, equation, mutation, term and mutated equation, some of them scaled."""
+    for name in SCENES:
+        for place, zero in enumerate(rows(name)):
+            terms = sp.Add.make_args(sp.expand(zero))
+            for k, term in enumerate(terms):
+                for number, (how, change) in enumerate(MUTATIONS.items()):
+                    if (k + number + place) % 2:  # half of them
+                        continue
+                    other = change(term)
+                    if other not in (None, term):
+                        factor = 1 if k % 2 else 5 / first_parameter(name)
+                        yield name, place, how, term, factor * (sp.expand(zero) - term + other)
+
+
+ALL = list(mutants())
+
+
+def leaves(name: str, term: Any) -> list[str]:
+    """The factors of a term that depend on the state, or the parameters of one that does not."""
+    plain = tuple(system(name).statement.plain.values())
+    depends = term.as_independent(*plain, as_Add=False)[1]
+    if depends != 1:
+        return [spelled(one) for one in sp.Mul.make_args(depends)]
+    return sorted({spelled(one) for one in term.free_symbols} - {spelled(first_parameter(name))})[:1]
+
+
+def test_wrong_terms_are_named() -> None:
+    """At least five of six by the mutated term; the others as another one where a factor may be meant either way."""
+    assert len(ALL) >= 60 and {how for _, _, how, _, _ in ALL} == set(MUTATIONS)
+    missed = []
+    looked_at = ALL if covering.WHOLE else ALL[::4]
+    for name, place, how, term, zero in looked_at:
+        given = [zero if i == place else other for i, other in enumerate(rows(name))]
+        result = system(name).compare(texts(given))
+        assert not result and result.wrong == (place,)
+        message = result.message.split(" At ")[0]
+        if not all(one in message for one in leaves(name, term)):
+            missed.append((name, how, term, message))
+    assert len(missed) <= len(looked_at) / 6, missed
+
+
+def test_the_counterexample_is_one() -> None:
+    """The equation of the pendulum with the wrong sign leaves 2 g sin(theta) of the motion."""
+    result = system("pendulum").compare("l*theta_ddot = g*sin(theta)")
+    example = dict(result.counterexample)
+    motion = -example["g"] / example["l"] * math.sin(example["theta"])
+    assert example["theta_ddot"] == pytest.approx(motion, rel=1e-12)
+    left = example["l"] * motion - example["g"] * math.sin(example["theta"])
+    assert f"differ by {left:.5g}." in result.message
+
+
+PENDULUM = "theta_ddot + g/l*sin(theta)"
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (
+            f"{PENDULUM}*2",
+            "In equation 1, that of theta, the term 2*g*sin(theta)/l has the wrong factor: it is 2*g*sin(theta)/l, 2 "
+            "times what it should be, g*sin(theta)/l. At theta = ",
+        ),
+        (
+            {"theta": "l*theta_ddot + g*cos(theta)"},
+            "In the theta equation the term g*cos(theta) is wrong: it should be g*sin(theta). At theta = ",
+        ),
+        ("l*theta_ddot", "In equation 1, that of theta, the term g*sin(theta) is missing. At "),
+        (f"{PENDULUM} - theta_dot", "In equation 1, that of theta, the term -theta_dot should not be there. At "),
+        ([PENDULUM, "theta_dot = 0"], "Equation 2 does not hold, and no term of it is that of an equation of motion. "),
+    ],
+)
+def test_messages(given: Any, message: str) -> None:
+    result = system("pendulum").compare(given)
+    assert not result and str(result).startswith(message)
+
+
+def test_all_wrong_equations_are_told() -> None:
+    one, two = rows("double-pendulum")
+    result = system("double-pendulum").compare([one + 1, two - 1])
+    assert result.wrong == (0, 1) and result.message.endswith(" Equation 2 is wrong, too.")
+
+
+def test_equations_must_determine_the_accelerations() -> None:
+    one, _ = rows("double-pendulum")
+    whole = system("double-pendulum")
+    assert str(whole.compare([one])) == (
+        "The equation holds, but 1 equation is given and 2 are needed: the acceleration of theta1 and theta2 is left "
+        "open."
+    )
+    assert str(whole.compare([one, 2 * one])).startswith("The equations hold, but not all are independent: ")
+
+
+def test_a_sum_of_equations_with_a_wrong_term() -> None:
+    one, two = rows("double-pendulum")
+    theta2 = sp.Symbol("theta2", real=True)
+    g, l2, m2 = (p for n in ("g", "l2", "m2") for p in system("double-pendulum").statement.parameters if p.name == n)
+    result = system("double-pendulum").compare([one + two - 2 * g * l2 * m2 * sp.sin(theta2), two])
+    assert result.message.startswith(
+        "In equation 1, that of theta1 and theta2 together, the term g*l2*m2*sin(theta2) has the wrong sign: it is "
+        "-g*l2*m2*sin(theta2), and should be g*l2*m2*sin(theta2)."
+    )
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_equations_with_multipliers(sign: int) -> None:
+    """With either sign of them; and the motion along the rod alone, without any."""
+    found = system("cartesian-pendulum")
+    plain = found.statement.plain
+    zeros = [(law.lhs - law.rhs).xreplace(plain) for law in found.equations()]
+    multipliers = {one.multiplier: sign * one.multiplier for one in found.statement.constraints}
+    result = found.compare([zero.xreplace(multipliers) for zero in zeros])
+    assert result and result.message.endswith("opposite sign." if sign < 0 else "of the system.")
+    assert found.compare("x*y_ddot - y*x_ddot + g*x = 0")
+    wrong = found.compare("x*y_ddot - y*x_ddot - g*x = 0")
+    assert not wrong and wrong.wrong == (0,)
+
+
+def test_sympy_and_text_are_read_alike() -> None:
+    theta, (m, g, l) = lg.coordinate("theta"), sp.symbols("m g l")
+    pendulum = system("pendulum")
+    assert pendulum.compare(sp.Eq(m * l * theta.ddot, -m * g * sp.sin(theta)))
+    assert pendulum.compare([l * sp.Symbol("theta_ddot") + g * sp.sin(sp.Symbol("theta"))])
+    assert pendulum.compare({theta: "l*theta_ddot == -g*sin(theta)"})
+    assert pendulum.compare_text("# by hand\n\nl*theta_ddot = -g*sin(theta)  # the only one\n")
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ([], "no equation is given: give a list with one for each coordinate."),
+        (["theta_ddot**2 = 1"], "equation 1 is not linear in theta_ddot: equations of motion are compared as linear"),
+        (
+            ["k*theta_ddot"],
+            "equation 1 contains 'k', which this system does not have; its symbols are theta, theta_dot",
+        ),
+        ([lg.coordinate("phi").ddot], "'phi' is no coordinate of this system; they are theta."),
+        ([sp.Symbol("k") * sp.sin(1)], "equation 1 contains 'k', which this system does not have; its symbols are"),
+        ({"phi": "theta_ddot"}, "'phi' is no coordinate of this system; they are theta."),
+        (["a = b = c"], "equation 1 has 2 signs of equality: write one equation with two sides."),
+        (["theta_ddot + (g = 0"], "equation 1, column"),
+        (["__import__('os')"], "equation 1"),
+        ([True], "equation 1 is True: where == was meant, write sympy.Eq(left, right)."),
+        ([lg.multiplier("rod")], "equation 1 contains the multiplier of 'rod', which is no constraint here."),
+        (["x" * 30_000], "equation 1 has 30000 characters, and 20000 are the most of an equation."),
+    ],
+)
+def test_refusals(given: Any, message: str) -> None:
+    with pytest.raises(StatementError) as refusal:
+        system("pendulum").compare(given)
+    assert str(refusal.value).startswith(message)
+
+
+def test_files_are_refused_by_line() -> None:
+    with pytest.raises(StatementError, match=r"^line 3 contains 'c', which this system does not have"):
+        system("pendulum").compare_text("theta_ddot + g/l*sin(theta)\n\nc*theta_dot = 0\n")
+    with pytest.raises(StatementError, match=r"^the file has no equation: write one a line"):
+        system("pendulum").compare_text("# nothing\n")

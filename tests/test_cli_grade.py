@@ -1,0 +1,48 @@
+"""The command `lagrange grade`: what it prints, and its exit codes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from lagrange.cli import main
+
+RIGHT = "l*theta_ddot + g*sin(theta) = 0\n"
+
+
+def graded(folder: Path, text: str | bytes, *options: str) -> int:
+    path = folder / "answer.txt"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return main(["grade", "pendulum", str(path), *options])
+
+
+def test_right_and_wrong_equations(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert graded(tmp_path, RIGHT) == 0
+    assert capsys.readouterr().out == "The equations are right: they are equivalent to those of the system.\n"
+    assert graded(tmp_path, RIGHT.replace("+", "-")) == 1
+    assert "has the wrong sign" in capsys.readouterr().out
+    assert graded(tmp_path, RIGHT.replace("+", "-"), "--json") == 1
+    data = json.loads(capsys.readouterr().out)
+    assert (data["right"], data["wrong"]) == (False, [1]) and "theta_ddot" in data["counterexample"]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("theta_ddot + c\n", "line 1 contains 'c', which this system does not have"),
+        (b"\xff\xfe", "the file is no text in UTF-8."),
+        ("x" * 1_000_001, "the file has more than 1000000 bytes, the most for equations."),
+    ],
+)
+def test_what_cannot_be_read_is_a_wrong_request(
+    text: str | bytes, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert graded(tmp_path, text) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_missing_file(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["grade", "pendulum", "nowhere.txt"]) == 2
+    assert "nowhere.txt: there is no such file. Give a text file" in capsys.readouterr().err
