@@ -72,3 +72,8 @@ def listing(names: Iterable[str]) -> str:
     if len(words) < 2:
         return "".join(words) or "none"
     return ", ".join(words[:-1]) + " and " + words[-1]
+
+
+def counted(number: int, noun: str) -> str:
+    """Return ``1 step`` or ``2 steps``."""
+    return f"{number} {noun}{'s' * (number != 1)}"

@@ -127,8 +127,11 @@ class System(Analysis):
 
     @property
     def structure(self) -> list[str]:
-        """What kind of system it is, in sentences: mass matrix, conserved energy and momenta."""
-        return self.laws.structure.sentences()
+        """What kind of system it is, in sentences: mass matrix, conserved energy and momenta, unused parameters."""
+        unused = [p.name for p in self.statement.unused]
+        stands = "The parameter {} stands" if len(unused) == 1 else "The parameters {} stand"
+        said = [f"{stands.format(listing(unused))} in no energy, force, constraint or position."] * bool(unused)
+        return [*self.laws.structure.sentences(), *said]
 
     def derivation(self) -> Derivation:
         """Return the textbook derivation in SymPy, independent of the compiled equations."""

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from lagrange.errors import counted
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.model import Model
 from lagrange.trajectory.messages import number
@@ -133,7 +134,7 @@ def with_stiff_end(model: Model, trajectory: Trajectory, parameters: Mapping[Any
     return replace(
         trajectory,
         message=f"{trajectory.method} stopped at t = {number(end)} on the way from {number(begin)} to "
-        f"{number(towards)}, after {trajectory.steps} steps: {LIMITS[trajectory.status]}. The run is "
+        f"{number(towards)}, after {counted(trajectory.steps, 'step')}: {LIMITS[trajectory.status]}. The run is "
         f"{found.sentence()} {REMEDY} is an implicit method, whose steps stability does not limit.",
     )
 

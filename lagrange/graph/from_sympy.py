@@ -92,6 +92,13 @@ def _piecewise(graph: Graph, *args: Node) -> Node:
     return graph.piecewise(branches)
 
 
+def _either(graph: Graph, condition: Node, then: Node, otherwise: Node) -> Node:
+    """Return the condition that holds by another one, which SymPy makes of a Piecewise that is compared."""
+    ways = [(condition, then), (graph.call("not", condition), otherwise)]
+    both = [a if b is graph.one else graph.call("and", a, b) for a, b in ways if b is not graph.zero]
+    return _fold("or")(graph, *both) if both else graph.zero
+
+
 def _call(name: str) -> Callable[..., Node]:
     return lambda graph, *args: graph.call(name, *args)
 
@@ -137,6 +144,7 @@ _BUILD: dict[Any, Callable[..., Node]] = {
     sympy.And: _fold("and"),
     sympy.Or: _fold("or"),
     sympy.Not: _call("not"),
+    sympy.ITE: _either,
     type(sympy.true): lambda graph: graph.one,
     type(sympy.false): lambda graph: graph.zero,
     type(sympy.pi): _call("pi"),

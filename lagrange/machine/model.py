@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange.equations.euler_lagrange import Equations
-from lagrange.errors import RunError, StatementError, listing, shown
+from lagrange.errors import RunError, StatementError, counted, listing, shown
 from lagrange.graph.branches import square_roots
 from lagrange.graph.node import Node
 from lagrange.machine.backend import FloatArray, Kernel, KernelProvider, Machine, Series, SingularMassMatrix
@@ -379,8 +379,8 @@ class Model:
         n = self.dimension
         if array.ndim not in (1, 2) or array.shape[0] != n:
             raise StatementError(
-                f"{what} has shape {array.shape}; this system has {n} coordinates ({', '.join(self.statement.names)}): "
-                f"give ({n},), or ({n}, batch)."
+                f"{what} has shape {array.shape}; this system has {counted(n, 'coordinate')} "
+                f"({', '.join(self.statement.names)}): give ({n},), or ({n}, batch)."
             )
         return array
 

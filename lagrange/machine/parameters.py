@@ -11,8 +11,8 @@ import numpy as np
 
 from lagrange.errors import StatementError, listing
 from lagrange.machine.backend import FloatArray
-from lagrange.statement.declare import parameter_values
 from lagrange.statement.number import DOUBLE, real_array
+from lagrange.statement.parameters import parameter_values
 from lagrange.statement.statement import Statement
 
 Parameters = Mapping[Any, Any] | FloatArray | None

@@ -9,43 +9,9 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-GREEK = frozenset(
-    [
-        "alpha",
-        "beta",
-        "gamma",
-        "delta",
-        "epsilon",
-        "zeta",
-        "eta",
-        "theta",
-        "iota",
-        "kappa",
-        "lambda",
-        "mu",
-        "nu",
-        "xi",
-        "rho",
-        "sigma",
-        "tau",
-        "upsilon",
-        "phi",
-        "chi",
-        "psi",
-        "omega",
-        "Gamma",
-        "Delta",
-        "Theta",
-        "Lambda",
-        "Xi",
-        "Pi",
-        "Sigma",
-        "Upsilon",
-        "Phi",
-        "Psi",
-        "Omega",
-    ]
-)
+from lagrange.statement.letters import GREEK as LETTERS
+
+GREEK = frozenset((*LETTERS.values(), "Pi"))
 """Names that LaTeX has a letter for. Not pi, which is a number wherever it is printed."""
 
 _LATEX = {
@@ -57,6 +23,7 @@ _LATEX = {
     ">": r"\textgreater{}",
     "|": r"\textbar{}",
     '"': r"\textquotedbl{}",
+    **{letter: f"\\ensuremath{{\\{name}}}" for letter, name in LETTERS.items()},
 }
 _BRACKETS = str.maketrans("[]", "__")
 """What is in brackets is an index: lambda[rod] is the multiplier of the constraint rod."""
@@ -125,10 +92,12 @@ def _split_digits(text: str) -> tuple[str, str]:
 
 def word(name: str) -> str:
     """Return a word without digits: a letter, Greek or not, or upright."""
+    name = LETTERS.get(name, name)
     if name in GREEK:
         return f"\\{name}"
     return name if len(name) == 1 else _upright(name)
 
 
 def _upright(word: str) -> str:
+    word = "".join(LETTERS.get(mark, mark) for mark in word)
     return "\\mathrm{" + word.replace("_", "\\_") + "}"

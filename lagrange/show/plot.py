@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lagrange.errors import StatementError
+from lagrange.errors import StatementError, counted
 from lagrange.show.colours import colours
 from lagrange.show.names import letters
 from lagrange.trajectory.trajectory import FloatArray, Status
@@ -103,7 +103,7 @@ def _dress(axis: Axes, title: str = "") -> None:
 
 
 def _title(solution: Solution) -> str:
-    title = f"{solution.model.statement.name}   {solution.method}, {solution.steps} steps"
+    title = f"{solution.model.statement.name}   {solution.method}, {counted(solution.steps, 'step')}"
     if solution.status.complete:
         return title
     what = "not the motion" if solution.status is Status.UNRELIABLE else "ended early"

@@ -17,7 +17,7 @@ import sympy
 from numpy.typing import ArrayLike
 from sympy.core.function import AppliedUndef
 
-from lagrange.errors import LagrangeError, RunError, StatementError, listing, shown, suggestion
+from lagrange.errors import LagrangeError, RunError, StatementError, counted, listing, shown, suggestion
 from lagrange.evidence.stiffness import Stiffness, stiffness
 from lagrange.machine.model import Model
 from lagrange.show.atomic_file import Writer, write_atomically, write_rows
@@ -335,8 +335,11 @@ class Solution:
         return [
             ("method", ", ".join(part for part in (self.method, self.trajectory.form) if part)),
             *self._setting_lines(),
-            ("time", f"{begun:.6g} to {reached:.6g}, {len(self.t) or 'no'} outputs"),
-            ("steps", f"{self.steps} ({self.trajectory.rejected} rejected), {self.evaluations} evaluations"),
+            (
+                "time",
+                f"{begun:.6g} to {reached:.6g}, {counted(len(self.t), 'output') if len(self.t) else 'no outputs'}",
+            ),
+            ("steps", f"{self.steps} ({self.trajectory.rejected} rejected), {counted(self.evaluations, 'evaluation')}"),
             (
                 "energy drift" if self.model.conservative else "energy",
                 self.drift.sentence() if self.has_energy else "not known: it has no value at some state of the run",
@@ -360,7 +363,7 @@ class Solution:
     def _event_lines(self) -> list[tuple[str, str]]:
         if not self.t_events:
             return []
-        counts = (f"event {i}: {len(times)} time{'s' * (len(times) != 1)}" for i, times in enumerate(self.t_events))
+        counts = (f"event {i}: {counted(len(times), 'time')}" for i, times in enumerate(self.t_events))
         return [("events", ", ".join(counts))]
 
     def _check_output(self) -> None:

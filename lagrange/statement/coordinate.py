@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import inspect
 import keyword
-import re
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NoReturn
 
 from sympy import Derivative, Symbol
-from sympy.core.function import AppliedUndef, UndefinedFunction
+from sympy.core.function import Application, AppliedUndef, UndefinedFunction
 
 from lagrange.errors import StatementError, shown
+from lagrange.statement.letters import NAME
 from lagrange.statement.number import flag
 from lagrange.statement.vocabulary import FUNCTIONS
-
-NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 
 t = Symbol("t")
 """Time; the same symbol as SymPy's ``dynamicsymbols._t``."""
@@ -27,7 +27,7 @@ def check_name(name: str, what: str) -> str:
     if not isinstance(name, str) or not NAME.fullmatch(name):
         raise StatementError(
             f"{shown(name)} cannot name a {what}: a name starts with a letter, goes on with letters, digits and "
-            "underscores, and has at most 64 characters."
+            "underscores, and has at most 64 characters. Letters are A to Z, a to z and Greek ones."
         )
     return name
 
@@ -52,8 +52,48 @@ def coordinate(name: str) -> Any:
     StatementError for a name that is not an identifier, or that has a meaning: ``t``, ``pi``, ``sin``, ``lambda``.
     """
     check_symbol(name, "coordinate")
-    shorthand = {"dot": property(velocity_of), "ddot": property(acceleration_of)}
-    return UndefinedFunction(name, bases=(AppliedUndef,), __dict__=shorthand)(t)
+    if name not in _DECLARED:
+        _DECLARED[name] = with_rates(name)
+    return _DECLARED[name]
+
+
+def declared(coordinate: Any) -> bool:
+    """Return whether a function of time has the name of a coordinate that `coordinate` made."""
+    return name_of(coordinate) in _DECLARED
+
+
+_DECLARED: dict[str, Any] = {}
+"""The coordinates that were made, by name."""
+
+
+def with_rates(name: str) -> Any:
+    """Return the function of time of that name, with its derivatives as attributes.
+
+    SymPy keeps what it made: asked for name(t), it gives an equal function that was made without the attributes, by
+    `dynamicsymbols` for one. So this one is made without asking it.
+    """
+    shorthand: dict[str, Any] = {"dot": property(velocity_of), "ddot": property(acceleration_of)}
+    shorthand |= {numpy: _refusing(numpy, ours) for numpy, ours in _NUMPY.items()}
+    made = UndefinedFunction(name, bases=(AppliedUndef,), __dict__=shorthand)
+    return inspect.unwrap(Application.__new__)(made, t)
+
+
+_NUMPY = {name: name for name in ("sin", "cos", "tan", "exp", "log", "sqrt", "sinh", "cosh", "tanh", "sign", "sinc")}
+_NUMPY |= {f"arc{name}": f"a{name}" for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")}
+"""Functions of NumPy, which calls a method of that name of what it does not know, and what SymPy calls them."""
+
+
+def _refusing(numpy: str, ours: str) -> Callable[[Any], NoReturn]:
+    """Return the method that `numpy.cos` calls."""
+
+    def refuse(self: Any) -> NoReturn:
+        name = name_of(self)
+        raise StatementError(
+            f"numpy.{numpy}({name}) works on numbers, and {name} is a coordinate: write sympy.{ours}({name}), with "
+            f"from sympy import {ours}."
+        )
+
+    return refuse
 
 
 def coordinates(names: str) -> Any:

@@ -17,7 +17,9 @@ from lagrange.statement.choice import one_of, text
 from lagrange.statement.constraint import Constraint, declare_constraints
 from lagrange.statement.coordinate import check_name, check_symbol, name_of, t, velocity_of
 from lagrange.statement.expression import entries, expression
+from lagrange.statement.letters import NAME
 from lagrange.statement.number import real_number
+from lagrange.statement.parameters import check_rate, default_values, label_of, parameter_symbols, table_of
 from lagrange.statement.statement import REDUNDANT, REFUSE, RunSettings, Statement
 from lagrange.statement.survey import Survey
 
@@ -54,17 +56,16 @@ def declare(
     held = declare_constraints(constraints, survey)
     chosen = _coordinates(coordinates, survey)
     by_name = {name_of(q): q for q in chosen}
-    _check_velocities(chosen, moving, held, lagrangian, main)
+    _check_velocities(chosen, moving, held, lagrangian, main, tuple(survey.parameters))
     _check_constraints(held, chosen, redundant)
 
     force_table = _forces(forces, by_name, survey)
-    dissipation = expression(dissipation, "the dissipation")
-    survey.add(dissipation, "the dissipation")
+    dissipation = _dissipation(dissipation, by_name, survey)
     points = _positions(positions, survey)
     _check_declared(survey, chosen)
 
-    values = _table(parameters, "parameters", "parameter to value")
-    symbols, unify = _parameter_symbols(survey, values, by_name)
+    values = table_of(parameters, "parameters", "parameter to value")
+    symbols, unify = parameter_symbols(survey, values, by_name)
     clean = partial(_unified, unify)
     return Statement(
         coordinates=chosen,
@@ -76,7 +77,7 @@ def declare(
         redundant=redundant,
         constraints=tuple(replace(one, expression=clean(one.expression)) for one in held),
         parameters=tuple(symbols.values()),
-        defaults=MappingProxyType(_defaults(values, symbols)),
+        defaults=MappingProxyType(default_values(values, symbols)),
         initial=initial_state({} if initial is None else initial, chosen, (0.0,) * (2 * len(chosen))),
         positions=MappingProxyType({label: tuple(map(clean, point)) for label, point in points.items()}),
         links=_links(links, points),
@@ -108,10 +109,10 @@ def initial_state(given: Mapping[Any, Any], coordinates: tuple[Any, ...], base: 
         if key not in rows:
             known = [label for label in rows if isinstance(label, str)]
             raise StatementError(
-                f"initial names {_label(key)!r}, which is no coordinate or velocity of this system; they are "
-                f"{listing(known)}." + suggestion(_label(key), known)
+                f"initial names {label_of(key)!r}, which is no coordinate or velocity of this system; they are "
+                f"{listing(known)}." + suggestion(label_of(key), known)
             )
-        values[rows[key]] = real_number(value, f"the initial value of {_label(key)}")
+        values[rows[key]] = real_number(value, f"the initial value of {label_of(key)}")
     return tuple(values)
 
 
@@ -124,52 +125,6 @@ def state_rows(coordinates: tuple[Any, ...]) -> Mapping[Any, int]:
         rows[q] = rows[name_of(q)] = i
         rows[velocity_of(q)] = rows[f"{name_of(q)}_dot"] = n + i
     return rows
-
-
-def parameter_values(
-    given: Mapping[Any, Any] | None, parameters: tuple[Any, ...], defaults: Mapping[Any, float]
-) -> dict[Any, float]:
-    """Return a value for every parameter: the defaults overlaid with `given`, keyed by symbol or name.
-
-    Raises StatementError for a name that is no parameter, a value that is not a finite real number, and a
-    parameter left without a value.
-    """
-    by_name = {symbol.name: symbol for symbol in parameters}
-    values = dict(defaults)
-    for key, value in _table(given, "parameters", "parameter to value").items():
-        label = _label(key)
-        if label not in by_name:
-            raise StatementError(
-                f"{label!r} is no parameter of this system; its parameters are {listing(by_name)}."
-                + suggestion(label, by_name)
-            )
-        values[by_name[label]] = _within(by_name[label], real_number(value, f"parameter {label}"))
-    missing = [symbol.name for symbol in parameters if symbol not in values]
-    if missing:
-        raise StatementError(
-            f"no value for {'parameter' if len(missing) == 1 else 'parameters'} {listing(missing)}: give one, for "
-            f"example parameters={{'{missing[0]}': 1.0}}."
-        )
-    return values
-
-
-def _label(key: Any) -> str:
-    if isinstance(key, str):
-        return key[:80]
-    if not isinstance(key, sympy.Basic):
-        return shown(key)
-    if isinstance(key, sympy.Derivative) and key == velocity_of(key.expr):
-        return f"{name_of(key.expr)}_dot"
-    if isinstance(key, sympy.Symbol):
-        return str(key.name)
-    return name_of(key) if key.args == (t,) else str(key)[:80]
-
-
-def _table(given: Any, what: str, entries: str) -> Mapping[Any, Any]:
-    """Return a mapping, empty for None; `entries` says what it maps to what."""
-    if given is not None and not isinstance(given, Mapping):
-        raise StatementError(f"{what} is a {type(given).__name__}: give a dict from {entries}.")
-    return given or {}
 
 
 def _energies(kinetic: Any, potential: Any, lagrangian: Any) -> tuple[Any, Any, Any]:
@@ -200,12 +155,22 @@ def _coordinates(given: Sequence[Any] | None, survey: Survey) -> tuple[Any, ...]
             raise StatementError(f"coordinate {name} is listed twice: name each coordinate once.")
         found[name] = q
     if not found:
-        raise StatementError(
-            "no coordinates: the energies contain no function of time. Make one with lg.coordinate('x')."
-        )
+        raise StatementError(f"no coordinates: the energies contain no function of time. {_make_one(survey)}")
     for name in found:
-        _check_rate(name, found, "coordinate")
+        check_rate(name, found, "coordinate")
     return tuple(found.values())
+
+
+def _make_one(survey: Survey) -> str:
+    """Return how to make a coordinate: that of a plain symbol which is named like its velocity, if there is one."""
+    for symbol in survey.parameters:
+        name = symbol.name.removesuffix("dot").removesuffix("_")
+        if symbol.name.endswith("dot") and NAME.fullmatch(name):
+            return (
+                f"{symbol.name} is a plain symbol and no velocity: make {name} = lg.coordinate({name!r}), and write "
+                f"{name}.dot for it."
+            )
+    return "Make one with lg.coordinate('x')."
 
 
 def _check_velocities(
@@ -214,6 +179,7 @@ def _check_velocities(
     constraints: Sequence[Constraint],
     lagrangian: Any,
     main: str,
+    symbols: Iterable[Any],
 ) -> None:
     """Refuse a coordinate whose velocity stands nowhere in the energy, unless other equations may determine it.
 
@@ -224,6 +190,12 @@ def _check_velocities(
         if rate in velocities or any(one.expression.has(q) for one in constraints):
             continue
         if not lagrangian.has(q) or not lagrangian.diff(q).has(*rates):
+            bare = next((p.name for p in symbols if p.name in (f"{name_of(q)}_dot", f"{name_of(q)}dot")), None)
+            if bare:
+                raise StatementError(
+                    f"{main} contains the plain symbol {bare}, which is no velocity: write {name_of(q)}.dot for it, "
+                    f"with {name_of(q)} = lg.coordinate({name_of(q)!r})."
+                )
             raise StatementError(
                 f"{main} does not contain {name_of(q)}.dot, so {name_of(q)} has no inertia and its acceleration is "
                 f"undefined: add its kinetic energy, or make {name_of(q)} a parameter."
@@ -255,8 +227,8 @@ def _check_declared(survey: Survey, coordinates: tuple[Any, ...]) -> None:
 
 def _forces(given: Mapping[Any, Any] | None, by_name: dict[str, Any], survey: Survey) -> dict[Any, Any]:
     table: dict[Any, Any] = {}
-    for key, value in _table(given, "forces", "coordinate to generalized force").items():
-        label = _label(key)
+    for key, value in table_of(given, "forces", "coordinate to generalized force").items():
+        label = label_of(key)
         if label not in by_name:
             raise StatementError(
                 f"forces names {label!r}, which is no coordinate of this system; they are {listing(by_name)}."
@@ -269,9 +241,22 @@ def _forces(given: Mapping[Any, Any] | None, by_name: dict[str, Any], survey: Su
     return table
 
 
+def _dissipation(given: Any, by_name: Mapping[str, Any], survey: Survey) -> Any:
+    """Return Rayleigh's D, which has no force unless it contains velocities."""
+    dissipation, own = expression(given, "the dissipation"), Survey()
+    own.add(dissipation, "the dissipation")
+    survey.add(dissipation, "the dissipation")
+    if dissipation != 0 and not own.velocities:
+        raise StatementError(
+            f"the dissipation is {str(dissipation)[:60]}, without a velocity, and its force -dD/d(velocity) is zero: "
+            f"state it with velocities, as in c*{next(iter(by_name))}.dot**2/2, or add it to the potential energy."
+        )
+    return dissipation
+
+
 def _positions(given: Mapping[str, Any] | None, survey: Survey) -> dict[str, tuple[Any, ...]]:
     points: dict[str, tuple[Any, ...]] = {}
-    for label, point in _table(given, "positions", "name to point").items():
+    for label, point in table_of(given, "positions", "name to point").items():
         what = f"the position of {check_name(label, 'point')}"
         if label == ORIGIN:
             raise StatementError("'origin' is the point at zero already: choose another name.")
@@ -308,75 +293,3 @@ def _has_length(value: Any, *lengths: int) -> bool:
     if isinstance(value, np.ndarray):
         return value.ndim == 1 and len(value) in lengths
     return isinstance(value, (list, tuple, sympy.MatrixBase)) and len(value) in lengths
-
-
-def _parameter_symbols(
-    survey: Survey, given: Mapping[Any, Any], by_name: dict[str, Any]
-) -> tuple[dict[str, Any], dict[Any, Any]]:
-    """Return the parameters by name, and replacements that make one symbol of several of the same name."""
-    symbols: dict[str, Any] = {}
-    unify: dict[Any, Any] = {}
-    for symbol in [*survey.parameters, *(key for key in given if isinstance(key, sympy.Symbol))]:
-        first = symbols.setdefault(check_name(symbol.name, "parameter"), symbol)
-        if symbol != first and first.is_nonnegative and not symbol.is_nonnegative:
-            symbols[symbol.name] = symbol  # what is not said to be positive may not become so
-    for symbol in survey.parameters:
-        if symbol != symbols[symbol.name]:
-            unify[symbol] = symbols[symbol.name]
-    for key in given:
-        if isinstance(key, str):
-            symbols.setdefault(check_name(key, "parameter"), sympy.Symbol(key, real=True))
-        elif not isinstance(key, sympy.Symbol):
-            raise StatementError(f"parameters names {shown(key)}: its keys are parameters (symbols) or their names.")
-    for name in symbols:
-        _check_clash(name, by_name)
-    return symbols, unify
-
-
-_MEANT = {t.name: "time: use lg.t for time", "pi": "the constant: use sympy.pi for the constant"}
-"""What a plain symbol with one of these names probably stands for, and what to write instead."""
-
-
-def _check_clash(name: str, by_name: dict[str, Any]) -> None:
-    if name in _MEANT:
-        raise StatementError(f"parameter {name!r} clashes with {_MEANT[name]}, and another name for the parameter.")
-    check_symbol(name, "parameter")
-    if name in by_name:
-        raise StatementError(
-            f"{name} is both a coordinate and a parameter: rename one. If the plain symbol {name} was meant as the "
-            f"coordinate, use lg.coordinate('{name}') there."
-        )
-    _check_rate(name, by_name, "parameter")
-
-
-def _check_rate(name: str, by_name: Container[str], what: str) -> None:
-    """Refuse a name that stands for the velocity or the acceleration of a coordinate."""
-    base, _, rate = name.rpartition("_")
-    if base in by_name and rate in ("dot", "ddot"):
-        kind = "velocity" if rate == "dot" else "acceleration"
-        raise StatementError(
-            f"{what} {name} has the name of {'a' if rate == 'dot' else 'an'} {kind}: write {base}.{rate} for the "
-            f"{kind}, or "
-            f"rename the {what}."
-        )
-
-
-def _defaults(given: Mapping[Any, Any], symbols: dict[str, Any]) -> dict[Any, float]:
-    values: dict[Any, float] = {}
-    for key, value in given.items():
-        symbol = symbols[_label(key)]
-        if symbol in values:
-            raise StatementError(f"parameters gives {symbol.name} twice: give it once.")
-        if value is not None:
-            values[symbol] = _within(symbol, real_number(value, f"parameter {symbol.name}"))
-    return values
-
-
-def _within(symbol: Any, value: float) -> float:
-    """Return the value, or refuse one below zero for a symbol that SymPy was told is positive."""
-    if value < 0 and symbol.is_nonnegative:
-        raise StatementError(
-            f"parameter {symbol.name} is {value:g}, but its symbol was declared positive, and SymPy may have dropped "
-            f"an abs or a root because of it: declare it with lg.parameters('{symbol.name}', positive=False)."
-        )
-    return value

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import sympy
+from sympy.core.function import AppliedUndef
 
 from lagrange.errors import StatementError, listing
-from lagrange.statement.coordinate import t
+from lagrange.statement.coordinate import name_of, t
 from lagrange.statement.expression import entries, expression, vector
 
 
@@ -22,10 +23,28 @@ def rotational_energy(inertia: Any, angular_velocity: Any) -> Any:
     """Return w . I w / 2.
 
     `inertia` is a scalar, a vector of principal moments (k,) or a matrix (k, k); `angular_velocity` a scalar
-    or a vector (k,) in the same axes.
+    or a vector (k,) in the same axes. Raises StatementError for a component that is an angle.
     """
-    omega = sympy.Matrix(vector(angular_velocity, "the angular velocity"))
+    rates = vector(angular_velocity, "the angular velocity")
+    for i, rate in enumerate(rates):
+        _check_rate(rate, "the angular velocity" if len(rates) == 1 else f"component {i} of the angular velocity")
+    omega = sympy.Matrix(rates)
     return (omega.T * _tensor(inertia, omega.rows) * omega)[0, 0] / 2
+
+
+def _check_rate(rate: Any, what: str) -> None:
+    """Refuse a sum of coordinates, with numbers before them, for a rate: it is an angle.
+
+    A factor with a unit may make a rate of an angle, as in Omega*theta for a small tilt: that is not refused.
+    """
+    angles = rate.atoms(AppliedUndef)
+    if rate.has(sympy.Derivative) or rate.free_symbols - {t} or not angles or not rate.is_polynomial(*angles):
+        return
+    name = sorted(map(name_of, angles))[0]
+    raise StatementError(
+        f"{what} is {str(rate.xreplace({q: sympy.Symbol(name_of(q)) for q in angles}))[:60]}, an angle: give its rate, "
+        f"such as {name}.dot."
+    )
 
 
 def _tensor(inertia: Any, k: int) -> Any:
@@ -61,9 +80,13 @@ def gravity(mass: Any, position: Sequence[Any] | Any, g: Any, up: Sequence[Any] 
     return weight * sum((d * x for d, x in zip(direction, point, strict=True)), sympy.S.Zero) / length
 
 
-def spring(stiffness: Any, a: Sequence[Any] | Any, b: Sequence[Any] | Any, rest_length: Any = 0) -> Any:
-    """Return k (|a - b| - rest_length)^2 / 2 of a spring between two points of the same dimension."""
-    start, end = vector(a, "the first end"), vector(b, "the second end")
+def spring(stiffness: Any, a: Sequence[Any] | Any, b: Sequence[Any] | Any | None = None, rest_length: Any = 0) -> Any:
+    """Return k (|a - b| - rest_length)^2 / 2 of a spring between two points of the same dimension.
+
+    Without `b` the spring goes to the origin.
+    """
+    start = vector(a, "the first end")
+    end = [sympy.S.Zero] * len(start) if b is None else vector(b, "the second end")
     k, rest = expression(stiffness, "the stiffness"), expression(rest_length, "the rest length")
     if len(start) != len(end):
         raise StatementError(f"the ends of the spring have {len(start)} and {len(end)} components: give as many.")

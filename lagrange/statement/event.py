@@ -90,7 +90,7 @@ def _zero(given: Any) -> Any:
         )
     if not isinstance(given, sympy.Expr) or given.is_Matrix:
         raise StatementError(f"the event is {_instead_of(given)}")
-    return given
+    return expression(given, "the event")
 
 
 def _instead_of(given: Any) -> str:

@@ -16,6 +16,7 @@ import sympy
 
 from lagrange.errors import StatementError, shown
 from lagrange.statement.number import real_number
+from lagrange.statement.reality import real
 
 MOST_ENTRIES = 10_000
 """The most entries of a vector. A generator that gives more is refused, for it may have no end."""
@@ -26,7 +27,7 @@ TEXTS = (str, bytes, bytearray, memoryview)
 def expression(value: Any, what: str) -> Any:
     """Return a SymPy expression with one value, from an expression or a number; `what` names it in the refusal."""
     if isinstance(value, sympy.Expr) and not value.is_Matrix and not isinstance(value, sympy.Lambda):
-        return value
+        return real(value)
     if isinstance(value, np.ndarray) and value.shape == () and not isinstance(value, np.ma.MaskedArray):
         return expression(value[()], what)
     if isinstance(value, TEXTS):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import NoReturn
 
 from lagrange.errors import SceneError, listing, suggestion
-from lagrange.statement.coordinate import NAME
+from lagrange.statement.letters import LETTER, NAME
 from lagrange.statement.vocabulary import FUNCTIONS, WORDS
 
 LONGEST = 10_000
@@ -26,10 +26,10 @@ LONGEST_NUMBER = 100
 _TOKEN = re.compile(
     r"(?P<blank>[ \t\r\n]+)"
     r"|(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
-    r"|(?P<name>[A-Za-z_][A-Za-z0-9_]*)"
+    rf"|(?P<name>[{LETTER}_][{LETTER}0-9_]*)"
     r"|(?P<operator>\*\*|//|<<|>>|:=|->|<=|>=|==|!=|[-+*/<>(),])"
 )
-_LETTER = re.compile(r"[A-Za-z0-9_.]")
+_LETTER = re.compile(f"[{LETTER}0-9_.]")
 _CALL = re.compile(r"[ \t\r\n]*\(")
 
 _REMEDIES = {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import numbers
+import re
 from array import array
 from collections.abc import Mapping, Set, Sized
 from itertools import islice
@@ -30,6 +31,9 @@ _NO_NUMBERS = (bool, np.bool_, np.ma.MaskedArray)
 
 _ENDED = (list, tuple, range, np.ndarray, array, memoryview, bytearray, bytes, str, Mapping, Set)
 """The types that NumPy reads to the length that they state, or does not read as a sequence."""
+
+_DEGREES = re.compile(r" *([+-]?[0-9.]{1,30}) *(?:deg|degrees|°) *")
+"""A text that means an angle in degrees."""
 
 TOO_LARGE = "too large for a floating-point number: give one below 1.8e308"
 
@@ -137,6 +141,8 @@ def _as_float(value: Any, what: str) -> float:
         return _from_sympy(value, what)
     if isinstance(value, numbers.Complex) and not isinstance(value, numbers.Real):
         raise StatementError(f"{what} is {value!r}, a complex number: give a real number.")
+    if isinstance(value, str) and (degrees := _DEGREES.fullmatch(value)):
+        raise StatementError(f"{what} is {value!r}, a text: give a number, in radians, as math.radians({degrees[1]}).")
     if isinstance(value, (bool, np.bool_, np.timedelta64)) or not isinstance(value, numbers.Real):
         raise StatementError(f"{what} is {shown(value)} ({type(value).__name__}): give a number.")
     try:

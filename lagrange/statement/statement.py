@@ -74,6 +74,15 @@ class Statement:
         return tuple(name_of(q) for q in self.coordinates)
 
     @property
+    def unused(self) -> tuple[Symbol, ...]:
+        """The parameters that stand in no energy, force, constraint or position."""
+        stated = [self.kinetic, self.potential, self.dissipation, *self.forces]
+        stated += [one.expression for one in self.constraints]
+        stated += [entry for point in self.positions.values() for entry in point]
+        used = frozenset().union(*(expression.free_symbols for expression in stated))
+        return tuple(p for p in self.parameters if p not in used)
+
+    @property
     def plain(self) -> Mapping[Any, Any]:
         """Replacement of q(t) and its derivatives by real symbols `q`, `q_dot`, `q_ddot`, for differentiation."""
         table: dict[Any, Any] = {}

@@ -10,14 +10,14 @@ import sympy
 from sympy.core.function import AppliedUndef
 from sympy.core.relational import Relational
 from sympy.functions.elementary.piecewise import ExprCondPair
-from sympy.logic.boolalg import And, BooleanAtom, Not, Or
+from sympy.logic.boolalg import ITE, And, BooleanAtom, Not, Or
 
 from lagrange.errors import StatementError, listing
 from lagrange.statement.coordinate import check_symbol, name_of, t, velocity_of
 from lagrange.statement.multiplier import constraint_of
 from lagrange.statement.vocabulary import SYMPY_CLASSES, WORDS
 
-_PLAIN = (sympy.Add, sympy.Mul, sympy.Pow, ExprCondPair, Relational, And, Or, Not, BooleanAtom)
+_PLAIN = (sympy.Add, sympy.Mul, sympy.Pow, ExprCondPair, Relational, And, Or, Not, ITE, BooleanAtom)
 
 
 @dataclass

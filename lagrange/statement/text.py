@@ -155,9 +155,9 @@ class _Reader:
             except SceneError:
                 raise
             except RefusalError as refusal:
-                raise SceneError(f"{refusal}.", column=node.col_offset) from None
+                raise SceneError(f"{refusal}.", column=self._place(node.col_offset)) from None
             except (ValueError, ArithmeticError, TypeError, RecursionError):
-                raise SceneError("this part has no finite real value.", column=node.col_offset) from None
+                raise SceneError("this part has no finite real value.", column=self._place(node.col_offset)) from None
         return done[0].expression
 
     def _parse(self) -> ast.expr:
@@ -171,6 +171,10 @@ class _Reader:
             raise SceneError(
                 "the expression is too long: state it in parts, or group it with parentheses.", column=1
             ) from None
+
+    def _place(self, offset: int) -> int:
+        """Return the character at an offset of ast, which counts bytes: a Greek letter has two."""
+        return offset if self.source.isascii() else len(self.source.encode()[:offset].decode())
 
     def _plan(self, node: ast.expr) -> _Plan:
         plan = self.plans.get(type(node))
@@ -194,12 +198,13 @@ class _Reader:
     def _constant(self, node: ast.Constant) -> _Plan:
         if type(node.value) not in (int, float):
             raise RefusalError(f"a {type(node.value).__name__} cannot stand in an expression: write a real number")
-        number = number_from_text(self.source[node.col_offset : node.end_col_offset])
+        begin, end = self._place(node.col_offset), self._place(node.end_col_offset or 0)
+        number = number_from_text(self.source[begin:end])
         return [], lambda _: _Value(number)
 
     def _name(self, node: ast.Name) -> _Plan:
         if node.id not in self.names:
-            lexer.unknown_name(node.id, self.names, node.col_offset - 1)
+            lexer.unknown_name(node.id, self.names, self._place(node.col_offset) - 1)
         expression = self.names[node.id]
         return [], lambda _: _Value(expression, math.pi if expression is sympy.pi else None)
 

@@ -11,7 +11,7 @@ import sympy as sp
 
 from lagrange.errors import RunError
 from lagrange.statement.coordinate import t
-from lagrange.statement.declare import parameter_values
+from lagrange.statement.parameters import parameter_values
 from lagrange.statement.statement import Statement
 
 Break = Callable[[list[Any]], list[Any]]

@@ -120,6 +120,8 @@ def test_every_function_that_a_statement_may_use_is_translated() -> None:
         sp.Max(x, y, u, 1) - sp.Min(x, y, u, 0),
         sp.Rational(1, 10) * x + sp.Rational(1, 3) * y + sp.pi * u - sp.E,
         sp.Mod(7, 4) * x,
+        sp.Piecewise((x, sp.Piecewise((y, x > 0), (u, True)) > 1), (y, True)),
+        sp.Piecewise((x, sp.Piecewise((y, x > 0), (0, True)) > 1), (y, True)),
     ],
     ids=str,
 )

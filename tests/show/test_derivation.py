@@ -202,7 +202,7 @@ def test_multipliers_have_their_constraint_for_an_index() -> None:
 
 def test_a_multiplier_and_a_parameter_never_look_the_same() -> None:
     page = render(
-        constrained(parameters={parameters("lambda_rod"): 1.0}, dissipation=parameters("lambda_rod")), "latex"
+        constrained(parameters={parameters("lambda_rod"): 1.0}, forces={x: parameters("lambda_rod")}), "latex"
     )
     assert r"\lambda_{\mathrm{rod}}" in page and r"\mathrm{lambda[rod]}" in page
 

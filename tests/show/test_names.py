@@ -27,6 +27,9 @@ from lagrange.show.names import GREEK, latex_text, letters, markdown_text, plain
         ("Alpha", r"\mathrm{Alpha}"),
         ("a__b", "a_{b}"),
         ("a_", "a"),
+        ("θ1", r"\theta_{1}"),
+        ("x_Ω", r"x_{\Omega}"),
+        ("θx", r"\mathrm{thetax}"),
     ],
 )
 def test_letters(name: str, spelled: str) -> None:

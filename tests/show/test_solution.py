@@ -14,12 +14,12 @@ import sympy
 from sympy import sqrt
 from sympy.physics.mechanics import dynamicsymbols
 
-from lagrange.errors import RunError, StatementError
+from lagrange.errors import RunError, StatementError, counted
 from lagrange.show.solution import Solution
 from lagrange.statement.coordinate import coordinate, coordinates, t
 from lagrange.statement.declare import declare
 from lagrange.statement.event import event
-from lagrange.system import System
+from lagrange.system import System, scene
 from lagrange.trajectory.methods.explicit import DOP853
 from lagrange.trajectory.trajectory import Status
 from tests.show.examples import k, m, oscillator, solved, x
@@ -270,6 +270,14 @@ def test_solutions_are_frozen() -> None:
     for field in fields(Solution):
         with pytest.raises(FrozenInstanceError):
             setattr(HARMONIC, field.name, None)
+
+
+def test_one_of_a_kind_is_in_the_singular() -> None:
+    card = repr(scene("pendulum").run(1.0, method="rk4", step=1.0, t_eval=[1.0]))
+    assert "0 to 1, 1 output\n" in card
+    assert [counted(n, "step") for n in (0, 1, 2)] == ["0 steps", "1 step", "2 steps"]
+    with pytest.raises(StatementError, match=r"this system has 1 coordinate \(theta\)"):
+        scene("pendulum").compile("numpy").accelerations([1.0, 2.0], [1.0, 2.0])
 
 
 @pytest.mark.parametrize(("t_eval", "outputs"), [([0.0, 0.4, 0.9, 1.3, 1.7], "4 outputs"), ([], "no outputs")])

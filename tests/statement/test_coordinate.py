@@ -6,6 +6,7 @@ import copy
 import pickle
 from typing import Any
 
+import numpy as np
 import pytest
 import sympy
 from sympy.physics.mechanics import dynamicsymbols
@@ -33,6 +34,22 @@ def test_a_coordinate_is_a_function_of_time_with_velocity_and_acceleration() -> 
     assert str(x) == "x(t)"
 
 
+def test_a_coordinate_has_its_rates_whatever_sympy_has_made_before() -> None:
+    earlier = dynamicsymbols("q_made_before")
+    assert coordinate("q_made_before").dot == earlier.diff(t)
+
+
+def test_a_name_may_contain_greek_letters() -> None:
+    assert name_of(coordinate("θ_1")) == "θ_1"
+
+
+def test_functions_of_numpy_name_those_of_sympy() -> None:
+    with pytest.raises(StatementError, match=r"works on numbers, and x is a coordinate: write sympy.cos\(x\)"):
+        np.cos(coordinate("x"))
+    with pytest.raises(StatementError, match=r"write sympy.atan\(x\), with from sympy import atan"):
+        np.arctan(coordinate("x"))
+
+
 def test_time_is_that_of_sympy_mechanics() -> None:
     assert t == dynamicsymbols._t
 
@@ -58,7 +75,7 @@ def test_parameters_are_real_and_positive_unless_told_otherwise() -> None:
     assert isinstance(free, sympy.Symbol)
 
 
-@pytest.mark.parametrize("name", ["", "1x", "_x", "x-y", "x.y", "θ", "x" * 65, "x y", "__import__", "x\n", None, 5])
+@pytest.mark.parametrize("name", ["", "1x", "_x", "x-y", "x.y", "é", "x" * 65, "x y", "__import__", "x\n", None, 5])
 def test_a_name_is_an_identifier(name: Any) -> None:
     with pytest.raises(StatementError, match="cannot name a point: a name starts with a letter"):
         check_name(name, "point")

@@ -13,8 +13,9 @@ from sympy.physics.mechanics import dynamicsymbols
 
 from lagrange.errors import StatementError
 from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
-from lagrange.statement.declare import declare, initial_state, parameter_values
+from lagrange.statement.declare import declare, initial_state
 from lagrange.statement.multiplier import multiplier
+from lagrange.statement.parameters import parameter_values
 from lagrange.statement.statement import Statement
 
 theta, x, y = coordinates("theta x y")
@@ -188,7 +189,7 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"coordinates": ["theta"]}, "coordinates contains 'theta', which is no coordinate"),
     ({"coordinates": [sin(t)]}, "coordinates contains sin(t), which is no coordinate"),
     ({"coordinates": [theta.dot]}, "which is no coordinate"),
-    ({"coordinates": [sympy.Function("θ")(t)]}, "'θ' cannot name a coordinate"),
+    ({"coordinates": [sympy.Function("é")(t)]}, "'é' cannot name a coordinate"),
     ({"coordinates": [theta, theta]}, "coordinate theta is listed twice: name each coordinate once."),
     ({"coordinates": [theta, x]}, "the kinetic energy does not contain x.dot, so x has no inertia"),
     ({"coordinates": [theta, x]}, "add its kinetic energy, or make x a parameter."),
@@ -235,8 +236,19 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ),
     ({"initial": {"thta": 1}}, "Did you mean 'theta'?"),
     ({"initial": {theta.ddot: 1}}, "which is no coordinate or velocity"),
+    ({"initial": {theta: "30deg"}}, "theta is '30deg', a text: give a number, in radians, as math.radians(30)."),
     ({"initial": {theta: float("inf")}}, "the initial value of theta is inf: give a finite number."),
     ({"initial": {theta.dot: m}}, "the initial value of theta_dot is m, an expression with symbols in it"),
+    # what has no effect, or is no velocity
+    ({"dissipation": m * theta**2}, "the dissipation is m*theta(t)**2, without a velocity, and its force"),
+    (
+        {"kinetic": m * sympy.Symbol("theta_dot") ** 2, "potential": theta},
+        "the kinetic energy contains the plain symbol theta_dot, which is no velocity: write theta.dot for it, with",
+    ),
+    (
+        {"kinetic": m * sympy.Symbol("thetadot") ** 2, "potential": 0, "coordinates": None, "initial": {}},
+        "thetadot is a plain symbol and no velocity: make theta = lg.coordinate('theta'), and write theta.dot for it.",
+    ),
     # positions and links
     ({"positions": [1]}, "positions is a list: give a dict from name to point."),
     ({"positions": {"a b": (0, 0)}}, "'a b' cannot name a point"),

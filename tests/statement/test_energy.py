@@ -10,6 +10,7 @@ from sympy import cos, sin
 
 from lagrange.errors import StatementError
 from lagrange.statement.coordinate import coordinates, parameters
+from lagrange.statement.declare import declare
 from lagrange.statement.energy import gravity, kinetic_energy, rotational_energy, spring
 
 x, y, theta = coordinates("x y theta")
@@ -56,6 +57,24 @@ def test_a_spring_has_a_rest_length() -> None:
     assert spring(k, [x, y], [1, 2], 0.0) == k * ((x - 1) ** 2 + (y - 2) ** 2) / 2
 
 
+def test_a_spring_with_one_end_goes_to_the_origin() -> None:
+    assert spring(k, x) == k * x**2 / 2
+    assert spring(k, [x, y], rest_length=l) == spring(k, [x, y], [0, 0], l)
+
+
+def test_a_rate_may_be_made_of_an_angle() -> None:
+    assert rotational_energy(i1, k * x) == i1 * k**2 * x**2 / 2
+    assert rotational_energy(i1, x + y.dot) == i1 * (x + y.dot) ** 2 / 2
+
+
+def test_what_is_stated_is_real() -> None:
+    assert declare(kinetic=x.dot**2, potential=sympy.Abs(sympy.exp(k * x))).potential == sympy.exp(k * x)
+    assert declare(kinetic=x.dot**2, potential=sympy.Abs(x * sympy.exp(x))).potential == sympy.Abs(x) * sympy.exp(x)
+    shortened = declare(kinetic=kinetic_energy(m, sympy.Abs(x) * sympy.exp(x))).kinetic
+    slope = sympy.exp(x) * (sympy.Abs(x) + sympy.sign(x))
+    assert zero(shortened - m * (slope * x.dot) ** 2 / 2)
+
+
 REFUSALS: list[tuple[Any, str]] = [
     (lambda: kinetic_energy(m, "x"), "the position is the text 'x': give SymPy expressions."),
     (lambda: kinetic_energy(m, []), "the position is empty: give at least one component."),
@@ -73,6 +92,8 @@ REFUSALS: list[tuple[Any, str]] = [
     ),
     (lambda: gravity(m, [x, y], g, up=[0, 0, 1]), "up has 3 components and the position 2: give as many."),
     (lambda: gravity(m, [x, y], g, up=[0, 0]), "up is the zero vector: give a direction such as (0, 1)."),
+    (lambda: rotational_energy(i1, x), "the angular velocity is x, an angle: give its rate, such as x.dot."),
+    (lambda: rotational_energy(i1, [0, 0, 2 * y - x]), "component 2 of the angular velocity is -x + 2*y, an angle"),
     (lambda: spring(k, [x, y], [0]), "the ends of the spring have 2 and 1 components: give as many."),
 ]
 

@@ -61,8 +61,26 @@ def test_most_of_a_scene_may_be_left_out(tmp_path: Path) -> None:
 
 def test_energies_may_be_numbers(tmp_path: Path) -> None:
     assert read_scene(write(tmp_path, potential=0)).potential == 0
-    assert read_scene(write(tmp_path, dissipation=0.5)).dissipation == sympy.Rational(1, 2)
+    assert read_scene(write(tmp_path, dissipation=0)).dissipation == 0
     assert read_scene(write(tmp_path, forces={"theta": -3})).forces == (-3,)
+
+
+def test_names_may_be_greek_letters(tmp_path: Path) -> None:
+    found = read_scene(
+        write(
+            tmp_path,
+            coordinates=["θ"],
+            kinetic="m*θ_dot**2/2",
+            potential="-Ω*cos(2*θ)",
+            forces=DROP,
+            positions=DROP,
+            links=DROP,
+            parameters={"m": 1.0, "Ω": 2.0},
+            initial={"θ": 1.0, "θ_dot": 2.0},
+        )
+    )
+    assert found.names == ("θ",) and found.initial == (1.0, 2.0)
+    assert found.potential == -sympy.Symbol("Ω", real=True) * sympy.cos(2 * coordinate("θ"))
 
 
 def test_letters_that_sympy_takes_for_its_own_are_parameters(tmp_path: Path) -> None:
@@ -104,7 +122,7 @@ FIELDS: list[Bad] = [
     ({"coordinates": []}, 2, 15, "coordinates is missing or is no list of names"),
     ({"coordinates": "theta"}, 2, 15, "coordinates is missing or is no list of names"),
     ({"coordinates": ["theta", 3]}, 2, 25, "a coordinate is an integer: give its name as a text."),
-    ({"coordinates": ["θ"]}, 2, 16, "'θ' cannot name a coordinate: a name starts with a letter"),
+    ({"coordinates": ["é"]}, 2, 16, "'é' cannot name a coordinate: a name starts with a letter"),
     ({"coordinates": ["theta", "theta"]}, 2, 25, "'theta' cannot name a coordinate, it is a coordinate already"),
     ({"coordinates": ["t"]}, 2, 16, "'t' cannot name a coordinate, it is time: choose another name, such as t_1."),
     ({"coordinates": ["pi"]}, 2, 16, "'pi' cannot name a coordinate, it is a constant: choose another name, such as"),

@@ -12,6 +12,7 @@ import sympy
 from lagrange.statement.coordinate import coordinates, parameters
 from lagrange.statement.declare import declare
 from lagrange.statement.statement import RunSettings, Statement
+from lagrange.system import System
 
 x, y = coordinates("x y")
 
@@ -25,6 +26,14 @@ def test_names_and_velocities(statement: Statement) -> None:
     assert statement.names == ("x", "y")
     assert statement.velocities == (x.dot, y.dot)
     assert statement.run == RunSettings(10.0, None, None, None, None)
+
+
+def test_unused_parameters_are_known() -> None:
+    m, k, b = parameters("m k b")
+    stated = declare(kinetic=m * x.dot**2, parameters={m: 1, k: 2, b: 3}, positions={"p": (b, x)})
+    assert stated.unused == (k,)
+    said = System.from_statement(stated).structure
+    assert said[-1] == "The parameter k stands in no energy, force, constraint or position."
 
 
 def test_plain_symbols_are_real_and_differentiate(statement: Statement) -> None:

@@ -41,7 +41,7 @@ FREE = [
     "time",
     "ceil",
 ]
-MALFORMED = ["", "2x", "_x", "x-y", "θ", "x" * 65]
+MALFORMED = ["", "2x", "_x", "x-y", "é", "x" * 65]
 
 x = lg.coordinate("x_0")
 

@@ -9,7 +9,7 @@ import pytest
 from lagrange.errors import SceneError
 from lagrange.statement.text import read_expression
 from tests.statement.attacks import ATTACKS
-from tests.statement.names import NAMES, x
+from tests.statement.names import NAMES, x, y
 
 
 def refusal(text: str, names: dict[str, Any] = NAMES) -> tuple[int | None, str]:
@@ -57,7 +57,7 @@ REFUSALS = {
     "x << 2": (3, "the operators are + - * / ** and the comparisons < <= > >= == !="),
     "x @ y": (3, "the operators are + - * / **"),
     "9,81": (2, "',' separates the arguments of a function only: write decimals with a point, as in 9.81."),
-    "2*θ": (3, "the character U+03B8 (GREEK SMALL LETTER THETA) cannot stand in an expression"),
+    "2*é": (3, "the character U+00E9 (LATIN SMALL LETTER E WITH ACUTE) cannot stand in an expression"),
     "x\x00": (2, "the character U+0000 (control character)"),
     "ｐｉ": (1, "U+FF50 (FULLWIDTH LATIN SMALL LETTER P)"),
     # what is not finished
@@ -183,3 +183,10 @@ def test_the_attacks_are_refused_whatever_is_declared() -> None:
 def test_no_warning_is_shown() -> None:
     # ast.parse warns of 1if; the scanner refuses it before that
     assert refusal("1if x < 2 else 3")[0] == 1
+
+
+def test_columns_count_letters() -> None:
+    with pytest.raises(SceneError) as caught:
+        read_expression("θ*Ω + 2.5*log(0)", {"θ": x, "Ω": y})
+    assert caught.value.column == 11
+    assert read_expression("θ*Ω + 2.5*θ", {"θ": x, "Ω": y}) == x * y + 5 * x / 2

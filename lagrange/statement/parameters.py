@@ -1,0 +1,133 @@
+"""Parameters of a statement: their symbols and values, and tables that users key by symbol or name."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Mapping
+from typing import Any
+
+import sympy
+
+from lagrange.errors import StatementError, listing, shown, suggestion
+from lagrange.statement.coordinate import check_name, check_symbol, name_of, t, velocity_of
+from lagrange.statement.number import real_number
+from lagrange.statement.survey import Survey
+
+
+def parameter_values(
+    given: Mapping[Any, Any] | None, parameters: tuple[Any, ...], defaults: Mapping[Any, float]
+) -> dict[Any, float]:
+    """Return a value for every parameter: the defaults overlaid with `given`, keyed by symbol or name.
+
+    Raises StatementError for a name that is no parameter, a value that is not a finite real number, and a
+    parameter left without a value.
+    """
+    by_name = {symbol.name: symbol for symbol in parameters}
+    values = dict(defaults)
+    for key, value in table_of(given, "parameters", "parameter to value").items():
+        label = label_of(key)
+        if label not in by_name:
+            raise StatementError(
+                f"{label!r} is no parameter of this system; its parameters are {listing(by_name)}."
+                + suggestion(label, by_name)
+            )
+        values[by_name[label]] = _within(by_name[label], real_number(value, f"parameter {label}"))
+    missing = [symbol.name for symbol in parameters if symbol not in values]
+    if missing:
+        raise StatementError(
+            f"no value for {'parameter' if len(missing) == 1 else 'parameters'} {listing(missing)}: give one, for "
+            f"example parameters={{'{missing[0]}': 1.0}}."
+        )
+    return values
+
+
+def label_of(key: Any) -> str:
+    """Return what a key of a user's table is called in messages, and in tables by name."""
+    if isinstance(key, str):
+        return key[:80]
+    if not isinstance(key, sympy.Basic):
+        return shown(key)
+    if isinstance(key, sympy.Derivative) and key == velocity_of(key.expr):
+        return f"{name_of(key.expr)}_dot"
+    if isinstance(key, sympy.Symbol):
+        return str(key.name)
+    return name_of(key) if key.args == (t,) else str(key)[:80]
+
+
+def table_of(given: Any, what: str, entries: str) -> Mapping[Any, Any]:
+    """Return a mapping, empty for None; `entries` says what it maps to what."""
+    if given is not None and not isinstance(given, Mapping):
+        raise StatementError(f"{what} is a {type(given).__name__}: give a dict from {entries}.")
+    return given or {}
+
+
+def parameter_symbols(
+    survey: Survey, given: Mapping[Any, Any], by_name: dict[str, Any]
+) -> tuple[dict[str, Any], dict[Any, Any]]:
+    """Return the parameters by name, and replacements that make one symbol of several of the same name."""
+    symbols: dict[str, Any] = {}
+    unify: dict[Any, Any] = {}
+    for symbol in [*survey.parameters, *(key for key in given if isinstance(key, sympy.Symbol))]:
+        first = symbols.setdefault(check_name(symbol.name, "parameter"), symbol)
+        if symbol != first and first.is_nonnegative and not symbol.is_nonnegative:
+            symbols[symbol.name] = symbol  # what is not said to be positive may not become so
+    for symbol in survey.parameters:
+        if symbol != symbols[symbol.name]:
+            unify[symbol] = symbols[symbol.name]
+    for key in given:
+        if isinstance(key, str):
+            symbols.setdefault(check_name(key, "parameter"), sympy.Symbol(key, real=True))
+        elif not isinstance(key, sympy.Symbol):
+            raise StatementError(f"parameters names {shown(key)}: its keys are parameters (symbols) or their names.")
+    for name in symbols:
+        _check_clash(name, by_name)
+    return symbols, unify
+
+
+_MEANT = {t.name: "time: use lg.t for time", "pi": "the constant: use sympy.pi for the constant"}
+"""What a plain symbol with one of these names probably stands for, and what to write instead."""
+
+
+def _check_clash(name: str, by_name: dict[str, Any]) -> None:
+    if name in _MEANT:
+        raise StatementError(f"parameter {name!r} clashes with {_MEANT[name]}, and another name for the parameter.")
+    check_symbol(name, "parameter")
+    if name in by_name:
+        raise StatementError(
+            f"{name} is both a coordinate and a parameter: rename one. If the plain symbol {name} was meant as the "
+            f"coordinate, use lg.coordinate('{name}') there."
+        )
+    check_rate(name, by_name, "parameter")
+
+
+def check_rate(name: str, by_name: Container[str], what: str) -> None:
+    """Refuse a name that stands for the velocity or the acceleration of a coordinate."""
+    base, _, rate = name.rpartition("_")
+    if base in by_name and rate in ("dot", "ddot"):
+        kind = "velocity" if rate == "dot" else "acceleration"
+        raise StatementError(
+            f"{what} {name} has the name of {'a' if rate == 'dot' else 'an'} {kind}: write {base}.{rate} for the "
+            f"{kind}, or "
+            f"rename the {what}."
+        )
+
+
+def default_values(given: Mapping[Any, Any], symbols: dict[str, Any]) -> dict[Any, float]:
+    """Return the values that a statement gives its parameters, by symbol."""
+    values: dict[Any, float] = {}
+    for key, value in given.items():
+        symbol = symbols[label_of(key)]
+        if symbol in values:
+            raise StatementError(f"parameters gives {symbol.name} twice: give it once.")
+        if value is not None:
+            values[symbol] = _within(symbol, real_number(value, f"parameter {symbol.name}"))
+    return values
+
+
+def _within(symbol: Any, value: float) -> float:
+    """Return the value, or refuse one below zero for a symbol that SymPy was told is positive."""
+    if value < 0 and symbol.is_nonnegative:
+        raise StatementError(
+            f"parameter {symbol.name} is {value:g}, but its symbol was declared positive, and SymPy may have dropped "
+            f"an abs or a root because of it: declare it with lg.parameters('{symbol.name}', positive=False)."
+        )
+    return value
