@@ -47,7 +47,10 @@ def switched_equations(equations: Equations, watched: Sequence[Node] = ()) -> Sw
     right = [*e.motion.bias, *(-gamma for gamma in held.bias)] if solved_within(watched) else ()
     unknown = zip(e.solution, motion_symbols(e), strict=True)
     seen = substitute(watched, {node: symbol for node, symbol in unknown if node.kind is Kind.COMPONENT})
-    return switch(e.graph, (*e.motion.momenta, *e.motion.forces, *held.velocities, *gradient, *matrix, *right), seen)
+    # A constraint on positions may jump where its rate of change does not: its surfaces are those of the motion, too.
+    places = [phi for phi in held.positions if phi is not None]
+    outputs = (*e.motion.momenta, *e.motion.forces, *held.velocities, *gradient, *matrix, *right, *places)
+    return switch(e.graph, outputs, seen)
 
 
 def solved_within(watched: Sequence[Node]) -> bool:
@@ -79,8 +82,9 @@ class _Parts(NamedTuple):
         """Divide the outputs."""
         n, m = len(e.q), len(e.constraints)
         right = len(e.matrix) if solved else 0
-        ends = accumulate((0, n, n, m, m * n, len(e.plan.triangle), right, len(switched.outputs)))
-        p, f, psi, gradient, triangle, h, rest = (switched.outputs[begin:end] for begin, end in pairwise(ends))
+        places = sum(phi is not None for phi in e.constraints.positions)
+        ends = accumulate((0, n, n, m, m * n, len(e.plan.triangle), right, places, len(switched.outputs)))
+        p, f, psi, gradient, triangle, h, _, rest = (switched.outputs[begin:end] for begin, end in pairwise(ends))
         return cls(p, f, psi, gradient, triangle, h, (*switched.surfaces, *rest))
 
 

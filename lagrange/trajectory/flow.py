@@ -18,6 +18,7 @@ from lagrange.machine.state import DriverState, Outcome
 from lagrange.statement.number import real_array, real_number
 from lagrange.trajectory.constraints.consistent import consistent_start
 from lagrange.trajectory.constraints.dependence import check_independent
+from lagrange.trajectory.constraints.discontinuities import may_be_discontinuous
 from lagrange.trajectory.integrator import Problem, run_by
 from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.options import DEFAULT_OPTIONS, RunOptions
@@ -65,8 +66,9 @@ class Flow:
         )
         self._problem = unit
         plan = self._integrator.plan(unit) if isinstance(self._integrator, Planned) else None
-        # With events or surfaces the driver returns on the way, which only a run handles.
-        self._plan: Plan | None = None if plan is None or plan.watched else plan
+        # With events or surfaces the driver returns on the way, which only a run handles, as it looks at constraints.
+        handled = plan is None or plan.watched or may_be_discontinuous(model)
+        self._plan: Plan | None = None if handled else plan
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Flow, (self._model, self._options)

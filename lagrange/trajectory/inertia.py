@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from lagrange.machine.backend import SingularMassMatrix
-from lagrange.machine.singular import Singular, dependent_rows, few, least_regular, matrices_at, motion_along, scales
+from lagrange.machine.singular import Singular, dependent_rows, few, motion_along
+from lagrange.trajectory.constraints.approach import regularity
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.messages import number, row_names
 from lagrange.trajectory.trajectory import FloatArray
@@ -52,24 +53,23 @@ def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
 
 def _lost_rank(problem: Problem, t: float, y: FloatArray) -> str:
     """Return the message for a run that ends where constraints become dependent, or a motion without inertia, or ""."""
-    model, parameters = problem.model, problem.parameter_array
-    before = matrices_at(model, model.equations, problem.t0, problem.y0, parameters)
-    here = matrices_at(model, model.equations, t, y, parameters)
-    scale = scales(*before)
-    first, found = least_regular(*before, scale), least_regular(*here, scale)
-    if first is None or found is None or not found.regularity < LOST_INERTIA * first.regularity:
-        return ""
+    here = regularity(problem, t, y)
+    return "" if here is None or not here[0] < LOST_INERTIA else rank_lost(problem, y, *here)
+
+
+def rank_lost(problem: Problem, y: FloatArray, share: float, found: Singular) -> str:
+    """Return the message for a run that ends at a state (2n,) where what is singular has a share of its regularity."""
     place = few([f"{name} = {number(x)}" for name, x in zip(row_names(problem), y, strict=True)])
-    left = f"{found.regularity / first.regularity:.2g} of what it was at the start"
+    left = f"{share:.2g} of what it was at the start"
     if found.motion is not None:
         return (
-            f"the inertia of a motion with {motion_along(model.layout.rates, found.motion)}, which satisfies the "
-            f"constraints, vanishes there, at {place}: it is {left}. End the run before it, or state a Lagrangian that "
-            "keeps its inertia."
+            f"the inertia of a motion with {motion_along(problem.model.layout.rates, found.motion)}, which satisfies "
+            f"the constraints, vanishes there, at {place}: it is {left}. End the run before it, or state a Lagrangian "
+            "that keeps its inertia."
         )
     what = "these derivatives are" if len(found.rows) == 1 else "their least singular value is"
     return (
-        f"{dependent_rows(model.equations.constraints.names, found)} there, at {place}: {what} {left}, and the "
+        f"{dependent_rows(problem.model.equations.constraints.names, found)} there, at {place}: {what} {left}, and the "
         "accelerations grow beyond all bounds. End the run before it."
     )
 

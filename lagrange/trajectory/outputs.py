@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lagrange.machine.state import DriverState
+from lagrange.trajectory.constraints.discontinuities import Discontinuities, Discontinuity
 from lagrange.trajectory.events.event_log import Breaks
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.paths.step_paths import StepPath
@@ -30,7 +31,8 @@ class AcceptedStates:
     """The accepted states so far, in the parts that the driver wrote.
 
     Where `outputs_alone` holds they may be dropped but for the last, and where `dropped` does, they were; `removed` is
-    the number of parts that are gone. `followed` evaluates output times on the way, if there are any.
+    the number of parts that are gone. `followed` evaluates output times on the way, if there are any, and
+    `discontinuities` looks at constraints that may have some; `passed` is one that ends the run.
     """
 
     def __init__(self, t: float, y: FloatArray, *, outputs_alone: bool = False) -> None:
@@ -38,6 +40,9 @@ class AcceptedStates:
         self.bytes = 0
         self.outputs_alone, self.removed = outputs_alone, 0
         self.followed: FollowedSteps | None = None
+        self.discontinuities: Discontinuities | None = None
+        self.passed: Discontinuity | None = None
+        self._looked_at = 1
         self._begin, self._each = self.parts[0], 8 * (len(y) + 1)
         self._sizes: FloatArray | None = None
 
@@ -64,6 +69,17 @@ class AcceptedStates:
         """Evaluate the outputs on the steps that are new; `last` says that no more will come."""
         if self.followed is not None:
             self.followed.follow(self.parts, self.removed, last=last)
+
+    def discontinuity(self) -> Discontinuity | None:
+        """Return the first place among the new states where constraints let no motion on, or None."""
+        if self.discontinuities is None:
+            return None
+        before, *new = self.parts[self._looked_at - self.removed - 1 :]
+        if not new:
+            return None
+        self._looked_at = self.removed + len(self.parts)
+        times = np.concatenate([before.times[-1:], *(part.times for part in new)])
+        return self.discontinuities.on(times, np.concatenate([before.states[-1:], *(part.states for part in new)]))
 
     def make_room(self, limit: float) -> int:
         """Evaluate the outputs on new steps; return how many states more there is memory for, dropping those there."""

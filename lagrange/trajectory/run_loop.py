@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -12,9 +11,10 @@ import numpy as np
 from lagrange.machine.backend import Driver, SingularMassMatrix
 from lagrange.machine.calls import quickly
 from lagrange.machine.state import DriverState, Outcome, Outputs
-from lagrange.trajectory.constraints.passage import dependent_passage
+from lagrange.trajectory.constraints.approach import Approach
+from lagrange.trajectory.constraints.discontinuities import Discontinuities
 from lagrange.trajectory.events.ending import EventResult
-from lagrange.trajectory.inertia import crossing, lost_inertia
+from lagrange.trajectory.inertia import lost_inertia, rank_lost
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.memory_limit import compiled_late, memory_limit
 from lagrange.trajectory.messages import UNPROJECTED, coarse, message, outputs_alone, unsolved
@@ -22,6 +22,7 @@ from lagrange.trajectory.outputs import AcceptedStates
 from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.plan import PathFunction, Plan, Planned, StepPlan, Watcher
 from lagrange.trajectory.prepared import Prepared, prepared
+from lagrange.trajectory.shortened import until_dependent, until_discontinuity
 from lagrange.trajectory.sizes import survey
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
@@ -77,6 +78,7 @@ def _driven(problem: Problem, kept: Prepared, name: str) -> Trajectory:
     if problem.t_eval is not None and plan.writes_outputs:
         state.outputs = Outputs(problem.t_eval, len(problem.y0))
     rows = AcceptedStates(problem.t0, problem.y0, outputs_alone=alone)
+    rows.discontinuities = Discontinuities.of(problem)
     # An idle driver has run with these parameters, and a constant mass matrix is what it was then.
     inert = idle is None or not problem.model.equations.structure.constant_mass
     status, sentence = _check_first_slope(problem, name, parameters, inertia=inert)
@@ -101,47 +103,38 @@ def _driven(problem: Problem, kept: Prepared, name: str) -> Trajectory:
             )
         except SingularMassMatrix:
             status, detail = Status.SINGULAR, ""
-        if status in (Status.STEP_TOO_SMALL, Status.DIVERGED) and not detail:
-            detail = lost_inertia(problem, state.t, state.y)
-            status = Status.SINGULAR if detail else status
+        status, detail = _why(problem, plan, state, rows, (status, detail))
         sentence = _final_sentence(problem, plan, name, state, status, detail)
     rows.follow(last=True)
     accepted = rows.joined()
     found = _trajectory(problem, plan, state, rows, accepted, watch, (name, status, sentence, began))
     looked_at = status.complete or status is Status.STEP_TOO_SMALL
     if looked_at and len(problem.model.equations.constraints) and not rows.dropped:
-        found = _until_dependent(problem, plan, found, accepted)
+        found = until_dependent(problem, plan.tolerances.rtol, found, accepted)
         status = found.status
+    if rows.passed is not None:
+        series = plan.writes_outputs and not rows.dropped
+        found = until_discontinuity(problem, found, rows.passed, series=series)
     if status is Status.SUCCESS:
         tried = min(found.steps + found.rejected + 2, MOST_STEPS_PER_CALL)
         kept.give(problem, idle, steps, state, tried if found.wall < SECONDS_PER_CALL else 0, watch)
     return found
 
 
-def _until_dependent(
-    problem: Problem, plan: Plan, found: Trajectory, accepted: tuple[FloatArray, FloatArray]
-) -> Trajectory:
-    """Return a run as it is, or up to a configuration that it passed where rounding decides how the motion goes on."""
-    times, states = accepted
-    passed = dependent_passage(problem.model, times, states, problem.parameter_array, plan.tolerances.rtol)
-    if passed is None:
-        return found
-    row, dependent = passed
-    end, forwards = float(times[row]), 1 if problem.t1 >= problem.t0 else -1
-    detail = crossing(problem, dependent, states[row])
-    before = (found.t - end) * forwards <= 0
-    events = [(t - end) * forwards <= 0 for t in found.t_events]
-    return replace(
-        found,
-        t=found.t[before],
-        y=found.y[:, before],
-        status=Status.SINGULAR,
-        message=message(Status.SINGULAR, problem, end, states[row], found.method, detail=detail),
-        steps=row,
-        span=(found.span[0], end),
-        t_events=tuple(t[kept] for t, kept in zip(found.t_events, events, strict=True)),
-        y_events=tuple(y[kept] for y, kept in zip(found.y_events, events, strict=True)),
-    )
+def _why(
+    problem: Problem, plan: Plan, state: DriverState, rows: AcceptedStates, ended: tuple[Status, str]
+) -> tuple[Status, str]:
+    """Return a status and its detail, or SINGULAR with what the equations have where the run stopped."""
+    status, detail = ended
+    stuck = status in (Status.STEP_TOO_SMALL, Status.DIVERGED)
+    given_up = status is Status.MAX_STEPS and len(problem.model.equations.constraints) > 0
+    if not (stuck or given_up) or detail not in ("", UNPROJECTED):
+        return ended
+    found = lost_inertia(problem, state.t, state.y)
+    if not found and stuck and rows.discontinuities is not None:
+        step = 0.0 if plan.tolerances.rtol else float(state.reals[DriverState.STEP])
+        found = rows.discontinuities.ahead(state.t, state.y, step)
+    return (Status.SINGULAR, found) if found else ended
 
 
 def _trajectory(
@@ -243,7 +236,7 @@ def _advance_to_end(
 ) -> tuple[Status, str]:
     """Advance until the run ends; return its status, and a detail for the message. `per_call` steps come first."""
     limit, counts, dimension = memory_limit(problem), state.integers, len(problem.y0)
-    times, states, call = NOTHING, NOTHING, 0
+    times, states, call, approach = NOTHING, NOTHING, 0, Approach(problem)
     result = GOES_ON if watch is None else watch.begin(state)
     try:
         while True:
@@ -275,6 +268,8 @@ def _advance_to_end(
             before = time.perf_counter()
             outcome = driver.advance(state, budget, times, states)
             rows.collect(state, times, states, call)
+            if lost := _lost_on_the_way(problem, rows, approach, state):
+                return Status.SINGULAR, _taken_over(watch, state, lost)
             if watch is not None and (outcome in (Outcome.WATCHED, Outcome.DONE) or watch.is_due(state)):
                 result = watch.end(state) if outcome is Outcome.DONE else watch.process(state)
                 if result.jumped:
@@ -289,7 +284,16 @@ def _advance_to_end(
                 problem.progress(state.t)
     except KeyboardInterrupt:
         rows.collect(state, times, states, call)
-        return _interrupted(watch, state)
+        return Status.INTERRUPTED, _taken_over(watch, state)
+
+
+def _lost_on_the_way(problem: Problem, rows: AcceptedStates, approach: Approach, state: DriverState) -> str:
+    """Return what the new states have passed that no motion leads over, or never get to; or ""."""
+    rows.passed = rows.discontinuity()
+    if rows.passed is not None:
+        return rows.passed.what
+    ended = approach.ends(state) if state.integers[DriverState.STEPS] >= approach.next_look else None
+    return "" if ended is None else rank_lost(problem, state.y, *ended)
 
 
 def _after_call(problem: Problem, outcome: Outcome, state: DriverState) -> EventResult:
@@ -312,11 +316,11 @@ def _after_call(problem: Problem, outcome: Outcome, state: DriverState) -> Event
     return EventResult(_STATUS[outcome], smooth=outcome is Outcome.NON_FINITE)
 
 
-def _interrupted(watch: Watcher | None, state: DriverState) -> tuple[Status, str]:
-    """Have the events on all rows taken over: an interruption is raised as the loop over steps returns."""
+def _taken_over(watch: Watcher | None, state: DriverState, detail: str = "") -> str:
+    """Have the events on all rows taken over, where the loop ends on the way, as by Ctrl-C; return a detail."""
     if watch is not None:
         watch.is_due(state)
-    return Status.INTERRUPTED, ""
+    return detail
 
 
 def _final_sentence(problem: Problem, plan: Plan, name: str, state: DriverState, status: Status, cause: str) -> str:

@@ -12,7 +12,7 @@ from sympy import Abs, Piecewise, cos, sin, sqrt
 
 import lagrange as lg
 from lagrange.errors import StatementError
-from lagrange.trajectory.constraints.consistent import consistent_start
+from lagrange.trajectory.constraints.consistent import consistent_start, violation
 from tests.models import c, g, l, m, theta, x, y, z
 
 LENGTH = {m: 1.3, g: 9.81, l: 1.0}
@@ -220,21 +220,19 @@ def test_a_start_on_the_constraints_is_not_projected(monkeypatch: pytest.MonkeyP
         consistent_start(model, 0.0, state + 1e-8, parameters)
 
 
-@pytest.mark.parametrize(("method", "step"), [("taylor", None), ("rk4", 0.01)])
-def test_a_run_that_ends_off_its_constraints_is_unreliable(method: str, step: float | None) -> None:
-    """Friction hides the loss of energy, and what a corner leaves of the constraint does not."""
-    corner = pendulum(y - Abs(x), forces={x: -x.dot / 10})
-    solution = corner.run(1.0, {x: 0.5, y: 0.5}, method=method, step=step)
+def test_a_run_that_ends_off_its_constraints_is_unreliable() -> None:
+    """Friction hides the loss of energy; solvers of other packages are not projected."""
+    damped = pendulum(forces={x: -x.dot / 10})
+    solution = damped.run(100.0, method="scipy-rk45", rtol=1e-2, atol=1e-2)
     assert solution.status is lg.Status.UNRELIABLE, solution.message
-    told = ("The run ends on a corner of the constraint 'rod'", "The state at the end violates the constraint 'rod' by")
-    assert any(one in solution.message for one in told)
+    assert "The state at the end violates the constraint 'rod' by" in solution.message
 
 
-@pytest.mark.parametrize("method", ["dop853", "radau5"])
-def test_a_step_with_error_control_does_not_go_on_past_a_corner(method: str) -> None:
-    corner = pendulum(y - Abs(x), forces={x: -x.dot / 10})
-    solution = corner.run(1.0, {x: 0.5, y: 0.5}, method=method)
-    assert solution.status is lg.Status.STEP_TOO_SMALL and abs(solution[x][-1]) < 1e-6
+def test_a_state_on_a_corner_is_no_end_of_a_run() -> None:
+    """Methods from outside may end there."""
+    model = pendulum(y - Abs(x)).compile(check=False)
+    told = violation(model, 0.0, np.array([0.0, 0.0, 1.0, 1.0]), model.parameter_array())
+    assert told.startswith("The run ends on a corner of the constraint 'rod', where velocities jump")
 
 
 def test_the_advice_on_an_initial_state_may_be_pasted() -> None:

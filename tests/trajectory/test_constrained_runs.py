@@ -277,17 +277,3 @@ def test_a_change_that_a_step_passes_over_is_no_error_to_be_projected_away(metho
     assert run.status is lg.Status.SUCCESS
     # 1000 tolerances of rtol = 1e-9.
     assert run[x][-1] == pytest.approx(5.0, abs=1e-6)
-
-
-@pytest.mark.parametrize("method", ["dop853", "radau5"])
-def test_a_constraint_that_jumps_ends_a_run(method: str) -> None:
-    x, y = lg.coordinates("x y")
-    floor = lg.System(
-        (x.dot**2 + y.dot**2) / 2,
-        dissipation=x.dot**2 / 1000,
-        constraints={"floor": y - sp.Piecewise((1, x > 0), (-1000, True))},
-        initial={x: 1.0, y: 1.0, x.dot: -1.0},
-    )
-    run = floor.run(3.0, method=method, check=False)
-    assert run.status is lg.Status.STEP_TOO_SMALL and run[y].tolist() == [1.0] * len(run.t)
-    assert abs(run[x][-1]) < 1e-6

@@ -11,7 +11,7 @@ from sympy import cos, sin
 import lagrange as lg
 from lagrange.compiler import machine, model_of
 from lagrange.machine.singular import Singular
-from lagrange.trajectory import run_loop
+from lagrange.trajectory import shortened
 from lagrange.trajectory.constraints.passage import dependent_passage
 from tests.series_systems import ladder
 
@@ -96,7 +96,7 @@ def test_a_run_that_rounding_would_decide_ends_before(monkeypatch: pytest.Monkey
         seen.append(float(times[5]))
         return 5, Singular(1e-7, rows=((1, 1.0),))
 
-    monkeypatch.setattr(run_loop, "dependent_passage", passed)
+    monkeypatch.setattr(shortened, "dependent_passage", passed)
     solution = CRANK.run(3.0, START, method="dop853", check=False, **options)
     assert solution.status is lg.Status.SINGULAR and solution.t[-1] <= seen[0] + 1e-12
     assert "the constraint 'across' restricts no velocity" in solution.message

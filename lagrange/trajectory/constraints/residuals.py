@@ -49,9 +49,11 @@ class ConstraintResiduals:
         self._layout = model.layout
         graph, q = model.equations.graph, model.equations.q
         # Of a piecewise only the branch that is taken counts: its conditions are surfaces as well.
-        surfaces = switch(graph, stated).stated
+        self.switched = switch(graph, stated)
+        surfaces = self.switched.stated
         slopes = tuple(slope for surface in surfaces for slope in gradient(surface, q))
         self._corners = _kernel(model, (*surfaces, *term_sizes(surfaces), *slopes)) if surfaces else None
+        self._surfaces = _kernel(model, surfaces) if surfaces else None
 
     def hold(self, t: float, y: FloatArray, parameters: FloatArray) -> bool:
         """Return whether a state is on the constraints but for round-off, and on no corner of theirs.
@@ -72,8 +74,24 @@ class ConstraintResiduals:
         values, terms = self._of(t, y, parameters)
         shares = np.abs(values) / np.where(terms > 0, terms, 1.0)
         row = int(np.argmax(np.where(np.isfinite(shares), shares, np.inf)))
-        places = [name for name, holonomic in zip(self.names, self.holonomic, strict=True) if holonomic]
-        return [*places, *self.names][row], float(shares[row])
+        return self.labels[row], float(shares[row])
+
+    @property
+    def labels(self) -> list[str]:
+        """The names of the constraints on positions, then of all."""
+        return [*(name for name, place in zip(self.names, self.holonomic, strict=True) if place), *self.names]
+
+    def of_many(self, t: FloatArray, y: FloatArray, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return phi, then psi, and the sizes of their terms, (p + m, k) each, at times (k,) and states (2n, k)."""
+        return self._of(t, y, parameters)
+
+    def gradients(self, t: FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
+        """Return G, (m, n, k), at times (k,) and states (2n, k)."""
+        return self._gradient(t, y, parameters).reshape(len(self.names), -1, len(t))
+
+    def surfaces(self, t: FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
+        """Return what is zero where a constraint switches, (s, k), at times (k,) and states (2n, k)."""
+        return np.empty((0, len(t))) if self._surfaces is None else self._surfaces(t, y, parameters)
 
     def of_positions(self, t: float, y: FloatArray, parameters: FloatArray, units: FloatArray) -> Residuals:
         """Return the residuals of the holonomic constraints as functions of the coordinates."""
@@ -107,7 +125,7 @@ class ConstraintResiduals:
                 return int(np.argmax(jumps))
         return None
 
-    def _of(self, t: float, y: FloatArray, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _of(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
         with np.errstate(all="ignore"):
             found = self._residuals(t, y, parameters)
         half = len(found) // 2

@@ -1,0 +1,258 @@
+"""Between which states of a run a constraint jumps, has a corner, or restricts nothing: no motion leads on from there.
+
+The velocities of a motion on y = abs(x) jump where x = 0, and what they are behind it is not stated. A step that leads
+over such a place is brought onto the constraints behind it by the projection, as if nothing had happened. A constraint
+that is not linear in the velocities restricts nothing where all its derivatives by them vanish: behind it x.dot**2 +
+y.dot**2 = (1 - t)**2 leaves every direction open.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lagrange.graph.node import Binding
+from lagrange.machine.backend import FloatArray, SingularMassMatrix
+from lagrange.machine.model import Model
+from lagrange.machine.singular import Singular, dependent_rows
+from lagrange.trajectory.constraints.nearest import ON_SURFACE
+from lagrange.trajectory.constraints.residuals import ConstraintResiduals, residuals_of
+from lagrange.trajectory.integrator import Problem
+
+HALVINGS = 50
+"""A zero of a surface on the chord of a step is found to the spacing of doubles."""
+
+BESIDE = 1e-6
+"""How far before and behind a surface, as a part of the step, constraints are compared."""
+
+CONTINUOUS = 4.0
+"""What is continuous changes over a surface by as much as over the same way beside it; what jumps by more than this."""
+
+LONGEST_SURFACE = 80
+"""A message shows no longer expressions."""
+
+ROUNDING = 1e-9
+"""A change below this part of the terms is rounding: it is that of a place which is known to 1e-15 of the step."""
+
+VANISHING = 1e-2
+"""Between two states a row of G that is parallel to itself and this small against its ends vanishes, if the constraint
+holds there up to as much: on the way of a velocity that turns it does not."""
+
+AHEAD = 1e-6
+"""A step that shrank to nothing has its cause within this part of the run."""
+
+
+@dataclass(frozen=True, eq=False)
+class Discontinuity:
+    """A place at a `part` of the step from a state (t, y) to the next one, at `after`; `what` is there, in a sentence.
+
+    `steps` lead from the first of the states to the last one that was looked at.
+    """
+
+    t: float
+    y: FloatArray
+    after: float
+    part: float
+    what: str
+    steps: int
+
+
+class Discontinuities:
+    """Looks at the states of runs of one model, with some parameters."""
+
+    def __init__(self, problem: Problem, turning: NDArray[np.intp]) -> None:
+        self.problem, self.model, self.parameters = problem, problem.model, problem.parameter_array
+        self.residuals: ConstraintResiduals = residuals_of(problem.model)
+        self.turning = turning
+
+    @classmethod
+    def of(cls, problem: Problem) -> Discontinuities | None:
+        """Return what looks at a run, or None where constraints have no surface and no row that can vanish."""
+        return cls(problem, _turning(problem.model)) if may_be_discontinuous(problem.model) else None
+
+    def on(self, times: FloatArray, states: FloatArray) -> Discontinuity | None:
+        """Return the first one between times (k,) and states (k, 2n) of a run, or None."""
+        found = [one for one in (self._switched(times, states), self._vanishing(times, states)) if one is not None]
+        if not found:
+            return None
+        row, part, what = min(found, key=lambda one: one[:2])
+        steps = int(np.count_nonzero(np.diff(times[row:])))
+        return Discontinuity(float(times[row]), states[row], float(times[row + 1]), part, what, steps)
+
+    def ahead(self, t: float, y: FloatArray, step: float) -> str:
+        """Return what a state (2n,) runs into within about an equal step, or very soon where that is zero, or ""."""
+        span = self.problem.t1 - self.problem.t0
+        h = 2 * step if step else AHEAD * span
+        try:
+            slope = self.model.kernel("rhs")(t, y, self.parameters)
+        except SingularMassMatrix:
+            return ""
+        if not np.isfinite(slope).all():
+            return ""
+        found = self.on(np.array([t, t + h]), np.array([y, y + h * slope]))
+        return "" if found is None else found.what
+
+    def _switched(self, times: FloatArray, states: FloatArray) -> tuple[int, float, str] | None:
+        """Return the first surface behind which a constraint is another: the row before it, the part, and the cause."""
+        g = self.residuals.surfaces(times, states.T, self.parameters)
+        begins, ends = g[:, :-1], g[:, 1:]
+        reached = np.abs(ends) <= ON_SURFACE * np.abs(begins)
+        changes = ((np.sign(begins) * np.sign(ends) <= 0) | reached) & (begins != ends) & (np.diff(times) != 0)
+        surfaces, rows = np.nonzero(changes)
+        if not len(rows):
+            return None
+        order = np.argsort(rows, kind="stable")
+        surfaces, rows = surfaces[order], rows[order]
+        parts = self._zeros(times, states, rows, surfaces)
+        jumping = self._jumping(times, states, rows, parts)
+        passed = np.flatnonzero(jumping.any(axis=0))
+        if not len(passed):
+            return None
+        first = min(passed.tolist(), key=lambda place: (rows[place], parts[place]))
+        which = int(np.argmax(jumping[:, first]))
+        return int(rows[first]), float(parts[first]), self._told(which, int(surfaces[first]))
+
+    def _told(self, which: int, surface: int) -> str:
+        """Return what is the matter with phi or psi of a constraint where a surface is crossed."""
+        name, node = self.residuals.labels[which], self.residuals.switched.expressions[surface]
+        zero = self.model.equations.express(node).xreplace(dict(self.model.statement.plain))
+        where = str(-zero if zero.could_extract_minus_sign() else zero)[:LONGEST_SURFACE]
+        if which < self.residuals.places:
+            return (
+                f"the constraint {name!r} jumps where {where} = 0, and no motion leads over that. End the run before "
+                "it by an event, or state the constraint without the jump."
+            )
+        return (
+            f"the constraint {name!r} has a corner where {where} = 0: velocities jump there, in a way that is not "
+            "stated. End the run before it by an event, or write the constraint smoothly."
+        )
+
+    def _zeros(
+        self, times: FloatArray, states: FloatArray, rows: NDArray[np.intp], surfaces: NDArray[np.intp]
+    ) -> FloatArray:
+        """Return the parts of steps at which surfaces are zero on the chords from some rows to the next."""
+        columns = np.arange(len(rows))
+
+        def values(parts: FloatArray) -> FloatArray:
+            here = self.residuals.surfaces(*_chord(times, states, rows, parts), self.parameters)
+            return np.asarray(here[surfaces, columns])
+
+        low, high = np.zeros(len(rows)), np.ones(len(rows))
+        begin = values(low)
+        # A start on the surface is the place itself.
+        high[begin == 0] = 0.0
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            before = np.sign(values(middle)) == np.sign(begin)
+            low, high = np.where(before, middle, low), np.where(before, high, middle)
+        return high
+
+    def _jumping(
+        self, times: FloatArray, states: FloatArray, rows: NDArray[np.intp], parts: FloatArray
+    ) -> NDArray[np.bool_]:
+        """Return which of phi, then psi and G of each constraint, jump at parts of some steps."""
+        before, near, behind, far = (
+            _Surface.at(self.residuals, *_chord(times, states, rows, parts + share * BESIDE), self.parameters)
+            for share in (-2, -1, 1, 2)
+        )
+        with np.errstate(all="ignore"):
+            over, beside = behind.change(near), np.maximum(near.change(before), far.change(behind))
+            return over > CONTINUOUS * beside + ROUNDING
+
+    def _vanishing(self, times: FloatArray, states: FloatArray) -> tuple[int, float, str] | None:
+        """Return the first step on which a row of G vanishes that depends on velocities; see `_switched`."""
+        if not len(self.turning):
+            return None
+        g = self.residuals.gradients(times, states.T, self.parameters)[self.turning]
+        before, change = g[:, :, :-1], np.diff(g, axis=2)
+        with np.errstate(all="ignore"):
+            parts = np.clip(-(before * change).sum(axis=1) / (change**2).sum(axis=1), 0.0, 1.0)
+            least = np.linalg.norm(before + parts[:, None] * change, axis=1)
+            ends = np.maximum(np.linalg.norm(before, axis=1), np.linalg.norm(g[:, :, 1:], axis=1))
+            which, rows = np.nonzero((least <= VANISHING * ends) & (np.diff(times) != 0))
+        for row, place in sorted(zip(rows.tolist(), which.tolist(), strict=True)):
+            constraint, part = int(self.turning[place]), float(parts[place, row])
+            if self._holds_between(times[row : row + 2], states[row : row + 2], part, constraint):
+                names = self.model.equations.constraints.names
+                return row, part, _nothing_restricted(names, constraint)
+        return None
+
+    def _holds_between(self, times: FloatArray, states: FloatArray, part: float, constraint: int) -> bool:
+        """Whether a constraint holds on the chord of a step, measured by its terms at the ends."""
+        t, y = _chord(times, states, np.zeros(3, dtype=np.intp), np.array([0.0, 1.0, part]))
+        values, sizes = self.residuals.of_many(t, y, self.parameters)
+        place = self.residuals.places + constraint
+        return bool(abs(values[place, 2]) <= VANISHING * max(sizes[place, :2]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Surface:
+    """The constraints at k states, as distances: phi and psi (p + m, k), their terms, and G (m, n, k) of unit rows.
+
+    A constraint that is stated otherwise on two sides of a surface, as twice itself, is the same one.
+    """
+
+    values: FloatArray
+    sizes: FloatArray
+    rows: FloatArray
+    places: NDArray[np.intp]
+
+    @classmethod
+    def at(cls, residuals: ConstraintResiduals, t: FloatArray, y: FloatArray, parameters: FloatArray) -> _Surface:
+        """Return those at times (k,) and states (2n, k)."""
+        values, sizes = residuals.of_many(t, y, parameters)
+        rows = residuals.gradients(t, y, parameters)
+        lengths = np.linalg.norm(rows, axis=1)
+        lengths = np.where(lengths > 0, lengths, 1.0)
+        places = np.flatnonzero(residuals.holonomic)
+        units = np.concatenate([lengths[places], lengths])
+        return cls(values / units, sizes / units, rows / lengths[:, None], places)
+
+    def change(self, other: _Surface) -> FloatArray:
+        """Return by how much phi, then psi or G, differ from those at other states, relative to their terms."""
+        signs = np.where((self.rows * other.rows).sum(axis=1) < 0, -1.0, 1.0)
+        turned = np.abs(self.rows - signs[:, None] * other.rows).max(axis=1)
+        signs = np.concatenate([signs[self.places], signs])
+        values = np.abs(self.values - signs * other.values) / (self.sizes + other.sizes)
+        values[len(self.places) :] = np.maximum(values[len(self.places) :], turned)
+        return values
+
+
+_TURNING: WeakKeyDictionary[Model, NDArray[np.intp]] = WeakKeyDictionary()
+
+
+def may_be_discontinuous(model: Model) -> bool:
+    """Return whether constraints of a model have surfaces on which they switch, or rows of G that may vanish."""
+    if not len(model.equations.constraints):
+        return False
+    return bool(residuals_of(model).switched.stated) or len(_turning(model)) > 0
+
+
+def _turning(model: Model) -> NDArray[np.intp]:
+    """Return the constraints whose row of G depends on velocities."""
+    found = _TURNING.get(model)
+    if found is None:
+        rows = model.equations.constraints.gradient
+        moving = [any(entry.binding >= Binding.VELOCITY for entry in row) for row in rows]
+        found = _TURNING[model] = np.flatnonzero(moving)
+    return found
+
+
+def _nothing_restricted(names: Sequence[str], constraint: int) -> str:
+    """Return what is the matter where all derivatives of a constraint by the velocities vanish."""
+    return (
+        f"{dependent_rows(names, Singular(0.0, rows=((constraint, 1.0),)))} on the step from there, and it does not "
+        "say how the motion goes on. End the run before it by an event, or state the constraint in another way."
+    )
+
+
+def _chord(
+    times: FloatArray, states: FloatArray, rows: NDArray[np.intp], parts: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return times (k,) and states (2n, k) at parts of the straight lines from some rows to the next."""
+    t = times[rows] + parts * (times[rows + 1] - times[rows])
+    return t, (states[rows] + parts[:, None] * (states[rows + 1] - states[rows])).T

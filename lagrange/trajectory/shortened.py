@@ -1,0 +1,68 @@
+"""Runs that passed what no motion leads over, or what rounding decides: they end before it, and say what it is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from lagrange.trajectory.constraints.discontinuities import Discontinuity
+from lagrange.trajectory.constraints.passage import dependent_passage
+from lagrange.trajectory.inertia import crossing
+from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.messages import message
+from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
+
+AT_THE_END = 1e-6
+"""A place within this last part of a step is its end: there steps of series end on surfaces that they know."""
+
+
+def until_dependent(
+    problem: Problem, rtol: float, found: Trajectory, accepted: tuple[FloatArray, FloatArray]
+) -> Trajectory:
+    """Return a run as it is, or up to a configuration that it passed where rounding decides how the motion goes on."""
+    times, states = accepted
+    passed = dependent_passage(problem.model, times, states, problem.parameter_array, rtol)
+    if passed is None:
+        return found
+    row, dependent = passed
+    detail = crossing(problem, dependent, states[row])
+    return _shortened(problem, found, (float(times[row]), states[row]), row, detail)
+
+
+def until_discontinuity(problem: Problem, found: Trajectory, passed: Discontinuity, *, series: bool) -> Trajectory:
+    """Return a run up to the last state before a discontinuity of its constraints.
+
+    A step of a `series` that ends there, and is kept, is the motion up to it, whatever the projection makes of its end.
+    """
+    steps = found.steps - passed.steps
+    if not series or passed.part < 1.0 - AT_THE_END:
+        return _shortened(problem, found, (passed.t, passed.y), steps, passed.what)
+    end = math.nextafter(passed.after, passed.t)
+    y = found.dense(np.array([end]))[:, 0]
+    short = _shortened(problem, found, (end, y), steps + 1, passed.what)
+    if problem.t_eval is not None:
+        return short
+    return replace(short, t=np.append(short.t, end), y=np.column_stack([short.y, y]))
+
+
+def _shortened(
+    problem: Problem, found: Trajectory, end: tuple[float, FloatArray], steps: int, detail: str
+) -> Trajectory:
+    """Return a run up to a time and a state, as singular there."""
+    t, y = end
+    forwards = 1 if problem.t1 >= problem.t0 else -1
+    before = (found.t - t) * forwards <= 0
+    events = [(times - t) * forwards <= 0 for times in found.t_events]
+    return replace(
+        found,
+        t=found.t[before],
+        y=found.y[:, before],
+        status=Status.SINGULAR,
+        message=message(Status.SINGULAR, problem, t, y, found.method, detail=detail),
+        steps=steps,
+        span=(found.span[0], t),
+        t_events=tuple(times[kept] for times, kept in zip(found.t_events, events, strict=True)),
+        y_events=tuple(states[kept] for states, kept in zip(found.y_events, events, strict=True)),
+    )
