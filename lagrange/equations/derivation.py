@@ -8,14 +8,14 @@ from functools import cached_property, partial
 from types import MappingProxyType
 from typing import Any, TypeVar
 
-from sympy import Add, Dummy, Eq, Float, ImmutableDenseMatrix, Rational, S
+from sympy import Add, Eq, Float, ImmutableDenseMatrix, Rational, S
 
 from lagrange.equations.collect import Collector
 from lagrange.equations.monomials import MonomialSum
 from lagrange.equations.solve import NestedCofactors, coupled_blocks, expanded_cofactors, vanishes
-from lagrange.equations.terms import Algebra, TooLargeError, differentiable, printable
+from lagrange.equations.stated_algebra import StatedAlgebra
+from lagrange.equations.terms import TooLargeError, printable
 from lagrange.errors import StatementError, listing
-from lagrange.statement.coordinate import acceleration_of, t
 from lagrange.statement.multiplier import multiplier
 from lagrange.statement.statement import Statement
 
@@ -147,45 +147,13 @@ class Derivation:
             ) from None
 
 
-class _Page:
-    """The derivation in `MonomialSum`, each part computed once; coordinates and velocities are plain real symbols here.
-
-    The symbols are dummies, so that a parameter or coordinate named like a velocity cannot be taken for it.
-    """
+class _Page(StatedAlgebra):
+    """The derivation in `MonomialSum`, each part computed once."""
 
     def __init__(self, statement: Statement) -> None:
-        self.statement = statement
-        self.q, self.v, self.a = (
-            tuple(Dummy(name + ending, real=True) for name in statement.names) for ending in ("", "_dot", "_ddot")
-        )
-        self.time = Dummy("t", real=True)
-        self.plain: dict[Any, Any] = {t: self.time}
-        for i, coordinate in enumerate(statement.coordinates):
-            self.plain[coordinate] = self.q[i]
-            self.plain[statement.velocities[i]] = self.v[i]
-            self.plain[acceleration_of(coordinate)] = self.a[i]
+        super().__init__(statement, BUDGET)
         self.stated = {symbol: expression for expression, symbol in self.plain.items()}
-        self.decimal = False
-        self.algebra = Algebra(BUDGET)
         self.collector = Collector(self.algebra, frozenset(self.q), frozenset((*self.q, *self.v, *self.a, self.time)))
-
-    @cached_property
-    def lagrangian(self) -> MonomialSum:
-        return self.algebra.merge_angles(self.read(self.statement.lagrangian))
-
-    @cached_property
-    def momenta(self) -> list[MonomialSum]:
-        return [self.algebra.differentiate(self.lagrangian, v) for v in self.v]
-
-    @cached_property
-    def mass(self) -> list[list[MonomialSum]]:
-        """M = dp/dv, merged."""
-        upper = {
-            (i, j): self.algebra.merge_angles(self.algebra.differentiate(p, self.v[j]))
-            for i, p in enumerate(self.momenta)
-            for j in range(i, len(self.v))
-        }
-        return [[upper[min(i, j), max(i, j)] for j in range(len(self.v))] for i in range(len(self.v))]
 
     @cached_property
     def remainders(self) -> list[MonomialSum]:
@@ -310,18 +278,6 @@ class _Page:
             f"the mass matrix of {listing(names)} is singular at every state, so the accelerations are not determined: "
             "give each coordinate inertia of its own in the kinetic energy, or state fewer coordinates."
         )
-
-    def read(self, expression: Any) -> MonomialSum:
-        """Return a stated expression as terms, its decimals exact: 0.1 is one tenth."""
-        plain = expression.xreplace(self.plain)
-        decimals = sorted(plain.atoms(Float), key=str)
-        if decimals:
-            self.decimal = True
-            plain = plain.xreplace({number: Rational(repr(float(number))) for number in decimals})
-        return self.algebra.read(differentiable(plain))
-
-    def symbol(self, symbol: Any) -> MonomialSum:
-        return self.algebra.read(symbol)
 
     def show(self, terms: MonomialSum) -> Any:
         return self.finish(self.collector.write(terms))

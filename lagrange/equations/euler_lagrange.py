@@ -14,6 +14,7 @@ from typing import Any
 
 from lagrange.equations.augmented import MotionForm, augmentation
 from lagrange.equations.constraints import ConstraintEquations, check_rows, constraint_equations
+from lagrange.equations.decisions import StatedLaws
 from lagrange.equations.first_order import first_order_coordinates, with_ones, with_relations, without
 from lagrange.equations.redundant import least_norm
 from lagrange.equations.solve_plan import SolvePlan, plan_of
@@ -122,9 +123,10 @@ def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> E
     plan = plan_of(matrix, tuple(range(len(q), len(matrix))))
     accelerations, impulses = solve_motion(plan, matrix, motion.bias, solved)
     multipliers = least_norm(constraints, kept, impulses[: len(kept)])
-    structure = find_structure(
-        graph, statement.names, q, time, lagrangian, momenta, extra, mass, constraints, accelerations, first_order
+    laws = StatedLaws(
+        q, v, time, parameters, lagrangian, tuple(forces), tuple(momenta), tuple(extra), mass, constraints
     )
+    structure = find_structure(statement, laws, accelerations, first_order)
     known = dict(zip(map(acceleration_of, statement.coordinates), accelerations, strict=True))
     known |= dict(zip(map(multiplier, constraints.names), multipliers, strict=True))
     return Equations(

@@ -1,64 +1,92 @@
 """What kind of system it is: findings that choose code, allow methods, and are told to the user in words.
 
-A finding is made from the expressions as they stand, so it is never wrong but can be missed: a Lagrangian
-that depends on a coordinate only through cosh(q)**2 - sinh(q)**2 counts as depending on it.
+What chooses code is taken from the expressions as they stand, so it is never wrong but can be missed. What is told is
+decided as an identity: see `lagrange.equations.decisions`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
-from lagrange.equations.constraints import ConstraintEquations
+from lagrange.equations.decisions import Decisions, StatedLaws, Verdict
 from lagrange.equations.solve_plan import plan_of
 from lagrange.errors import listing
-from lagrange.graph.node import Binding, Graph, Kind, Node, reachable
+from lagrange.graph.node import Binding, Kind, Node, reachable
+from lagrange.statement.statement import Statement
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Structure:
     """The findings; `blocks` are the groups of coordinates that the mass matrix couples.
 
-    `position_only`: the accelerations are free of velocities. `brief`: time stands in some other function than a
-    polynomial, a sine or a cosine, so that a force may act briefly and leave no trace before and after.
-    `constraints` are the names of the constraints, `nonlinear` of those that are not linear in the velocities.
-    `workless`: the forces of no constraint do work. `first_order` are the coordinates without inertia.
+    `constant_mass` and `position_only`, accelerations free of velocities, are taken from the expressions as they
+    stand, and so is `forced`. `brief`: time stands in some other function than a polynomial, a sine or a cosine, so
+    that a force may act briefly and leave no trace before and after. `constraints` are the names of the constraints,
+    `nonlinear` of those that are not linear in the velocities. `workless`: the forces of no constraint do work.
+    `first_order` are the coordinates without inertia.
     """
 
     names: tuple[str, ...]
     blocks: tuple[tuple[int, ...], ...]
     constant_mass: bool
-    separable: bool
-    autonomous: bool
     forced: bool
-    cyclic: tuple[int, ...]
+    free: tuple[int, ...]
     position_only: bool
     brief: bool
-    constraints: tuple[str, ...] = ()
-    nonlinear: tuple[str, ...] = ()
-    workless: bool = True
-    first_order: tuple[int, ...] = ()
+    constraints: tuple[str, ...]
+    nonlinear: tuple[str, ...]
+    workless: bool
+    first_order: tuple[int, ...]
+    decisions: Decisions
+
+    @property
+    def separable(self) -> Verdict:
+        """Whether the momenta depend on velocities alone; None where that was not found."""
+        return self.decisions.separable
+
+    @property
+    def autonomous(self) -> Verdict:
+        """Whether the Lagrangian does not depend on time; None where that was not found."""
+        return self.decisions.timeless
+
+    @cached_property
+    def cyclic(self) -> tuple[int, ...]:
+        """The coordinates that the Lagrangian does not depend on, with no force and no constraint on them."""
+        return tuple(i for i in self.free if self.decisions.cyclic(i))
+
+    @property
+    def energy_kept(self) -> Verdict:
+        """Whether the energy v.p - L is conserved; None where that was not found.
+
+        Explicit time, forces and dissipation do no work together. Constraints that depend on time, or are not
+        homogeneous in the velocities, may do work.
+        """
+        return self.decisions.powerless if self.workless else None
 
     @property
     def conservative(self) -> bool:
-        """Whether the energy v.p - L is conserved: no explicit time, no forces, no dissipation.
-
-        Constraints that depend on time, or are not homogeneous in the velocities, may do work.
-        """
-        return self.autonomous and not self.forced and self.workless
+        """Whether the energy v.p - L is known to be conserved."""
+        return self.energy_kept is True
 
     def sentences(self) -> list[str]:
         """Return the findings in words, one sentence each."""
         return [
             self._mass(),
-            "The momenta depend on velocities alone: all else in the Lagrangian acts as a potential."
-            if self.separable
-            else "The momenta depend on more than the velocities: the Lagrangian does not separate.",
+            *self._separation(),
             *self._first_order(),
             *self._constraints(),
             self._energy(),
             *self._momenta(),
         ]
+
+    def _separation(self) -> list[str]:
+        if self.separable:
+            return ["The momenta depend on velocities alone: all else in the Lagrangian acts as a potential."]
+        if self.separable is False:
+            return ["The momenta depend on more than the velocities: the Lagrangian does not separate."]
+        return []
 
     def _first_order(self) -> list[str]:
         names = [self.names[i] for i in self.first_order]
@@ -86,63 +114,66 @@ class Structure:
         return sentences
 
     def _mass(self) -> str:
-        kind = "constant" if self.constant_mass else "changes along the motion"
+        constant = self.decisions.constant_mass
+        kind = "" if constant is None else " and is constant" if constant else " and changes along the motion"
         if len(self.blocks) == len(self.names):
-            return f"The mass matrix is diagonal and {kind}."
+            return f"The mass matrix is diagonal{kind.replace('is constant', 'constant')}."
         if len(self.blocks) == 1:
-            return f"The mass matrix couples all coordinates and {kind.replace('constant', 'is constant')}."
+            return f"The mass matrix couples all coordinates{kind}."
         groups = listing("(" + ", ".join(self.names[i] for i in block) + ")" for block in self.blocks)
-        return f"The mass matrix falls into blocks {groups} and {kind.replace('constant', 'is constant')}."
+        return f"The mass matrix falls into blocks {groups}{kind}."
 
     def _energy(self) -> str:
         if self.conservative:
-            return "Nothing depends on time explicitly and no force acts beside the potential: the energy is conserved."
-        causes = ["the Lagrangian depends on time"] * (not self.autonomous) + [
-            "forces or dissipation act"
-        ] * self.forced
+            return f"{self._reason()}: the energy is conserved."
+        verdict = "is not" if self.energy_kept is False else "was not found to be"
+        time = "depends" if self.autonomous is False else "may depend"
+        causes = [] if self.autonomous else [f"the Lagrangian {time} on time"]
+        causes += ["forces or dissipation act"] * self.forced
         causes += ["constraints that depend on time, or on velocities other than in proportion, may do work"] * (
             not self.workless
         )
-        return f"The energy is not conserved: {listing(causes)}."
+        return f"The energy {verdict} conserved: {listing(causes)}."
+
+    def _reason(self) -> str:
+        if not self.forced:
+            return "Nothing depends on time explicitly and no force acts beside the potential"
+        if self.autonomous:
+            return "Nothing depends on time explicitly and the forces beside the potential do no work"
+        return "The forces beside the potential do the work that explicit time takes"
 
     def _momenta(self) -> list[str]:
         return [
             f"{self.names[i]} does not appear in the Lagrangian: its conjugate momentum is conserved."
+            if self.decisions.absent(i)
+            else f"{self.names[i]} drops out of the Lagrangian: its conjugate momentum is conserved."
             for i in self.cyclic
         ]
 
 
 def find_structure(
-    graph: Graph,
-    names: tuple[str, ...],
-    q: Sequence[Node],
-    time: Node,
-    lagrangian: Node,
-    momenta: Sequence[Node],
-    extra: Sequence[Node],
-    mass: Sequence[Sequence[Node]],
-    constraints: ConstraintEquations,
+    statement: Statement,
+    laws: StatedLaws,
     accelerations: Sequence[Node],
     first_order: tuple[int, ...] = (),
 ) -> Structure:
-    """Find the structure; `extra` are the generalized forces less dissipation, Q - dD/dv."""
-    free = [force is graph.zero for force in extra]
-    held = [any(row[i] is not graph.zero for row in constraints.gradient) for i in range(len(q))]
-    inertia = plan_of(mass)
+    """Find the structure; what is only told is decided when it is asked for."""
+    constraints, inertia, graph = laws.constraints, plan_of(laws.mass), laws.time.graph
+    free = [force is graph.zero for force in laws.extra]
+    held = [any(row[i] is not graph.zero for row in constraints.gradient) for i in range(len(laws.q))]
     return Structure(
-        names=names,
+        names=statement.names,
         blocks=inertia.blocks,
         constant_mass=not inertia.moving,
-        separable=not any(p.binding in (Binding.TIME, Binding.CONFIGURATION) or _mixed(p, q, time) for p in momenta),
-        autonomous=not lagrangian.depends & time.depends,
         forced=not all(free),
-        cyclic=tuple(i for i, x in enumerate(q) if not lagrangian.depends & x.depends and free[i] and not held[i]),
+        free=tuple(i for i in range(len(laws.q)) if free[i] and not held[i]),
         position_only=all(a.binding <= Binding.CONFIGURATION for a in accelerations),
         constraints=constraints.names,
         nonlinear=constraints.nonlinear,
         workless=constraints.workless,
         first_order=first_order,
-        brief=any(_is_brief(node) for node in reachable([lagrangian, *extra], time.depends)),
+        brief=any(_is_brief(node) for node in reachable([laws.lagrangian, *laws.extra], laws.time.depends)),
+        decisions=Decisions(statement, laws),
     )
 
 
@@ -151,10 +182,3 @@ def _is_brief(node: Node) -> bool:
     if node.kind is Kind.CALL:
         return node.data not in ("sin", "cos")
     return node.kind is Kind.POWER and not (isinstance(node.data, int) and node.data > 0)
-
-
-def _mixed(momentum: Node, q: Sequence[Node], time: Node) -> bool:
-    mask = time.depends
-    for x in q:
-        mask |= x.depends
-    return bool(momentum.depends & mask)

@@ -21,10 +21,10 @@ class EnergyDrift:
 
     `relative` is that over `scale`: |E0|, or, where E0 is close to zero, the largest |v.p| / 2, which for
     most systems is the largest kinetic energy. It is a statement about accuracy only if `conserved`, which says
-    whether the equations keep the energy.
+    whether the equations keep the energy; it is None where that was not found.
     """
 
-    conserved: bool
+    conserved: bool | None
     first: float
     last: float
     absolute: float
@@ -36,10 +36,15 @@ class EnergyDrift:
         """The drift over its scale, or the drift itself if nothing moves."""
         return self.absolute / self.scale if self.scale > 0 else self.absolute
 
+    @property
+    def unkept(self) -> str:
+        """What is said of an energy that is not known to be conserved."""
+        return "the system does not conserve it" if self.conserved is False else "not found to be conserved"
+
     def sentence(self) -> str:
         """Return the drift in words, or what the energy does where nothing keeps it."""
         if not self.conserved:
-            return f"from {self.first:.6g} to {self.last:.6g} (the system does not conserve it)"
+            return f"from {self.first:.6g} to {self.last:.6g} ({self.unkept})"
         return f"{self.relative:.1e} of {self.against}"
 
 
@@ -60,4 +65,4 @@ def _drift(
     first, absolute = float(energy[0]), float(np.max(np.abs(energy - energy[0])))
     small = abs(first) < _NEAR_ZERO * exchanged
     scale, against = (exchanged, "the largest |v.p|/2") if small else (abs(first), "the initial energy")
-    return EnergyDrift(model.conservative, first, float(energy[-1]), absolute, scale, against)
+    return EnergyDrift(model.equations.structure.energy_kept, first, float(energy[-1]), absolute, scale, against)

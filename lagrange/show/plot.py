@@ -146,7 +146,7 @@ def _draw_energy(axis: Axes, solution: Solution) -> None:
         scaled = (energy - drift.first) / (drift.scale if drift.scale > 0 else 1.0)
         title = f"energy drift: (E - E0) relative to {drift.against}"
     else:
-        scaled, title = energy, "energy (the system does not conserve it)"
+        scaled, title = energy, f"energy ({drift.unkept})"
     _dress(axis, title)
     axis.plot(solution.t, scaled, color=_INK, linewidth=1.0, marker="o" if len(energy) < 3 else "", markersize=3)
     axis.locator_params(axis="y", nbins=4)

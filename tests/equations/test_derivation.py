@@ -10,6 +10,7 @@ import sympy
 from sympy import Abs, Float, Integer, Max, Min, Rational, Symbol, cos, sign, sin, sqrt
 
 from lagrange.equations import derivation as module
+from lagrange.equations import stated_algebra
 from lagrange.equations.derivation import derive
 from lagrange.errors import StatementError
 from lagrange.statement.coordinate import acceleration_of, coordinate, coordinates, parameters, t, velocity_of
@@ -270,7 +271,7 @@ def test_nesting_too_deep_for_sympy_is_refused_in_words(monkeypatch: pytest.Monk
     def too_deep(expression: Any) -> Any:
         raise RecursionError
 
-    monkeypatch.setattr(module, "differentiable", too_deep)
+    monkeypatch.setattr(stated_algebra, "differentiable", too_deep)
     with pytest.raises(StatementError, match="is too large for the equations of motion to be written out"):
         left_sides(kinetic=x.dot**2 / 2)
 

@@ -1,0 +1,287 @@
+"""Yes, no, or not found: what the laws of a system are free of, decided as identities.
+
+A Lagrangian that is stated through positions contains angles and the time in terms that cancel. So what does not appear
+is known at once; what appears is evaluated at random states in many digits, where a value other than zero disproves;
+what is zero there is proven by algebra, or nothing is claimed of it.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from sympy import S
+
+from lagrange.equations.constraints import ConstraintEquations
+from lagrange.equations.identities import is_identity
+from lagrange.equations.monomials import MonomialSum
+from lagrange.equations.stated_algebra import StatedAlgebra
+from lagrange.equations.terms import TooLargeError
+from lagrange.graph.evaluate import precise, values
+from lagrange.graph.node import Node
+from lagrange.statement.statement import Statement
+
+BUDGET = 100_000
+"""Monomials that all proofs about one system may make, 1 to 2 s of them."""
+DIGITS = 50
+STEP = "1e-15"
+"""Of the difference in time: its error is some 1e-30 of what is differentiated."""
+ZERO = "1e-20"
+"""A value above this part of the largest number that it is computed from is not zero."""
+SAMPLES = 3
+"""States at which something is evaluated."""
+DRAWS = 24
+"""States that are drawn for these: at some an expression has no value."""
+MOST_HELD = 16
+"""With more constraints no state on them is looked for, which takes a second for 16."""
+CORRECTIONS = 40
+"""Newton steps onto the constraints; each doubles the digits near them."""
+
+Verdict = bool | None
+"""Proven, disproven, or None where neither was found."""
+
+Values = dict[Node, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class StatedLaws:
+    """The nodes that are decided about: `forces` are dL/dq + extra, `extra` Q - dD/dv."""
+
+    q: tuple[Node, ...]
+    v: tuple[Node, ...]
+    time: Node
+    parameters: tuple[Node, ...]
+    lagrangian: Node
+    forces: tuple[Node, ...]
+    momenta: tuple[Node, ...]
+    extra: tuple[Node, ...]
+    mass: tuple[tuple[Node, ...], ...]
+    constraints: ConstraintEquations
+
+
+@dataclass(frozen=True, eq=False)
+class Decisions:
+    """Decides about the laws of a statement, each question once, when it is asked."""
+
+    statement: Statement
+    laws: StatedLaws
+
+    @cached_property
+    def timeless(self) -> Verdict:
+        """Whether dL/dt = 0."""
+        return self._decided(
+            not _meets(self.laws.lagrangian, [self.laws.time]), self._time_slope, self._proven_timeless
+        )
+
+    def absent(self, i: int) -> bool:
+        """Whether q_i does not stand in the Lagrangian as it was stated."""
+        return not _meets(self.laws.lagrangian, [self.laws.q[i]])
+
+    def cyclic(self, i: int) -> Verdict:
+        """Whether dL/dq_i = 0, of a coordinate without a force or dissipation."""
+        slope = self.laws.forces[i]
+        return self._decided(
+            self.absent(i), lambda point: _differs([slope], point), lambda page: self._proven_cyclic(page, i)
+        )
+
+    @cached_property
+    def powerless(self) -> Verdict:
+        """Whether -dL/dt + (Q - dD/dv) . v = 0, which is the rate of the energy where constraints do no work."""
+        laws = self.laws
+        still = laws.extra[0].graph.zero
+        absent = all(force is still for force in laws.extra) and self.timeless is True
+        if absent or not len(laws.constraints):
+            return self._decided(absent, self._power, self._proven_powerless)
+        found = self._decided(absent, self._power, self._proven_powerless)
+        return found if found or not laws.constraints.workless else self._powerless_on_constraints()
+
+    @cached_property
+    def separable(self) -> Verdict:
+        """Whether the momenta depend on velocities alone."""
+        laws, moving = self.laws, [*self.laws.q, self.laws.time]
+        absent = not any(_meets(p, moving) for p in laws.momenta)
+        return self._decided(absent, lambda point: self._changes(laws.momenta, point), self._proven_separable)
+
+    @cached_property
+    def constant_mass(self) -> Verdict:
+        """Whether the mass matrix is constant."""
+        laws, entries = self.laws, [entry for row in self.laws.mass for entry in row]
+        moving = [*laws.q, *laws.v, laws.time]
+        absent = not any(_meets(entry, moving) for entry in entries)
+        return self._decided(
+            absent, lambda point: self._changes(entries, point, velocities=True), self._proven_constant_mass
+        )
+
+    def _decided(
+        self,
+        absent: bool,
+        number: Callable[[Values], bool | None],
+        proof: Callable[[StatedAlgebra], bool],
+    ) -> Verdict:
+        """Return True if `absent`, False if a number is not zero at some state, True if there is a proof, else None."""
+        if absent:
+            return True
+        if any(number(point) for point in self._points):
+            return False
+        try:
+            return proof(self._page) or None
+        except (TooLargeError, RecursionError):
+            return None
+
+    # --- numbers ----------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _points(self) -> list[Values]:
+        """Random states, times and parameters at which the Lagrangian has a value."""
+        found: list[Values] = []
+        for point in self._drawn():
+            if len(found) == SAMPLES:
+                break
+            if values([self.laws.lagrangian], point, CONTEXT) is not None:
+                found.append(point)
+        return found
+
+    def _drawn(self) -> Iterator[Values]:
+        """Yield points: of order one, and near the initial state with the default parameters, in turn."""
+        statement, laws, draw = self.statement, self.laws, random.Random(1)
+        state = (*laws.q, *laws.v)
+        for k in range(DRAWS):
+            size = 2.0 ** -(k // 4)
+            near = bool(k % 2)
+            point = {x: size * draw.uniform(-1.5, 1.5) for x in state}
+            if near:
+                point = {x: s + (abs(s) or 1.0) * 0.3 * point[x] for x, s in zip(state, statement.initial, strict=True)}
+            point[laws.time] = draw.uniform(0.2, 1.7)
+            for node, symbol in zip(laws.parameters, statement.parameters, strict=True):
+                usual = statement.defaults.get(symbol, 1.0) if near else 1.0
+                point[node] = (usual or (0.0 if near else 1.0)) * draw.uniform(0.6, 1.6)
+            yield {node: CONTEXT.mpf(value) for node, value in point.items()}
+
+    def _time_slope(self, point: Values) -> bool | None:
+        """Return whether dL/dt differs from zero at a point."""
+        found = self._rate(self.laws.lagrangian, point)
+        return None if found is None else abs(found[0]) > ZERO_SHARE * found[1]
+
+    def _rate(self, node: Node, point: Values) -> tuple[Any, Any] | None:
+        """Return the partial derivative in time, by a difference, and the size of what it is formed from."""
+        step, time = CONTEXT.mpf(STEP), self.laws.time
+        ahead, behind = (values([node], {**point, time: point[time] + way * step}, CONTEXT) for way in (1, -1))
+        if ahead is None or behind is None:
+            return None
+        return (ahead[0][0] - behind[0][0]) / (2 * step), ahead[1]
+
+    def _power(self, point: Values) -> bool | None:
+        """Return whether the power differs from zero at a point."""
+        laws = self.laws
+        forces, slope = values(laws.extra, point, CONTEXT), self._rate(laws.lagrangian, point)
+        if forces is None or slope is None:
+            return None
+        terms = [force * point[v] for force, v in zip(forces[0], laws.v, strict=True)]
+        return bool(abs(CONTEXT.fsum([*terms, -slope[0]])) > ZERO_SHARE * max(forces[1], slope[1], *map(abs, terms)))
+
+    def _changes(self, nodes: Sequence[Node], point: Values, *, velocities: bool = False) -> bool | None:
+        """Return whether nodes change where positions and time do, at the same parameters."""
+        laws = self.laws
+        moving = (*laws.q, laws.time, *(laws.v if velocities else ()))
+        other = {**point, **{x: point[x] * CONTEXT.mpf("0.87") + CONTEXT.mpf("0.013") for x in moving}}
+        ends = [values(nodes, at, CONTEXT) for at in (point, other)]
+        if ends[0] is None or ends[1] is None:
+            return None
+        size = max(ends[0][1], ends[1][1])
+        return any(abs(a - b) > ZERO_SHARE * size for a, b in zip(ends[0][0], ends[1][0], strict=True))
+
+    def _powerless_on_constraints(self) -> Verdict:
+        """Return False if the power differs from zero at a state that the constraints allow, else None."""
+        if len(self.laws.constraints) > MOST_HELD:
+            return None
+        states = (self._held(point) for point in self._points)
+        return False if any(self._power(state) for state in states if state is not None) else None
+
+    def _held(self, point: Values) -> Values | None:
+        """Return a nearby point that satisfies the constraints, on positions and then on velocities."""
+        laws, held = self.laws, self.laws.constraints
+        places = [i for i, phi in enumerate(held.positions) if phi is not None]
+        for rows, symbols, nodes in (
+            (places, laws.q, held.positions),
+            (range(len(held)), laws.v, held.velocities),
+        ):
+            moved = self._corrected(point, rows, symbols, [nodes[i] for i in rows if nodes[i] is not None])
+            if moved is None:
+                return None
+            point = moved
+        return point
+
+    def _corrected(self, point: Values, rows: Sequence[int], symbols: Sequence[Node], zeros: Any) -> Values | None:
+        """Return the point with some of its symbols moved by Newton's method until the constraints hold."""
+        gradient = [entry for i in rows for entry in self.laws.constraints.gradient[i]]
+        for _ in range(CORRECTIONS if zeros else 0):
+            found = values([*zeros, *gradient], point, CONTEXT)
+            if found is None:
+                return None
+            value = CONTEXT.matrix(found[0][: len(zeros)])
+            if CONTEXT.norm(value) <= CONTEXT.mpf(10) ** (5 - DIGITS) * found[1]:
+                return point
+            matrix = CONTEXT.matrix(len(zeros), len(symbols))
+            for k, entry in enumerate(found[0][len(zeros) :]):
+                matrix[k // len(symbols), k % len(symbols)] = entry
+            try:
+                step = matrix.T * CONTEXT.lu_solve(matrix * matrix.T, value)
+            except ZeroDivisionError:
+                return None
+            point = {**point, **{x: point[x] - step[i] for i, x in enumerate(symbols)}}
+        return None if zeros else point
+
+    # --- proofs -----------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _page(self) -> StatedAlgebra:
+        return StatedAlgebra(self.statement, BUDGET)
+
+    def _proven_timeless(self, page: StatedAlgebra) -> bool:
+        return not page.jumps(page.time) and _vanishes(page, page.algebra.differentiate(page.lagrangian, page.time))
+
+    def _proven_cyclic(self, page: StatedAlgebra, i: int) -> bool:
+        return not page.jumps(page.q[i]) and _vanishes(page, page.algebra.differentiate(page.lagrangian, page.q[i]))
+
+    def _proven_powerless(self, page: StatedAlgebra) -> bool:
+        algebra, drag = page.algebra, page.read(self.statement.dissipation)
+        power = algebra.scale(algebra.differentiate(page.lagrangian, page.time), S.NegativeOne)
+        for stated, v in zip(self.statement.forces, page.v, strict=True):
+            pull = algebra.scale(algebra.differentiate(drag, v), S.NegativeOne)
+            force = algebra.add(page.read(stated), pull)
+            power = algebra.add(power, algebra.multiply(force, page.symbol(v)))
+        return not page.jumps(page.time) and _vanishes(page, power)
+
+    def _proven_separable(self, page: StatedAlgebra) -> bool:
+        return self._still(page, page.momenta, (*page.q, page.time))
+
+    def _proven_constant_mass(self, page: StatedAlgebra) -> bool:
+        entries = [entry for row in page.mass for entry in row]
+        return self._still(page, entries, (*page.q, *page.v, page.time))
+
+    def _still(self, page: StatedAlgebra, parts: Sequence[MonomialSum], symbols: Sequence[Any]) -> bool:
+        """Return whether parts are proven to depend on none of some symbols."""
+        slopes = (page.algebra.differentiate(part, symbol) for part in parts for symbol in symbols)
+        return not page.jumps(*symbols) and all(_vanishes(page, slope) for slope in slopes)
+
+
+CONTEXT = precise(DIGITS)
+ZERO_SHARE = CONTEXT.mpf(ZERO)
+
+
+def _meets(node: Node, symbols: Sequence[Node]) -> bool:
+    """Whether a node is computed from one of the symbols."""
+    return any(node.depends & symbol.depends for symbol in symbols)
+
+
+def _differs(nodes: Sequence[Node], point: Values) -> bool | None:
+    """Return whether one of the nodes differs from zero at a point."""
+    found = values(nodes, point, CONTEXT)
+    return None if found is None else any(abs(value) > ZERO_SHARE * found[1] for value in found[0])
+
+
+def _vanishes(page: StatedAlgebra, terms: MonomialSum) -> bool:
+    return is_identity(page.algebra, terms)

@@ -1,0 +1,129 @@
+"""What is told of energy and momenta: right however a system is stated, and never more than was found."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from sympy import Max, Piecewise, cos, cosh, exp, sin, sinh, sqrt, tan
+
+import lagrange as lg
+from lagrange.equations import decisions
+from lagrange.equations.euler_lagrange import Equations, euler_lagrange
+from lagrange.equations.structure import Structure
+from lagrange.statement.coordinate import t
+from tests.models import c, g, k, l, m, omega, phi, r, stated, theta, x, y
+
+psi = lg.coordinate("psi")
+ON_SPHERE = (l * sin(theta) * cos(phi), l * sin(theta) * sin(phi), -l * cos(theta))
+ON_HOOP = (l * sin(theta) * cos(omega * t), l * sin(theta) * sin(omega * t), -l * cos(theta))
+IN_PLANE = (r * cos(phi), r * sin(phi))
+ON_CONE = (*IN_PLANE, r / tan(c))
+BODY_RATES = (
+    phi.dot * sin(theta) * sin(psi) + theta.dot * cos(psi),
+    phi.dot * sin(theta) * cos(psi) - theta.dot * sin(psi),
+    phi.dot * cos(theta) + psi.dot,
+)
+FREE = {"kinetic": m * (x.dot**2 + y.dot**2) / 2, "coordinates": [x, y]}
+ROD = {**FREE, "constraints": {"rod": x**2 + y**2 - 1}}
+
+
+def laws(**parts: Any) -> Equations:
+    return euler_lagrange(stated(**parts))
+
+
+def found(**parts: Any) -> Structure:
+    return laws(**parts).structure
+
+
+def moving(position: Any, potential: Any) -> dict[str, Any]:
+    return {"kinetic": lg.kinetic_energy(m, position), "potential": potential}
+
+
+STATED_BY_POSITIONS = {
+    "sphere": (moving(ON_SPHERE, m * g * ON_SPHERE[2]), "phi"),
+    "hoop": (moving(ON_HOOP, m * g * ON_HOOP[2]), ""),
+    "central force": (moving(IN_PLANE, -k / sqrt(IN_PLANE[0] ** 2 + IN_PLANE[1] ** 2)), "phi"),
+    "cone": (moving(ON_CONE, m * g * ON_CONE[2]), "phi"),
+    "top": ({"kinetic": lg.rotational_energy((k, k, c), BODY_RATES), "potential": m * g * l * cos(theta)}, "phi psi"),
+    "hyperbola": ({"kinetic": m * y.dot**2 * (cosh(x) ** 2 - sinh(x) ** 2) + m * x.dot**2, "potential": k * x}, "y"),
+    "half angles": ({"kinetic": m * x.dot**2 * (cos(phi) - 2 * cos(phi / 2) ** 2 + 2) + m * phi.dot**2}, "phi x"),
+}
+
+
+@pytest.mark.parametrize("name", STATED_BY_POSITIONS)
+def test_what_cancels_is_not_there(name: str) -> None:
+    parts, ignorable = STATED_BY_POSITIONS[name]
+    structure = found(**parts)
+    assert structure.conservative and structure.autonomous is True
+    assert sorted(structure.names[i] for i in structure.cyclic) == ignorable.split()
+    told = " ".join(structure.sentences())
+    assert "no force acts beside the potential: the energy is conserved." in told
+    assert all(f"{one} d" in told for one in ignorable.split()) and "not conserved" not in told
+
+
+def test_a_bead_on_a_turning_hoop_separates() -> None:
+    assert found(**STATED_BY_POSITIONS["hoop"][0]).sentences()[:2] == [
+        "The mass matrix is diagonal and constant.",
+        "The momenta depend on velocities alone: all else in the Lagrangian acts as a potential.",
+    ]
+
+
+def test_forces_that_do_no_work_keep_the_energy() -> None:
+    turned = found(**FREE, forces={x: k * y.dot, y: -k * x.dot})
+    assert turned.conservative
+    assert "the forces beside the potential do no work: the energy is conserved." in turned.sentences()[2]
+    paid = found(**FREE, potential=t * k * x, forces={x: -k * x / x.dot})
+    assert paid.sentences()[2] == (
+        "The forces beside the potential do the work that explicit time takes: the energy is conserved."
+    )
+    assert found(**FREE, dissipation=c * x.dot).energy_kept is False
+
+
+@pytest.mark.parametrize(
+    ("parts", "verdict", "told"),
+    [
+        ({**ROD, "forces": {x: -c * x.dot}}, False, "is not conserved: forces or dissipation act."),
+        ({**ROD, "forces": {x: c * x, y: c * y}}, None, "was not found to be conserved: forces or dissipation act."),
+        (
+            {**ROD, "potential": t * (x**2 + y**2 - 1)},
+            None,
+            "not found to be conserved: the Lagrangian depends on time.",
+        ),
+        ({**FREE, "constraints": {"wall": x - sin(t)}}, None, "not found to be conserved: constraints that depend on"),
+        ({**FREE, "potential": Piecewise((0, t < 1000), (x, True))}, None, "found to be conserved: the Lagrangian may"),
+        ({**FREE, "potential": k * x * cos(t)}, False, "is not conserved: the Lagrangian depends on time."),
+        ({**FREE, "potential": x * exp(-(t**2))}, False, "is not conserved: the Lagrangian depends on time."),
+    ],
+)
+def test_nothing_is_denied_that_may_hold(parts: dict[str, Any], verdict: bool | None, told: str) -> None:
+    structure = found(**parts)
+    assert structure.energy_kept is verdict and not structure.conservative
+    assert any(told in sentence for sentence in structure.sentences())
+
+
+def test_a_jump_is_no_constant() -> None:
+    step = Piecewise((1, phi < 1000), (2, True))
+    assert found(kinetic=m * (x.dot**2 + phi.dot**2), potential=k * step, coordinates=[x, phi]).cyclic == (0,)
+    heavy = found(kinetic=m * x.dot**2 * Max(1, x - 1000)).sentences()
+    assert heavy[0] == "The mass matrix is diagonal." and heavy[1].startswith("Nothing depends on time")
+
+
+def test_what_is_absent_needs_no_decision(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Whether a run is held to its energy is asked of every model: a chain of links must not pay for it.
+    monkeypatch.setattr(decisions, "values", None)
+    structure = laws(kinetic=lg.kinetic_energy(m, (x, y)), potential=k * x * y, coordinates=[x, y]).structure
+    assert structure.conservative and structure.autonomous and structure.separable and structure.constant_mass
+
+
+def test_card_and_plot_say_what_was_found() -> None:
+    hoop = lg.System(
+        **moving(ON_HOOP, m * g * ON_HOOP[2]), parameters={m: 1, l: 1, g: 9.81, omega: 2}, initial={theta: 0.5}
+    )
+    run = hoop.run(2.0)
+    assert hoop.compile().conservative and "energy drift" in repr(run)
+    assert run.plot().axes[1].get_title(loc="left").startswith("energy drift")
+    wall = lg.System(**FREE, constraints={"wall": x - sin(t)}, parameters={m: 1}, initial={x.dot: 1.0})
+    run = wall.run(1.0)
+    assert "(not found to be conserved)" in repr(run) and run.card()["energy"]["conserved"] is None
+    assert run.plot().axes[2].get_title(loc="left") == "energy (not found to be conserved)"
