@@ -55,9 +55,9 @@ class StatedLaws:
     time: Node
     parameters: tuple[Node, ...]
     lagrangian: Node
-    forces: tuple[Node, ...]
-    momenta: tuple[Node, ...]
-    extra: tuple[Node, ...]
+    forces: Sequence[Node]
+    momenta: Sequence[Node]
+    extra: Sequence[Node]
     mass: tuple[tuple[Node, ...], ...]
     constraints: ConstraintEquations
 

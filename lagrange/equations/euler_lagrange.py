@@ -123,9 +123,7 @@ def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> E
     plan = plan_of(matrix, tuple(range(len(q), len(matrix))))
     accelerations, impulses = solve_motion(plan, matrix, motion.bias, solved)
     multipliers = least_norm(constraints, kept, impulses[: len(kept)])
-    laws = StatedLaws(
-        q, v, time, parameters, lagrangian, tuple(forces), tuple(momenta), tuple(extra), mass, constraints
-    )
+    laws = StatedLaws(q, v, time, parameters, lagrangian, forces, momenta, extra, mass, constraints)
     structure = find_structure(statement, laws, accelerations, first_order)
     known = dict(zip(map(acceleration_of, statement.coordinates), accelerations, strict=True))
     known |= dict(zip(map(multiplier, constraints.names), multipliers, strict=True))
