@@ -18,7 +18,9 @@ PLAIN: Mapping[str, tuple[str, ...]] = {
     ),
     "machine entries": ("llvm_machine", "model", "numpy_machine"),
     "trajectory records": ("integrator", "options", "tolerances", "trajectory"),
-    "trajectory runs": ("inertia", "memory_limit", "messages", "outputs", "plan", "prepared", "run_loop", "sizes"),
+    "trajectory runs": (
+        *("inertia", "memory_limit", "messages", "outputs", "plan", "prepared", "run_loop", "shortened", "sizes"),
+    ),
     "trajectory entries": ("conservation", "flow", "integrate"),
 }
 """The modules beside the rooms: what every room reads, what runs a plan, and what is called from outside. The records

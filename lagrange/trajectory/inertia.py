@@ -53,7 +53,7 @@ def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
 
 def _lost_rank(problem: Problem, t: float, y: FloatArray) -> str:
     """Return the message for a run that ends where constraints become dependent, or a motion without inertia, or ""."""
-    here = regularity(problem, t, y)
+    here = regularity(problem.model, problem.parameter_array, (problem.t0, problem.y0), (t, y))
     return "" if here is None or not here[0] < LOST_INERTIA else rank_lost(problem, y, *here)
 
 

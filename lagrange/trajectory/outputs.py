@@ -8,7 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState
+from lagrange.trajectory.constraints.approach import Approach
 from lagrange.trajectory.constraints.discontinuities import Discontinuities, Discontinuity
 from lagrange.trajectory.events.event_log import Breaks
 from lagrange.trajectory.integrator import Problem
@@ -32,7 +34,8 @@ class AcceptedStates:
 
     Where `outputs_alone` holds they may be dropped but for the last, and where `dropped` does, they were; `removed` is
     the number of parts that are gone. `followed` evaluates output times on the way, if there are any, and
-    `discontinuities` looks at constraints that may have some; `passed` is one that ends the run.
+    `discontinuities` looks at constraints that may have some, of which `passed` ends the run; `approach` looks at how
+    near they come to being dependent.
     """
 
     def __init__(self, t: float, y: FloatArray, *, outputs_alone: bool = False) -> None:
@@ -41,6 +44,7 @@ class AcceptedStates:
         self.outputs_alone, self.removed = outputs_alone, 0
         self.followed: FollowedSteps | None = None
         self.discontinuities: Discontinuities | None = None
+        self.approach: Approach | None = None
         self.passed: Discontinuity | None = None
         self._looked_at = 1
         self._begin, self._each = self.parts[0], 8 * (len(y) + 1)
@@ -69,6 +73,12 @@ class AcceptedStates:
         """Evaluate the outputs on the steps that are new; `last` says that no more will come."""
         if self.followed is not None:
             self.followed.follow(self.parts, self.removed, last=last)
+
+    def look_at_constraints(self, model: Model, parameters: FloatArray, span: float) -> None:
+        """Look at the states of a run over a span of time, if there are constraints."""
+        if len(model.equations.constraints):
+            self.discontinuities = Discontinuities.of(model, parameters, span)
+            self.approach = Approach(model, parameters, (float(self.parts[0].times[0]), self.parts[0].states[0]))
 
     def discontinuity(self) -> Discontinuity | None:
         """Return the first place among the new states where constraints let no motion on, or None."""

@@ -11,8 +11,6 @@ import numpy as np
 from lagrange.machine.backend import Driver, SingularMassMatrix
 from lagrange.machine.calls import quickly
 from lagrange.machine.state import DriverState, Outcome, Outputs
-from lagrange.trajectory.constraints.approach import Approach
-from lagrange.trajectory.constraints.discontinuities import Discontinuities
 from lagrange.trajectory.events.ending import EventResult
 from lagrange.trajectory.inertia import lost_inertia, rank_lost
 from lagrange.trajectory.integrator import Problem
@@ -78,7 +76,7 @@ def _driven(problem: Problem, kept: Prepared, name: str) -> Trajectory:
     if problem.t_eval is not None and plan.writes_outputs:
         state.outputs = Outputs(problem.t_eval, len(problem.y0))
     rows = AcceptedStates(problem.t0, problem.y0, outputs_alone=alone)
-    rows.discontinuities = Discontinuities.of(problem)
+    rows.look_at_constraints(problem.model, parameters, problem.t1 - problem.t0)
     # An idle driver has run with these parameters, and a constant mass matrix is what it was then.
     inert = idle is None or not problem.model.equations.structure.constant_mass
     status, sentence = _check_first_slope(problem, name, parameters, inertia=inert)
@@ -236,7 +234,7 @@ def _advance_to_end(
 ) -> tuple[Status, str]:
     """Advance until the run ends; return its status, and a detail for the message. `per_call` steps come first."""
     limit, counts, dimension = memory_limit(problem), state.integers, len(problem.y0)
-    times, states, call, approach = NOTHING, NOTHING, 0, Approach(problem)
+    times, states, call = NOTHING, NOTHING, 0
     result = GOES_ON if watch is None else watch.begin(state)
     try:
         while True:
@@ -268,7 +266,7 @@ def _advance_to_end(
             before = time.perf_counter()
             outcome = driver.advance(state, budget, times, states)
             rows.collect(state, times, states, call)
-            if lost := _lost_on_the_way(problem, rows, approach, state):
+            if lost := _lost_on_the_way(problem, rows, state):
                 return Status.SINGULAR, _taken_over(watch, state, lost)
             if watch is not None and (outcome in (Outcome.WATCHED, Outcome.DONE) or watch.is_due(state)):
                 result = watch.end(state) if outcome is Outcome.DONE else watch.process(state)
@@ -287,12 +285,12 @@ def _advance_to_end(
         return Status.INTERRUPTED, _taken_over(watch, state)
 
 
-def _lost_on_the_way(problem: Problem, rows: AcceptedStates, approach: Approach, state: DriverState) -> str:
+def _lost_on_the_way(problem: Problem, rows: AcceptedStates, state: DriverState) -> str:
     """Return what the new states have passed that no motion leads over, or never get to; or ""."""
     rows.passed = rows.discontinuity()
     if rows.passed is not None:
         return rows.passed.what
-    ended = approach.ends(state) if state.integers[DriverState.STEPS] >= approach.next_look else None
+    ended = None if rows.approach is None else rows.approach.ends(state)
     return "" if ended is None else rank_lost(problem, state.y, *ended)
 
 

@@ -6,12 +6,10 @@ r**2, and the steps to a length r are as many as 1/r.
 
 from __future__ import annotations
 
-import numpy as np
-
+from lagrange.machine.backend import FloatArray
+from lagrange.machine.model import Model
 from lagrange.machine.singular import Singular, least_regular, matrices_at, scales
 from lagrange.machine.state import DriverState
-from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.trajectory import FloatArray
 
 FIRST_LOOK = 2**18
 """The number of steps at which a run is looked at first, and then at each double of it: a look takes 0.1 ms."""
@@ -23,14 +21,16 @@ it, and is so much nearer; with steps of equal time it takes twice as much."""
 NEAR = 1e-2
 """Constraints are nearly dependent where their least singular value is this part of that at the start, or less."""
 
+State = tuple[float, FloatArray]
+"""A time and a state (2n,)."""
 
-def regularity(problem: Problem, t: float, y: FloatArray) -> tuple[float, Singular] | None:
+
+def regularity(model: Model, parameters: FloatArray, start: State, here: State) -> tuple[float, Singular] | None:
     """Return how near M and G are to being singular at a state, relative to the start, and what is; None if unknown."""
-    model, parameters = problem.model, problem.parameter_array
-    before = matrices_at(model, model.equations, problem.t0, problem.y0, parameters)
+    before = matrices_at(model, model.equations, *start, parameters)
     scale = scales(*before)
     first = least_regular(*before, scale)
-    found = least_regular(*matrices_at(model, model.equations, t, y, parameters), scale)
+    found = least_regular(*matrices_at(model, model.equations, *here, parameters), scale)
     if first is None or found is None or not first.regularity:
         return None
     return found.regularity / first.regularity, found
@@ -39,16 +39,19 @@ def regularity(problem: Problem, t: float, y: FloatArray) -> tuple[float, Singul
 class Approach:
     """Looks at a run with constraints now and then."""
 
-    def __init__(self, problem: Problem) -> None:
-        self.problem = problem
-        self.next_look = FIRST_LOOK if len(problem.model.equations.constraints) else np.inf
-        self.times = [problem.t0]
+    def __init__(self, model: Model, parameters: FloatArray, start: State) -> None:
+        self.model, self.parameters, self.start = model, parameters, start
+        self.next_look = FIRST_LOOK
+        self.times = [start[0]]
         self.nearness = [1.0]
 
     def ends(self, state: DriverState) -> tuple[float, Singular] | None:
-        """Return how near a run is to a singular state, and what is singular, if it will not get there; else None."""
-        self.next_look = 2 * state.count(DriverState.STEPS)
-        here = regularity(self.problem, state.t, state.y)
+        """Return how near a run is to a singular state that it will not get to, and what is singular there; or None."""
+        steps = int(state.integers[DriverState.STEPS])
+        if steps < self.next_look:
+            return None
+        self.next_look = 2 * steps
+        here = regularity(self.model, self.parameters, self.start, (state.t, state.y))
         share = 1.0 if here is None else here[0]
         self.times.append(state.t)
         self.nearness.append(share)

@@ -21,7 +21,6 @@ from lagrange.machine.model import Model
 from lagrange.machine.singular import Singular, dependent_rows
 from lagrange.trajectory.constraints.nearest import ON_SURFACE
 from lagrange.trajectory.constraints.residuals import ConstraintResiduals, residuals_of
-from lagrange.trajectory.integrator import Problem
 
 HALVINGS = 50
 """A zero of a surface on the chord of a step is found to the spacing of doubles."""
@@ -64,15 +63,15 @@ class Discontinuity:
 class Discontinuities:
     """Looks at the states of runs of one model, with some parameters."""
 
-    def __init__(self, problem: Problem, turning: NDArray[np.intp]) -> None:
-        self.problem, self.model, self.parameters = problem, problem.model, problem.parameter_array
-        self.residuals: ConstraintResiduals = residuals_of(problem.model)
-        self.turning = turning
+    def __init__(self, model: Model, parameters: FloatArray, span: float) -> None:
+        self.model, self.parameters, self.span = model, parameters, span
+        self.residuals: ConstraintResiduals = residuals_of(model)
+        self.turning = _turning(model)
 
     @classmethod
-    def of(cls, problem: Problem) -> Discontinuities | None:
-        """Return what looks at a run, or None where constraints have no surface and no row that can vanish."""
-        return cls(problem, _turning(problem.model)) if may_be_discontinuous(problem.model) else None
+    def of(cls, model: Model, parameters: FloatArray, span: float) -> Discontinuities | None:
+        """Return what looks at runs over a span of time, or None where there is nothing to look at."""
+        return cls(model, parameters, span) if may_be_discontinuous(model) else None
 
     def on(self, times: FloatArray, states: FloatArray) -> Discontinuity | None:
         """Return the first one between times (k,) and states (k, 2n) of a run, or None."""
@@ -85,8 +84,7 @@ class Discontinuities:
 
     def ahead(self, t: float, y: FloatArray, step: float) -> str:
         """Return what a state (2n,) runs into within about an equal step, or very soon where that is zero, or ""."""
-        span = self.problem.t1 - self.problem.t0
-        h = 2 * step if step else AHEAD * span
+        h = 2 * step if step else AHEAD * self.span
         try:
             slope = self.model.kernel("rhs")(t, y, self.parameters)
         except SingularMassMatrix:
