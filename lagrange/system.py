@@ -54,6 +54,7 @@ class System(Analysis):
         positions: Mapping[str, Any] | None = None,
         links: Iterable[Sequence[str]] = (),
         name: str = "system",
+        dimensions: Mapping[Any, Any] | None = None,
     ) -> None:
         """State a system.
 
@@ -63,6 +64,8 @@ class System(Analysis):
         holonomic. With `redundant="allow"` some may follow from others, and share their forces.
         `parameters` maps symbols or names to default values, `initial` coordinates and velocities to numbers; what is
         not named starts at 0. `positions` names points (x, y) or (x, y, z) to draw, `links` pairs of them.
+        `dimensions` maps symbols or names to dimensions or units, {m: "mass", l: "m"}: every term is then checked, and
+        axes have units where units were given.
         """
         self._adopt(
             state(
@@ -79,6 +82,7 @@ class System(Analysis):
                 positions=positions,
                 links=links,
                 name=name,
+                dimensions=dimensions,
             )
         )
 

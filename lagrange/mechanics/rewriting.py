@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 from lagrange.statement.constraint import Constraint
+from lagrange.statement.coordinate import t
 from lagrange.statement.declare import declare
 from lagrange.statement.statement import Statement
 
@@ -54,4 +56,6 @@ def rewritten(
         links=statement.links,
         name=statement.name,
     )
-    return replace(made, about=statement.about, source=statement.source, run=statement.run)
+    left = {t, *made.coordinates, *made.parameters}
+    sizes = MappingProxyType({symbol: size for symbol, size in statement.dimensions.items() if symbol in left})
+    return replace(made, about=statement.about, source=statement.source, run=statement.run, dimensions=sizes)

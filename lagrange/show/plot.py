@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import ceil
 from typing import TYPE_CHECKING
@@ -12,6 +12,8 @@ import numpy as np
 from lagrange.errors import StatementError, counted
 from lagrange.show.colours import colours
 from lagrange.show.names import letters
+from lagrange.show.units import length_unit, unit_of, with_unit
+from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 if TYPE_CHECKING:
@@ -75,7 +77,7 @@ def plot(solution: Solution) -> Figure:
     axes = [left.add_subplot(panels[k % rows, k // rows]) for k in range(count)]
     for k, axis in enumerate(axes):
         chosen = slice(k * together, (k + 1) * together)
-        _draw_coordinates(axis, names[chosen], t, y[: len(names)][chosen])
+        _draw_coordinates(axis, solution.model.statement, chosen, t, y[: len(names)][chosen])
         axis.tick_params(labelbottom=k % rows == rows - 1 or k == count - 1)
     for axis in axes[1:]:
         axis.sharex(axes[0])
@@ -83,7 +85,7 @@ def plot(solution: Solution) -> Figure:
     _draw_energy(left.add_subplot(panels[rows, :]), solution)
     if scene is not None:
         right = figure.add_subfigure(halves[1])
-        _draw_scene(right.add_subplot(), scene)
+        _draw_scene(right.add_subplot(), scene, length_unit(solution.model.statement))
         if sum(name != "origin" for name in scene.points) > 1:
             right.legend(loc="outside lower left", ncols=4, frameon=False, fontsize=9)
     figure.suptitle(_title(solution), x=0.01, ha="left", fontsize=11, color=_INK)
@@ -121,22 +123,26 @@ def _sample_times(t: FloatArray) -> FloatArray:
     return filled if t[-1] > t[0] else filled[::-1]
 
 
-def _draw_coordinates(axis: Axes, names: Sequence[str], t: FloatArray, rows: FloatArray) -> None:
+def _draw_coordinates(axis: Axes, statement: Statement, chosen: slice, t: FloatArray, rows: FloatArray) -> None:
+    names = statement.names[chosen]
+    units = list(dict.fromkeys(unit_of(statement, name) for name in names))
+    unit = units[0] if len(units) == 1 else ""
     _dress(axis)
     for row, colour in zip(rows, colours(len(rows)), strict=True):
         axis.plot(t, row, color=colour, linewidth=1.3)
     if len(names) == 1 and len(names[0]) <= _SHORT:
-        axis.set_ylabel(f"${letters(names)[names[0]]}$", rotation=0, ha="right", va="center")
+        label = with_unit(f"${letters(names)[names[0]]}$", unit)
+        axis.set_ylabel(label, rotation=0, ha="right", va="center")
     else:
         shown = names[0] if len(names) == 1 else f"{names[0]} ... {names[-1]}"
-        axis.set_title(shown, loc="right", fontsize=8, color=_INK)
+        axis.set_title(with_unit(shown, unit), loc="right", fontsize=8, color=_INK)
     axis.margins(x=0.0)
     _widen(axis, rows)
     axis.locator_params(axis="y", nbins=3)
 
 
 def _draw_energy(axis: Axes, solution: Solution) -> None:
-    axis.set_xlabel("t")
+    axis.set_xlabel(with_unit("t", unit_of(solution.model.statement, "t")))
     axis.margins(x=0.0)
     if not solution.has_energy:
         _dress(axis, "energy: it has no value at some state of the run")
@@ -202,7 +208,7 @@ def _seen(space: Mapping[str, FloatArray], links: tuple[tuple[str, str], ...]) -
     return Scene({name: view @ point for name, point in full.items()}, ("", ""), links, view.T)
 
 
-def _draw_scene(axis: Axes, scene: Scene) -> None:
+def _draw_scene(axis: Axes, scene: Scene, unit: str) -> None:
     for start, end in scene.links:
         ends = np.array([scene.points[start][:, -1], scene.points[end][:, -1]])
         axis.plot(*ends.T, color=_QUIET, linewidth=1.6, zorder=3)
@@ -215,8 +221,8 @@ def _draw_scene(axis: Axes, scene: Scene) -> None:
         marker, label = ("s", "_nolegend_") if fixed else ("o", name)
         axis.plot(*point[:, -1], marker, color=colour, markersize=4 if fixed else 7, zorder=5, label=label)
     _frame(axis, np.concatenate(list(scene.points.values()), axis=1))
-    axis.set_xlabel(scene.labels[0])
-    axis.set_ylabel(scene.labels[1])
+    axis.set_xlabel(with_unit(scene.labels[0], unit))
+    axis.set_ylabel(with_unit(scene.labels[1], unit))
     _dress(axis, f"path in {'the plane' if scene.triad is None else 'space'}; open circles: start")
     if scene.triad is not None:
         _draw_triad(axis, scene.triad)

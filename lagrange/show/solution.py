@@ -29,6 +29,7 @@ from lagrange.show.drift import EnergyDrift, energy_drift
 from lagrange.show.picture import picture
 from lagrange.show.plot import plot
 from lagrange.show.table import duration, text_table
+from lagrange.show.units import unit_of
 from lagrange.statement.coordinate import name_of, velocity_of
 from lagrange.statement.multiplier import multiplier
 from lagrange.statement.number import real_array
@@ -245,6 +246,7 @@ class Solution:
             "energy": self._energy_card(),
             "constraints": self.constraint_drift.card if self.constraint_drift else None,
             "stiff": self.stiff.sentence() if self.stiff else None,
+            "units": {name: unit for name in (*self.names, "t") if (unit := unit_of(self.model.statement, name))},
             "parameters": {_label(key): _finite(value) for key, value in self.parameters.items()},
         }
         for when, column in (("initial", 0), ("final", -1)):
@@ -332,13 +334,11 @@ class Solution:
 
     def _lines(self) -> list[tuple[str, str]]:
         begun, reached = self.trajectory.span
+        outputs = counted(len(self.t), "output") if len(self.t) else "no outputs"
         return [
             ("method", ", ".join(part for part in (self.method, self.trajectory.form) if part)),
             *self._setting_lines(),
-            (
-                "time",
-                f"{begun:.6g} to {reached:.6g}, {counted(len(self.t), 'output') if len(self.t) else 'no outputs'}",
-            ),
+            ("time", f"{begun:.6g} to {reached:.6g}{self._time_unit}, {outputs}"),
             ("steps", f"{self.steps} ({self.trajectory.rejected} rejected), {counted(self.evaluations, 'evaluation')}"),
             (
                 "energy drift" if self.model.conservative else "energy",
@@ -350,6 +350,11 @@ class Solution:
             ("wall time", duration(self.wall)),
             ("message", self.message),
         ]
+
+    @property
+    def _time_unit(self) -> str:
+        unit = unit_of(self.model.statement, "t")
+        return f" {unit}" if unit else ""
 
     def _setting_lines(self) -> list[tuple[str, str]]:
         run = self.trajectory

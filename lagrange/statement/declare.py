@@ -16,6 +16,7 @@ from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.statement.choice import one_of, text
 from lagrange.statement.constraint import Constraint, declare_constraints
 from lagrange.statement.coordinate import check_name, check_symbol, name_of, t, velocity_of
+from lagrange.statement.dimension_check import with_dimensions
 from lagrange.statement.expression import entries, expression
 from lagrange.statement.letters import NAME
 from lagrange.statement.number import real_number
@@ -45,6 +46,7 @@ def declare(
     about: str = "",
     source: str = "",
     run: RunSettings | None = None,
+    dimensions: Mapping[Any, Any] | None = None,
 ) -> Statement:
     """Check every part of a statement and return it frozen. Raises StatementError in the user's symbols."""
     main = "the kinetic energy" if lagrangian is None else "the Lagrangian"
@@ -58,7 +60,6 @@ def declare(
     by_name = {name_of(q): q for q in chosen}
     _check_velocities(chosen, moving, held, lagrangian, main, tuple(survey.parameters))
     _check_constraints(held, chosen, redundant)
-
     force_table = _forces(forces, by_name, survey)
     dissipation = _dissipation(dissipation, by_name, survey)
     points = _positions(positions, survey)
@@ -67,7 +68,7 @@ def declare(
     values = table_of(parameters, "parameters", "parameter to value")
     symbols, unify = parameter_symbols(survey, values, by_name)
     clean = partial(_unified, unify)
-    return Statement(
+    made = Statement(
         coordinates=chosen,
         kinetic=clean(kinetic),
         potential=clean(potential),
@@ -86,6 +87,7 @@ def declare(
         source=source,
         run=run or RunSettings(),
     )
+    return made if dimensions is None else with_dimensions(made, dimensions)
 
 
 def _unified(replacements: Mapping[Any, Any], expression: Any) -> Any:

@@ -22,7 +22,7 @@ LIBRARY = Path(__file__).resolve().parents[1] / "scenes"
 
 KEYS = (
     *("name", "about", "source", "coordinates", "kinetic", "potential", "lagrangian", "forces", "dissipation"),
-    *("constraints", "redundant", "parameters", "initial", "positions", "links", "run"),
+    *("constraints", "redundant", "parameters", "initial", "positions", "links", "run", "dimensions"),
 )
 RUN_KEYS = ("t_end", "method", "rtol", "atol", "step")
 
@@ -103,6 +103,7 @@ class _Scene:
                 about=document.words("about"),
                 source=document.words("source"),
                 run=self.run(),
+                dimensions=self.dimensions(names),
             )
         except SceneError:
             raise
@@ -203,6 +204,14 @@ class _Scene:
         if not isinstance(given, str) or given not in REDUNDANT:
             self.document.refuse(f"redundant is {kind_of(given)}: write one of {listing(REDUNDANT)}.", "redundant")
         return str(given)
+
+    def dimensions(self, names: Mapping[str, Any]) -> dict[str, str] | None:
+        """Return the dimensions or units by name, None where there are none."""
+        if "dimensions" not in self.data:
+            return None
+        known = ["t", *(name for name in names if names[name].is_Symbol or names[name].is_Function)]
+        table = self.document.table("dimensions", known, "symbol of this scene")
+        return {name: self.document.text("dimensions", name) for name in table}
 
     def positions(self, names: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
         """Return the named points, two or three expressions each."""

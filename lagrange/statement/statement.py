@@ -11,9 +11,14 @@ from sympy import Symbol
 
 from lagrange.statement.constraint import Constraint
 from lagrange.statement.coordinate import acceleration_of, name_of, velocity_of
+from lagrange.statement.dimension import Size
 
 REFUSE, ALLOW = REDUNDANT = ("refuse", "allow")
 """What is done with constraints that follow from others: they are refused, or share the forces."""
+
+
+_VIEWS = ("defaults", "positions", "dimensions")
+"""The fields of a statement that are read-only views of dicts."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +39,8 @@ class Statement:
     Expressions are SymPy, in the coordinates q(t), their velocities Derivative(q(t), t), the parameters and t.
     `forces` has one entry per coordinate, in the order of `coordinates`; `initial` holds (q, v), 2n numbers.
     `constraints` are expressions that stay zero; `redundant` says what is done with those that follow from others.
-    `defaults` lacks the parameters that were given no value.
+    `defaults` lacks the parameters that were given no value. `dimensions` has the sizes of coordinates, parameters and
+    t that were stated or follow from those, empty where none were.
     """
 
     coordinates: tuple[Any, ...]
@@ -54,13 +60,14 @@ class Statement:
     run: RunSettings = field(default_factory=RunSettings)
     constraints: tuple[Constraint, ...] = ()
     redundant: str = REFUSE
+    dimensions: Mapping[Any, Size] = field(default_factory=lambda: MappingProxyType({}))
 
     def __getstate__(self) -> dict[str, Any]:
         # Read-only views of dicts do not pickle.
-        return {**self.__dict__, "defaults": dict(self.defaults), "positions": dict(self.positions)}
+        return self.__dict__ | {name: dict(getattr(self, name)) for name in _VIEWS}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        views = {name: MappingProxyType(state[name]) for name in ("defaults", "positions")}
+        views = {name: MappingProxyType(state[name]) for name in _VIEWS}
         self.__dict__.update(state | views)
 
     @property

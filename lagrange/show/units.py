@@ -1,0 +1,43 @@
+"""Units of what is shown, where units were stated with the dimensions of a system."""
+
+from __future__ import annotations
+
+from lagrange.statement.coordinate import t
+from lagrange.statement.dimension import Size, named
+from lagrange.statement.statement import Statement
+
+
+def has_units(statement: Statement) -> bool:
+    """Return whether any symbol was stated with a unit."""
+    return any(size.unit for size in statement.dimensions.values())
+
+
+def unit_of(statement: Statement, name: str) -> str:
+    """Return the unit of a coordinate, a velocity such as x_dot, or t; empty where it was not stated and not found."""
+    if not has_units(statement):
+        return ""
+    if name == "t":
+        return statement.dimensions[t].unit or "s"
+    by_name = dict(zip(statement.names, statement.coordinates, strict=True))
+    base = name.removesuffix("_dot")
+    found = _unit(statement, statement.dimensions.get(by_name.get(base, t)) if base in by_name else None)
+    return f"{found}/{unit_of(statement, 't')}" if found and base != name else found
+
+
+def length_unit(statement: Statement) -> str:
+    """Return the unit of positions: that with which a length was stated."""
+    return _unit(statement, named("length")) if has_units(statement) else ""
+
+
+def _unit(statement: Statement, size: Size | None) -> str:
+    """Return the unit of a size: its own, rad for an angle, or the first stated one that fits."""
+    if size is None or size.unit:
+        return "" if size is None else size.unit
+    if not size.exponents:
+        return "rad"
+    return next((one.unit for one in statement.dimensions.values() if one.unit and one.fits(size)), "")
+
+
+def with_unit(label: str, unit: str) -> str:
+    """Return a label with its unit in parentheses behind it."""
+    return f"{label} ({unit})" if unit else label

@@ -1,0 +1,236 @@
+"""Dimensions and units of symbols, as stated: by name, as text, or from `sympy.physics.units`, which does the sums.
+
+A size is a vector of exponents of base dimensions, and the logarithm of a factor where units were given: the factors of
+units that fit together are equal, so that grams beside kilograms are found like a length beside a time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import cache
+from typing import Any
+
+import sympy
+
+from lagrange.errors import SceneError, StatementError, listing, shown, suggestion
+from lagrange.statement.coordinate import name_of, t
+from lagrange.statement.text import read_expression
+
+SAME_FACTOR = 1e-9
+"""Difference of logarithms up to which factors are the same: factors of units have some twelve digits."""
+
+DERIVED: Mapping[str, str] = {
+    "angular_velocity": "1/time",
+    "angular_acceleration": "1/time**2",
+    "angular_momentum": "mass*length**2/time",
+    "moment_of_inertia": "mass*length**2",
+    "torque": "mass*length**2/time**2",
+    "stiffness": "mass/time**2",
+    "torsional_stiffness": "mass*length**2/time**2",
+    "damping": "mass/time",
+    "density": "mass/length**3",
+    "magnetic_field": "mass/(current*time**2)",
+    "electric_field": "mass*length/(current*time**3)",
+    "dimensionless": "1",
+}
+"""Dimensions of mechanics that SymPy has no name for."""
+
+NAMED_FIRST = ("length", "time", "velocity", "acceleration", "mass", "force", "energy", "power", "momentum", "action")
+"""The dimensions by whose names a size is told, where it has one."""
+
+BASE = ("mass", "length", "time")
+"""The base dimensions of mechanics, in the order in which they are written."""
+
+Exponents = tuple[tuple[str, Any], ...]
+
+
+@dataclass(frozen=True)
+class Size:
+    """A dimension: exponents of base dimensions, sorted and none zero, and the factor's logarithm or None.
+
+    `unit` is the text of the unit it was stated with, empty for a dimension.
+    """
+
+    exponents: Exponents
+    factor: float | None = None
+    unit: str = ""
+
+    @classmethod
+    def of(cls, exponents: Mapping[str, Any], factor: float | None = None) -> Size:
+        """Return the size with some exponents."""
+        return cls(tuple(sorted((name, power) for name, power in exponents.items() if power)), factor)
+
+    def __mul__(self, other: Size) -> Size:
+        names = dict(self.exponents)
+        for name, power in other.exponents:
+            names[name] = names.get(name, Fraction(0)) + power
+        return Size.of(names, None if self.factor is None or other.factor is None else self.factor + other.factor)
+
+    def __pow__(self, power: Fraction) -> Size:
+        factor = None if self.factor is None else self.factor * float(power)
+        return Size.of({name: exponent * power for name, exponent in self.exponents}, factor)
+
+    def fits(self, other: Size) -> bool:
+        """Return whether both may be added: the same dimension, and units with the same factor where both are known."""
+        if self.exponents != other.exponents:
+            return False
+        if self.factor is None or other.factor is None:
+            return True
+        return abs(self.factor - other.factor) <= SAME_FACTOR
+
+    def __str__(self) -> str:
+        listed = sorted(
+            self.exponents, key=lambda entry: (BASE.index(entry[0]) if entry[0] in BASE else len(BASE), entry)
+        )
+        above = "*".join(_power(name, power) for name, power in listed if power > 0)
+        below = [_power(name, -power) for name, power in listed if power < 0]
+        if not below:
+            text = above or "a number"
+        else:
+            text = f"{above or 1}/{below[0] if len(below) == 1 else '(' + '*'.join(below) + ')'}"
+        known = next((name for name in NAMED_FIRST if named(name).exponents == self.exponents), "")
+        return text if known in ("", text) else f"{known} ({text})"
+
+
+def _power(name: str, power: Any) -> str:
+    return name if power == 1 else f"{name}**{power}" if power.denominator == 1 else f"{name}**({power})"
+
+
+NONE = Size((), 0.0)
+"""The size of a number and of an angle in radians."""
+
+
+@cache
+def named(name: str) -> Size:
+    """Return the size of a dimension or a unit that is known by its name."""
+    found = known_names()[name]
+    return read_dimension(found, name) if isinstance(found, str) else _measured(found)
+
+
+@cache
+def known_names() -> Mapping[str, Any]:
+    """Return the dimensions and units that a text may name: SymPy's, without its constants of nature, and `DERIVED`."""
+    from sympy.physics import units
+    from sympy.physics.units.definitions import dimension_definitions
+
+    dimensions = {name: one for name, one in vars(dimension_definitions).items() if isinstance(one, units.Dimension)}
+    measures = {
+        name: one
+        for name, one in vars(units).items()
+        if isinstance(one, units.Quantity) and not isinstance(one, units.quantities.PhysicalConstant)
+    }
+    return {**measures, "g": units.gram, **dimensions, **DERIVED}
+
+
+def _measured(one: Any) -> Size:
+    """Return the size of one of SymPy's dimensions or units."""
+    from sympy.physics.units import Quantity
+    from sympy.physics.units.systems.si import SI
+
+    unit = isinstance(one, Quantity)
+    parts = SI.get_dimension_system().get_dimensional_dependencies(SI.get_quantity_dimension(one) if unit else one)
+    exponents = {str(base.name): Fraction(str(power)) for base, power in parts.items()}
+    exponents.pop("angle", None)
+    factor = math.log(float(SI.get_quantity_scale_factor(one))) if unit else None
+    return Size.of(exponents, factor)
+
+
+def read_dimension(given: Any, what: str) -> Size:
+    """Return the size that was stated: a name such as "mass", a text such as "kg*m/s**2", 1, or SymPy's.
+
+    Raises StatementError for a name that is no dimension and no unit.
+    """
+    if isinstance(given, str):
+        return replace(_size(_from_text(given, what), what), unit=_unit_of(given))
+    if isinstance(given, (int, float)) and not isinstance(given, bool) and given == 1:
+        return NONE
+    if isinstance(given, sympy.Expr):
+        size = _size(given, what)
+        return replace(size, unit="" if size.factor is None else str(given))
+    raise StatementError(
+        f"{what} is {shown(given)}: give a dimension or a unit, such as 'length', 'm/s**2' or "
+        "sympy.physics.units.meter."
+    )
+
+
+def _unit_of(text: str) -> str:
+    """Return a text that names units alone, and an empty one for dimensions."""
+    from sympy.physics.units import Quantity
+
+    names = [str(symbol) for symbol in _from_text(text, "a unit").free_symbols]
+    units = [name for name in names if isinstance(known_names()[name], Quantity)]
+    return text.strip() if names and units == names else ""
+
+
+def _from_text(text: str, what: str) -> Any:
+    """Return the product of powers that a text states, in symbols named like dimensions and units."""
+    spelled = text.strip()
+    name = spelled.replace(" ", "_")
+    known = known_names()
+    if name.isidentifier():
+        if name not in known:
+            raise StatementError(
+                f"{what} is {spelled[:60]!r}, which is no dimension and no unit.{suggestion(name, list(known))}"
+            )
+        return sympy.Symbol(name, positive=True)
+    try:
+        return read_expression(spelled, {one: sympy.Symbol(one, positive=True) for one in known})
+    except SceneError as error:
+        raise StatementError(
+            f"{what} is {spelled[:60]!r}, which is no product of dimensions or units: {error.reason}"
+        ) from None
+
+
+def _size(expression: Any, what: str) -> Size:
+    """Return the size of a product of powers of dimensions and units."""
+    from sympy.physics.units import Dimension, Quantity
+
+    size = NONE
+    for base, power in sympy.Mul(expression, evaluate=True).as_powers_dict().items():
+        if not power.is_Rational:
+            raise StatementError(f"{what} is {str(expression)[:60]!r}: powers of dimensions are numbers.")
+        if base.is_number and base.is_positive:
+            one = Size((), math.log(float(base)))
+        elif isinstance(base, sympy.Symbol) and base.name in known_names():
+            one = named(base.name)
+        elif isinstance(base, (Dimension, Quantity)):
+            one = _measured(base)
+        else:
+            raise StatementError(
+                f"{what} is {str(expression)[:60]!r}, which is no product of powers of dimensions or units: give one, "
+                "such as 'mass*length/time**2' or 'N'."
+            )
+        size = size * one ** Fraction(int(power.p), int(power.q))
+    return size
+
+
+def read_dimensions(given: Any, known: Mapping[str, Any]) -> dict[Any, Size]:
+    """Return {symbol: size} of what was stated, keyed by symbols or names; `known` are the symbols by name.
+
+    What is stated of other symbols is read, too. Raises StatementError for what is no dimension.
+    """
+    if not isinstance(given, Mapping):
+        raise StatementError(
+            f"dimensions is {shown(given)}: give a dict from symbols to dimensions, such as {{m: 'mass', l: 'length'}}."
+        )
+    sizes = {_name(key): read_dimension(value, f"the dimension of {_name(key)}") for key, value in given.items()}
+    return {known[name]: size for name, size in sizes.items() if name in known}
+
+
+def check_names(given: Mapping[Any, Any], known: Mapping[str, Any]) -> None:
+    """Refuse a name that the system does not have. Symbols may be of another system: a table may serve several."""
+    for key in given:
+        if isinstance(key, sympy.Basic) or key in known:
+            continue
+        raise StatementError(
+            f"dimensions names {_name(key)[:60]!r}, which this system does not have; its symbols are {listing(known)}."
+            + suggestion(_name(key), list(known))
+        )
+
+
+def _name(key: Any) -> str:
+    """Return the name of a symbol, of a coordinate, or what is given instead."""
+    return key if isinstance(key, str) else name_of(key) if getattr(key, "args", ()) == (t,) else shown(key).strip("'")

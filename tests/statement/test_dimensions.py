@@ -1,0 +1,248 @@
+"""Dimensions: right statements pass, and of wrong ones the wrong term is named."""
+
+from __future__ import annotations
+
+import pickle
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import sympy as sp
+from sympy import cos, exp, sin, sqrt
+from sympy.physics import units
+
+import lagrange as lg
+from lagrange.errors import StatementError
+from lagrange.statement.dimension import read_dimension
+
+m, M, g, l, k, c, R, w, q0, B = lg.parameters("m M g l k c R w q0 B")
+theta, phi, x, y, r = lg.coordinates("theta phi x y r")
+
+KNOWN = {
+    m: "mass",
+    M: "mass",
+    g: "acceleration",
+    l: "length",
+    R: "length",
+    k: "stiffness",
+    c: "damping",
+    w: "frequency",
+    q0: "charge",
+    B: "magnetic_density",
+    theta: "angle",
+    phi: "angle",
+    x: "length",
+    y: "length",
+    r: "length",
+}
+
+PENDULUM = {"kinetic": m * l**2 * theta.dot**2 / 2, "potential": -m * g * l * cos(theta)}
+SLIDING = {
+    "kinetic": (M + m) * x.dot**2 / 2 + m * l * x.dot * theta.dot * cos(theta) + m * l**2 * theta.dot**2 / 2,
+    "potential": k * x**2 / 2 - m * g * l * cos(theta),
+    "forces": {x: -c * x.dot, theta: -c * l**2 * theta.dot},
+    "dissipation": c * x.dot**2 / 2,
+    "positions": {"bob": (x + l * sin(theta), -l * cos(theta))},
+}
+HOOP = {
+    "kinetic": m * R**2 * (theta.dot**2 + w**2 * sin(theta) ** 2) / 2 + M * x.dot**2 / 2,
+    "potential": m * g * R * (1 - cos(theta)) + k * R**2 * (theta - phi) ** 2 / 2,
+    "constraints": {"gear": R * phi - x},
+    "coordinates": [theta, phi, x],
+}
+SPRING = {
+    "kinetic": m * (r.dot**2 + r**2 * theta.dot**2) / 2,
+    "potential": k * (r - l) ** 2 / 2 - m * g * r * cos(theta) + k * R**2 * exp(-(r**2) / R**2),
+    "forces": {r: k * l * cos(w * lg.t)},
+}
+ROD = {
+    "kinetic": m * (x.dot**2 + y.dot**2) / 2,
+    "potential": m * g * y + k * (sqrt(x**2 + y**2) - l) ** 2 / 2,
+    "constraints": {"rod": x**2 + y**2 - l**2},
+}
+CHARGE = {"lagrangian": m * (x.dot**2 + y.dot**2) / 2 + q0 * B * (x * y.dot - y * x.dot) / 2}
+SYSTEMS: dict[str, dict[str, Any]] = {
+    "pendulum": PENDULUM,
+    "sliding": SLIDING,
+    "hoop": HOOP,
+    "spring": SPRING,
+    "rod": ROD,
+    "charge": CHARGE,
+}
+
+
+def stated(given: dict[str, Any], dimensions: Any = None) -> lg.System:
+    return lg.System(**given, dimensions=KNOWN if dimensions is None else dimensions)
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_right_statements_pass(name: str) -> None:
+    sizes = stated(SYSTEMS[name]).statement.dimensions
+    assert str(sizes[lg.t]) == "time" and all(str(sizes[q]) for q in stated(SYSTEMS[name]).coordinates)
+
+
+PLANTED: list[tuple[dict[str, Any], str, Any, Any]] = [
+    # statement, part, the wrong term as it is told, and what the part becomes
+    (PENDULUM, "kinetic", m * l * theta.dot**2 / 2, m * l * theta.dot**2 / 2),
+    (PENDULUM, "kinetic", m * l**2 * theta.dot / 2, m * l**2 * theta.dot / 2),
+    (PENDULUM, "kinetic", l**2 * theta.dot**2 / 2, l**2 * theta.dot**2 / 2),
+    (PENDULUM, "potential", -m * g * cos(theta), -m * g * cos(theta)),
+    (PENDULUM, "potential", -g * l * cos(theta), -g * l * cos(theta)),
+    (PENDULUM, "potential", -m * l * cos(theta), -m * l * cos(theta)),
+    (PENDULUM, "potential", -sp.Float(9.81) * m * l * cos(theta), -sp.Float(9.81) * m * l * cos(theta)),
+    (PENDULUM, "potential", l * theta, -m * g * l * cos(l * theta)),
+    (PENDULUM, "potential", g, m * g * l * (1 - cos(theta)) + g),
+    (PENDULUM, "potential", l, m * g * l * sin(l)),
+    (SLIDING, "kinetic", m * x.dot * theta.dot * cos(theta), M * x.dot**2 / 2 + m * x.dot * theta.dot * cos(theta)),
+    (SLIDING, "kinetic", m * theta.dot**2 / 2, SLIDING["kinetic"] - m * l**2 * theta.dot**2 / 2 + m * theta.dot**2 / 2),
+    (SLIDING, "kinetic", l, (M + l) * x.dot**2 / 2 + m * l**2 * theta.dot**2 / 2),
+    (SLIDING, "potential", k * x, k * x - m * g * l * cos(theta)),
+    (SLIDING, "potential", -m * g * l**2 * cos(theta), k * x**2 / 2 - m * g * l**2 * cos(theta)),
+    (SLIDING, "potential", k * theta**2 / 2, SLIDING["potential"] + k * theta**2 / 2),
+    (SLIDING, "potential", x, k * x**2 / 2 - m * g * l * cos(theta + x)),
+    (SLIDING, "forces", -c * theta.dot, {x: -c * x.dot, theta: -c * theta.dot}),
+    (SLIDING, "forces", -c * x, {x: -c * x}),
+    (SLIDING, "forces", -k * x, {x: -c * x.dot, theta: -k * x}),
+    (SLIDING, "forces", m * l, {x: k * x + m * l - c * x.dot}),
+    (SLIDING, "dissipation", c * x.dot, c * x.dot),
+    (SLIDING, "dissipation", c * theta.dot**2 / 2, c * x.dot**2 / 2 + c * theta.dot**2 / 2),
+    (SLIDING, "positions", sin(theta), {"bob": (x + sin(theta), -l * cos(theta))}),
+    (SLIDING, "positions", -cos(theta), {"bob": (x + l * sin(theta), -cos(theta))}),
+    (SLIDING, "positions", l**2 * sin(theta), {"bob": (x + l**2 * sin(theta), -l * cos(theta))}),
+    (HOOP, "kinetic", w * sin(theta) ** 2, m * R**2 * (theta.dot**2 + w * sin(theta) ** 2) / 2),
+    (HOOP, "kinetic", R * w**2 * sin(theta) ** 2, m * R**2 * (theta.dot**2 + R * w**2 * sin(theta) ** 2) / 2),
+    (HOOP, "potential", k * (-phi + theta) ** 2 / 2, m * g * R * (1 - cos(theta)) + k * (theta - phi) ** 2 / 2),
+    (HOOP, "potential", -R, m * g * R * (1 - cos(theta)) + k * R**2 * (theta - R) ** 2 / 2),
+    (HOOP, "constraints", -x, {"gear": phi - x + 2 * theta}),
+    (SPRING, "kinetic", r * theta.dot**2, m * (r.dot**2 + r * theta.dot**2) / 2),
+    (SPRING, "potential", -1, k * (r - 1) ** 2 / 2 - m * g * r * cos(theta)),
+    (SPRING, "potential", -m * g * cos(theta), k * (r - l) ** 2 / 2 - m * g * cos(theta)),
+    (SPRING, "potential", -(r**2) / R, k * (r - l) ** 2 / 2 + k * R**2 * exp(-(r**2) / R)),
+    (SPRING, "forces", lg.t, {r: k * l * cos(lg.t)}),
+    (SPRING, "forces", w**2 * lg.t, {r: k * l * cos(w**2 * lg.t)}),
+    (ROD, "potential", -(l**2), m * g * y + k * (sqrt(x**2 + y**2) - l**2) ** 2 / 2),
+    (ROD, "potential", m * y, m * y + k * (sqrt(x**2 + y**2) - l) ** 2 / 2),
+    (ROD, "constraints", -l, {"rod": x**2 + y**2 - l}),
+    (CHARGE, "lagrangian", -x.dot, m * (x.dot**2 + y.dot**2) / 2 + q0 * B * (x * y.dot - x.dot) / 2),
+]
+
+
+@pytest.mark.parametrize("case", range(len(PLANTED)))
+def test_the_wrong_term_is_named(case: int) -> None:
+    given, part, term, wrong = PLANTED[case]
+    with pytest.raises(StatementError) as refusal:
+        stated({**given, part: wrong})
+    plain = {q.diff(lg.t): sp.Symbol(f"{q.func}_dot") for q in (theta, phi, x, y, r)}
+    plain |= {q: sp.Symbol(str(q.func)) for q in (theta, phi, x, y, r)}
+    assert re.search(
+        rf"has the term {re.escape(str(sp.sympify(term).xreplace(plain)))}(, in [^;]*)?, whose", str(refusal.value)
+    )
+
+
+def test_messages_have_what_it_is_and_what_it_should_be() -> None:
+    with pytest.raises(StatementError) as refusal:
+        stated({**PENDULUM, "potential": -m * g * cos(theta)})
+    assert str(refusal.value) == (
+        "the potential energy has the term -g*m*cos(theta), whose dimension is force (mass*length/time**2); it should "
+        "be energy (mass*length**2/time**2)."
+    )
+
+
+def test_what_is_not_stated_follows_from_the_terms() -> None:
+    sizes = stated(SLIDING, {m: "mass", l: "length"}).statement.dimensions
+    found = {str(key): str(size) for key, size in sizes.items()}
+    assert found["g"] == "acceleration (length/time**2)" and found["k"] == "mass/time**2" and found["c"] == "mass/time"
+    assert found["x(t)"] == "length" and found["theta(t)"] == "a number"
+
+
+@pytest.mark.parametrize(
+    ("given", "shown"),
+    [
+        ("moment of inertia", "mass*length**2"),
+        ("kg*m/s**2", "force (mass*length/time**2)"),
+        (units.newton, "force (mass*length/time**2)"),
+        (units.length / units.time, "velocity (length/time)"),
+        (units.meter / units.second**2, "acceleration (length/time**2)"),
+        ("1/time**(1/2)", "1/time**(1/2)"),
+        (1, "a number"),
+    ],
+)
+def test_dimensions_are_read_from_text_and_from_sympy(given: Any, shown: str) -> None:
+    assert str(read_dimension(given, "it")) == shown
+
+
+def test_units_must_fit_together() -> None:
+    si = {m: "kg", l: "m", g: "m/s**2", theta: "rad"}
+    stated(PENDULUM, si)
+    stated(PENDULUM, {m: "g", l: "cm", g: units.centimeter / units.second**2})
+    for wrong in ({l: "cm"}, {g: units.kilometer / units.second**2}, {theta: "deg"}, {g: "m/minute**2"}):
+        with pytest.raises(
+            StatementError, match="in other units than the terms it is compared with: state all symbols"
+        ):
+            stated(PENDULUM, {**si, **wrong})
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ("mass", "dimensions is 'mass': give a dict from symbols to dimensions, such as {m: 'mass', l: 'length'}."),
+        ({m: "mas"}, "the dimension of m is 'mas', which is no dimension and no unit. Did you mean 'mass'?"),
+        ({m: 3}, "the dimension of m is 3: give a dimension or a unit, such as 'length', 'm/s**2' or sympy.physics"),
+        ({m: "mass + length"}, "the dimension of m is 'length + mass', which is no product of powers of dimensions or"),
+        (
+            {m: "__import__('os')"},
+            "the dimension of m is \"__import__('os')\", which is no product of dimensions",
+        ),
+        ({"n": "mass"}, "dimensions names 'n', which this system does not have; its symbols are t, theta, "),
+        ({m: "mass**w"}, "the dimension of m is 'mass**w', which is no product of dimensions or units: "),
+    ],
+)
+def test_refusals(given: Any, message: str) -> None:
+    with pytest.raises(StatementError) as refusal:
+        stated(PENDULUM, given)
+    assert str(refusal.value).startswith(message)
+
+
+def test_powers_that_are_no_numbers_need_a_base_without_dimension() -> None:
+    stated({**PENDULUM, "potential": -m * g * l * (1 + theta**2) ** k}, {m: "mass", l: "length", k: "dimensionless"})
+    with pytest.raises(StatementError, match=r"term x, in k\*x\*\*w, whose dimension is length; under a power"):
+        lg.System(m * x.dot**2, k * x**w, dimensions={x: "length", m: "mass"})
+
+
+def test_axes_and_cards_carry_units() -> None:
+    given = {**SLIDING, "parameters": {m: 1, M: 2, l: 1, g: 9.81, k: 3, c: 0.1}, "initial": {x: 0.1}}
+    si = {m: "kg", M: "kg", l: "m", g: "m/s**2", x: "m", theta: "rad", k: "N/m"}
+    solution = stated(given, si).run(0.5)
+    assert solution.card()["units"] == {"x": "m", "theta": "rad", "x_dot": "m/s", "theta_dot": "rad/s", "t": "s"}
+    assert "0 to 0.5 s, " in repr(solution)
+    figure = solution.plot()
+    labels = {text for axis in figure.get_axes() for text in (axis.get_xlabel(), axis.get_ylabel())}
+    assert {"x (m)", "t (s)", "y (m)", "$\\theta$ (rad)"} <= labels
+    plain = stated(given).run(0.5)
+    assert plain.card()["units"] == {} and "0 to 0.5, " in repr(plain)
+
+
+def test_sizes_stay_with_a_system_that_is_copied_or_rewritten() -> None:
+    whole = stated(SLIDING)
+    sizes = {key: str(size) for key, size in whole.statement.dimensions.items()}
+    copied = pickle.loads(pickle.dumps(whole)).statement.dimensions
+    assert {str(key): str(size) for key, size in copied.items()} == {str(key): text for key, text in sizes.items()}
+    left = whole.substitute({l: 1}).statement.dimensions
+    assert {key: str(size) for key, size in left.items()} == {key: s for key, s in sizes.items() if key != l}
+
+
+def test_scenes_have_dimensions(tmp_path: Path) -> None:
+    path = tmp_path / "s.toml"
+    text = (
+        'coordinates = ["theta"]\nkinetic = "m*l**2*theta_dot**2/2"\npotential = "-m*g*l*cos(theta)"\n'
+        '[parameters]\nm = 1\ng = 9.81\nl = 1\n[dimensions]\nm = "kg"\nl = "m"\n'
+    )
+    path.write_text(text)
+    assert str(lg.System.from_scene(path).statement.dimensions[lg.coordinate("theta")]) == "a number"
+    path.write_text(text.replace("l**2*theta_dot", "l*theta_dot"))
+    with pytest.raises(lg.SceneError, match=r"s\.toml: the kinetic energy has the term l\*m\*theta_dot\*\*2/2, whose"):
+        lg.System.from_scene(path)
+    path.write_text(text + 'q = "kg"\n')
+    with pytest.raises(lg.SceneError, match=r"s\.toml:11:1: 'q' is no symbol of this scene"):
+        lg.System.from_scene(path)
