@@ -73,41 +73,76 @@ def derivative() -> Procedure:
 
 @cache
 def crossing() -> Procedure:
-    """Return what finds where a polynomial takes on a sign between two places, or the end that is nearer to doing so.
-
-    Newton's method, and bisection where it would leave the bracket or does not halve its steps.
-    """
+    """Return what finds where a polynomial takes on a sign between two places, or the end that nearly does so."""
     p = Builder("crossing", "Return where a polynomial takes on a sign between two places.", apart=True)
     c, slopes, count = p.array("c", read=True), p.array("slopes", read=True), p.given("count", WHOLE)
-    begin, end, sign = p.given("begin", REAL), p.given("end", REAL), p.real(p.given("sign", WHOLE))
-    below, above = (sign * p.call(value(), c, count, place) for place in (begin, end))
+    begin, end, sign = p.given("begin", REAL), p.given("end", REAL), p.given("sign", WHOLE)
+    number, side = blocks(count), p.real(sign)
+    (below, rate), (above, last_rate) = (
+        [side * found for found in _evaluated(p, [c, slopes], number, place)] for place in (begin, end)
+    )
     with p.when(below >= 0.0):
         p.leave(begin)
     with p.when(above <= 0.0):
         p.leave(end)
-    low, high = p.variable(begin, "low"), p.variable(end, "high")
-    place = p.variable(begin + (end - begin) * (below / (below - above)), "place")
+    start = inverse_cubic(p, (begin, end), (below, above), (rate, last_rate))
+    p.leave(p.call(approach(), c, slopes, count, begin, end, start, sign))
+    return p.finish(REAL)
+
+
+Pair = tuple[Real, Real]
+
+
+def inverse_cubic(p: Builder, places: Pair, values: Pair, slopes: Pair) -> Real:
+    """Return where a function is zero between two places whose inverse is a cubic polynomial, by values and slopes.
+
+    These are the divided differences of the inverse for the two values, each of them twice. Where a slope does not
+    rise, or the result is not between the places, it is where the chord is zero.
+    """
+    (begin, end), (below, above) = places, values
+    width, over = end - begin, 1.0 / (above - below)
+    rate, last_rate = 1.0 / slopes[0], 1.0 / slopes[1]
+    chord = width * over
+    bend, last_bend = (chord - rate) * over, (last_rate - chord) * over
+    twist = (last_bend - bend) * over
+    place = begin - below * (rate - below * (bend - above * twist))
+    rising = (slopes[0] > 0.0) & (slopes[1] > 0.0)
+    found: Real = p.choose(rising & (begin < place) & (place < end), place, begin - below * chord)
+    return found
+
+
+@cache
+def approach() -> Procedure:
+    """Return what finds where a polynomial takes on a sign between two places, next to another one between them.
+
+    Newton's method, and bisection where it would leave the bracket or does not halve its steps.
+    """
+    p = Builder("approach", "Return where a polynomial takes on a sign, from a place near it.", apart=True)
+    c, slopes, count = p.array("c", read=True), p.array("slopes", read=True), p.given("count", WHOLE)
+    begin, end, start, sign = (*(p.given(name, REAL) for name in ("begin", "end", "start")), p.given("sign", WHOLE))
+    low, high, place = p.variable(begin, "low"), p.variable(end, "high"), p.variable(start, "place")
     step, quick = p.variable(end - begin, "step"), p.variable(p.false, "quick")
-    number = blocks(count)
+    number, side = blocks(count), p.real(sign)
     with p.repeat(lambda: (low.value < place.value) & (place.value < high.value)):
         s = place.value
-        size, slope = (sign * found for found in _evaluated(p, [c, slopes], number, s))
+        size, slope = (side * found for found in _evaluated(p, [c, slopes], number, s))
         with p.when(size.equals(0.0), likely=False):
             p.leave(s)
         low.value, high.value = p.choose(size < 0.0, s, low.value), p.choose(size < 0.0, high.value, s)
         newton = size / slope
-        there = s - newton
+        there, before, change = s - newton, step.value, p.variable(newton, "change")
         inside = (low.value <= there) & (there <= high.value)
-        before = step.value
         good = (slope > 0.0) & (2.0 * abs(size) < abs(before) * slope) & inside
-        change = p.choose(good, newton, s - (low.value + high.value) * 0.5).called("change")
-        with p.when(abs(change) <= EPSILON * s):
-            p.leave(s - change)
+        # A branch, which processors foresee: the next place does not wait for these comparisons.
+        with p.when(~good, likely=False):
+            change.value = s - (low.value + high.value) * 0.5
+        with p.when(abs(change.value) <= EPSILON * s):
+            p.leave(s - change.value)
         # Newton's method squares its error: what the next step would be follows from these two.
-        ahead = abs(change) * change * change
+        ahead = abs(change.value) * change.value * change.value
         with p.when(quick.value & good & (ahead <= CONVERGED * s * (before * before))):
-            p.leave(s - change)
-        step.value, quick.value, place.value = change, good, s - change
+            p.leave(s - change.value)
+        step.value, quick.value, place.value = change.value, good, s - change.value
     p.leave(place.value)
     return p.finish(REAL)
 

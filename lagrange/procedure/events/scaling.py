@@ -10,7 +10,7 @@ from lagrange.procedure.builder import Builder
 from lagrange.procedure.events.constants import LEAST_POWER, MODEST, ROUND_OFF, SMALLEST
 from lagrange.procedure.events.polynomial import PADDED, pad
 from lagrange.procedure.form import REAL, WHOLE, Procedure
-from lagrange.procedure.values import Real, Whole
+from lagrange.procedure.values import Flag, Real, Whole
 
 
 class _Sums:
@@ -44,6 +44,16 @@ RESULTS = REAL, REAL, REAL, REAL
 """The noise, which is infinite or NaN where what is given is not finite; sums of sizes; the value at the end."""
 
 
+def is_plain_step(h: Real, count: Whole) -> Flag:
+    """Whether powers of a step can be computed as they are."""
+    return (abs(h) > 1e-6) & (abs(h) < 1e6) & (count <= MODEST)
+
+
+def is_plain(total: Real, noise: Real) -> Flag:
+    """Whether terms with a sum of sizes, and their noise, are far from the ends of the range of doubles."""
+    return (total > 1e-100) & (total < 1e100) & (noise >= 0.0) & (noise < 1e100)
+
+
 @cache
 def scaled() -> Procedure:
     """Return what writes c[k] h**k, with zeros up to whole blocks, over a power of two that keeps it from overflow."""
@@ -59,9 +69,7 @@ def scaled() -> Procedure:
         power.value = power.value * h
     pad(p, c, count, count)
     total = sums.total
-    plain = (abs(h) > 1e-6) & (abs(h) < 1e6) & (count <= MODEST)
-    plain = plain & (total > 1e-100) & (total < 1e100) & (noise >= 0.0) & (noise < 1e100)
-    with p.when(~plain, likely=False):
+    with p.when(~(is_plain_step(h, count) & is_plain(total, noise)), likely=False):
         p.leave(*p.call(scaled_far(), coefficients, count, h, noise, c))
     p.leave(*sums.results(noise))
     return p.finish(*RESULTS)

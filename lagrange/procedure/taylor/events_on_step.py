@@ -10,18 +10,17 @@ from typing import Any
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.events.constants import JUMP, TOGETHER
-from lagrange.procedure.events.roots import roots
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
 from lagrange.procedure.taylor.constants import EVENT_SLACK, LEAST_PART
-from lagrange.procedure.taylor.event_series import is_balanced, keeps_sign, largest_term, reach, safe_step, write_noise
+from lagrange.procedure.taylor.event_series import is_balanced, largest_term, reach, safe_step, write_noise
+from lagrange.procedure.taylor.event_terms import LATE, event_terms, read_column
 from lagrange.procedure.taylor.memory import TAYLOR, SeriesMemory, work_array
 from lagrange.procedure.taylor.sums import state_on_step
 from lagrange.procedure.taylor.watching import (
     COLUMN,
     COUNT,
-    DIRECTION,
-    MOST_ZEROS,
     NEAR,
+    REALS,
     RESET_SIZE,
     ROOT,
     SIDES,
@@ -30,13 +29,8 @@ from lagrange.procedure.taylor.watching import (
     Watched,
     write_event,
 )
+from lagrange.procedure.taylor.zeros_on_step import Zeros, zeros_on_step
 from lagrange.procedure.values import Flag, Memory, Real, Whole
-
-LEAST_COUNT = 3
-"""A series is taken to have at least so many coefficients."""
-
-MARGIN = 1 / 64
-"""By this part of a step zeros are looked for behind the first that changes the motion, at least."""
 
 MOST_BALANCING = 200
 """So many times a step is halved until the low powers of what is watched on it keep their digits."""
@@ -54,86 +48,6 @@ def inspect_step() -> Procedure:
     changed.
     """
     return _Inspection().build()
-
-
-class _Zeros:
-    """The zeros on a step: their times in units of the scale, places and directions, and the sides at its end.
-
-    There may be two such lists at a time, with the numbers 0 and 1.
-    """
-
-    def __init__(self, watched: Watched, number: int) -> None:
-        kept = watched.kept
-        self.times = kept.reals("times", number * MOST_ZEROS)
-        self.places, self.directions = (kept.wholes("zeros", (2 * number + i) * MOST_ZEROS) for i in range(2))
-        self.signs, self.nears = (kept.wholes("ends", 2 * number + i) for i in range(2))
-
-    @property
-    def handed(self) -> tuple[Memory, ...]:
-        return self.times, self.places, self.directions, self.signs, self.nears
-
-
-@cache
-def zeros_on_step() -> Procedure:
-    """Return what finds the zeros of all that is watched on a step, in order; it returns how many, or -1.
-
-    With `until`, zeros matter up to the first that surely changes the motion, and others at once with it: the search
-    goes on to twice its time, and at least by `MARGIN` of the step, where those others are clearly passed.
-    """
-    p = Builder("zeros_on_step", "Find the zeros of what is watched on a step, in order.", apart=True)
-    step, last = p.given("s", REAL), p.given("last", FLAG)
-    until = p.given("until", FLAG)
-    watched, surfaces = p.given("watched", WHOLE), p.given("surfaces", WHOLE)
-    settings = p.array("settings", WHOLE, read=True)
-    columns, noise = p.array("columns", read=True), p.array("noise", read=True)
-    counts, doubtful = p.array("counts", WHOLE, read=True), p.array("doubtful", read=True)
-    before, came_near, starting = (p.array(name, WHOLE, read=True) for name in ("before", "came_near", "starting"))
-    times, places, directions = p.array("times"), p.array("places", WHOLE), p.array("directions", WHOLE)
-    signs, nears = p.array("signs", WHOLE), p.array("nears", WHOLE)
-    found, far = p.variable(0, "found"), p.variable(step, "far")
-    resets, wanted = (settings.at(watched * block) for block in (RESET_SIZE, DIRECTION))
-    with p.loop(0, watched) as i:
-        s = far.value
-        c, count = columns.at(i * COLUMN), counts[i]
-        sign, near, begins = before[i], ~came_near[i].equals(0), ~starting[i].equals(0)
-        signs[i], nears[i] = sign, came_near[i]
-        clear = p.variable(doubtful[i].equals(0.0), "clear")
-        with p.when(~clear.value & ~begins & ~near):
-            clear.value = p.call(keeps_sign(), c, count, s, noise[i], p.real(sign))
-        with p.when(~clear.value):
-            # What starts at zero is divided by time: its root there is known, and the next may be close.
-            first = p.whole(begins)
-            allowed = p.choose(begins, 0.0, noise[i])
-            to = found.value
-            given = c.at(first), count - first, s, allowed, sign, near, last & s.equals(step)
-            more, signs[i], after = p.call(roots(), *given, times.at(to), directions.at(to), MOST_ZEROS)
-            nears[i] = p.whole(after)
-            with p.when(more < 0, likely=False):
-                p.leave(-1)
-            with p.loop(to, to + more) as j:
-                places[j] = i
-                direction, at = directions[j], times[j]
-                reset = (resets[i] > 0) & (wanted[i].equals(0) | wanted[i].equals(direction))
-                changes = p.choose(i < surfaces, ~direction.equals(0), reset)
-                end = at + p.larger(at, MARGIN * step)
-                far.value = p.choose(until & changes & (end < far.value), end, far.value)
-            found.value = to + more
-    with _sorted(p, found.value, times) as (a, b):
-        t, place, direction = times[a], places[a], directions[a]
-        times[a], places[a], directions[a] = times[b], places[b], directions[b]
-        times[b], places[b], directions[b] = t, place, direction
-    p.leave(found.value)
-    return p.finish(WHOLE)
-
-
-@contextmanager
-def _sorted(p: Builder, count: Whole, keys: Memory) -> Iterator[tuple[Whole, Whole]]:
-    """Exchange neighbours, in the body, until their keys rise; equal ones stay in their order."""
-    with p.loop(1, count) as i:
-        j = p.variable(i)
-        with p.repeat(lambda: (j.value > 0) & (keys[j.value] < keys[p.larger(j.value - 1, 0)])):
-            yield j.value - 1, j.value
-            j.value = j.value - 1
 
 
 def _both_zero(one: Memory, other: Memory, place: Whole) -> Flag:
@@ -160,11 +74,10 @@ class _Inspection:
         p, watched, kept = self.p, self.watched, self.watched.kept
         self.wary: Flag = (~watched.record.wary.equals(0)).called("wary")
         self.columns, self.noise, self.counts = kept.reals("columns"), kept.reals("noise"), kept.wholes("counts")
-        self.late, self.early, self.size = kept.reals("late"), kept.reals("early"), self.layout.watched
-        values, first = kept.reals("values"), self.rows.at(self.layout.watched_at)
+        self.size, self.values = self.layout.watched, kept.reals("values")
+        first = self.rows.at(self.layout.watched_at)
         with p.loop(0, self.size) as i:
-            values[i] = first[i]
-        self.read_columns()
+            self.values[i], self.counts[i] = first[i], 0
         write_noise(watched, watched.own_numbers, self.t, self.memory.work)
         ends = self.terminates()
         s = self.trusted(ends)
@@ -173,7 +86,7 @@ class _Inspection:
         with p.when(~whole & (abs(s * self.scale) < shortest)):
             p.leave(LEAVE, s)
         self.signs, self.nears = self.sides_now(s)
-        found, shorter = _Zeros(watched, 0), _Zeros(watched, 1)
+        found, shorter = Zeros(watched, 0), Zeros(watched, 1)
         count = self.find(found, s, whole & self.final, until_change=True)
         change = self.first_change(found, count, p.constant(math.inf, REAL))
         with p.when(change >= 0) as ways:
@@ -183,37 +96,13 @@ class _Inspection:
             p.leave(GO_ON, s)
         return p.finish(WHOLE, REAL)
 
-    def read_columns(self) -> None:
-        """Copy the series of what is watched, in one pass; leave where one is not finite.
-
-        What is known of each: how many coefficients it has before it is zero, and its largest terms on the step, among
-        the last two and among the lower half.
-        """
-        p, s, width = self.p, self.s, self.layout.width
-        watched_rows = self.rows.at(self.layout.watched_at)
-        with self.doubted() as i:
-            c, first = self.columns.at(i * COLUMN), watched_rows.at(i)
-            total, power = p.variable(0.0), p.variable(1.0)
-            early, late, last = p.variable(0.0), p.variable(0.0), p.variable(0.0)
-            middle = (self.count - 1) // 2 + 1
-            for begin, end in ((0, middle), (middle, self.count)):
-                with p.loop(begin, end) as k:
-                    value = first[k * width]
-                    c[k] = value
-                    size = abs(value) * power.value
-                    total.value = total.value + value * 0.0
-                    if end is middle:
-                        early.value = p.magnitude(early.value, size)
-                    else:
-                        late.value, last.value = last.value, size
-                    power.value = power.value * s
-            used = p.variable(self.count, "used")
-            with p.repeat(lambda: (used.value > LEAST_COUNT) & c[used.value - 1].equals(0.0)):
-                used.value = used.value - 1
-            with p.when(~total.value.equals(0.0), likely=False):
-                p.leave(LEAVE, s)
-            self.counts[i] = used.value
-            self.late[i], self.early[i] = p.magnitude(late.value, last.value), early.value
+    def column(self, i: Whole) -> Memory:
+        """Return the series of something watched, which is copied where it was not yet; leave if it is not finite."""
+        p, c = self.p, self.columns.at(i * COLUMN)
+        given = self.rows.at(i + self.layout.watched_at), self.layout.width, self.memory.order
+        with p.when(~p.call(read_column(), *given, c, self.counts.at(i)), likely=False):
+            p.leave(LEAVE, self.s)
+        return c
 
     @contextmanager
     def doubted(self) -> Iterator[Whole]:
@@ -236,17 +125,21 @@ class _Inspection:
         """Return how much of the step the series of all that is watched reach."""
         p, s = self.p, self.p.variable(self.s, "trusted")
         tolerance = p.larger(self.rtol, 2.0**-52) * EVENT_SLACK
+        kept = self.watched.kept
         with self.doubted() as i:
-            c, noise = self.columns.at(i * COLUMN), self.noise[i]
-            with p.when(~(self.late[i] <= p.fma(tolerance, self.early[i], noise)), likely=False):
-                s.value = p.smaller(s.value, p.call(reach(), c, self.count, self.s, tolerance, noise))
+            rows, noise = self.rows.at(i + self.layout.watched_at), self.noise[i]
+            c, slopes, sums = (kept.reals(name).at(i * REALS[name]) for name in ("terms", "slopes", "sums"))
+            p.call(event_terms(), rows, self.layout.width, self.memory.order, self.s, c, slopes, sums)
+            late, early = sums[LATE], p.magnitude(c[0], c[1])
+            with p.when(~(late <= p.fma(tolerance, early, noise)), likely=False):
+                s.value = p.smaller(s.value, p.call(reach(), self.column(i), self.count, self.s, tolerance, noise))
             with p.when(self.wary, likely=False):
-                s.value = p.smaller(s.value, p.call(safe_step(), c, self.count))
+                s.value = p.smaller(s.value, p.call(safe_step(), self.column(i), self.count))
         with p.when(ends, likely=False):
             # What is balanced on a step is so on a shorter one.
             halvings, balanced = p.variable(0), p.variable(p.false)
             with self.doubted() as i:
-                c = self.columns.at(i * COLUMN)
+                c = self.column(i)
                 balanced.value = p.false
                 with p.repeat(lambda: ~balanced.value & (halvings.value < MOST_BALANCING)):
                     balanced.value = p.call(is_balanced(), c, self.counts[i], s.value)
@@ -261,48 +154,52 @@ class _Inspection:
         signs, nears = kept.wholes("sides"), kept.wholes("sides", 1)
         sides = self.watched.side(SIGN), self.watched.side(NEAR)
         with p.loop(0, self.size) as i:
-            signs[i], nears[i] = sides[0][i], sides[1][i]
-        with self.doubted() as i:
-            c, sign = self.columns.at(i * COLUMN), signs[i]
-            with p.when(p.real(sign) * c[0] < 0.0, likely=False):
+            sign = sides[0][i]
+            signs[i], nears[i] = sign, sides[1][i]
+            over = ~self.doubtful[i].equals(0.0) & (p.real(sign) * self.values[i] < 0.0)
+            with p.when(over, likely=False):
+                c = self.column(i)
                 jumped = abs(c[0]) > JUMP * p.call(largest_term(), c, self.counts[i], s)
                 signs[i] = p.choose(jumped, -sign, sign)
                 nears[i] = p.choose(jumped, 0, nears[i])
         return signs, nears
 
-    def find(self, zeros: _Zeros, s: Real, last: Flag, *, until_change: bool) -> Whole:
+    def find(self, zeros: Zeros, s: Real, last: Flag, *, until_change: bool) -> Whole:
         """Find the zeros on a step of length s; leave where they are not to be found here."""
         p, watched = self.p, self.watched
-        until = p.true if until_change else p.false
-        numbers = s, last, until, self.size, watched.record.surfaces, watched.settings
-        series = self.columns, self.noise, self.counts, self.doubtful
+        until = ~watched.record.changing.equals(0) if until_change else p.false
+        numbers = s, self.s, last, until, watched.record.surfaces, watched.settings
+        terms = (watched.kept.reals(name) for name in ("terms", "slopes", "sums"))
+        series = self.columns, self.counts, *terms, self.noise, self.doubtful
         sides = self.signs, self.nears, self.watched.side(STARTING)
-        count: Whole = p.call(zeros_on_step(), *numbers, *series, *sides, *zeros.handed)
+        given = *numbers, *series, *sides, *zeros.handed, watched.sizes, *self.memory.handed
+        count: Whole = p.call(zeros_on_step(), *given)
         with p.when(count < 0):
             p.leave(LEAVE, s)
         return count
 
-    def first_change(self, zeros: _Zeros, count: Whole, before: Real) -> Whole:
+    def first_change(self, zeros: Zeros, count: Whole, before: Real) -> Whole:
         """Return the number of the first zero before a time that changes the motion, -1 if none does."""
         p, watched = self.p, self.watched
         seen, before_step = watched.kept.wholes("seen"), watched.side(COUNT)
-        with p.loop(0, self.size) as i:
-            seen[i] = before_step[i]
         found, j = p.variable(-1), p.variable(0)
-        with p.repeat(lambda: (j.value < count) & (found.value < 0)):
-            place, direction = zeros.places[j.value], zeros.directions[j.value]
-            is_event = watched.is_event(place)
-            counts = is_event & watched.counts(place, direction)
-            number = seen[place] + 1
-            seen[place] = p.choose(counts, number, seen[place])
-            stops = (watched.setting(RESET_SIZE, place) > 0) | watched.is_last(place, number)
-            changes = p.choose(is_event, counts & stops, ~direction.equals(0))
-            found.value = p.choose(changes & (zeros.times[j.value] < before), j.value, -1)
-            j.value = j.value + 1
+        with p.when(~watched.record.changing.equals(0)):
+            with p.loop(0, self.size) as i:
+                seen[i] = before_step[i]
+            with p.repeat(lambda: (j.value < count) & (found.value < 0)):
+                place, direction = zeros.places[j.value], zeros.directions[j.value]
+                is_event = watched.is_event(place)
+                counts = is_event & watched.counts(place, direction)
+                number = seen[place] + 1
+                seen[place] = p.choose(counts, number, seen[place])
+                stops = (watched.setting(RESET_SIZE, place) > 0) | watched.is_last(place, number)
+                changes = p.choose(is_event, counts & stops, ~direction.equals(0))
+                found.value = p.choose(changes & (zeros.times[j.value] < before), j.value, -1)
+                j.value = j.value + 1
         result: Whole = found.value
         return result
 
-    def shorten(self, zeros: _Zeros, count: Whole, change: Whole, shorter: _Zeros) -> None:
+    def shorten(self, zeros: Zeros, count: Whole, change: Whole, shorter: Zeros) -> None:
         """End the step at the first change; leave where it is at the start, or more than one thing happens there.
 
         The shorter step tells more zeros apart: what it has is what is kept, and a change may come out earlier.
@@ -336,7 +233,7 @@ class _Inspection:
         found: Real = TOGETHER * self.p.larger(abs(self.t / self.scale), at)
         return found
 
-    def together(self, zeros: _Zeros, count: Whole, at: Real) -> Whole:
+    def together(self, zeros: Zeros, count: Whole, at: Real) -> Whole:
         """Return how many zeros happen at once at a time."""
         p, number = self.p, self.p.variable(0)
         close = self.close(at)
@@ -345,47 +242,38 @@ class _Inspection:
         found: Whole = number.value
         return found
 
-    def leave_unless_alone(self, zeros: _Zeros, count: Whole, at: Real, place: Whole) -> None:
+    def leave_unless_alone(self, zeros: Zeros, count: Whole, at: Real, place: Whole) -> None:
         """Leave where something else has its zero at the end of the shorter step."""
         p, late = self.p, at - self.close(at)
         with p.loop(0, count) as j, p.when((zeros.times[j] >= late) & ~zeros.places[j].equals(place)):
             p.leave(LEAVE, self.s)
 
-    def accept(self, zeros: _Zeros, count: Whole, before: Real, again: Flag) -> None:
+    def accept(self, zeros: Zeros, count: Whole, before: Real, again: Flag) -> None:
         """Write the events before a time on the step, and the sides at its end; keep what held before it.
 
         `again` says that the next step is to be inspected whatever its bounds say.
         """
-        p, watched, record = self.p, self.watched, self.watched.record
+        p, record = self.p, self.watched.record
         with p.when(record.done + count > record.room):
             p.leave(p.choose(record.done.equals(0), p.constant(LEAVE, WHOLE), p.constant(WAIT, WHOLE)), self.s)
-        still = p.variable(count.equals(0) & ~again, "still")
-        signs, nears, starting = (watched.side(block) for block in (SIGN, NEAR, STARTING))
-        with p.loop(0, self.size) as i:
-            begins = ~starting[i].equals(0)
-            same = signs[i].equals(zeros.signs[i]) & nears[i].equals(zeros.nears[i])
-            still.value = still.value & same & ~begins
-        with p.when(~still.value):
-            self.keep_sides(zeros)
-            self.write_events(zeros, count, before)
+        self.keep_sides(zeros, again)
+        self.write_events(zeros, count, before)
+
+    def keep_sides(self, zeros: Zeros, again: Flag) -> None:
+        """Keep the sides before the step, and write those at its end; say whether the next is to be inspected."""
+        p, watched, size = self.p, self.watched, self.size
+        kept = watched.sides.at(size * SIDES)
+        sign, near, starting, counted = (watched.side(block) for block in (SIGN, NEAR, STARTING, COUNT))
         inspect = p.variable(again | self.wary, "inspect")
-        with p.loop(0, self.size) as i:
+        with p.loop(0, size) as i:
+            before = {SIGN: self.signs[i], NEAR: self.nears[i], STARTING: starting[i], COUNT: counted[i]}
+            for block, value in before.items():
+                kept[i + size * block] = value
+            sign[i], near[i], starting[i] = zeros.signs[i], zeros.nears[i], 0
             inspect.value = inspect.value | zeros.signs[i].equals(0) | ~zeros.nears[i].equals(0)
         self.taylor.inspect = p.whole(inspect.value)
 
-    def keep_sides(self, zeros: _Zeros) -> None:
-        """Keep the sides before the step, and write those at its end."""
-        p, watched, size = self.p, self.watched, self.size
-        kept = watched.sides.at(size * SIDES)
-        with p.loop(0, size * SIDES) as i:
-            kept[i] = watched.sides[i]
-        sides = [watched.side(block) for block in (SIGN, NEAR, STARTING)]
-        with p.loop(0, size) as i:
-            kept[i], kept[i + size] = self.signs[i], self.nears[i]
-            for side, value in zip(sides, (zeros.signs[i], zeros.nears[i], 0), strict=True):
-                side[i] = value
-
-    def write_events(self, zeros: _Zeros, count: Whole, before: Real) -> None:
+    def write_events(self, zeros: Zeros, count: Whole, before: Real) -> None:
         """Write the events before a time on the step."""
         p, watched, record = self.p, self.watched, self.watched.record
         slot = p.variable(record.done, "slot")

@@ -36,8 +36,8 @@ def doubtful_events(layout: TaylorLayout) -> Procedure:
         doubt = p.choose(outweighs & (start * end > 0.0), 0.0, 1.0)
         doubt = p.choose(everything, 1.0, doubt)
         doubtful[i] = doubt
-        most = p.largest(doubt)
-    p.leave(most.value > 0.0)
+        number = p.sum(doubt)
+    p.leave(number.value > 0.0)
     return p.finish(FLAG)
 
 

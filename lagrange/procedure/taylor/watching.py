@@ -10,6 +10,7 @@ from typing import Any
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.events.constants import MOST_COEFFICIENTS
+from lagrange.procedure.events.polynomial import PADDED
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Callee, Record
 from lagrange.procedure.taylor.memory import BLOCK, SIZES, RecordedLayout, TaylorLayout
 from lagrange.procedure.values import Flag, Memory, Real, Whole
@@ -25,6 +26,7 @@ WATCH = Record.of(
     fresh=WHOLE,
     wary=WHOLE,
     surfaces=WHOLE,
+    changing=WHOLE,
     room=WHOLE,
     done=WHOLE,
     ahead=WHOLE,
@@ -46,6 +48,7 @@ WATCH = Record.of(
     wary         1 where series hide what they grow to: every step is inspected, and no longer than they show to be safe
     fresh        1 where a motion begins whose sides are not known
     surfaces     how many of what is watched are surfaces
+    changing     1 where something that is watched may change the motion or end the run
     room         how many events there is room for
     done         how many events are written, and `ahead` with those on the step that is not proven yet
     due          what vanishes at the end of the last step and changes the motion there: its place and 1; 0 for nothing
@@ -78,8 +81,24 @@ COLUMN = MOST_COEFFICIENTS + 1
 MOST_ZEROS = 64
 """So many zeros on one step are dealt with in the loop."""
 
+TERM_SUMS = ("rest", "rates", "end", "slope", "late")
+"""What is known of the terms x[k] s**k of something watched on a step.
 
-REALS = {"columns": COLUMN, "times": 2 * MOST_ZEROS, "late": 1, "early": 1, "values": 1, "noise": 1}
+    rest   the sum of their sizes over k > 1, and `rates` that of k times their sizes
+    end    the sum of all terms: the value at the end of the step
+    slope  the sum of k times each: the derivative there, in units of the step
+    late   the largest size among the last two
+"""
+
+REALS = {
+    "columns": COLUMN,
+    "terms": PADDED,
+    "slopes": PADDED,
+    "sums": len(TERM_SUMS),
+    "times": 2 * MOST_ZEROS,
+    "values": 1,
+    "noise": 1,
+}
 WHOLES = {"zeros": 4 * MOST_ZEROS, "ends": 4, "sides": 2, "seen": 1, "counts": 1, "begun": 2}
 """What is kept of each thing watched on the way: how many numbers of each part."""
 
