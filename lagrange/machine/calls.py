@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -55,6 +55,24 @@ def quickly(kernel: Kernel, parameters: FloatArray, t: float, y: FloatArray) -> 
 
 def nothing(*_: Any) -> None:
     """Return None: the caller takes the other way."""
+
+
+def may_vanish(kernel: Kernel, parameters: FloatArray) -> bool:
+    """Return whether a result may be zero at some state; what parameters alone determine is looked at.
+
+    To look at the results of 100,000 states takes as long as to compute those of small systems.
+    """
+    program = kernel.program
+    if any(one.op in ("state", "time") for one in program.instructions):
+        return True
+    found = quickly(kernel, parameters, 0.0, np.zeros(program.states))
+    return found is None or 0.0 in found.tolist()
+
+
+def column_of_zero(kernel: Kernel, t: Any, inputs: Sequence[FloatArray], parameters: FloatArray) -> int | None:
+    """Return the first column where a result is zero, 0 for one state, or None."""
+    zeros = (kernel.columns(t, [one.reshape(len(one), -1) for one in inputs], parameters) == 0.0).any(axis=0)
+    return int(np.argmax(zeros)) if zeros.any() else None
 
 
 FEW_ENTRIES = 64

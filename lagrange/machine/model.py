@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -15,7 +15,7 @@ from lagrange.errors import RunError, StatementError, counted, listing, shown
 from lagrange.graph.branches import square_roots
 from lagrange.graph.node import Node
 from lagrange.machine.backend import FloatArray, Kernel, KernelProvider, Machine, Series, SingularMassMatrix
-from lagrange.machine.calls import Quick, scalar, surely_finite
+from lagrange.machine.calls import Quick, column_of_zero, may_vanish, scalar, surely_finite
 from lagrange.machine.kernel.python_kernel import PythonKernel, printed
 from lagrange.machine.parameters import Parameters, ParameterValues
 from lagrange.machine.singular import singular_sentence
@@ -60,6 +60,7 @@ class Model:
         self._law = lru_cache(maxsize=len(LAW_QUANTITIES))(made.kernel)
         self._kernels: dict[str, Kernel] = {}
         self._series: dict[tuple[Node, ...], tuple[Series, Switched]] = {}
+        self._quick_rhs: Callable[[Any, Any], FloatArray | None] = self._first_rhs
         self.prepared: dict[Any, Any] = {}
         """What runs have prepared for other runs, by what it was prepared for."""
 
@@ -169,11 +170,13 @@ class Model:
 
     def rhs(self, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
         """Return dy/dt = [v, a], (2n,) or (2n, batch); t is a number or (batch,)."""
-        if parameters is None:
-            found = self._quick["rhs"].whole(t, y)
-            if found is not None:
-                return found
-        return self._run("rhs", t, self._checked_state(y), parameters)
+        found = self._quick_rhs(t, y) if parameters is None else None
+        return self._run("rhs", t, self._checked_state(y), parameters) if found is None else found
+
+    def _first_rhs(self, t: Any, y: Any) -> FloatArray | None:
+        """Find the quick call of the right-hand side, which stands in this one's place from then on."""
+        self._quick_rhs = self._quick["rhs"].whole
+        return self._quick_rhs(t, y)
 
     def jacobian(self, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
         """Return d rhs / d y, (2n, 2n), or (2n, 2n, batch)."""
@@ -290,7 +293,8 @@ class Model:
             result = kernel.columns(time, state, values) if q.ndim > 1 else kernel(time, np.concatenate(state), values)
         except SingularMassMatrix as error:
             raise RunError(self.singular_message(time, np.concatenate(state), error.column, values)) from error
-        if self._alone and kernel.program.solved and not surely_finite(result):
+        looked_at = self._alone and kernel.program.solved and (q.ndim == 1 or may_vanish(self._masses, values))
+        if looked_at and not surely_finite(result):
             column = self.column_without_inertia(time, q, v, values)
             if column is not None:
                 raise RunError(self.singular_message(time, q, column, values))
@@ -336,20 +340,13 @@ class Model:
         """
         if not self._alone:
             return None
-        found = self._masses_of(t, q, v, parameters)
+        quick = self._masses.quick(self.parameter_array(parameters))
+        found = None if quick is None else quick.parts(t, q, v)
         if found is not None:
             return 0 if 0.0 in found.tolist() else None
         q, v = self._state(q, v)
         t, parameters = self._time(t, q), self.parameter_array(parameters)
-        q, v = q.reshape(self.dimension, -1), v.reshape(self.dimension, -1)
-        masses = self._masses.columns(t, (q, v), parameters)
-        none = (masses == 0.0).any(axis=0)
-        return int(np.argmax(none)) if none.any() else None
-
-    def _masses_of(self, t: Any, q: Any, v: Any, parameters: FloatArray) -> FloatArray | None:
-        """Return the inertia of each coordinate of `_alone` at one plain state, or nothing."""
-        quick = self._masses.quick(self.parameter_array(parameters))
-        return None if quick is None else quick.parts(t, q, v)
+        return column_of_zero(self._masses, t, (q, v), parameters)
 
     def singular_message(
         self, t: float | FloatArray, q: FloatArray, column: int | None = None, parameters: Parameters = None

@@ -16,7 +16,7 @@ import lagrange as lg
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.numpy_text import column_source
-from lagrange.machine.kernel.python_kernel import FUNCTIONS, PythonKernel
+from lagrange.machine.kernel.python_kernel import FUNCTIONS, PythonKernel, printed
 from lagrange.machine.kernel.python_text import WRITTEN_OUT, fits, scalar_source
 from lagrange.machine.python_source import defined
 from lagrange.program.program import Instruction, Program, ProgramBlock
@@ -136,6 +136,59 @@ def test_rows_are_written_in_place_where_nothing_reads_them_later() -> None:
         assert kernel(0.0, y[:, column].copy(), parameters) == pytest.approx(found[:, column], rel=1e-14)
     text, buffers = column_source(program)
     assert buffers == 4 and "np.add(y0, y1, b0)" in text and "np.multiply(b0, y0, o0)" in text
+
+
+def test_sines_of_many_angles_are_made_of_the_tangents_of_their_halves(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where tangents are fast; alone, in pairs, as results, and far from zero: within two ulps of 1.
+
+    The path of a run is read by `kernel(t, y, p)`, at one step or at many: that has the digits of one state.
+    """
+    code = (
+        *(Instruction("state", place=i) for i in range(3)),
+        Instruction("sin", (0,)),
+        Instruction("cos", (0,)),
+        Instruction("sin", (1,)),
+        Instruction("add", (2, 0)),
+        Instruction("cos", (6,)),
+        Instruction("mul", (3, 4)),
+        Instruction("sin", (8,)),
+        Instruction("cos", (2,)),
+    )
+    program = Program("angles", (ProgramBlock("y", 3),), 0, code, 0, (3, 4, 5, 7, 9, 10), (ProgramBlock("a", 6),), (6,))
+    y, none = np.random.default_rng(7).normal(size=(3, 500)), np.empty(0)
+    y[:, 100:200], y[:, 200:300], y[:, 300:310] = 1e5 * y[:, 100:200], 1e-9 * y[:, 200:300], np.pi
+    y[:, 310:313], y[:, 313], y[:, 314] = np.pi / 2, 0.0, -np.pi
+    expected = InterpretedKernel(program)(0.0, y, none)
+    for fast in (False, True):
+        monkeypatch.setattr("lagrange.machine.kernel.python_kernel.tangents_are_fast", lambda fast=fast: fast)
+        kernel = PythonKernel(program)
+        found = kernel.columns(0.0, [y], none)
+        assert np.array_equal(kernel(0.0, y, none), expected)
+        assert np.abs(found - expected).max() <= 2 * np.finfo(float).eps
+        assert found[2] == pytest.approx(expected[2], rel=1e-15, abs=0.0)  # sines keep their digits near zeros
+        assert ("np.tan(" in printed(program)) == fast == ("np.sin(" not in printed(program))
+    assert np.isnan(kernel.columns(0.0, [np.full((3, 2), np.inf)], none)).all()
+
+
+def test_only_results_that_may_lack_an_inertia_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To test whether 100,000 accelerations are finite takes as long as to compute those of small systems."""
+    mass = lg.parameters("m", positive=False)
+    free = lg.System(kinetic=(mass * x.dot**2 + y.dot**2) / 2, potential=x**4, coordinates=[x, y]).compile("numpy")
+    polar = lg.System(kinetic=(x.dot**2 + x**2 * y.dot**2) / 2, coordinates=[x, y], initial={x: 1.0}).compile("numpy")
+    with pytest.raises(lg.RunError, match="mass matrix is singular"):
+        free.rhs(0.0, np.ones((4, 3)), {mass: 0.0})
+    seen: list[Any] = []
+
+    def looked_at(found: Any) -> bool:
+        seen.append(found)
+        return True
+
+    monkeypatch.setattr("lagrange.machine.model.surely_finite", looked_at)
+    free.rhs(0.0, np.ones((4, 3)), {mass: 2.0})
+    assert not seen
+    polar.rhs(0.0, np.ones((4, 3)))
+    free.rhs(0.0, np.ones((4, 3)), {mass: 0.0})
+    assert len(seen) == 2
 
 
 def test_rows_of_a_solved_system_are_free_when_they_are_read() -> None:

@@ -75,6 +75,7 @@ def test_what_is_given_is_not_changed_and_results_are_new(model: Model) -> None:
 
 def test_batches_and_times_are_as_before(model: Model) -> None:
     many = np.column_stack([STATE, STATE + 0.1])
+    assert np.array_equal(model.rhs(0.0, many[:, :1]), model.rhs(0.0, many)[:, :1])
     assert model.rhs(0.0, many)[:, 0] == pytest.approx(slow(model, "rhs"), rel=1e-14)
     assert np.array_equal(model.rhs(0, STATE), model.rhs(np.float64(0.0), STATE))
 

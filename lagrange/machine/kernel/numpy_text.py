@@ -27,22 +27,27 @@ from lagrange.program.program import Instruction, Program
 UFUNCS = {op: function.__name__ for op, function in OPERATIONS.items() if isinstance(function, np.ufunc)}
 """What NumPy calls operations on rows."""
 
+ANGULAR = ("sin", "cos")
 
-def column_source(program: Program) -> tuple[str, int]:
+
+def column_source(program: Program, *, half_angles: bool = False) -> tuple[str, int]:
     """Return `def name_columns(p)`, which returns a function of (t, y, out, b) that fills out (k, m), and its rows.
 
     `t` has m times, `y` a row of m numbers for each input, and `b` as many rows to work with as are said. The function
-    returns False where a pivot cannot be trusted in some column, else True.
+    returns False where a pivot cannot be trusted in some column, else True. With `half_angles` sines and cosines are
+    made of the tangent of half the angle.
     """
-    printer = _Rows(program)
+    printer = _Rows(program, half_angles)
     return printer.text(), printer.most
 
 
 class _Rows(FloatPrinter):
     """Prints operations on rows, each into one that is free; what needs parameters alone are floats."""
 
-    def __init__(self, program: Program) -> None:
+    def __init__(self, program: Program, half_angles: bool) -> None:
         super().__init__(program)
+        self.half_angles, self.angles = half_angles, _angles(program)
+        """The sine and the cosine that are wanted of an angle, by its place."""
         self.most = 0
         self.free: list[int] = []
         self.rows = {"t", *(f"y{i}" for i in range(program.states))}
@@ -116,6 +121,8 @@ class _Rows(FloatPrinter):
             self.texts[i] = ATOM, self.vectors[one.args[0]][one.place]
         elif one.op in FLAG_OPERATIONS:
             self.texts[i] = ATOM, self.named(f"c{i}", f"np.{UFUNCS[one.op]}({self.operands(one)})")
+        elif one.op in ANGULAR and self.half_angles:
+            self.by_half_angle(one.args[0])
         else:
             text = self.operands(one)
             if one.op in UFUNCS:
@@ -124,10 +131,35 @@ class _Rows(FloatPrinter):
             if one.op in UFUNCS:
                 # NumPy wants the row named where it takes any number of operands.
                 named = "out=" if one.op in ("min", "max") else ""
-                self.write(f"np.{UFUNCS[one.op]}({text}, {named}{row})")
+                if one.op == "mul" and one.args[0] == one.args[1]:
+                    self.write(f"np.square({self.text_of(one.args[0])}, {row})")
+                else:
+                    self.write(f"np.{UFUNCS[one.op]}({text}, {named}{row})")
             else:
                 self.composed(one, row)
             self.slots[i], self.texts[i] = [row], (ATOM, row)
+
+    def by_half_angle(self, angle: int) -> None:
+        """Write the sine and the cosine of an angle x, once, from t = tan(x/2): 2 t/(1 + t^2) and 2/(1 + t^2) - 1."""
+        wanted = self.angles.pop(angle, {})
+        if not wanted:
+            return
+        rows = {op: self.row_of(i) for op, i in wanted.items()}
+        spare = [self.row()] if "cos" not in rows else []
+        second = rows.get("cos") or spare[0]
+        first = rows.get("sin", second)
+        self.write(f"np.multiply(0.5, {self.text_of(angle)}, {first})")
+        self.write(f"np.tan({first}, {first})")
+        self.write(f"np.square({first}, {second})")
+        self.write(f"np.add(1.0, {second}, {second})")
+        self.write(f"np.divide(2.0, {second}, {second})")
+        if "sin" in rows:
+            self.write(f"np.multiply({first}, {second}, {first})")
+        if "cos" in rows:
+            self.write(f"np.subtract({second}, 1.0, {second})")
+        self.release(spare)
+        for op, i in wanted.items():
+            self.slots[i], self.texts[i] = [rows[op]], (ATOM, rows[op])
 
     def operands(self, one: Instruction) -> str:
         return ", ".join(self.text_of(arg) for arg in one.args)
@@ -250,6 +282,16 @@ class _Rows(FloatPrinter):
         self.write(f"if not (np.absolute({left}, {left}) <= {size}).all():")
         self.write("    return False")
         self.release([left, size, spare])
+
+
+def _angles(program: Program) -> dict[int, dict[str, int]]:
+    """Return the sine and the cosine of each angle, those that are computed each time."""
+    found: dict[int, dict[str, int]] = {}
+    for i in range(program.hoisted, len(program.instructions)):
+        one = program.instructions[i]
+        if one.op in ANGULAR:
+            found.setdefault(one.args[0], {})[one.op] = i
+    return found
 
 
 def _last_uses(program: Program) -> list[int]:

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 import struct
+import sys
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -23,13 +24,17 @@ from lagrange.machine.kernel.python_text import WRITTEN_OUT, checked_source, fit
 from lagrange.machine.python_source import defined
 from lagrange.procedure.interpreter import OPERATIONS
 from lagrange.program.program import Program
+from lagrange.program.simplify import simplified
 from lagrange.statement.number import DOUBLE
 
 CACHED = 2**17
 """Doubles of a block of columns: 1 MiB, which fits the second-level cache of most processors."""
 
-LEAST_COLUMNS, MOST_COLUMNS = 64, 8192
+LEAST_COLUMNS, MOST_COLUMNS = 64, 16384
 """The least and the largest number of columns of a block."""
+
+PASSING_ROWS = 3
+"""Rows of inputs and results that are in the cache beside those to work with: an operation reads two and writes one."""
 
 FUNCTIONS: dict[str, Any] = {
     **{name: getattr(math, name) for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2")},
@@ -45,15 +50,31 @@ FUNCTIONS: dict[str, Any] = {
 NO_VALUE = (ZeroDivisionError, ValueError, OverflowError)
 """What Python raises where there is no finite value."""
 
+NO_NUMBERS = (*NO_VALUE, TypeError)
+"""What Python raises there, or where rows of a matrix stand for numbers."""
+
 CHECKS: dict[str, Any] = {
     "ndarray": np.ndarray,
     "double": DOUBLE,
     "isfinite": math.isfinite,
-    "array": np.array,
-    "empty": np.empty,
-    "NO_VALUE": NO_VALUE,
+    "NO_VALUE": NO_NUMBERS,
 }
 """What checks of one state, and what makes an array of its results, are made of."""
+
+
+@lru_cache(maxsize=1)
+def tangents_are_fast() -> bool:
+    """Return whether NumPy computes tangents with vectors of eight doubles, as it does not sines and cosines.
+
+    Then a tangent takes 1.5 ns, a sine 3 to 11; elsewhere all take as long as in the C library. NumPy has such tangents
+    on Linux alone; one before 2.0 does not say what it has.
+    """
+    if sys.platform != "linux" or not hasattr(np.lib, "introspect"):
+        return False
+    found = np.lib.introspect.opt_func_info(func_name="^tan$", signature="float64")
+    kinds = [kind["current"] for signatures in found.values() for kind in signatures.values()]
+    return any(kind.startswith(("AVX512", "X86_V4")) for kind in kinds)
+
 
 SOURCE_NOTE = """\
 # y = {inputs}, p = model.parameter_array(): the parameters, in the statement's order. A result of None, or an error
@@ -81,10 +102,10 @@ def printed(program: Program) -> str:
             f"{program.name} solves a linear system of {orders} unknowns, which is not printed: {WRITTEN_OUT} are the "
             "most. Call the model, or take model.interpreted(name).program."
         )
-    inputs = ", ".join(block.name for block in program.inputs)
-    columns, buffers = column_source(program)
+    inputs, shorter = ", ".join(block.name for block in program.inputs), simplified(program)
+    columns, buffers = column_source(shorter, half_angles=tangents_are_fast())
     note = SOURCE_NOTE.format(inputs=f"[{inputs}]", name=program.name)
-    return note + scalar_source(program) + COLUMNS_NOTE.format(buffers=buffers) + columns
+    return note + scalar_source(shorter) + COLUMNS_NOTE.format(buffers=buffers) + columns
 
 
 class _Prepared:
@@ -134,7 +155,7 @@ class PythonKernel:
     def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
         """Evaluate the program; see `Kernel`."""
         if y.ndim > 1:
-            return self.columns(t, [y], parameters)
+            return self._by_blocks(self._exact_blocks, t, [y], parameters)
         function = self._one_state(parameters)
         try:
             found = None if function is None else function(float(t), y.tolist())
@@ -172,17 +193,27 @@ class PythonKernel:
     def _checked(self, arrays: Mapping[str, int]) -> _Prepared:
         """Return the function of one state as arrays, with checks of what comes and goes; see `checked_source`."""
         packed = struct.Struct(f"{len(self._program.outputs)}d").pack_into
-        names = {**FUNCTIONS, **CHECKS, "pack": packed}
-        return _Prepared(defined(checked_source(self._program, arrays), self._program.name, names))
+        names = {**FUNCTIONS, **CHECKS, "pack": packed, "new": np.empty(self._program.shape).copy}
+        return _Prepared(defined(checked_source(self._shorter, arrays), self._program.name, names))
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Evaluate every column, by blocks; see `Kernel`."""
+        """Evaluate every column; see `Kernel`. Sines may be rounded otherwise than those of one state."""
+        blocks = self._fast_blocks if tangents_are_fast() else self._exact_blocks
+        return self._by_blocks(blocks, t, inputs, parameters)
+
+    def _by_blocks(
+        self,
+        blocks: tuple[_Prepared, int],
+        t: float | FloatArray,
+        inputs: Sequence[FloatArray],
+        parameters: FloatArray,
+    ) -> FloatArray:
         program, count = self._program, inputs[0].shape[1]
         rows = [row for block in inputs for row in block]
         out = np.empty((len(program.outputs), count))
-        prepared, buffers = self._blocks
+        prepared, buffers = blocks
         run = prepared(parameters)
-        length = min(max(CACHED // (buffers + len(rows) + 1), LEAST_COLUMNS), MOST_COLUMNS, max(count, 1))
+        length = min(max(CACHED // (buffers + PASSING_ROWS), LEAST_COLUMNS), MOST_COLUMNS, max(count, 1))
         work, times = np.empty((buffers, length)), np.broadcast_to(np.asarray(t, dtype=float), (count,))
         with np.errstate(all="ignore"):
             for low in range(0, count, length):
@@ -204,11 +235,26 @@ class PythonKernel:
         return InterpretedKernel(self._program)
 
     @cached_property
-    def _one_state(self) -> _Prepared:
-        return _Prepared(defined(scalar_source(self._program), self._program.name, FUNCTIONS))
+    def _shorter(self) -> Program:
+        """What is printed."""
+        return simplified(self._program)
 
     @cached_property
-    def _blocks(self) -> tuple[_Prepared, int]:
-        """The function of blocks of columns, and how many rows it works with."""
-        text, buffers = column_source(self._program)
+    def _one_state(self) -> _Prepared:
+        return _Prepared(defined(scalar_source(self._shorter), self._program.name, FUNCTIONS))
+
+    @cached_property
+    def _exact_blocks(self) -> tuple[_Prepared, int]:
+        """The function of blocks of columns that computes what that of one state does, and how many rows it takes.
+
+        Paths of runs are read at one step or at many, with the same digits.
+        """
+        return self._printed_blocks(half_angles=False)
+
+    @cached_property
+    def _fast_blocks(self) -> tuple[_Prepared, int]:
+        return self._printed_blocks(half_angles=True)
+
+    def _printed_blocks(self, *, half_angles: bool) -> tuple[_Prepared, int]:
+        text, buffers = column_source(self._shorter, half_angles=half_angles)
         return _Prepared(defined(text, f"{self._program.name}_columns", {**FUNCTIONS, "np": np})), buffers

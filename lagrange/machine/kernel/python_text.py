@@ -47,13 +47,14 @@ def checked_source(program: Program, given: Mapping[str, int]) -> str:
 
     It returns a new array with finite entries, or None: where an argument is no float or no plain array of doubles of
     that length, where a result is not finite, and where Python raises. It is one function, since each call of another
-    takes as long as three operations.
+    takes as long as three operations. The size tells enough where inputs are results: the rows of a matrix are lists,
+    which cannot be added to t.
     """
     return FloatPrinter(program, given).text()
 
 
-MOST_CONVERTED = 6
-"""Up to so many results NumPy makes an array of a tuple in less time than it takes to pack them into one."""
+MOST_ADDED = 12
+"""Up to so many results are added one by one in less time than a tuple of them takes."""
 
 Entries = dict[tuple[int, int], str]
 """The names of a lower triangle by (row, column); what is missing is zero."""
@@ -152,25 +153,21 @@ class FloatPrinter:
         first, unpacked = 0, []
         self.write(f"def {self.program.name}(t, {', '.join(arrays)}):")
         self.depth = 2
+        given = any(self.program.instructions[ref].op == "state" for ref in self.program.outputs)
         for name, size in arrays.items():
-            self.leave_if(f"type({name}) is not ndarray or {name}.dtype is not double or {name}.shape != ({size},)")
+            other = f"{name}.size != {size}" if given and len(arrays) == 1 else f"{name}.shape != ({size},)"
+            self.leave_if(f"type({name}) is not ndarray or {name}.dtype is not double or {other}")
             if size:
                 unpacked.append(f"{listed('y', size, first)} = {name}.tolist()")
             first += size
         self.leave_if("not isinstance(t, float)")
-        for line in [*unpacked, *(["t = float(t)"] if self.places("time") else []), "try:"]:
+        for line in [*(["t = float(t)"] if self.places("time") else []), "try:"]:
             self.write(line)
         self.depth = 3
-        begin = len(self.lines)
+        for line in unpacked:
+            self.write(line)
         self.run(body)
-        found = self.results()
-        self.depth = 2
-        if len(self.lines) == begin:
-            self.lines.pop()  # nothing is computed, and a try is never empty
-        else:
-            self.write("except NO_VALUE:")
-            self.write("    return None")
-        self.made(found)
+        self.made(self.results())
 
     def leave_if(self, condition: str) -> None:
         """Return None on a condition."""
@@ -179,15 +176,18 @@ class FloatPrinter:
 
     def made(self, found: list[str]) -> None:
         """Return an array of the results if they are finite."""
-        shape, results = self.program.shape, "".join(f"{one}, " for one in found).rstrip()
-        if len(found) <= MOST_CONVERTED:
-            self.leave_if(f"not isfinite({' + '.join(['t', *found])})")
-            self.write(f"return array(({results})){'' if len(shape) == 1 else f'.reshape({shape!r})'}")
-            return
-        self.write(f"r = ({results})")
-        self.leave_if("not isfinite(t + sum(r))")
-        self.write(f"out = empty({shape!r})")
-        self.write("pack(out, 0, *r)")
+        results = ", ".join(found)
+        if len(found) <= MOST_ADDED:
+            self.leave_if(f"not isfinite({' + '.join([*found, 't'])})")
+        else:
+            self.write(f"r = ({results})")
+            self.leave_if("not isfinite(sum(r) + t)")
+            results = "*r"
+        self.depth = 2
+        self.write("except NO_VALUE:")
+        self.write("    return None")
+        self.write("out = new()")
+        self.write(f"pack(out, 0, {results})")
         self.write("return out")
 
     def run(self, refs: Iterable[int]) -> None:
@@ -278,7 +278,8 @@ class FloatPrinter:
         x = [self.text_of(ref, SUM) for ref in one.args[1:]]
         for i in range(n):
             terms = [f"{rows[i * (i + 1) // 2 + k]} * {x[k]}" for k in range(i) if rows[i * (i + 1) // 2 + k]]
-            x[i] = self.named(f"b{place}_{i}", " - ".join([x[i], *terms]))
+            if terms or not x[i].isidentifier():
+                x[i] = self.named(f"b{place}_{i}", " - ".join([x[i], *terms]))
         for i in reversed(range(n)):
             held = [k for k in range(i + 1, n) if rows[k * (k + 1) // 2 + i]]
             terms = [f"{rows[k * (k + 1) // 2 + i]} * {x[k]}" for k in held]

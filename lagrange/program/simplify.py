@@ -1,0 +1,246 @@
+"""A program with fewer operations, for machines on which each one costs a call: the same value but for rounding.
+
+Signs are carried to where they cost nothing, a multiply-add is two operations, so that products can be shared, and
+where a sum has F*(u - v) and F*v, as the derivatives of an angle between two links give, it has F*u instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from lagrange.program.program import Instruction, Program
+
+LARGEST = 4000
+"""Programs with more instructions are left as they are: this takes 10 us an instruction."""
+
+LONGEST = 40
+"""Sums with more terms, and products with more factors, are not searched: each term is compared with all others."""
+
+ODD, EVEN = ("mul", "div"), ("abs", "cos")
+"""Operations that hand the signs of their operands on, and those that drop them."""
+
+SUMS = ("add", "sub")
+NO_OPERATION = ("time", "state", "parameter", "constant", "component")
+
+
+class Signed(NamedTuple):
+    """A result of the new program, or its negative."""
+
+    ref: int
+    negative: bool = False
+
+
+Term = tuple[bool, tuple[int, ...]]
+"""A product in a sum: whether it is subtracted, and its factors, sorted."""
+
+
+def simplified(program: Program) -> Program:
+    """Return the program with fewer operations, or as it is if there are no fewer or it is long."""
+    if len(program.instructions) > LARGEST:
+        return program
+    found = _Simplifier(program).made()
+    return found if operations(found) < operations(program) else program
+
+
+def operations(program: Program) -> int:
+    """Return how many operations are done each time, a multiply-add as two."""
+    moving = program.instructions[program.hoisted :]
+    return sum(one.op not in NO_OPERATION for one in moving) + sum(one.op == "fma" for one in moving)
+
+
+class _Simplifier:
+    """Writes a program again, each value with its sign apart, and each operation once."""
+
+    def __init__(self, program: Program) -> None:
+        self.program = program
+        self.code: list[Instruction] = []
+        self.hoisted: list[bool] = []
+        self.reads: list[int] = []
+        """How often each new instruction is read so far."""
+        self.factors: list[tuple[int, ...]] = []
+        """The factors of each new instruction, sorted: itself, where it is no product."""
+        self.numbers: dict[Instruction, int] = {}
+        self.values: list[Signed] = []
+        self.sums: dict[int, list[Term]] = {}
+        """The terms of the new sums that nothing else reads."""
+
+    def made(self) -> Program:
+        """Return the new program."""
+        for one, uses in zip(self.program.instructions, _uses(self.program), strict=True):
+            value = self.again(one)
+            self.values.append(value)
+            if uses > 1:
+                self.sums.pop(value.ref, None)
+        outputs = [self.plain(ref) for ref in self.program.outputs]
+        needed = self.needed(outputs)
+        order = [ref for wanted in (True, False) for ref in needed if self.hoisted[ref] is wanted]
+        place = {old: new for new, old in enumerate(order)}
+        instructions = tuple(self.code[i]._replace(args=tuple(place[a] for a in self.code[i].args)) for i in order)
+        return replace(
+            self.program,
+            instructions=instructions,
+            hoisted=sum(self.hoisted[ref] for ref in needed),
+            outputs=tuple(place[ref] for ref in outputs),
+        )
+
+    def needed(self, outputs: Sequence[int]) -> list[int]:
+        """Return what the outputs are computed from, in order."""
+        marked = [False] * len(self.code)
+        for ref in outputs:
+            marked[ref] = True
+        for ref in reversed(range(len(self.code))):
+            if marked[ref]:
+                for arg in self.code[ref].args:
+                    marked[arg] = True
+        return [ref for ref, mark in enumerate(marked) if mark]
+
+    def emit(self, op: str, *args: int, **data: Any) -> int:
+        """Return the number of an instruction, a new one only if there is none like it."""
+        one = Instruction(op, args, **data)
+        if one not in self.numbers:
+            ref = self.numbers[one] = len(self.code)
+            self.code.append(one)
+            self.hoisted.append(op not in ("time", "state") and all(self.hoisted[arg] for arg in args))
+            self.reads.append(0)
+            found = tuple(sorted(f for arg in args for f in self.factors[arg])) if op == "mul" else (ref,)
+            self.factors.append(found if len(found) <= LONGEST else (ref,))
+            for arg in args:
+                self.reads[arg] += 1
+        return self.numbers[one]
+
+    def again(self, one: Instruction) -> Signed:
+        """Return an instruction's value in the new program."""
+        if one.op == "constant" and one.value < 0.0:
+            return Signed(self.emit("constant", value=-one.value), negative=True)
+        if one.op == "neg":
+            value = self.values[one.args[0]]
+            return Signed(value.ref, not value.negative)
+        given = [self.values[arg] for arg in one.args]
+        if one.op in ODD:
+            return self.odd(one.op, *given)
+        if one.op == "fma":
+            return self.sum(self.odd("mul", *given[:2]), given[2])
+        if one.op in SUMS:
+            first, second = given
+            return self.sum(first, Signed(second.ref, second.negative != (one.op == "sub")))
+        args = [value.ref if one.op in EVEN else self.plain_of(value) for value in given]
+        return Signed(self.emit(one.op, *args, **_data(one)))
+
+    def odd(self, op: str, a: Signed, b: Signed) -> Signed:
+        """Return a product or a quotient."""
+        return Signed(self.emit(op, a.ref, b.ref), a.negative != b.negative)
+
+    def sum(self, a: Signed, b: Signed) -> Signed:
+        """Return a sum; one of which something cancels is written without it."""
+        terms = [*self.terms(a), *self.terms(b)]
+        if len(terms) > LONGEST:
+            return self.added(a, b)
+        left = self.cancelled(terms)
+        found = self.added(a, b) if len(left) == len(terms) else self.total(left)
+        if self.code[found.ref].op in SUMS:
+            self.sums[found.ref] = [(negative != found.negative, factors) for negative, factors in left]
+        return found
+
+    def added(self, a: Signed, b: Signed) -> Signed:
+        """Return the sum of two values."""
+        if a.negative == b.negative:
+            return Signed(self.emit("add", a.ref, b.ref), a.negative)
+        return Signed(self.emit("sub", *((b.ref, a.ref) if a.negative else (a.ref, b.ref))))
+
+    def plain(self, ref: int) -> int:
+        """Return the new number of an old result."""
+        return self.plain_of(self.values[ref])
+
+    def plain_of(self, value: Signed) -> int:
+        """Return a value whose sign is carried out."""
+        if not value.negative:
+            return value.ref
+        free = self.turned(value.ref, 0)
+        return self.emit("neg", value.ref) if free is None else free
+
+    def turned(self, ref: int, readers: int) -> int | None:
+        """Return the negative of a value where it takes no operation more, as no more than so many others read it."""
+        one = self.code[ref]
+        if one.op == "constant":
+            return self.emit("constant", value=-one.value)
+        if self.hoisted[ref]:
+            return self.emit("neg", ref)
+        if self.reads[ref] > readers:
+            return None
+        if one.op == "sub":
+            return self.emit("sub", *reversed(one.args))
+        if one.op not in ("add", *ODD):
+            return None
+        first, second = one.args
+        found = self.turned(first, 1)
+        if found is not None:
+            return self.emit("sub" if one.op == "add" else one.op, found, second)
+        found = self.turned(second, 1)
+        if found is None:
+            return None
+        return self.emit("sub", found, first) if one.op == "add" else self.emit(one.op, first, found)
+
+    def parts(self, ref: int) -> list[Signed]:
+        """Return the two parts of a sum or difference, none for what is neither."""
+        one = self.code[ref]
+        if one.op not in SUMS:
+            return []
+        return [Signed(one.args[0]), Signed(one.args[1], one.op == "sub")]
+
+    def terms(self, value: Signed) -> list[Term]:
+        """Return the terms of a value: those of a sum that nothing else reads."""
+        found = self.sums.get(value.ref, [(False, self.factors[value.ref])])
+        return [(negative != value.negative, factors) for negative, factors in found]
+
+    def cancelled(self, terms: list[Term]) -> list[Term]:
+        """Return the terms, F*u in place of F*(u - v) and F*v as often as there are such."""
+        for i, (negative, factors) in enumerate(terms):
+            for difference in factors:
+                rest = list(factors)
+                rest.remove(difference)
+                products = [
+                    (negative != part.negative, tuple(sorted([*rest, *self.factors[part.ref]])))
+                    for part in self.parts(difference)
+                ]
+                for (sign, product), kept in zip(products, reversed(products), strict=True):
+                    if (not sign, product) in terms:
+                        others = [one for k, one in enumerate(terms) if k != i]
+                        others.remove((not sign, product))
+                        return self.cancelled([*others, kept])
+        return terms
+
+    def total(self, terms: Sequence[Term]) -> Signed:
+        """Write a sum of products."""
+        found = None
+        for negative, factors in terms:
+            value = Signed(self.product(factors), negative)
+            found = value if found is None else self.added(found, value)
+        if found is None:
+            return Signed(self.emit("constant", value=0.0))
+        return found
+
+    def product(self, factors: Sequence[int]) -> int:
+        """Write a product: what needs parameters alone first, and inputs, in which products differ most, last."""
+        order = sorted(factors, key=lambda ref: (not self.hoisted[ref], self.code[ref].op == "state", ref))
+        made = order[0]
+        for ref in order[1:]:
+            made = self.emit("mul", made, ref)
+        return made
+
+
+def _data(one: Instruction) -> dict[str, Any]:
+    """Return what an instruction has beside its operation and operands."""
+    return {name: getattr(one, name) for name in ("place", "value", "order", "negative")}
+
+
+def _uses(program: Program) -> list[int]:
+    """Return how often each result is read."""
+    found = [0] * len(program.instructions)
+    for one in program.instructions:
+        for arg in one.args:
+            found[arg] += 1
+    for ref in program.outputs:
+        found[ref] += 1
+    return found
