@@ -7,10 +7,19 @@ from collections.abc import Mapping
 from typing import Any, Self
 
 from lagrange.equations.derivation import Derivation
+from lagrange.machine.model import Model
 from lagrange.mechanics.comparison import EquationsComparison, compare_equations
+from lagrange.mechanics.hamilton import Hamiltonian, hamiltonian
+from lagrange.mechanics.ignored import ignored
+from lagrange.mechanics.linearization import Linearization, linearized_at
+from lagrange.mechanics.linearization_check import check as check_linearization
+from lagrange.mechanics.modes import Modes, modes
+from lagrange.mechanics.point import stated_point
 from lagrange.mechanics.reduction import reduced
+from lagrange.mechanics.routh import routhian
 from lagrange.mechanics.student_equations import equations_of_text, read_equations
 from lagrange.mechanics.substitution import substituted
+from lagrange.mechanics.transformation import transformed
 from lagrange.statement.statement import Statement
 
 
@@ -27,6 +36,10 @@ class Analysis(ABC):
     @abstractmethod
     def derivation(self) -> Derivation:
         """Return the textbook derivation."""
+
+    @abstractmethod
+    def compile(self, target: str = "llvm", *, check: bool = True) -> Model:
+        """Compile for a target; numbers of the model test what is found."""
 
     def eliminate(self, *coordinates: Any) -> Self:
         """Return a smaller System: holonomic constraints solved for coordinates, and both left out.
@@ -63,3 +76,64 @@ class Analysis(ABC):
         A refusal names the line and the column.
         """
         return compare_equations(self.statement, self.derivation(), equations_of_text(text, self.statement))
+
+    def hamiltonian(self) -> Hamiltonian:
+        """Return Hamilton's form: H in momenta, Hamilton's equations, Poisson brackets, and a System that runs.
+
+        Raises StatementError where momenta do not determine the velocities, and for systems with constraints.
+        """
+        return hamiltonian(self.statement, self.compile("numpy", check=False), self.from_statement)
+
+    def routhian(self, *coordinates: Any) -> Self:
+        """Return a smaller System without ignorable coordinates; the momentum p_phi of each is a parameter.
+
+        Its value is that of the initial state. The `potential` is the effective one. Points that an ignored coordinate
+        places are left out. Raises StatementError, with the rate of its momentum, for one that is not ignorable.
+        """
+        return self.from_statement(routhian(self.statement, coordinates, self.compile("numpy", check=False)))
+
+    def ignored(self, solution: Any) -> dict[Any, Any]:
+        """Return the ignored coordinates and their velocities along a run of the Routhian, {symbol: (N,)}.
+
+        They are integrated over the path of the run, to 1e-12 of what they go through, from the initial values here.
+        """
+        return ignored(self.statement, solution)
+
+    def transform(
+        self,
+        coordinates: Mapping[Any, Any],
+        *,
+        positive: Any = (),
+        parameters: Mapping[Any, Any] | None = None,
+        initial: Mapping[Any, Any] | None = None,
+    ) -> Self:
+        """Return the System in new coordinates, given {x: r*cos(phi), y: r*sin(phi)}; t may stand there too.
+
+        Energies, forces by virtual work, dissipation, constraints and positions are carried over; the initial state is
+        solved for by number, unless `initial` gives it in the new coordinates. Those in `positive`, such as [r], are
+        taken for positive, so that sqrt(r**2) is r. `parameters` has values of those that only the expressions contain.
+        Raises StatementError where the new coordinates are singular.
+        """
+        model = self.compile("numpy", check=False)
+        return self.from_statement(transformed(self.statement, coordinates, positive, parameters, initial, model))
+
+    def linearize(self, at: Mapping[Any, Any] | None = None, *, inputs: Any = ()) -> Linearization:
+        """Return M, C, K and A, B of small changes about a point, SymPy matrices.
+
+        `at` has values of coordinates, of velocities of steady motions and of inputs, numbers or expressions in
+        parameters; what it does not name is zero. `inputs` are parameters that forces contain. With constraints the
+        equations are those of independent coordinates. Away from equilibrium the matrices hold at that instant, and
+        `.note` says so. Tested against the Jacobian of the compiled model.
+        """
+        point = stated_point(self.statement, at, inputs)
+        found = linearized_at(point)
+        check_linearization(found, point, self.compile("numpy", check=False))
+        return found
+
+    def modes(self, at: Mapping[Any, Any] | None = None) -> Modes:
+        """Return frequencies, shapes and stability of small oscillations about an equilibrium.
+
+        They are symbolic while roots of degree two give them, else numbers at the values of the parameters. Raises
+        StatementError away from equilibrium.
+        """
+        return modes(self.linearize(at), stated_point(self.statement, at))

@@ -1,0 +1,354 @@
+"""Small oscillations: frequencies and shapes of M x'' + C x' + K x = 0, in symbols where roots of degree two give them.
+
+Without C, det(K - w^2 M) = 0 and (K - w^2 M) x = 0; with C, det(M s^2 + C s + K) = 0.
+Source: H. Goldstein, C. Poole, J. Safko, Classical Mechanics, 3rd ed., 2002, chapter 6.
+"""
+
+from __future__ import annotations
+
+import cmath
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import sympy
+
+from lagrange.errors import RunError, StatementError, listing
+from lagrange.mechanics.linearization import Linearization
+from lagrange.mechanics.linearization_check import numeric
+from lagrange.mechanics.plain_form import PlainForm, number
+from lagrange.mechanics.point import StatedPoint
+from lagrange.mechanics.simplification import simplest, size
+from lagrange.mechanics.stability import REAL_PART, Verdict, at_fixed_momenta, has_energy, ignorable, verdict
+from lagrange.statement.coordinate import t
+
+LARGEST_SYMBOLIC = 4
+"""Coordinates up to which frequencies are sought in symbols; the characteristic polynomial of five has pages."""
+
+LONGEST_POLYNOMIAL = 3000
+"""Operations of a characteristic polynomial up to which it is factored."""
+
+LONGEST_SIMPLIFIED = 60
+"""Operations of an entry of a shape up to which SymPy simplifies it, in some 0.1 s."""
+
+ZERO = 1e-18
+"""Entries of a null vector that are zero, in 30 digits."""
+
+SMALL = 1e-7
+"""A frequency that counts as zero, relative to the largest: a zero of w^2 is found to 1e-16."""
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """The modes about an equilibrium, n of them: `frequencies` and `shapes`, column vectors in `coordinates`.
+
+    A frequency is real where the mode oscillates, and imaginary where it moves away without oscillating. Of a damped
+    mode it is that of the oscillation, and `decay` the rate at which it decays. They are symbolic, or else numbers
+    (then `symbolic` is false) at the values of the parameters. `eigenvalues` are numbers, 2n of them, none where a
+    parameter has no value. `stable` is True, False or None, and `reason` says why.
+    """
+
+    coordinates: tuple[Any, ...]
+    frequencies: tuple[Any, ...]
+    decay: tuple[Any, ...]
+    shapes: tuple[Any, ...]
+    eigenvalues: tuple[complex, ...]
+    symbolic: bool
+    stable: bool | None
+    reason: str
+    linearization: Linearization
+
+    def __repr__(self) -> str:
+        word = {True: "stable", False: "unstable", None: "undecided"}[self.stable]
+        return f"<Modes: {word}; frequencies {listing(map(str, self.frequencies))}>"
+
+
+@dataclass(frozen=True)
+class _Root:
+    """A frequency, its decay, and the eigenvalue s or the square w^2 that its shape belongs to."""
+
+    frequency: Any
+    decay: Any
+    value: Any
+
+
+def modes(lin: Linearization, point: StatedPoint) -> Modes:
+    """Return the modes about an equilibrium or a steady motion. Raises StatementError elsewhere."""
+    statement = point.form.statement
+    if not lin.equilibrium:
+        raise StatementError(f"there are no modes at this point. {lin.note} equilibria() looks for equilibria.")
+    if any(x.has(t) for x in (*lin.M, *lin.C, *lin.K)):
+        raise StatementError(
+            f"the linear equations of {statement.name} depend on time at this point, and have no modes: linearize() "
+            "gives the matrices."
+        )
+    if lin.K.rows != lin.K.cols:
+        raise StatementError(
+            f"{statement.name} has constraints on velocities, and its positions are not restricted by them: "
+            "linearize().A has the eigenvalues."
+        )
+    values = _values(point, lin)
+    symbolic = _symbolic(lin) if not point.decimal and lin.M.rows <= LARGEST_SYMBOLIC else None
+    if symbolic is None and values is None:
+        missing = [p.name for p in statement.parameters if p not in statement.defaults]
+        raise StatementError(
+            f"the modes of {statement.name} are not found in symbols, and for numbers {listing(missing)} "
+            f"{'has' if len(missing) == 1 else 'have'} no value: give parameters={{'{(missing or ['m'])[0]}': 1.0}}."
+        )
+    found = _verdict(lin, point.form, values)
+    if symbolic is not None:
+        roots, shapes = symbolic
+        _check(roots, lin, values)
+        order = sorted(
+            range(len(roots)), key=lambda i: _sort_key(roots[i].frequency, values or _ones_of(lin.M, lin.C, lin.K))
+        )
+        roots, shapes = [roots[i] for i in order], [shapes[i] for i in order]
+    elif values is not None:
+        roots, shapes = _numbers(lin, values)
+    return Modes(
+        lin.coordinates,
+        tuple(root.frequency for root in roots),
+        tuple(root.decay for root in roots),
+        tuple(shapes),
+        () if values is None else tuple(complex(x) for x in eigenvalues(lin, values)),
+        symbolic is not None,
+        found.stable,
+        found.reason,
+        lin,
+    )
+
+
+def _check(roots: Sequence[_Root], lin: Linearization, values: Mapping[Any, Any] | None) -> None:
+    """Compare symbolic roots with the eigenvalues. Raises RunError where one is none of them."""
+    if values is None:
+        return
+    known = eigenvalues(lin, values)
+    for root in roots:
+        found = complex(number(sympy.I * root.frequency - root.decay, values))
+        # A double eigenvalue is found to the square root of round-off.
+        if cmath.isfinite(found) and np.abs(known - found).min() > REAL_PART * max(1e-300, np.abs(known).max()):
+            raise RunError(
+                f"the frequency {root.frequency} is wrong: {found:.12g} is no eigenvalue of the linear equations. This "
+                "is a fault of lagrange, please report it with this message."
+            )
+
+
+def _values(point: StatedPoint, lin: Linearization) -> Mapping[Any, Any] | None:
+    """Return numbers for all symbols of the matrices, or None where one is missing."""
+    known = point.numbers
+    symbols = [s for matrix in (lin.M, lin.C, lin.K) for x in matrix for s in sorted(x.free_symbols, key=str)]
+    return known if all(s in known for s in symbols) else None
+
+
+def _ones_of(*matrices: Any) -> Mapping[Any, Any]:
+    """Return numbers for all symbols, which tell frequencies apart where parameters have no values."""
+    symbols = [s for matrix in matrices for x in matrix for s in sorted(x.free_symbols, key=str)]
+    return {s: sympy.Rational(10 + 3 * k, 10) for k, s in enumerate(dict.fromkeys(symbols))}
+
+
+def _sort_key(given: Any, values: Mapping[Any, Any]) -> tuple[float, float]:
+    found = number(given, values)
+    return abs(found.imag), abs(found.real)
+
+
+def eigenvalues(lin: Linearization, values: Mapping[Any, Any]) -> Any:
+    """Return the eigenvalues of A as numbers, by real then by imaginary part."""
+    mass, damping, stiffness = (numeric(x, values) for x in (lin.M, lin.C, lin.K))
+    n = mass.shape[0]
+    lower = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
+    return np.sort_complex(np.linalg.eigvals(np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), lower])))
+
+
+def _verdict(lin: Linearization, form: PlainForm, values: Mapping[Any, Any] | None) -> Verdict:
+    gone = ignorable(form) if not form.statement.constraints else ()
+    if values is None:
+        return symbolic_verdict(lin, form, gone)
+    parts = [numeric(x, values) for x in (lin.M, lin.C, lin.K)]
+    if any(np.iscomplexobj(part) or not np.isfinite(part).all() for part in parts):
+        return Verdict(stable=None, reason="the point does not exist at the values of the parameters.")
+    return verdict(*at_fixed_momenta(parts[0], parts[1], parts[2], gone), energetic=has_energy(form))
+
+
+def criterion(lin: Linearization, gone: tuple[int, ...]) -> tuple[Any, ...]:
+    """Return the leading minors of K at fixed momenta: the energy has a minimum if all are positive."""
+    _, _, stiffness = at_fixed_momenta(lin.M, lin.C, lin.K, gone)
+    return tuple(simplest(stiffness[:k, :k].det(method="berkowitz")) for k in range(1, stiffness.rows + 1))
+
+
+def symbolic_verdict(lin: Linearization, form: PlainForm, gone: tuple[int, ...]) -> Verdict:
+    """Return the verdict for all values of the parameters, where SymPy knows the signs."""
+    minors = criterion(lin, gone)
+    drag = lin.C + lin.C.T
+    braked = drag.is_zero_matrix or all(drag[:k, :k].det().is_positive for k in range(1, drag.rows + 1))
+    if minors and braked and lin.K.is_symmetric(simplify=True) and has_energy(form):
+        if all(minor.is_positive for minor in minors):
+            return Verdict(stable=True, reason="the energy has a strict minimum there.")
+        if minors[-1].is_negative:
+            return Verdict(
+                stable=False, reason="the determinant of K is negative, so that an eigenvalue is real and positive."
+            )
+    return Verdict(
+        None, f"that depends on the parameters: the energy has a minimum if {listing(map(str, minors))} > 0."
+    )
+
+
+def _symbolic(lin: Linearization) -> tuple[list[_Root], list[Any]] | None:
+    """Return the modes in symbols, or None where the characteristic polynomial has no factors of degree two."""
+    s = sympy.Dummy("s")
+    plain = lin.C.is_zero_matrix
+    pencil = lin.K - s * lin.M if plain else lin.M * s**2 + lin.C * s + lin.K
+    polynomial = sympy.expand(pencil.det(method="berkowitz"))
+    if size(polynomial) > LONGEST_POLYNOMIAL or any(x.has(sympy.Float) for x in (*lin.M, *lin.C, *lin.K)):
+        return None
+    polynomial = sympy.numer(sympy.together(polynomial))
+    even = not plain and not sympy.expand(polynomial - polynomial.xreplace({s: -s}))
+    squared = sympy.Dummy("squared")
+    if even:
+        polynomial = sympy.Poly(polynomial, s).as_expr().xreplace({s ** (2 * k): squared**k for k in range(1, 20)})
+    roots = _roots(polynomial, squared if even else s, plain, even)
+    if roots is None or len(roots) != lin.M.rows:
+        return None
+    shapes: list[Any] = []
+    for root in roots:
+        same = [other for other in roots[: len(shapes)] if other.value == root.value]
+        shape = _shape(pencil.xreplace({s: root.value}), len(same))
+        if shape is None:
+            return None
+        shapes.append(shape)
+    return roots, shapes
+
+
+def _roots(polynomial: Any, x: Any, plain: bool, even: bool) -> list[_Root] | None:
+    """Return the roots of a polynomial whose factors are of degree one or two; a damped pair is one root."""
+    found: list[_Root] = []
+    for factor, power in sympy.factor_list(polynomial, x)[1]:
+        coefficients = [simplest(c) for c in sympy.Poly(factor, x).all_coeffs()]
+        made = _of_factor(coefficients, plain, even)
+        if made is None:
+            return None
+        found += made * power
+    if not plain and not even:
+        zeros = [root for root in found if root.value == 0]  # both zeros of s^2 = 0 are one mode
+        found = [root for root in found if root.value != 0] + zeros[: (len(zeros) + 1) // 2]
+    return found
+
+
+def _of_factor(coefficients: Sequence[Any], plain: bool, even: bool) -> list[_Root] | None:
+    """Return the roots of one factor, given by its coefficients from the highest on."""
+    zero = sympy.S.Zero
+    if len(coefficients) == 2:
+        root = simplest(-coefficients[1] / coefficients[0])
+        if not (plain or even):
+            return [_Root(zero, zero, zero)] if root == 0 else None
+        return [_oscillation(root, plain)]
+    if len(coefficients) != 3:
+        return None
+    a, b, c = coefficients
+    if plain or even:
+        spread = _root_of(b**2 - 4 * a * c)
+        pair = [_oscillation(_neat((-b + sign * spread) / (2 * a)), plain) for sign in (-1, 1)]
+        other = _by_product(simplest((-b if plain else b) / a), simplest(c / a), plain)
+        return min((pair, other), key=lambda two: size(two[0].frequency)) if other else pair
+    decay = simplest(b / (2 * a))
+    frequency = _root_of(c / a - decay**2)
+    return [_Root(frequency, decay, -decay + sympy.I * frequency)]
+
+
+def _by_product(total: Any, squared: Any, plain: bool) -> list[_Root]:
+    """Return two modes with w1^2 + w2^2 = total and w1 w2 = P as (sqrt(total + 2 P) -+ sqrt(total - 2 P))/2.
+
+    That is shorter where P has no root in it, as for Foucault's pendulum. None where P may be imaginary.
+    """
+    product = _root_of(squared)
+    if not product.is_positive:
+        return []
+    wide, narrow = (_root_of(total + sign * 2 * product) for sign in (1, -1))
+    found = [_neat(sympy.expand((wide - narrow) / 2)), _neat(sympy.expand((wide + narrow) / 2))]
+    return [_Root(w, sympy.S.Zero, sympy.expand(w**2) if plain else sympy.I * w) for w in found]
+
+
+def _oscillation(root: Any, plain: bool) -> _Root:
+    """Return the mode of a root w^2 (`plain`) or s^2."""
+    square = root if plain else -root
+    frequency = _root_of(square)
+    return _Root(frequency, sympy.S.Zero, root if plain else sympy.I * frequency)
+
+
+def _root_of(given: Any) -> Any:
+    """Return a square root, what is a square taken out of it."""
+    return sympy.sqrtdenest(sympy.sqrt(_neat(given)))
+
+
+def _neat(given: Any) -> Any:
+    """Return an expression with roots in its shortest form."""
+    candidates = [given, sympy.factor(given), sympy.radsimp(given), simplest(given), sympy.factor_terms(given)]
+    return min(candidates, key=size)
+
+
+def _shape(matrix: Any, skipped: int) -> Any:
+    """Return a column in the null space of a matrix, the first entry that is not zero being one."""
+    adjugate = matrix.adjugate()
+    values = _ones_of(matrix)
+    sizes = [abs(number(x, values)) for x in adjugate]
+    adjugate = adjugate.applyfunc(lambda x: x if abs(number(x, values)) > ZERO * max(sizes) else sympy.S.Zero)
+    for k in range(adjugate.cols):
+        column = adjugate[:, k]
+        if skipped == 0 and max(sizes) > ZERO and not column.is_zero_matrix:
+            return _scaled(column)
+    columns = matrix.nullspace(simplify=True)
+    return _scaled(columns[skipped]) if skipped < len(columns) else None
+
+
+def _scaled(column: Any) -> Any:
+    first = next(x for x in column if x != 0)
+    return (column / first).applyfunc(_shortest)
+
+
+def _shortest(given: Any) -> Any:
+    """Return an entry of a shape with its root out of the denominator."""
+    short = sympy.simplify(given) if size(given) <= LONGEST_SIMPLIFIED else given
+    return _neat(sympy.radsimp(short))
+
+
+def _numbers(lin: Linearization, values: Mapping[Any, Any]) -> tuple[list[_Root], list[Any]]:
+    """Return the modes as numbers."""
+    mass, damping, stiffness = (numeric(x, values) for x in (lin.M, lin.C, lin.K))
+    n = mass.shape[0]
+    lower = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
+    found, vectors = np.linalg.eig(np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), lower]))
+    largest = max(1e-300, float(np.abs(found).max()))
+    order = sorted(range(2 * n), key=lambda i: (abs(found[i].imag), abs(found[i].real), found[i].imag < 0))
+    roots: list[_Root] = []
+    shapes: list[Any] = []
+    for i in order:
+        if found[i].imag < -SMALL * largest or len(roots) == n:
+            continue  # the other of a pair
+        if abs(found[i].imag) <= SMALL * largest and _has_partner(found[i], [r.value for r in roots], largest):
+            continue
+        roots.append(_root_of_number(found[i], largest))
+        shapes.append(_column(vectors[:n, i]))
+    return roots, shapes
+
+
+def _has_partner(value: complex, taken: Sequence[complex], largest: float) -> bool:
+    """Return whether a real eigenvalue is the negative of one that stands for both, in a pair that is not left over."""
+    alike = sum(abs(value + other) <= SMALL * largest * 10 for other in taken)
+    equal = sum(abs(value - other) <= SMALL * largest * 10 for other in taken)
+    return alike > equal if abs(value) > SMALL * largest * 10 else alike % 2 == 1
+
+
+def _root_of_number(value: complex, largest: float) -> _Root:
+    real = value.real if abs(value.real) > SMALL * largest else 0.0
+    if abs(value.imag) <= SMALL * largest:
+        return _Root(sympy.I * sympy.Float(abs(real)) if real else sympy.S.Zero, sympy.S.Zero, value)
+    return _Root(sympy.Float(abs(value.imag)), sympy.Float(-real) if real else sympy.S.Zero, value)
+
+
+def _column(vector: Any) -> Any:
+    """Return a shape with one as the first of its largest entries, real where it is."""
+    sizes = np.abs(vector)
+    scaled = vector / vector[int(np.argmax(sizes >= 0.999 * sizes.max()))]
+    if np.abs(scaled.imag).max() < SMALL:
+        return sympy.Matrix([sympy.Float(float(x)) for x in scaled.real])
+    return sympy.Matrix([sympy.Float(float(x.real)) + sympy.I * sympy.Float(float(x.imag)) for x in scaled])

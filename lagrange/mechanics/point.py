@@ -1,0 +1,119 @@
+"""The point about which a system is looked at: coordinates, steady velocities and inputs, as a user gives them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import sympy
+
+from lagrange.errors import StatementError, listing, shown, suggestion
+from lagrange.mechanics.identity import vanishes
+from lagrange.mechanics.plain_form import PlainForm
+from lagrange.statement.coordinate import name_of, velocity_of
+from lagrange.statement.expression import entries, expression
+from lagrange.statement.statement import Statement
+from lagrange.statement.survey import Survey
+
+CLOSE = 1e-8
+"""What is left of the forces at an equilibrium in decimals, relative to the stiffness: such a point is given so."""
+
+
+@dataclass(frozen=True, eq=False)
+class StatedPoint:
+    """Values in plain symbols, n coordinates and n velocities, and of the inputs."""
+
+    form: PlainForm
+    q: tuple[Any, ...]
+    v: tuple[Any, ...]
+    inputs: Mapping[Any, Any]
+
+    @cached_property
+    def table(self) -> dict[Any, Any]:
+        """Replacement of coordinates, velocities and inputs by their values; at a decimal point of parameters too."""
+        values = self.numbers if self.decimal else {}
+        return {
+            **dict(zip(self.form.q, (x.xreplace(values) for x in self.q), strict=True)),
+            **dict(zip(self.form.v, (x.xreplace(values) for x in self.v), strict=True)),
+            **values,
+            **{u: x.xreplace(values) for u, x in self.inputs.items()},
+        }
+
+    @property
+    def numbers(self) -> dict[Any, Any]:
+        """The values of the parameters that have one, the inputs left out."""
+        return {p: sympy.Rational(x) for p, x in self.form.statement.defaults.items() if p not in self.inputs}
+
+    @cached_property
+    def decimal(self) -> bool:
+        """Whether the point has decimals in it: then it is one of the parameters' values, and of no others."""
+        return any(x.has(sympy.Float) for x in (*self.q, *self.v, *self.inputs.values()))
+
+    def is_zero(self, given: Any, scale: Any) -> bool:
+        """Return whether an expression vanishes at the point; of decimals, to eight digits of a size."""
+        if not self.decimal or given.free_symbols:
+            return vanishes(self.form, given)
+        size = max([1.0, *(abs(complex(x)) for x in scale if not x.free_symbols)])
+        return abs(complex(given)) <= CLOSE * size
+
+
+def stated_point(statement: Statement, at: Any, inputs: Any = ()) -> StatedPoint:
+    """Return the point that `at` gives; what it does not name is zero, inputs too.
+
+    Raises StatementError for keys that the system does not have, and for values that are not constant.
+    """
+    if at is not None and not isinstance(at, Mapping):
+        raise StatementError(f"at is {shown(at)}: give a dict such as {{{statement.names[0]}: 0}}.")
+    chosen = _inputs(statement, inputs)
+    rows: dict[Any, Any] = {}
+    for q, name in zip(statement.coordinates, statement.names, strict=True):
+        rows[q] = rows[name] = q
+        rows[velocity_of(q)] = rows[f"{name}_dot"] = velocity_of(q)
+    for symbol in chosen:
+        rows[symbol] = rows[symbol.name] = symbol
+    values: dict[Any, Any] = {}
+    for key, value in (at or {}).items():
+        known = [label for label in rows if isinstance(label, str)]
+        if not isinstance(key, (str, sympy.Basic)) or key not in rows:
+            label = key if isinstance(key, str) else str(key)
+            raise StatementError(
+                f"at names {shown(label)}, which is no coordinate, velocity or input; they are {listing(known)}."
+                + suggestion(label, known)
+            )
+        values[rows[key]] = _constant(statement, value, f"the value of {key}")
+    form, zero = PlainForm(statement), sympy.S.Zero
+    return StatedPoint(
+        form,
+        tuple(values.get(q, zero) for q in statement.coordinates),
+        tuple(values.get(v, zero) for v in statement.velocities),
+        {symbol: values.get(symbol, zero) for symbol in chosen},
+    )
+
+
+def _inputs(statement: Statement, given: Any) -> tuple[Any, ...]:
+    """Return the parameters that are inputs."""
+    by_name = {p.name: p for p in statement.parameters}
+    listed: Sequence[Any] | None = entries(given, "inputs") if not isinstance(given, str) else [given]
+    found = []
+    for one in [given] if listed is None else listed:
+        label = one if isinstance(one, str) else one.name if isinstance(one, sympy.Symbol) else shown(one)
+        if label not in by_name:
+            raise StatementError(
+                f"inputs contains {label[:80]!r}, which is no parameter of this system; its parameters are "
+                f"{listing(by_name)}. State the force with a parameter, such as forces={{x: u}}."
+            )
+        found.append(by_name[label])
+    return tuple(found)
+
+
+def _constant(statement: Statement, given: Any, what: str) -> Any:
+    """Return a constant expression with the system's own parameters."""
+    value, survey = expression(given, what), Survey()
+    survey.add(value, what)
+    if survey.coordinates or survey.velocities:
+        names = listing(name_of(q) for q in survey.coordinates)
+        raise StatementError(f"{what} contains {names}: give numbers, or expressions in parameters.")
+    by_name = {p.name: p for p in statement.parameters}
+    return value.xreplace({p: by_name[p.name] for p in survey.parameters if p.name in by_name})

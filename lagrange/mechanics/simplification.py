@@ -1,0 +1,66 @@
+"""The shortest of a few forms of an expression; each is exact, and none is tried on what is long."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import sympy
+
+from lagrange.equations.terms import Algebra, TooLargeError
+
+LONGEST_FACTORED = 400
+"""Operations up to which an expression is multiplied out and factored; that many take SymPy some 0.2 s."""
+
+MOST_SYMBOLS = 12
+"""Symbols, functions and roots of an expression up to which it is factored: polynomials in more take long."""
+
+MERGED_TERMS = 20_000
+"""Products that merging sines and cosines may take, some 0.2 s."""
+
+_ANGLES = (sympy.sin, sympy.cos, sympy.tan)
+
+
+def simplest(given: Any) -> Any:
+    """Return the form of an expression with the fewest operations, of those that are tried."""
+    if not given.args or given.is_Piecewise or given.has(sympy.Piecewise):
+        return given
+    best = given
+    few = _generators(best) <= MOST_SYMBOLS
+    if size(best) <= LONGEST_FACTORED:
+        best = min((best, sympy.expand(best), sympy.factor_terms(best)), key=size)
+        if few:
+            best = min((best, sympy.factor(best)), key=size)
+    if best.has(*_ANGLES) and size(best) <= LONGEST_FACTORED and not best.has(sympy.Float):
+        merged = _merged(best)
+        best = min((best, merged, sympy.factor(merged) if few else sympy.factor_terms(merged)), key=size)
+    return best
+
+
+def _merged(given: Any) -> Any:
+    """Return an expression with sin^2 + cos^2 = 1 and the addition theorems put in, above and below the fraction."""
+    above, below = sympy.fraction(sympy.together(given))
+    algebra = Algebra(MERGED_TERMS)
+    try:
+        above, below = (algebra.write(algebra.merge_angles(algebra.read(part))) for part in (above, below))
+    except TooLargeError:
+        return given
+    return above / below
+
+
+def _generators(given: Any) -> int:
+    """Return how many symbols, functions and roots an expression is made of."""
+    roots = [power for power in given.atoms(sympy.Pow) if not power.exp.is_Integer]
+    return len(given.free_symbols) + len(given.atoms(*_ANGLES)) + len(roots)
+
+
+def size(given: Any) -> int:
+    """Return the number of operations of an expression."""
+    return int(sympy.count_ops(given))
+
+
+def is_zero(given: Any) -> bool:
+    """Return whether SymPy sees that an expression vanishes identically."""
+    if given.is_zero is not None:
+        return bool(given.is_zero)
+    short = simplest(given)
+    return bool(short.is_zero)

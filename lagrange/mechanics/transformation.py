@@ -1,0 +1,282 @@
+"""Point transformations: old coordinates as functions x(q, t) of new ones, in everything that was stated.
+
+The velocities follow by the chain rule, a generalized force acts as Q_j = sum_i Q_i dx_i/dq_j, and Rayleigh's
+dissipation takes the new velocities. The new initial state solves x(q) = x_0.
+Source: H. Goldstein, C. Poole, J. Safko, Classical Mechanics, 3rd ed., 2002, section 1.4 and its derivation 10.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import sympy
+
+from lagrange.equations.terms import differentiable, printable
+from lagrange.errors import StatementError, listing, shown, suggestion
+from lagrange.machine.model import Model
+from lagrange.mechanics.number_check import compared
+from lagrange.mechanics.plain_form import PlainForm, label_of, number
+from lagrange.mechanics.preimage import Preimage
+from lagrange.mechanics.rewriting import rewritten
+from lagrange.mechanics.simplification import simplest
+from lagrange.statement.coordinate import acceleration_of, name_of, t, velocity_of
+from lagrange.statement.expression import entries, expression
+from lagrange.statement.statement import Statement
+from lagrange.statement.survey import Survey
+
+
+@dataclass(frozen=True, eq=False)
+class Transformation:
+    """Old coordinates `gone` as expressions in `new` ones, in others that stay, parameters and t."""
+
+    statement: Statement
+    gone: tuple[Any, ...]
+    expressions: tuple[Any, ...]
+    new: tuple[Any, ...]
+    positive: tuple[Any, ...]
+
+    @cached_property
+    def coordinates(self) -> tuple[Any, ...]:
+        """The coordinates of the new statement: new ones stand where the first of the old ones stood."""
+        left = [q for q in self.statement.coordinates if q not in self.gone]
+        place = min(self.statement.coordinates.index(q) for q in self.gone)
+        before = [q for q in self.statement.coordinates[:place] if q in left]
+        return (*before, *self.new, *left[len(before) :])
+
+    @cached_property
+    def plain(self) -> dict[Any, Any]:
+        """Replacement of the new coordinates and their velocities by plain symbols."""
+        table: dict[Any, Any] = {}
+        for q in self.coordinates:
+            name = name_of(q)
+            table[q] = sympy.Symbol(name, positive=True) if q in self.positive else sympy.Symbol(name, real=True)
+            table[velocity_of(q)] = sympy.Symbol(f"{name}_dot", real=True)
+            table[acceleration_of(q)] = sympy.Symbol(f"{name}_ddot", real=True)
+        return table
+
+    def back(self, given: Any) -> Any:
+        """Return an expression in plain symbols as a user writes it."""
+        return printable(given).xreplace({symbol: leaf for leaf, symbol in self.plain.items()})
+
+    @cached_property
+    def old(self) -> tuple[Any, ...]:
+        """The old coordinates in plain symbols of the new ones."""
+        return tuple(differentiable(x.xreplace(self.plain)) for x in self.expressions)
+
+    @cached_property
+    def slopes(self) -> Any:
+        """dx/dq of the old coordinates by all new ones, (m, n)."""
+        return sympy.Matrix([[x.diff(self.plain[q]) for q in self.coordinates] for x in self.old])
+
+    def rate(self, given: Any) -> Any:
+        """Return the total time derivative of an expression in new coordinates, velocities and t."""
+        terms = [given.diff(t)]
+        for q in self.coordinates:
+            chain = (self.plain[q], self.plain[velocity_of(q)], self.plain[acceleration_of(q)])
+            terms += [given.diff(chain[0]) * chain[1], given.diff(chain[1]) * chain[2]]
+        return sympy.Add(*terms)
+
+    @cached_property
+    def table(self) -> dict[Any, Any]:
+        """Replacement of old coordinates and velocities by expressions in plain symbols of the new ones."""
+        found = dict(self.plain)
+        for q, x in zip(self.gone, self.old, strict=True):
+            found[q], found[velocity_of(q)] = x, self.rate(x)
+        return found
+
+    def put(self, given: Any) -> Any:
+        """Return a stated expression in the new coordinates."""
+        if not given.has(*self.gone, *self.positive):
+            return given
+        return self.back(simplest(printable(given.xreplace(self.table))))
+
+
+def transformed(
+    statement: Statement,
+    given: Mapping[Any, Any],
+    positive: Any,
+    parameters: Mapping[Any, Any] | None,
+    initial: Mapping[Any, Any] | None,
+    model: Model,
+) -> Statement:
+    """Return the statement in new coordinates; the model of the old ones tests it. See `Analysis.transform`."""
+    change = _transformation(statement, given, positive)
+    _check_regular(change)
+    start = dict(zip((*statement.coordinates, *statement.velocities), statement.initial, strict=True))
+    kept = {key: x for key, x in start.items() if not key.has(*change.gone)}
+    made = rewritten(
+        statement,
+        change.put,
+        coordinates=change.coordinates,
+        forces=_forces(change),
+        parameters=_parameters(change, parameters),
+        initial=kept if initial is None else _overlaid(kept, initial),
+    )
+    _check(change, made, model)
+    if initial is None:
+        made = replace(made, initial=_start(change, made))
+    return made
+
+
+def _parameters(change: Transformation, given: Any) -> dict[Any, Any]:
+    """Return all parameters with their values: those of the statement, and what the expressions have beside them."""
+    statement = change.statement
+    if given is not None and not isinstance(given, Mapping):
+        raise StatementError(
+            f"parameters is {shown(given)}: give a dict from parameters to values, such as {{w: 1.0}}."
+        )
+    known = {p: statement.defaults.get(p) for p in statement.parameters}
+    used = [p for x in change.expressions for p in sorted(x.free_symbols, key=str) if p != t]
+    return known | {p: None for p in used if p not in known} | dict(given or {})
+
+
+def _overlaid(kept: Mapping[Any, float], initial: Any) -> dict[Any, Any]:
+    """Return the initial state of what stays, with what a user gives for the new coordinates."""
+    if not isinstance(initial, Mapping):
+        raise StatementError(f"initial is {shown(initial)}: give a dict in the new coordinates, such as {{r: 1.0}}.")
+    return {**kept, **initial}
+
+
+def _start(change: Transformation, made: Statement) -> tuple[float, ...]:
+    """Return the new initial state, by number."""
+    old = change.statement
+    wanted = [old.coordinates.index(q) for q in change.gone]
+    still = dict.fromkeys((change.plain[velocity_of(q)] for q in made.coordinates), sympy.S.Zero)
+    rates = [change.rate(x) for x in change.old]
+    problem = Preimage(
+        statement=made,
+        names=tuple(old.names[i] for i in wanted),
+        unknowns=tuple(made.coordinates.index(q) for q in change.new),
+        angles=tuple(_is_angle(change, q) for q in change.new),
+        positive=tuple(q in change.positive for q in change.new),
+        values=tuple(map(change.back, change.old)),
+        slopes=tuple(tuple(change.back(entry) for entry in row) for row in change.slopes.tolist()),
+        drifts=tuple(change.back(rate.xreplace(still)) for rate in rates),
+    )
+    n = len(old.coordinates)
+    return problem.solved([old.initial[i] for i in wanted], [old.initial[n + i] for i in wanted])
+
+
+def _is_angle(change: Transformation, coordinate: Any) -> bool:
+    """Return whether a full turn of a new coordinate changes nothing."""
+    symbol = change.plain[coordinate]
+    return all(x.xreplace({symbol: symbol + 2 * sympy.pi}) == x for x in change.old)
+
+
+def _transformation(statement: Statement, given: Mapping[Any, Any], positive: Any) -> Transformation:
+    """Return the transformation that a user gives. Raises StatementError for what is none."""
+    if not isinstance(given, Mapping) or not given:
+        raise StatementError(
+            "transform takes a dict from coordinates to expressions in new ones, as {x: r*cos(phi), y: r*sin(phi)}, "
+            f"not {shown(given)}."
+        )
+    by_name = dict(zip(statement.names, statement.coordinates, strict=True))
+    table: dict[Any, Any] = {}
+    for key, value in given.items():
+        name = label_of(key)
+        if name not in by_name:
+            raise StatementError(
+                f"{name[:80]!r} is no coordinate of this system; they are {listing(by_name)}."
+                + suggestion(name, by_name)
+            )
+        table[by_name[name]] = expression(value, f"the expression for {name}")
+    survey = Survey()
+    for q, value in table.items():
+        survey.add(value, f"the expression for {name_of(q)}")
+    if survey.velocities:
+        raise StatementError(
+            f"the expressions contain {next(iter(survey.velocities))}: a point transformation has coordinates, "
+            "parameters and t in it, no velocities."
+        )
+    known = {p.name: p for p in statement.parameters}
+    same = {p: known[p.name] for p in survey.parameters if p.name in known}
+    stays = [q for q in statement.coordinates if q not in table]
+    new = tuple(q for q in survey.coordinates if q not in stays)
+    if len(new) != len(table):
+        raise StatementError(_count(table, new))
+    return Transformation(
+        statement, tuple(table), tuple(x.xreplace(same) for x in table.values()), new, _positive(positive, new)
+    )
+
+
+def _count(table: Mapping[Any, Any], new: Sequence[Any]) -> str:
+    """Return why another number of coordinates is no transformation."""
+    fewer = len(new) < len(table)
+    remedy = (
+        "With fewer, a constraint holds: state it, and eliminate(...) a coordinate."
+        if fewer
+        else "With more, they are not determined: give expressions for as many."
+    )
+    return (
+        f"the expressions for {listing(map(name_of, table))} have {len(new)} new coordinates "
+        f"({listing(map(name_of, new))}), and {len(table)} are replaced: a transformation needs as many. {remedy}"
+    )
+
+
+def _positive(given: Any, new: Sequence[Any]) -> tuple[Any, ...]:
+    """Return the new coordinates that are said to be positive."""
+    listed = entries(given, "positive")
+    found = []
+    for one in [given] if listed is None else listed:
+        match = [q for q in new if label_of(one) == name_of(q)]
+        if not match:
+            raise StatementError(
+                f"positive contains {shown(one)}, which is no new coordinate; they are {listing(map(name_of, new))}."
+            )
+        found += match
+    return tuple(found)
+
+
+def _check_regular(change: Transformation) -> None:
+    """Refuse new coordinates that leave the old ones dependent everywhere."""
+    places = [change.coordinates.index(q) for q in change.new]
+    determinant = change.slopes.extract(list(range(len(change.gone))), places).det(method="berkowitz")
+    if simplest(determinant) == 0:
+        raise StatementError(
+            f"{listing(map(name_of, change.gone))} do not vary independently with {listing(map(name_of, change.new))}: "
+            "the determinant of the derivatives is zero everywhere. Give independent expressions."
+        )
+
+
+def _forces(change: Transformation) -> dict[Any, Any]:
+    """Return the generalized forces on the new coordinates, of equal virtual work."""
+    statement = change.statement
+    pulls = {q: force for q, force in zip(statement.coordinates, statement.forces, strict=True) if force != 0}
+    found: dict[Any, Any] = {}
+    for j, q in enumerate(change.coordinates):
+        terms = [pulls[q].xreplace(change.table)] if q in pulls and q not in change.gone else []
+        terms += [
+            pulls[x].xreplace(change.table) * change.slopes[i, j] for i, x in enumerate(change.gone) if x in pulls
+        ]
+        found[q] = change.back(simplest(printable(sympy.Add(*terms))))
+    return found
+
+
+def _check(change: Transformation, made: Statement, model: Model) -> None:
+    """Compare the new momenta and forces with those of the compiled model: P = p dx/dq, F = f dx/dq + p dv/dq."""
+    old, form = change.statement, PlainForm(made)
+    same = {change.plain[key]: form.plain[key] for q in made.coordinates for key in (q, velocity_of(q))}
+    whole = [change.table[q].xreplace(same) for q in old.coordinates]
+    rates = [change.table[v].xreplace(same) for v in old.velocities]
+    by_place, by_rate = (sympy.Matrix(part).jacobian(list(form.q)) for part in (whole, rates))
+    found = [*form.momenta, *(form.lagrangian.diff(q) + force for q, force in zip(form.q, form.forces, strict=True))]
+    wary = [form.plain[q] for q in change.positive]
+
+    def values(point: Any) -> tuple[list[float], list[Any]]:
+        numbers = form.at(point)
+        if any(numbers[symbol] <= 0 for symbol in wary):
+            return [], [float("nan")]
+        q, v = ([number(x, numbers).real for x in part] for part in (whole, rates))
+        known = {p: x for p, x in point.parameters.items() if p in old.parameters}
+        p = model.momenta(q, v, point.t, known)
+        f = model.evaluate("forces", q, v, point.t, known)
+        slopes, turns = (
+            np.array([[number(x, numbers).real for x in row] for row in part.tolist()]) for part in (by_place, by_rate)
+        )
+        return [*(p @ slopes), *(f @ slopes + p @ turns)], [number(x, numbers) for x in found]
+
+    compared("the transformation", made, values)

@@ -1,0 +1,201 @@
+"""Linear equations about a point: those of the compiled Jacobian, with constraints, inputs and steady motions."""
+
+from __future__ import annotations
+
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy
+from sympy import Matrix, acos, cos, pi, sin
+
+import lagrange as lg
+from lagrange.errors import RunError, StatementError
+from lagrange.mechanics import linearization
+from lagrange.mechanics.linearization_check import numeric
+
+m, g, l, k, c, w, M, R = lg.parameters("m g l k c w M R")
+u = lg.parameters("u", positive=False)
+x, y, z, theta, phi = lg.coordinates("x y z theta phi")
+WRONG: Any = 3
+
+
+def cart(**more: Any) -> lg.System:
+    bob = (x + l * sin(theta), -l * cos(theta))
+    return lg.System(
+        lg.kinetic_energy(M, x) + lg.kinetic_energy(m, bob),
+        lg.gravity(m, bob, g),
+        coordinates=[x, theta],
+        forces={x: u - k * sin(theta.dot)},
+        dissipation=c * theta.dot**2 / 2,
+        parameters={m: 1, g: 9.81, l: 0.7, M: 2, k: 0.3, c: 0.2, **more},
+        name="cart",
+    )
+
+
+def test_an_inverted_pendulum_on_a_cart_has_the_matrices_of_the_book() -> None:
+    # K. Ogata, Modern Control Engineering, 5th ed., 2010, example 3-6, with theta from the top.
+    plain = cart().substitute({k: 0, c: 0})
+    lin = plain.linearize({theta: pi}, inputs=[u])
+    assert lin.equilibrium
+    assert lin.note == "About an equilibrium."
+    expected = Matrix([[0, 0, 1, 0], [0, 0, 0, 1], [0, m * g / M, 0, 0], [0, (M + m) * g / (M * l), 0, 0]])
+    assert (lin.A - expected).applyfunc(sympy.simplify).is_zero_matrix
+    assert Matrix([0, 0, 1 / M, 1 / (M * l)]) == lin.B
+
+
+def test_a_linearization_is_the_compiled_jacobian_anywhere() -> None:
+    system = cart(u=1.5)
+    lin = system.linearize({theta: 0.4, x.dot: -0.2, "theta_dot": 0.9, "u": 1.5}, inputs="u")
+    assert not lin.equilibrium
+    assert lin.note.startswith("Away from equilibrium: the forces left are ")
+    jacobian = system.compile("numpy").jacobian(0.0, [0.0, 0.4, -0.2, 0.9])
+    # Formulas in 30 digits beside doubles.
+    np.testing.assert_allclose(numeric(lin.A, {}), jacobian, rtol=1e-12, atol=1e-13)
+
+
+def test_a_steady_motion_is_one_and_others_are_told() -> None:
+    pendulum = lg.System(
+        m * l**2 * (theta.dot**2 + sin(theta) ** 2 * phi.dot**2) / 2,
+        -m * g * l * cos(theta),
+        coordinates=[theta, phi],
+        parameters={m: 1, g: 9.81, l: 1, w: 5},
+    )
+    steady = pendulum.linearize({theta: acos(g / (l * w**2)), phi.dot: w})
+    assert steady.note == "About a steady motion."
+    assert sympy.simplify(steady.K[0, 0] - m * (l**2 * w**4 - g**2) / w**2) == 0
+    assert steady.at == {theta: acos(g / (l * w**2)), phi: 0, phi.dot: w}
+    moving = pendulum.linearize({theta: pi, theta.dot: 0, phi.dot: w})
+    assert moving.equilibrium
+    tilted = cart().substitute({k: 0, c: 0, u: 0}).linearize({theta: 0, x.dot: 1})
+    assert tilted.note == "About a steady motion."
+    falling = lg.System(m * x.dot**2 / 2, k * x**2 / 2 - k * x).linearize({x: 1, x.dot: w})
+    assert falling.note == "Away from equilibrium: x moves, and the matrices hold at this instant."
+
+
+def test_constraints_leave_independent_coordinates() -> None:
+    # A bead on the wire y = a x^2 at its lowest point swings with w^2 = 2 a g.
+    wire = lg.System(
+        m * (x.dot**2 + y.dot**2) / 2,
+        m * g * y,
+        coordinates=[x, y],
+        constraints={"wire": y - k * x**2},
+        dissipation=c * y.dot**2,
+        parameters={m: 1, g: 9.81, k: 0.8, c: 0.1},
+    )
+    lin = wire.linearize({})
+    assert lin.coordinates == (x,)
+    assert (Matrix([m]), Matrix([0]), Matrix([2 * g * k * m])) == (lin.M, lin.C, lin.K)
+    assert lin.basis == Matrix([1, 0])
+    assert lin.note == "About an equilibrium on the constraints."
+    twice = lg.System(
+        m * (x.dot**2 + y.dot**2) / 2,
+        m * g * y,
+        coordinates=[x, y],
+        constraints={"wire": y - k * x**2, "same": 2 * y - 2 * k * x**2},
+        redundant="allow",
+        parameters={m: 1, g: 9.81, k: 0.8},
+    )
+    assert twice.linearize({}).K == lin.K
+
+
+def test_a_knife_edge_has_more_positions_than_velocities() -> None:
+    sled = lg.System(
+        m * (x.dot**2 + y.dot**2) / 2 + M * theta.dot**2 / 2,
+        k * (x**2 + y**2 + theta**2) / 2,
+        coordinates=[x, y, theta],
+        constraints={"edge": y.dot * cos(theta) - x.dot * sin(theta)},
+        parameters={m: 1, M: 2, k: 3},
+    )
+    lin = sled.linearize({})
+    assert (lin.M.shape, lin.K.shape, lin.A.shape) == ((2, 2), (2, 3), (5, 5))
+    assert (
+        Matrix([[0, 0, 0, 1, 0], [0, 0, 0, 0, 0], [0, 0, 0, 0, 1], [-k / m, 0, 0, 0, 0], [0, 0, -k / M, 0, 0]]) == lin.A
+    )
+    with pytest.raises(StatementError, match=r"system has constraints on velocities, and its positions are not restr"):
+        sled.modes({})
+
+
+def test_it_pickles_and_says_what_it_is() -> None:
+    lin = cart().linearize({}, inputs=[u])
+    again = pickle.loads(pickle.dumps(lin))
+    assert (again.M, again.at, again.B) == (lin.M, lin.at, lin.B)
+    assert repr(lin).startswith("<Linearization: About an equilibrium. M = [[M + m, l*m], [l*m, ")
+
+
+def rod(**more: Any) -> lg.System:
+    return lg.System(
+        m * (x.dot**2 + y.dot**2) / 2,
+        m * g * y,
+        coordinates=[x, y],
+        constraints={"rod": x**2 + y**2 - l**2},
+        parameters={m: 1, g: 9.81, l: 1},
+        initial={y: -1.0},
+        name="rod",
+        **more,
+    )
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: cart().linearize(WRONG), "at is 3: give a dict such as {x: 0}."),
+        (
+            lambda: cart().linearize({z: 0}),
+            "at names 'z(t)', which is no coordinate, velocity or input; they are x, x_",
+        ),
+        (
+            lambda: cart().linearize({x: theta}),
+            "the value of x(t) contains theta: give numbers, or expressions in para",
+        ),
+        (lambda: cart().linearize({x: "1"}), "the value of x(t) is the text '1': give a SymPy expression"),
+        (lambda: cart().linearize({}, inputs=["v"]), "inputs contains 'v', which is no parameter of this system; its"),
+        (lambda: rod().linearize({y: -l, x.dot: 1}), "rod has constraints and is linearised at rest only: leave the"),
+        (lambda: rod().linearize({y: -2 * l}), "the point is not on the constraint 'rod', which is 3*l**2 there and"),
+        (lambda: rod().linearize({x: l}), "rod has constraints and is linearised about equilibria only: at this point"),
+        (
+            lambda: lg.System(
+                x.dot**2 + y.dot**2, coordinates=[x, y], constraints=[x - y * (1 + sin(lg.t))], initial={}
+            ).linearize({}),
+            "the constraint 'constraint_1' moves with time, and no point stays on it.",
+        ),
+        (
+            lambda: lg.System(x.dot**2 + y.dot**2, constraints=[x - 1, y - x], initial={x: 1, y: 1}).linearize(
+                {x: 1, y: 1}
+            ),
+            "the constraints leave no motion: there is nothing to linearise.",
+        ),
+        (
+            lambda: lg.System(
+                x.dot**2 + y.dot**2 + z.dot**2, constraints=[x * y, x + y * z], coordinates=[x, y, z], initial={z: 1}
+            ).linearize({z: 0}),
+            "the constraints are dependent at this point, so that it has no linearization.",
+        ),
+        (
+            lambda: lg.System(x**2 * x.dot**2, k * x, initial={x: 1}).linearize({}),
+            "the mass matrix of system is singular at this point, which is no equilibrium: its accelerations are not",
+        ),
+        (
+            lambda: lg.System(x**2 * x.dot**2, k * x**2, initial={x: 1}).linearize({}).A,
+            "the mass matrix is singular at this point, so that A and B do not exist: M, C and K do. Choose",
+        ),
+    ],
+)
+def test_refusals(call: Any, words: str) -> None:
+    with pytest.raises(StatementError) as refusal:
+        call()
+    assert str(refusal.value).startswith(words)
+
+
+@pytest.mark.parametrize("symbols", ["q", "inputs"])
+def test_a_wrong_linearization_is_found_by_number(monkeypatch: pytest.MonkeyPatch, symbols: str) -> None:
+    right = linearization._matrix
+
+    def wrong(form: Any, given: Any, point: Any, here: Any = None) -> Any:
+        off = given == (form.q if symbols == "q" else tuple(point.inputs))
+        return right(form, given, point, here) * (1.001 if off else 1)
+
+    monkeypatch.setattr(linearization, "_matrix", wrong)
+    with pytest.raises(RunError, match=r"the linearization of cart is wrong: a formula gives .* is compiled, at "):
+        cart().linearize({theta: pi}, inputs=[u])

@@ -1,0 +1,134 @@
+"""Small oscillations in symbols and numbers, and verdicts on stability that claim no more than they know."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy
+from sympy import I, cos, pi, sin, sqrt
+
+import lagrange as lg
+from lagrange.errors import RunError, StatementError
+from lagrange.mechanics import modes as modes_module
+
+m, g, l, k, c, w, M = lg.parameters("m g l k c w M")
+a = lg.parameters("a", positive=False)
+x, y, z, theta = lg.coordinates("x y z theta")
+MANY: Any = lg.coordinates("q1 q2 q3 q4 q5")
+
+
+def plane(potential: Any, *, turn: Any = 0, **more: Any) -> lg.System:
+    lagrangian = m * (x.dot**2 + y.dot**2) / 2 + turn * (x * y.dot - y * x.dot) - potential
+    return lg.System(lagrangian=lagrangian, coordinates=[x, y], **more)
+
+
+def test_numbers_and_symbols_agree_with_the_motion() -> None:
+    """A mode keeps its shape: a run started in it returns after one period."""
+    system = lg.scene("double-pendulum")
+    found = system.modes()
+    values = system.parameters
+    fast = float(found.frequencies[1].subs(values))
+    shape = [1e-7 * float(s) for s in found.shapes[1].subs(values)]
+    q = dict(zip(system.coordinates, shape, strict=True))
+    rest = dict.fromkeys(system.statement.velocities, 0.0)
+    run = system.run(2 * np.pi / fast, {**q, **rest}, rtol=1e-12)
+    # The cubic terms are 1e-14 of the linear ones.
+    np.testing.assert_allclose(run.y[:2, -1], shape, rtol=1e-8)
+    assert found.symbolic and found.stable is True
+    assert sorted(abs(x.imag) for x in found.eigenvalues)[-1] == pytest.approx(fast, rel=1e-12)
+
+
+def test_a_chain_of_five_is_numbers() -> None:
+    # Goldstein, Classical Mechanics, 3rd ed., section 13.1: w_j = 2 sqrt(k/m) sin(j pi/12).
+    springs = [MANY[0], *(b - a for a, b in pairwise(MANY)), MANY[-1]]
+    system = lg.System(
+        sum(q.dot**2 for q in MANY) / 2, k * sum(s**2 for s in springs) / 2, coordinates=MANY, parameters={k: 4}
+    )
+    found = system.modes()
+    assert not found.symbolic
+    expected = [4 * np.sin(j * np.pi / 12) for j in range(1, 6)]
+    np.testing.assert_allclose([float(w) for w in found.frequencies], expected, rtol=1e-12)
+    np.testing.assert_allclose([float(s) for s in found.shapes[1]], [1, 1, 0, -1, -1], atol=1e-12)
+    assert found.stable is True
+    free = lg.System(
+        sum(q.dot**2 for q in MANY) / 2, k * sum(s**2 for s in springs[1:-1]) / 2, coordinates=MANY, parameters={k: 4}
+    ).modes()
+    assert free.frequencies[0] == 0
+    assert len(free.frequencies) == 5
+    with pytest.raises(StatementError, match=r"the modes of system are not found in symbols, and for numbers w has"):
+        system.substitute({k: 2 * w}).modes()
+
+
+def test_damped_and_gyroscopic_modes() -> None:
+    damped = lg.System(m * x.dot**2 / 2, k * x**2 / 2, dissipation=c * x.dot**2 / 2).modes()
+    assert sympy.simplify(damped.frequencies[0] - sqrt(k / m - (c / (2 * m)) ** 2)) == 0
+    assert damped.decay == (c / (2 * m),)
+    number = lg.System(
+        sum(q.dot**2 for q in MANY) / 2,
+        sum((j + 1) * q**2 for j, q in enumerate(MANY)) / 2,
+        coordinates=MANY,
+        dissipation=sum(q.dot**2 for q in MANY) / 20,
+    ).modes()
+    np.testing.assert_allclose([float(d) for d in number.decay], 0.05, rtol=1e-10)
+    assert number.stable is True
+    assert number.reason.startswith("all eigenvalues have negative real parts, up to -0.05")
+    cyclotron = plane(0, turn=M).modes()
+    assert [sympy.simplify(f) for f in cyclotron.frequencies] == [0, 2 * M / m]
+
+
+def test_gyroscopic_forces_decide_nothing_where_the_energy_has_no_minimum() -> None:
+    hill = -k * (x**2 + y**2) / 2
+    values = {m: 1.0, k: 1.0, M: 3.0}
+    assert plane(hill, turn=M, parameters=values).modes().stable is None
+    assert "the energy has no minimum" in plane(hill, turn=M, parameters=values).modes().reason
+    assert plane(hill, turn=M, parameters={**values, M: 0.3}).modes().stable is False
+    # Kelvin and Tait: friction destroys what gyroscopic forces hold.
+    friction = c * (x.dot**2 + y.dot**2) / 2
+    assert plane(hill, turn=M, dissipation=friction, parameters={**values, c: 0.01}).modes().stable is False
+    well = plane(k * (x**2 + y**2) / 2, turn=M, dissipation=c * x.dot**2 / 2, parameters={**values, c: 0.01})
+    assert well.modes().stable is True
+
+
+@pytest.mark.parametrize(
+    ("system", "stable"),
+    [
+        (lambda: lg.System(m * x.dot**2 / 2, k * x**2 / 2), True),
+        (lambda: lg.System(m * x.dot**2 / 2, -k * x**2 / 2), False),
+        (lambda: lg.System(m * x.dot**2 / 2, k * x**4), None),
+        (lambda: lg.System(m * x.dot**2 / 2, a * x**2), None),
+        (lambda: lg.System(m * x.dot**2 / 2, k * x**4, parameters={m: 1, k: 1}), None),
+        (lambda: plane(k * (x**2 - y**2)), False),
+        (lambda: plane(k * x**2 / 2), True),  # y is ignorable
+        (lambda: plane(k * (x**2 + y**2), forces={x: c * y, y: -c * x}, parameters={m: 1, k: 1, c: 0.1}), False),
+        (lambda: plane(k * (x**2 + y**2), forces={x: -c * x.dot**3}, parameters={m: 1, k: 1, c: 0.1}), None),
+        (lambda: plane(k * (x**2 + y**2) * (2 + sin(lg.t)) - m * y, parameters={m: 1, k: 1}), "refused"),
+    ],
+)
+def test_verdicts(system: Any, stable: Any) -> None:
+    if stable == "refused":
+        with pytest.raises(StatementError, match=r"there are no modes at this point\. Away from equilibrium: the forc"):
+            system().modes()
+    else:
+        assert system().modes().stable is stable
+
+
+def test_refusals() -> None:
+    pendulum = lg.System(m * l**2 * theta.dot**2 / 2, -m * g * l * cos(theta))
+    with pytest.raises(StatementError, match=r"there are no modes at this point\. Away from equilibrium: the force"):
+        pendulum.modes({theta: pi / 3})
+    driven = lg.System(m * x.dot**2 / 2, k * x**2 * (2 + sin(lg.t)))
+    with pytest.raises(StatementError, match=r"the linear equations of system depend on time at this point, and ha"):
+        driven.modes()
+    assert driven.linearize().K[0, 0].has(lg.t)
+    assert "unstable; frequencies" in repr(pendulum.modes({theta: pi}))
+    assert pendulum.modes({theta: pi}).frequencies[0].is_imaginary
+    assert pendulum.modes({theta: pi}).frequencies[0] / sqrt(g / l) == I
+
+
+def test_a_wrong_frequency_is_found_by_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(modes_module, "_root_of", lambda given: sqrt(given) * 1.001)
+    with pytest.raises(RunError, match=r"the frequency .* is wrong: .* is no eigenvalue of the linear equations\."):
+        lg.scene("pendulum").modes()

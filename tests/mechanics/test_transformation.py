@@ -1,0 +1,139 @@
+"""New coordinates: the same motion in them, forces of equal work, and initial states that are solved for."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy
+from sympy import cos, exp, pi, sin, sqrt
+
+import lagrange as lg
+from lagrange.errors import RunError, StatementError
+from lagrange.mechanics import transformation
+
+m, g, k, c, w, mu = lg.parameters("m g k c w mu")
+x, y, z, r, phi, theta, X, Y, u = lg.coordinates("x y z r phi theta X Y u")
+
+
+def particle(**more: Any) -> lg.System:
+    stated: dict[str, Any] = {
+        "forces": {x: -c * y, y: -z.dot},
+        "dissipation": c * (x.dot**2 + y.dot**2) / 2,
+        "parameters": {m: 1.3, c: 0.1, w: 0.3, g: 2.0},
+        "initial": {x: 1.0, y.dot: 2.0, z: 1.0},
+        "positions": {"body": (x, y, z)},
+        **more,
+    }
+    return lg.System(m * (x.dot**2 + y.dot**2 + z.dot**2) / 2, m * g * z, coordinates=[x, y, z], **stated)
+
+
+TURNING = {x: X * cos(w * lg.t) - Y * sin(w * lg.t), y: X * sin(w * lg.t) + Y * cos(w * lg.t)}
+ROUND = {x: r * cos(phi), y: r * sin(phi)}
+BALL = {x: r * sin(theta) * cos(phi), y: r * sin(theta) * sin(phi), z: r * cos(theta)}
+
+
+@pytest.mark.parametrize("given", [TURNING, ROUND, BALL, {z: exp(u / 3) - 2}, {"x": u + z}], ids=str)
+def test_the_motion_is_the_same(given: Any) -> None:
+    system = particle()
+    new = system.transform(given)
+    one, other = system.run(1.5, rtol=1e-12), new.run(1.5, rtol=1e-12)
+    for row, point in enumerate(new.statement.positions["body"]):
+        # Both err by some 1e-12 a step.
+        assert other.evaluate(point)[-1] == pytest.approx(one.y[row, -1], abs=1e-10)
+
+
+def test_kepler_in_polar_coordinates_is_that_of_the_book() -> None:
+    # Goldstein, Classical Mechanics, 3rd ed., section 3.2.
+    system = lg.System(
+        m * (x.dot**2 + y.dot**2) / 2,
+        -mu / sqrt(x**2 + y**2),
+        coordinates=[x, y],
+        parameters={m: 1, mu: 1},
+        initial={x: 0.0, y: 0.5, x.dot: -2.0, y.dot: 0.3},
+    )
+    new = system.transform(ROUND, positive=r)
+    assert sympy.expand(new.statement.kinetic - m * (r.dot**2 + r**2 * phi.dot**2) / 2) == 0
+    assert new.statement.potential == -mu / r
+    start = dict(zip((*new.coordinates, *new.statement.velocities), new.statement.initial, strict=True))
+    expected = {r: 0.5, phi: float(pi) / 2, r.dot: 0.3, phi.dot: 4.0}
+    assert start == pytest.approx(expected, abs=1e-14)
+    assert system.transform(ROUND).statement.potential == -mu / sympy.Abs(r)
+
+
+def test_constraints_come_along_and_time_stands_in_the_velocities() -> None:
+    ring = lg.System(
+        m * (x.dot**2 + y.dot**2) / 2,
+        coordinates=[x, y],
+        constraints={"ring": x**2 + y**2 - 1},
+        parameters={m: 1, w: 2},
+        initial={x: 1.0, y.dot: 0.5},
+    )
+    new = ring.transform(ROUND)
+    assert sympy.expand(new.statement.constraints[0].expression - (r**2 - 1)) == 0
+    turning = ring.transform({x: r * cos(phi + w * lg.t), y: r * sin(phi + w * lg.t)})
+    start = dict(zip((*turning.coordinates, *turning.statement.velocities), turning.statement.initial, strict=True))
+    assert start == pytest.approx({r: 1.0, phi: 0.0, r.dot: 0.0, phi.dot: 0.5 - 2.0}, abs=1e-14)
+
+
+def test_an_initial_state_may_be_given_in_the_new_coordinates() -> None:
+    new = particle(initial={y.dot: 1.0}).transform(ROUND, initial={r: 2.0, "phi_dot": 0.5})
+    start = dict(zip((*new.coordinates, *new.statement.velocities), new.statement.initial, strict=True))
+    assert start == {r: 2.0, phi: 0.0, z: 0.0, r.dot: 0.0, phi.dot: 0.5, z.dot: 0.0}
+
+
+def test_at_rest_in_a_singular_place_there_is_an_initial_state() -> None:
+    assert not any(particle(initial={}).transform(ROUND).statement.initial)
+    assert not any(lg.System(x.dot**2).transform({x: mu * u}).statement.initial)
+    longer = lg.System(x.dot**2, initial={x: 1.0, x.dot: 3.0}).transform({x: mu * u}, parameters={mu: 2.0})
+    assert longer.statement.initial == pytest.approx((0.5, 1.5))
+    assert longer.parameters == {mu: 2.0}
+
+
+@pytest.mark.parametrize(
+    ("given", "more", "words"),
+    [
+        ([x], {}, "transform takes a dict from coordinates to expressions in new ones, as {x: r*cos(phi), y: r*sin("),
+        ({u: x}, {}, "'u' is no coordinate of this system; they are x, y and z."),
+        ({x: r.dot}, {}, "the expressions contain Derivative(r(t), t): a point transformation has coordinates, param"),
+        (
+            {x: r * cos(phi)},
+            {},
+            "the expressions for x have 2 new coordinates (phi and r), and 1 are replaced: a transformation needs as "
+            "many. With more, they are not determined",
+        ),
+        ({x: r, y: 2 * r}, {}, "the expressions for x and y have 1 new coordinates (r), and 2 are replaced: a transf"),
+        (
+            {x: r + phi, y: 2 * r + 2 * phi},
+            {},
+            "x and y do not vary independently with phi and r: the determinant of the derivatives is zero everywhere.",
+        ),
+        (ROUND, {"positive": [x]}, "positive contains x(t), which is no new coordinate; they are phi and r."),
+        (ROUND, {"parameters": 3}, "parameters is 3: give a dict from parameters to values, such as {w: 1.0}."),
+        (ROUND, {"initial": 3}, "initial is 3: give a dict in the new coordinates, such as {r: 1.0}."),
+        ({x: exp(u) + 2}, {}, "no values of u were found at which x = 1, from 60 starts: give initial={u: ...}"),
+    ],
+)
+def test_refusals(given: Any, more: Any, words: str) -> None:
+    with pytest.raises(StatementError) as refusal:
+        particle().transform(given, **more)
+    assert str(refusal.value).startswith(words)
+
+
+def test_a_singular_initial_state_is_refused() -> None:
+    # At x = y = 0 any angle will do; one that starts with y.dot = 1 needs another than zero.
+    with pytest.raises(
+        StatementError, match=r"the initial velocities have no values in the new coordinates: at .* they"
+    ):
+        particle(initial={y.dot: 1.0}).transform(ROUND)
+    with pytest.raises(
+        StatementError, match=r"the initial state is not solved for without a value of mu: give one, or"
+    ):
+        lg.System(x.dot**2, initial={x: 1.0}).transform({x: mu * u})
+
+
+def test_a_wrong_transformation_is_found_by_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(transformation, "_forces", lambda change: {z: -1 + 0 * np.pi})
+    with pytest.raises(RunError, match=r"the transformation of system is wrong: a formula gives .* is compiled, at "):
+        particle().transform(ROUND)
