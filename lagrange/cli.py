@@ -37,8 +37,8 @@ from lagrange.grade_command import add_grade
 from lagrange.interruption import SENTENCE, Signalled
 from lagrange.race_command import add_race
 from lagrange.show.atomic_file import write_atomically
-from lagrange.show.derivation import FORMATS, render
 from lagrange.show.names import plain_text
+from lagrange.show.styles import FORMATS
 from lagrange.show.table import text_table
 from lagrange.streams import complain, output
 
@@ -140,7 +140,9 @@ def parser() -> argparse.ArgumentParser:
     derive_ = add_command(
         commands, "derive", derive, "print Lagrangian, momenta, equations of motion and accelerations"
     )
-    derive_.add_argument("--format", choices=FORMATS, default="text", help="language of the page (default: text)")
+    derive_.add_argument(
+        "--format", choices=FORMATS, help="language of the page (default: unicode in a terminal that has it, else text)"
+    )
     check_ = add_command(
         commands, "check", check, "compare everything compiled with numerical differentiation of T and V"
     )
@@ -201,7 +203,7 @@ def run(request: argparse.Namespace) -> Answer:
 def derive(request: argparse.Namespace) -> Answer:
     """Return the derivation of a scene's equations of motion."""
     system = load_scene(request.scene)
-    return Answer(DONE, render(system.derivation(), request.format, system.structure).rstrip("\n"))
+    return Answer(DONE, system.page(request.format).rstrip("\n"))
 
 
 def check(request: argparse.Namespace) -> Answer:

@@ -13,16 +13,16 @@ from numpy.typing import ArrayLike
 
 from lagrange.analysis import Analysis
 from lagrange.compiler import compile_model, equations_of, machine, model_of, state
-from lagrange.equations.derivation import Derivation, derive
 from lagrange.errors import StatementError, listing, shown
 from lagrange.evidence.check import check
 from lagrange.evidence.independent import solved_statement
 from lagrange.evidence.report import Report
 from lagrange.machine.model import Model
 from lagrange.run import integrate_since
-from lagrange.show.derivation import equations_latex, render
+from lagrange.show.derivation import ShownDerivation, equations_latex, render, written_derivation
 from lagrange.show.progress import compiling
 from lagrange.show.solution import Solution
+from lagrange.show.styles import terminal_style
 from lagrange.statement import scene as scene_files
 from lagrange.statement.number import flag, real_number
 from lagrange.statement.statement import RunSettings, Statement
@@ -137,17 +137,24 @@ class System(Analysis):
         said = [f"{stands.format(listing(unused))} in no energy, force, constraint or position."] * bool(unused)
         return [*self.laws.structure.sentences(), *said]
 
-    def derivation(self) -> Derivation:
-        """Return the textbook derivation in SymPy, independent of the compiled equations."""
+    def derivation(self) -> ShownDerivation:
+        """Return the textbook derivation in SymPy, independent of the compiled equations.
+
+        Its parts are expressions; it prints as a page, and a notebook shows it.
+        """
         return self._derivation
 
     @cached_property
-    def _derivation(self) -> Derivation:
-        return derive(self.statement)
+    def _derivation(self) -> ShownDerivation:
+        return written_derivation(self.statement)
 
-    def page(self, style: str = "text") -> str:
-        """Return the derivation as `lagrange derive` prints it: "text", "latex" or "markdown"."""
-        return render(self.derivation(), style, self.structure)
+    def page(self, style: str | None = None) -> str:
+        """Return the derivation as `lagrange derive` prints it: "text", "unicode", "latex", "markdown" or "html".
+
+        Without a style it is Unicode where standard output is a terminal that has it, else text, plain ASCII in the
+        spelling of scene files.
+        """
+        return render(self.derivation(), terminal_style() if style is None else style, self.structure)
 
     def equations(self) -> list[Any]:
         """Return the Euler-Lagrange equations, a list of SymPy Eq, one per coordinate, as in a textbook.

@@ -1,208 +1,188 @@
-"""A derivation on paper: plain text, LaTeX or Markdown."""
+"""A derivation on paper: plain text, Unicode, LaTeX, Markdown or HTML."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from html import escape
+from typing import Any
 
-from lagrange.errors import StatementError
-from lagrange.show.names import latex_text, letters, markdown_text, plain_text, word
+from lagrange.equations.derivation import Derivation
+from lagrange.equations.textbook_algebra import TextbookAlgebra
+from lagrange.show.formula_lines import Line, LineWriter
+from lagrange.show.latex_notation import LatexNotation
+from lagrange.show.mathml_notation import MathmlNotation
+from lagrange.show.names import latex_text, markdown_text, plain_text
+from lagrange.show.pieces import Notation
+from lagrange.show.sections import Formula, Section, sections
+from lagrange.show.styles import FORMATS, terminal_style
+from lagrange.show.text_notation import AsciiNotation, UnicodeNotation, width
 from lagrange.statement.choice import one_of
+from lagrange.statement.statement import Statement
 
-if TYPE_CHECKING:
-    from lagrange.equations.derivation import Derivation
-    from lagrange.statement.statement import Statement
-
-# SymPy is imported where it is needed: the command line reads FORMATS before it knows what it is asked for.
-
-FORMATS = ("text", "latex", "markdown")
-
-
-@dataclass(frozen=True)
-class ShownQuantity:
-    """A letter such as T or phi, with a coordinate or a constraint for its index or without."""
-
-    letter: str
-    index: str = ""
-
-
-TableRow = tuple[Any, Any] | str
-"""A formula, as its two sides, or a sentence. A side is a SymPy expression or a Quantity."""
-
-
-@dataclass(frozen=True)
-class Section:
-    """A heading and what stands below it."""
-
-    heading: str
-    rows: tuple[TableRow, ...]
+INDENT = "    "
+LONG_SECTION = 12
+"""Lines of formulas above which a section of an HTML page is folded."""
+NOTEBOOK = 60_000
+"""Characters of a derivation that a notebook shows; the double pendulum takes 6,000 in LaTeX, 30,000 in HTML."""
 
 
 def render(derivation: Derivation, style: str = "text", findings: Sequence[str] = ()) -> str:
-    """Return the derivation: what was stated, L, momenta, equations of motion, accelerations and energy.
+    """Return the derivation: what was stated, L, each coordinate, equations of motion, accelerations and energy.
 
     With constraints the equations of motion have their multipliers and the constraints behind them, and the multipliers
     are solved for beside the accelerations.
 
-    `style` is "text", where formulas are spelled as in a scene file, "latex", a complete document, or "markdown", with
-    formulas between dollar signs. `findings` are sentences about the structure. A part that is too large to be written
-    out is replaced by the sentence that says so. Raises StatementError for any other format.
+    `style` is "text", where formulas are spelled as in a scene file, "unicode", "latex", a complete document,
+    "markdown", with formulas between dollar signs, or "html", a complete page with MathML. `findings` are sentences
+    about the structure. A part that is too large to be written out is replaced by the sentence that says so. Raises
+    StatementError for any other format.
     """
     one_of(style, FORMATS, "{given} is no format of a derivation; they are {known}.")
-    page = PAGES[style](derivation.statement)
-    return page.write([*_sections(derivation), *([Section("Structure", tuple(findings))] if findings else [])])
+    page: Page = PAGES[style](derivation.statement)
+    return page.write([*sections(derivation), *([Section("Structure", tuple(findings))] if findings else [])])
+
+
+class ShownDerivation(Derivation):
+    """A derivation with its page: str() gives it as text, a notebook shows it, and `page(style)` has every language."""
+
+    def page(self, style: str | None = None) -> str:
+        """Return the page, without a style as the terminal reads it; see `System.page`."""
+        return render(self, terminal_style() if style is None else style)
+
+    def __str__(self) -> str:
+        return self.page()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return written_derivation, (self.statement,)
+
+    def _repr_html_(self) -> str:
+        return self._bounded(HtmlPage(self.statement).body, escape)
+
+    def _repr_markdown_(self) -> str:
+        return self._bounded(MarkdownPage(self.statement).write, markdown_text)
+
+    def _repr_latex_(self) -> str:
+        return equations_latex(self)
+
+    def _bounded(self, write: Callable[[Sequence[Section]], str], quoted: Callable[[str], str]) -> str:
+        """Return the sections as far as a notebook shows them, and a sentence about the rest."""
+        shown, left = "", NOTEBOOK
+        for section in sections(self):
+            text = write([section])
+            left -= len(text)
+            if left < 0:
+                return shown + quoted(
+                    f"The page is longer than a notebook shows, from {section.heading!r} on: print page()."
+                )
+            shown += text
+        return shown
+
+
+def written_derivation(statement: Statement) -> ShownDerivation:
+    """Return the derivation of a statement with its page."""
+    return ShownDerivation(statement, TextbookAlgebra(statement))
 
 
 def equations_latex(derivation: Derivation) -> str:
     """Return the equations of motion, and the constraints, as one LaTeX formula, as a notebook shows them."""
     page = LatexPage(derivation.statement)
     laws = (*derivation.equations, *derivation.constraints)
-    lines = [f"{page.side(law.lhs)} &= {page.side(law.rhs)}" for law in laws]
-    return "$\\displaystyle \\begin{aligned} " + " \\\\ ".join(lines) + " \\end{aligned}$"
-
-
-def _sections(derivation: Derivation) -> Iterator[Section]:
-    statement = derivation.statement
-    yield Section("Stated", tuple(_stated(statement)))
-    accelerations = list(statement.plain.values())[2::3]
-    known = {one.name: one.multiplier for one in statement.constraints}
-    parts: tuple[tuple[str, Callable[[], list[TableRow]]], ...] = (
-        ("Lagrangian", lambda: [(ShownQuantity("L"), derivation.lagrangian)]),
-        (
-            "Momenta",
-            lambda: [
-                (ShownQuantity("p", name), p)
-                for name, p in zip(statement.names, derivation.momenta.values(), strict=True)
-            ],
-        ),
-        (
-            "Equations of motion",
-            lambda: [(law.lhs, law.rhs) for law in (*derivation.equations, *derivation.constraints)],
-        ),
-        (
-            "Accelerations and multipliers" if statement.constraints else "Accelerations",
-            lambda: [
-                *zip(accelerations, derivation.accelerations.values(), strict=True),
-                *((known[name], value) for name, value in derivation.multipliers.items()),
-            ],
-        ),
-        ("Energy", lambda: [(ShownQuantity("E"), derivation.energy)]),
-    )
-    for heading, part in parts:
-        try:
-            yield Section(heading, tuple(part()))
-        except StatementError as refusal:
-            yield Section(heading, (f"Not written out: {refusal}",))
-
-
-def _stated(statement: Statement) -> Iterator[TableRow]:
-    if statement.about:
-        yield statement.about
-    if statement.source:
-        yield f"Source: {statement.source}"
-    if statement.potential == 0 and statement.kinetic == statement.lagrangian:
-        yield ShownQuantity("L"), statement.lagrangian
-    else:
-        yield ShownQuantity("T"), statement.kinetic
-        yield ShownQuantity("V"), statement.potential
-    for name, force in zip(statement.names, statement.forces, strict=True):
-        if force != 0:
-            yield ShownQuantity("Q", name), force
-    if statement.dissipation != 0:
-        yield ShownQuantity("D"), statement.dissipation
-    for one in statement.constraints:
-        yield ShownQuantity("phi" if one.holonomic else "psi", one.name), one.expression
+    lines = [line for law in laws for line in page.lines.formula(Formula((law.lhs, law.rhs)))]
+    shown = f"$\\displaystyle {page.aligned(lines, 'aligned')}$"
+    if len(shown) <= NOTEBOOK:
+        return shown
+    return f"$\\text{{{len(laws)} equations of motion, too long for a notebook: print page() or equations().}}$"
 
 
 class Page(ABC):
-    """Writes sections in one language; formulas are spelled by a SymPy printer over plain symbols of our own."""
+    """Writes sections in one language."""
 
     def __init__(self, statement: Statement) -> None:
         self.statement = statement
-        self.plain = statement.plain
-        self.rank = {symbol: place % 3 for place, symbol in enumerate(self.plain.values())}
-        self.printer = self.make_printer()
-        given = self.printer._as_ordered_terms
-        self.printer._as_ordered_terms = lambda *arguments, **options: self.in_order(given(*arguments, **options))
+        self.lines = LineWriter(statement, self.notation)
 
+    @property
     @abstractmethod
-    def make_printer(self) -> Any:
-        """Return the SymPy printer."""
+    def notation(self) -> Callable[[Sequence[str]], Notation]:
+        """The notation of the formulas, which takes the names of all symbols."""
 
     @abstractmethod
     def write(self, sections: Sequence[Section]) -> str:
         """Return the page."""
 
-    @abstractmethod
-    def quantity(self, quantity: ShownQuantity) -> str:
-        """Return the spelling of a letter with its index."""
-
-    def side(self, side: Any) -> str:
-        """Return one side of a formula."""
-        if isinstance(side, ShownQuantity):
-            return self.quantity(side)
-        return str(self.printer.doprint(side.xreplace(self.plain)))
-
-    def formula(self, row: tuple[Any, Any]) -> str:
-        """Return a formula."""
-        return f"{self.side(row[0])} = {self.side(row[1])}"
-
-    def in_order(self, terms: list[Any]) -> list[Any]:
-        """Return the terms of a sum as a book has them: accelerations first, then velocities, then the rest."""
-        return sorted(
-            terms, key=lambda term: -max((self.rank.get(symbol, 0) for symbol in term.free_symbols), default=0)
-        )
+    def heading(self, section: Section, quoted: Callable[[str], str], formula: str) -> str:
+        """Return a heading, with its symbol in a formula."""
+        words = quoted(section.heading)
+        return words if section.symbol is None else f"{words} {formula.format(self.lines.sides.side(section.symbol))}"
 
 
 class TextPage(Page):
     """Plain text, in the spelling of scene files: theta_dot for a velocity, theta_ddot for an acceleration."""
 
-    def make_printer(self) -> Any:
-        """Return SymPy's plain printer."""
-        from sympy.printing.str import StrPrinter
-
-        return StrPrinter()
-
-    def quantity(self, quantity: ShownQuantity) -> str:
-        """Return L, or p_theta."""
-        return f"{quantity.letter}_{quantity.index}" if quantity.index else quantity.letter
+    @property
+    def notation(self) -> Callable[[Sequence[str]], Notation]:
+        """Plain ASCII."""
+        return AsciiNotation
 
     def write(self, sections: Sequence[Section]) -> str:
         """Return headings with indented rows."""
         lines = [plain_text(self.statement.name)]
         for section in sections:
-            lines += ["", section.heading]
-            lines += [f"    {plain_text(row) if isinstance(row, str) else self.formula(row)}" for row in section.rows]
-        return "\n".join(lines) + "\n"
+            lines += ["", self.heading(section, plain_text, "{}")]
+            for row in section.rows:
+                lines += [INDENT + text for text in self.row(row)]
+        return "\n".join(line.rstrip() for line in lines) + "\n"
+
+    def row(self, row: Formula | str) -> list[str]:
+        """Return the lines of a row; what goes on below is indented once more."""
+        if isinstance(row, str):
+            return [plain_text(row)]
+        found: list[str] = []
+        for line in self.lines.formula(row):
+            start = f"{line.left} = " if line.left else INDENT if line.goes_on else ""
+            first, *below = line.right.split("\n")
+            found += [start + first, *(" " * width(start) + text for text in below)]
+        return found
+
+
+class UnicodePage(TextPage):
+    """Text in Unicode, with Greek letters, dots and superscripts."""
+
+    @property
+    def notation(self) -> Callable[[Sequence[str]], Notation]:
+        """Unicode in one line."""
+        return UnicodeNotation
 
 
 class LatexPage(Page):
     """A LaTeX document."""
 
-    def make_printer(self) -> Any:
-        """Return SymPy's LaTeX printer with a name of our own for every symbol."""
-        from sympy import Symbol
-        from sympy.printing.latex import LatexPrinter
+    @property
+    def notation(self) -> Callable[[Sequence[str]], Notation]:
+        """LaTeX."""
+        return LatexNotation
 
-        stated = self.statement
-        held = [one.name for one in stated.constraints]
-        named = [*stated.parameters, *(one.multiplier for one in stated.constraints)]
-        self.letters = letters([*stated.names, *(symbol.name for symbol in named)])
-        self.indices = letters(held) | self.letters
-        spelled = {symbol: str(self.letters[symbol.name]) for symbol in named}
-        motions = iter(self.plain.values())
-        for name, position, velocity, acceleration in zip(stated.names, motions, motions, motions, strict=True):
-            spelled[position] = str(self.letters[name])
-            spelled[velocity] = self.letters[name].dotted(1)
-            spelled[acceleration] = self.letters[name].dotted(2)
-        return LatexPrinter({"symbol_names": {**spelled, Symbol("t"): "t"}})
+    def aligned(self, lines: Sequence[Line], environment: str) -> str:
+        """Return lines below one another."""
+        rows = [
+            f"{line.left} &= {line.right}"
+            if line.left
+            else f"&\\quad {line.right}"
+            if line.goes_on
+            else f"&{line.right}"
+            for line in lines
+        ]
+        return f"\\begin{{{environment}}} " + " \\\\ ".join(rows) + f" \\end{{{environment}}}"
 
-    def quantity(self, quantity: ShownQuantity) -> str:
-        """Return L, or p with an index."""
-        letter = word(quantity.letter)
-        return f"{letter}_{{{self.indices[quantity.index]}}}" if quantity.index else letter
+    def formula(self, row: Formula) -> str:
+        """Return a formula without its delimiters."""
+        lines = self.lines.formula(row)
+        return self.in_one_line(lines[0]) if len(lines) == 1 else self.aligned(lines, "aligned")
+
+    def in_one_line(self, line: Line) -> str:
+        """Return a line that is the whole formula."""
+        return f"{line.left} = {line.right}" if line.left else line.right
 
     def write(self, sections: Sequence[Section]) -> str:
         """Return a document that LaTeX sets as it stands."""
@@ -211,18 +191,23 @@ class LatexPage(Page):
             "\\usepackage[T1]{fontenc}",
             "\\usepackage{amsmath}",
             "\\usepackage[margin=2cm]{geometry}",
+            "\\allowdisplaybreaks",
             f"\\title{{{latex_text(self.statement.name)}}}",
             "\\date{}",
             "\\begin{document}",
             "\\maketitle",
         ]
         for section in sections:
-            lines += ["", f"\\section*{{{section.heading}}}"]
-            lines += [
-                latex_text(row) + "\\par" if isinstance(row, str) else f"\\[ {self.formula(row)} \\]"
-                for row in section.rows
-            ]
+            lines += ["", f"\\section*{{{self.heading(section, latex_text, '${}$')}}}"]
+            lines += [self.row(row) for row in section.rows]
         return "\n".join([*lines, "", "\\end{document}"]) + "\n"
+
+    def row(self, row: Formula | str) -> str:
+        """Return a paragraph, or a formula on its own lines."""
+        if isinstance(row, str):
+            return latex_text(row) + "\\par"
+        lines = self.lines.formula(row)
+        return f"\\[ {self.formula(row)} \\]" if len(lines) == 1 else self.aligned(lines, "align*")
 
 
 class MarkdownPage(LatexPage):
@@ -232,10 +217,63 @@ class MarkdownPage(LatexPage):
         """Return headings, sentences, and formulas between double dollar signs."""
         lines = [f"# {markdown_text(self.statement.name)}"]
         for section in sections:
-            lines += ["", f"## {section.heading}"]
+            lines += ["", f"## {self.heading(section, markdown_text, '${}$')}"]
             for row in section.rows:
                 lines += ["", markdown_text(row) if isinstance(row, str) else f"$$\n{self.formula(row)}\n$$"]
         return "\n".join(lines) + "\n"
 
 
-PAGES: dict[str, Callable[[Statement], Page]] = {"text": TextPage, "latex": LatexPage, "markdown": MarkdownPage}
+class HtmlPage(Page):
+    """An HTML page with MathML, whose sections fold; long ones are folded when it opens."""
+
+    @property
+    def notation(self) -> Callable[[Sequence[str]], Notation]:
+        """MathML."""
+        return MathmlNotation
+
+    def write(self, sections: Sequence[Section]) -> str:
+        """Return a page that needs nothing from elsewhere."""
+        title = escape(plain_text(self.statement.name))
+        return (
+            '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+            f"<title>{title}</title>\n</head>\n<body>\n<h1>{title}</h1>\n{self.body(sections)}</body>\n</html>\n"
+        )
+
+    def body(self, sections: Sequence[Section]) -> str:
+        """Return the sections alone, as a notebook shows them."""
+        parts = []
+        for section in sections:
+            rows = [self.row(row) for row in section.rows]
+            long = sum(row.count("<mtr class") or 1 for row in rows) > LONG_SECTION
+            inside = "\n".join(rows)
+            heading = self.heading(section, escape, "<math>{}</math>")
+            parts.append(f"<details{'' if long else ' open'}><summary>{heading}</summary>\n{inside}\n</details>\n")
+        return "".join(parts)
+
+    def row(self, row: Formula | str) -> str:
+        """Return a paragraph with a sentence or a formula."""
+        if isinstance(row, str):
+            return f"<p>{escape(plain_text(row))}</p>"
+        lines = self.lines.formula(row)
+        if len(lines) == 1:
+            inside = f"{lines[0].left}<mo>=</mo>{lines[0].right}" if lines[0].left else lines[0].right
+        else:
+            cell = '<mtd style="text-align: {}">{}</mtd>'
+            rows = (
+                '<mtr class="line">'
+                + cell.format("right", f"<mrow>{line.left}<mo>=</mo></mrow>" if line.left else "")
+                + cell.format("left", f"<mrow>{line.right}</mrow>")
+                + "</mtr>"
+                for line in lines
+            )
+            inside = f"<mtable>{''.join(rows)}</mtable>"
+        return f'<p><math display="block" xmlns="http://www.w3.org/1998/Math/MathML"><mrow>{inside}</mrow></math></p>'
+
+
+PAGES: dict[str, Callable[[Statement], Any]] = {
+    "text": TextPage,
+    "unicode": UnicodePage,
+    "latex": LatexPage,
+    "markdown": MarkdownPage,
+    "html": HtmlPage,
+}

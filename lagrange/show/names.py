@@ -11,8 +11,10 @@ from dataclasses import dataclass
 
 from lagrange.statement.letters import GREEK as LETTERS
 
-GREEK = frozenset((*LETTERS.values(), "Pi"))
-"""Names that LaTeX has a letter for. Not pi, which is a number wherever it is printed."""
+UNICODE_GREEK = {name: letter for letter, name in LETTERS.items()} | {"Pi": "Π"}
+"""Names that LaTeX has a letter for, and the letter. Not pi, which is a number wherever it is printed."""
+
+GREEK = frozenset(UNICODE_GREEK)
 
 _LATEX = {
     "\\": r"\textbackslash{}",
@@ -49,13 +51,28 @@ class Letter:
         return f"_{{{self.index}}}" if self.index else ""
 
 
+def index_parts(name: str) -> tuple[str, list[str]]:
+    """Return a name as its letter or word and its indices: theta1 has 1, m_bob has bob, lambda[rod] has rod."""
+    head, *indices = [part for part in name.translate(_BRACKETS).split("_") if part]
+    letters, digits = _split_digits(head)
+    return letters, [part for part in (digits, *indices) if part]
+
+
 def letters(names: Iterable[str]) -> dict[str, Letter]:
-    """Return the LaTeX of each name: theta1, m_bob and lambda[rod] get an index, and two names never look the same."""
+    """Return the LaTeX of each name; two names never look the same."""
     found: dict[str, Letter] = {}
     for name in names:
-        letter = _letter(name)
-        found[name] = letter if letter not in found.values() else Letter(_upright(name))
+        letter = letter_of(name)
+        found[name] = letter if letter not in found.values() else letter_of(name, literal=True)
     return found
+
+
+def letter_of(name: str, *, literal: bool = False) -> Letter:
+    """Return the LaTeX of a name: theta1, m_bob and lambda[rod] get an index; a literal name is upright, as it is."""
+    if literal:
+        return Letter(upright(name))
+    head, parts = index_parts(name)
+    return Letter(word(head), ", ".join(index_word(part) for part in parts))
 
 
 def latex_text(sentence: str) -> str:
@@ -73,15 +90,9 @@ def plain_text(sentence: str) -> str:
     return "".join(mark for mark in " ".join(sentence.split()) if mark.isprintable())
 
 
-def _letter(name: str) -> Letter:
-    head, *indices = [part for part in name.translate(_BRACKETS).split("_") if part]
-    letters, digits = _split_digits(head)
-    below = [digits, *(_index(part) for part in indices)]
-    return Letter(word(letters), ", ".join(part for part in below if part))
-
-
-def _index(part: str) -> str:
-    letters, digits = _split_digits(part)
+def index_word(name: str) -> str:
+    """Return the LaTeX of an index: theta1 is a letter with a digit behind it."""
+    letters, digits = _split_digits(name)
     return (word(letters) if letters else "") + digits
 
 
@@ -95,9 +106,15 @@ def word(name: str) -> str:
     name = LETTERS.get(name, name)
     if name in GREEK:
         return f"\\{name}"
-    return name if len(name) == 1 else _upright(name)
+    return name if len(name) == 1 else upright(name)
 
 
-def _upright(word: str) -> str:
-    word = "".join(LETTERS.get(mark, mark) for mark in word)
+def upright(word: str) -> str:
+    """Return a word in upright letters."""
+    word = latin(word)
     return "\\mathrm{" + word.replace("_", "\\_") + "}"
+
+
+def latin(name: str) -> str:
+    """Return a name with its Greek letters spelled out."""
+    return "".join(LETTERS.get(mark, mark) for mark in name)

@@ -10,7 +10,7 @@ import sympy
 from sympy import cos, sin
 
 import lagrange as lg
-from lagrange.equations import derivation as module
+from lagrange.equations import textbook_algebra
 from lagrange.equations.derivation import derive
 from lagrange.errors import StatementError
 from lagrange.statement.declare import declare
@@ -110,8 +110,8 @@ def test_formulas_agree_with_the_compiled_system(stated: dict[str, Any]) -> None
 def test_multipliers_are_refused_with_the_accelerations_where_they_are_too_large(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(module, "LONGEST_FORMULA", 3)
-    monkeypatch.setattr(module, "EXPANDED_WITH_MULTIPLIERS", 0)
+    monkeypatch.setattr(textbook_algebra, "LONGEST_FORMULA", 3)
+    monkeypatch.setattr(textbook_algebra, "EXPANDED_WITH_MULTIPLIERS", 0)
     for part in ("accelerations", "multipliers"):
         with pytest.raises(StatementError, match="too large for the solved accelerations to be written out"):
             getattr(derive(declare(**PENDULUM)), part)
@@ -119,7 +119,7 @@ def test_multipliers_are_refused_with_the_accelerations_where_they_are_too_large
 
 @pytest.mark.parametrize("expanded", [0, 6])
 def test_constraints_that_depend_on_one_another_have_no_formula(expanded: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "EXPANDED_WITH_MULTIPLIERS", expanded)
+    monkeypatch.setattr(textbook_algebra, "EXPANDED_WITH_MULTIPLIERS", expanded)
     stated = declare(
         kinetic=m * (x.dot**2 + y.dot**2 + z.dot**2) / 2, constraints={"first": x - 2 * y, "second": 4 * y - 2 * x}
     )

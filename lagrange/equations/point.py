@@ -1,0 +1,82 @@
+"""Named points whose kinetic energy is a term of T: where a derivation begins, with their velocities and masses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from sympy import Add, Mul, Rational, S
+
+from lagrange.equations.monomials import Monomial, MonomialSum, common_factor
+from lagrange.equations.textbook_algebra import TextbookAlgebra
+
+HALF = Rational(1, 2)
+
+
+@dataclass(frozen=True)
+class Point:
+    """A named point of `positions` that has mass: its position and velocity, (2,) or (3,), and T = mass speed^2 / 2.
+
+    The velocity is merged and collected; the position is as it was stated.
+    """
+
+    name: str
+    mass: Any
+    position: tuple[Any, ...]
+    velocity: tuple[Any, ...]
+    squared_speed: Any
+
+
+def moving_points(page: TextbookAlgebra) -> tuple[Point, ...]:
+    """Return the points for which a term of the stated T is half a constant times the square of their velocity.
+
+    Each term is the energy of one point at most. A point that moves as its coordinates do is left out: its velocity
+    shows nothing.
+    """
+    left = [page.algebra.merge_angles(page.read(term)) for term in Add.make_args(page.statement.kinetic)]
+    found = []
+    for name, position in page.statement.positions.items():
+        rates = [page.at_constant_velocities(page.read(entry)) for entry in position]
+        squares = (page.algebra.multiply(rate, rate) for rate in rates)
+        squared = page.algebra.merge_angles(page.algebra.add({}, *squares))
+        mass, place = next(_masses(page, squared, left), (None, 0))
+        if mass is not None:
+            del left[place]
+            if not all(_plain(page, rate) for rate in rates):
+                velocity = tuple(map(page.show, rates))
+                found.append(Point(name, mass, tuple(position), velocity, page.show(squared)))
+    return tuple(found)
+
+
+def _masses(page: TextbookAlgebra, squared: MonomialSum, terms: list[MonomialSum]) -> Iterator[tuple[Any, int]]:
+    """Yield (mass, place) of the terms that are mass * squared / 2, with a mass that does not move."""
+    if not squared:
+        return
+    number, monomial, rest = common_factor(squared)
+    for place, term in enumerate(terms):
+        other_number, other, other_rest = common_factor(term)
+        for sign in (S.One, S.NegativeOne):
+            if {key: sign * value for key, value in other_rest.items()} == rest:
+                mass = _ratio(page, other, monomial, sign * other_number / number / HALF)
+                if _is_mass(page, mass):
+                    yield page.finish(mass), place
+
+
+def _ratio(page: TextbookAlgebra, above: Monomial, below: Monomial, number: Any) -> Any:
+    return Mul(number, page.algebra.power(above), 1 / page.algebra.power(below))
+
+
+def _plain(page: TextbookAlgebra, rate: MonomialSum) -> bool:
+    """Whether a component of a velocity is zero, or a constant times the velocity of a coordinate."""
+    if len(rate) > 1:
+        return False
+    moving = [page.algebra.factors[k] for monomial in rate for k, _ in monomial]
+    return all(factor in page.v or not factor.free_symbols & page.collector.moving for factor in moving)
+
+
+def _is_mass(page: TextbookAlgebra, mass: Any) -> bool:
+    """Whether an expression may be the mass of a point: a parameter, a sum of some, or a number."""
+    return all(part.is_Symbol or part.is_Number for part in Add.make_args(mass)) and not (
+        mass.free_symbols & page.collector.moving
+    )

@@ -1,0 +1,218 @@
+"""The textbook derivation as sums of monomials: momenta, rates, mass matrix, and the accelerations solved for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from functools import cached_property, partial
+from types import MappingProxyType
+from typing import Any
+
+from sympy import Float, Rational, S
+
+from lagrange.equations.collect import Collector
+from lagrange.equations.monomials import MonomialSum
+from lagrange.equations.solve import NestedCofactors, coupled_blocks, expanded_cofactors, vanishes
+from lagrange.equations.stated_algebra import StatedAlgebra
+from lagrange.equations.terms import TooLargeError, printable
+from lagrange.errors import StatementError, listing
+from lagrange.statement.statement import Statement
+
+BUDGET = 300_000
+"""Monomials that one part may make, 3 to 4 s of them; the equations of a 30-link chain take 200,000."""
+EXPANDED_BLOCK = 3
+"""Up to this many coupled coordinates are solved with the determinants multiplied out and merged."""
+EXPANDED_WITH_MULTIPLIERS = 6
+"""As many accelerations and multipliers of one block are: half of their matrix is zero, and what is left often cancels.
+Two masses on two rods, six unknowns, take 0.3 s, and their formulas are a third as long as nested ones."""
+EXPANDED_TERMS = 10_000
+"""What multiplying out may take of the budget, 0.1 s; beyond it the formulas stay nested. Three links need 2,000."""
+LONGEST_FORMULA = 20_000
+"""Operations in one acceleration above which it is refused, some 50 printed pages."""
+LARGEST_FRACTION = 10**6
+"""Fractions with larger numbers are shown as decimals, where the statement has decimals."""
+
+
+class TextbookAlgebra(StatedAlgebra):
+    """The derivation in `MonomialSum`, each part computed once."""
+
+    def __init__(self, statement: Statement) -> None:
+        super().__init__(statement, BUDGET)
+        self.stated = {symbol: expression for expression, symbol in self.plain.items()}
+        self.collector = Collector(self.algebra, frozenset(self.q), frozenset((*self.q, *self.v, *self.a, self.time)))
+
+    @cached_property
+    def pulls(self) -> list[MonomialSum]:
+        """dL/dq, for each coordinate."""
+        return [self.algebra.merge_angles(self.algebra.differentiate(self.lagrangian, q)) for q in self.q]
+
+    @cached_property
+    def drags(self) -> list[MonomialSum]:
+        """dD/dv, for each coordinate."""
+        dissipation = self.read(self.statement.dissipation)
+        return [self.algebra.merge_angles(self.algebra.differentiate(dissipation, v)) for v in self.v]
+
+    @cached_property
+    def drifts(self) -> list[MonomialSum]:
+        """The rate of each momentum at constant velocities, (dp/dq) v + dp/dt."""
+        return [self.at_constant_velocities(p) for p in self.momenta]
+
+    @cached_property
+    def rates(self) -> list[MonomialSum]:
+        """dp/dt = M a + drift."""
+        return [self.accelerated(i, drift) for i, drift in enumerate(self.drifts)]
+
+    @cached_property
+    def remainders(self) -> list[MonomialSum]:
+        """What stands beside M a on the left: (dp/dq) v + dp/dt - dL/dq + dD/dv, for each coordinate."""
+        algebra = self.algebra
+        return [
+            algebra.merge_angles(algebra.add({}, drift, algebra.scale(pull, S.NegativeOne), drag))
+            for drift, pull, drag in zip(self.drifts, self.pulls, self.drags, strict=True)
+        ]
+
+    @cached_property
+    def right_sides(self) -> list[MonomialSum]:
+        """H = Q - remainder of M a = h + G^T lambda."""
+        forces = [self.read(force) for force in self.statement.forces]
+        return [
+            self.algebra.merge_angles(self.algebra.add(force, self.algebra.scale(rest, S.NegativeOne)))
+            for force, rest in zip(forces, self.remainders, strict=True)
+        ]
+
+    @cached_property
+    def left_sides(self) -> list[MonomialSum]:
+        """M a + remainder."""
+        return [self.accelerated(i, rest) for i, rest in enumerate(self.remainders)]
+
+    def accelerated(self, i: int, rest: MonomialSum) -> MonomialSum:
+        """Return row i of M a, and the rest."""
+        multiply = self.algebra.multiply
+        row = (multiply(m, self.symbol(a)) for m, a in zip(self.mass[i], self.a, strict=True))
+        return self.algebra.add({}, *row, rest)
+
+    @cached_property
+    def energy(self) -> MonomialSum:
+        """V . p - L."""
+        work = (self.algebra.multiply(p, self.symbol(v)) for p, v in zip(self.momenta, self.v, strict=True))
+        return self.algebra.merge_angles(self.algebra.add(self.algebra.scale(self.lagrangian, S.NegativeOne), *work))
+
+    @cached_property
+    def gradient(self) -> list[list[MonomialSum]]:
+        """The m rows of G: dphi/dq, or dpsi/dv of a constraint on velocities."""
+        rows = []
+        for one in self.statement.constraints:
+            zero, symbols = self.read(one.expression), self.q if one.holonomic else self.v
+            rows.append([self.algebra.merge_angles(self.algebra.differentiate(zero, symbol)) for symbol in symbols])
+        return rows
+
+    @cached_property
+    def constraint_bias(self) -> list[MonomialSum]:
+        """The rate of psi at constant velocities, gamma of G a + gamma = 0; psi is dphi/dt, or as stated."""
+        return [
+            self.at_constant_velocities(self.at_constant_velocities(zero) if one.holonomic else zero)
+            for one in self.statement.constraints
+            for zero in [self.read(one.expression)]
+        ]
+
+    def at_constant_velocities(self, terms: MonomialSum) -> MonomialSum:
+        """Return the rate of a sum along dq/dt = v, dv/dt = 0."""
+        algebra = self.algebra
+        moved = [
+            algebra.multiply(algebra.differentiate(terms, q), self.symbol(v))
+            for q, v in zip(self.q, self.v, strict=True)
+        ]
+        return algebra.merge_angles(algebra.add({}, *moved, algebra.differentiate(terms, self.time)))
+
+    @cached_property
+    def motion(self) -> list[Any]:
+        """The accelerations M^-1 (Q - remainder), or with constraints a and lambda, block by block.
+
+        M a - G^T lambda = Q - remainder, G a = -gamma.
+        """
+        negative = partial(self.algebra.scale, number=S.NegativeOne)
+        bias = [*self.right_sides, *map(negative, self.constraint_bias)]
+        columns = [[row[i] for row in self.gradient] for i in range(len(self.q))]
+        rows = [[*mass, *map(negative, column)] for mass, column in zip(self.mass, columns, strict=True)]
+        rows += [[*row, *({} for _ in self.gradient)] for row in self.gradient]
+        solved: dict[int, Any] = {}
+        for block in coupled_blocks([[bool(entry) for entry in row] for row in rows]):
+            matrix = [[rows[i][j] for j in block] for i in block]
+            solved.update(zip(block, self.solve(block, matrix, [bias[i] for i in block]), strict=True))
+        return [solved[i] for i in range(len(solved))]
+
+    def solve(self, block: list[int], matrix: list[list[MonomialSum]], bias: list[MonomialSum]) -> list[Any]:
+        """Return the unknowns of a block, with the determinants multiplied out where that stays short."""
+        held = any(i >= len(self.q) for i in block)
+        if len(block) <= (EXPANDED_WITH_MULTIPLIERS if held else EXPANDED_BLOCK):
+            try:
+                with self.algebra.at_most(EXPANDED_TERMS):
+                    return self.solve_expanded(block, matrix, bias)
+            except TooLargeError:
+                return self.solve_nested(block, matrix, bias)
+        return self.solve_nested(block, matrix, bias)
+
+    def solve_expanded(self, block: list[int], matrix: list[list[MonomialSum]], bias: list[MonomialSum]) -> list[Any]:
+        """Return the unknowns with the determinants multiplied out."""
+        above, determinant = expanded_cofactors(self.algebra, matrix, bias)
+        if not determinant:
+            raise self.singular(block)
+        return [self.finish(self.collector.quotient(terms, determinant)) for terms in above]
+
+    def solve_nested(self, block: list[int], matrix: list[list[MonomialSum]], bias: list[MonomialSum]) -> list[Any]:
+        """Return the unknowns with the minors left as they are."""
+        entries = [[self.collector.write(entry) for entry in row] for row in matrix]
+        right = [self.collector.write(entry) for entry in bias]
+        if vanishes(entries):
+            raise self.singular(block)
+        return [self.finish(expression) for expression in NestedCofactors(entries, right, LONGEST_FORMULA).solution()]
+
+    def singular(self, block: list[int]) -> StatementError:
+        """Return what to say about a block whose matrix is singular everywhere."""
+        n = len(self.q)
+        names = [self.statement.names[i] for i in block if i < n]
+        held = [self.statement.constraints[i - n].name for i in block if i >= n]
+        still = [self.statement.names[i] for i in block if i < n and not any(self.mass[i])]
+        if still and not held:
+            return StatementError(
+                f"no formula is written out for the accelerations of {listing(names)}: {listing(still)} "
+                f"{'has' if len(still) == 1 else 'have'} no inertia. An equation of motion of first order has no "
+                "accelerations in it: read it in equations(); what is compiled takes its rate of change."
+            )
+        if held:
+            return StatementError(
+                f"the accelerations of {listing(names)} and the multipliers of {listing(held)} are not determined by a "
+                "formula, at any state: the constraints depend on one another, or a motion that they allow has no "
+                "inertia. Drop a constraint that follows from the others, or add the kinetic energy that is missing."
+            )
+        return StatementError(
+            f"the mass matrix of {listing(names)} is singular at every state, so the accelerations are not determined: "
+            "give each coordinate inertia of its own in the kinetic energy, or state fewer coordinates."
+        )
+
+    def show(self, terms: MonomialSum) -> Any:
+        """Return a sum as an expression in the stated symbols, collected."""
+        return self.finish(self.collector.write(terms))
+
+    def finish(self, expression: Any) -> Any:
+        """Return the expression in the stated symbols, with decimals again where a fraction is no help."""
+        expression = printable(expression).xreplace(self.stated)
+        if not self.decimal:
+            return expression
+        fractions = sorted(expression.atoms(Rational), key=str)
+        return expression.xreplace({number: Float(number) for number in fractions if _unreadable(number)})
+
+    def by_coordinate(self, parts: Iterable[Any]) -> Mapping[Any, Any]:
+        """Return parts by the coordinate that they belong to."""
+        return MappingProxyType(dict(zip(self.statement.coordinates, parts, strict=True)))
+
+
+def _unreadable(number: Any) -> bool:
+    """Whether a fraction that came from decimals is better shown as one: 981/100 is, 1/2 and 1/3 are not."""
+    numerator, denominator = abs(int(number.p)), int(number.q)
+    if max(numerator, denominator) > LARGEST_FRACTION:
+        return True
+    while denominator % 2 == 0:
+        denominator //= 2
+    while denominator % 5 == 0:
+        denominator //= 5
+    return denominator == 1 and int(number.q) > 8

@@ -1,0 +1,15 @@
+"""The languages of a page, and the one that a terminal reads."""
+
+from __future__ import annotations
+
+import sys
+
+FORMATS = ("text", "unicode", "latex", "markdown", "html")
+
+
+def terminal_style() -> str:
+    """Return "unicode" where standard output is a terminal that has Unicode, else "text", which is plain ASCII."""
+    stream = sys.stdout
+    if stream is None or not stream.isatty():
+        return "text"
+    return "unicode" if (stream.encoding or "").lower().replace("-", "").startswith("utf") else "text"

@@ -1,0 +1,226 @@
+"""Formulas as a book prints them: order of factors and terms, signs, fractions, roots, and our own letters."""
+
+from __future__ import annotations
+
+import io
+import re
+import sys
+from typing import Any
+
+import pytest
+import sympy
+from sympy import Abs, Float, Function, Max, Piecewise, Rational, cos, exp, log, pi, sin, sqrt
+
+import lagrange as lg
+from lagrange.show.derivation import NOTEBOOK, render
+from lagrange.show.formula_lines import LineWriter
+from lagrange.show.latex_notation import LatexNotation
+from lagrange.show.mathml_notation import MathmlNotation
+from lagrange.show.pieces import Notation
+from lagrange.show.sections import READABLE, Formula
+from lagrange.show.styles import terminal_style
+from lagrange.show.text_notation import AsciiNotation, UnicodeNotation
+from lagrange.statement.declare import declare
+
+x, y, theta, phi = lg.coordinates("x y theta phi")
+m, M, l, g, R, a, k, omega, c, G = lg.parameters("m M l g R a k omega c G")
+t = lg.t
+STATED = declare(
+    kinetic=m * (x.dot**2 + y.dot**2 + theta.dot**2 + phi.dot**2) / 2,
+    potential=M * (g + k + omega + c + G) * (R - a) * x + l,
+    coordinates=[theta, phi, x, y],
+    parameters={m: 1, M: 1, g: 1, k: 1, c: 1, G: 1, l: 1, R: 2, a: 1, omega: 1},
+)
+
+
+def written(expression: Any, notation: type[Notation]) -> str:
+    return LineWriter(STATED, notation).setter.write(sympy.S(0) + expression)
+
+
+@pytest.mark.parametrize(
+    ("expression", "ascii_", "unicode_", "latex"),
+    [
+        (m * l**2 * theta.ddot, "m*l**2*theta_ddot", "m l² θ̈", r"m l^2 \ddot\theta"),
+        (m * g * l * cos(theta), "m*g*l*cos(theta)", "m g l cos θ", r"m g l \cos \theta"),
+        (m * x.dot**2 / 2, "m*x_dot**2/2", "½ m ẋ²", r"\frac{1}{2} m \dot{x}^2"),
+        (G * M * m / x, "G*m*M/x", "G m M/x", r"\frac{G m M}{x}"),
+        (-g * sin(theta) / l, "-g*sin(theta)/l", "−(g/l) sin θ", r"-\frac{g}{l} \sin \theta"),
+        (k * x / m, "k*x/m", "(k/m) x", r"\frac{k}{m} x"),
+        (x / m, "x/m", "x/m", r"\frac{x}{m}"),
+        (R - a, "R - a", "R − a", "R - a"),
+        (a - R, "a - R", "a − R", "a - R"),
+        ((a - R) * g * sin(theta), "-g*(R - a)*sin(theta)", "−g (R − a) sin θ", r"-g (R - a) \sin \theta"),
+        (2 * g * sin(theta) / 3 / (R - a), None, "(2 g/(3 (R − a))) sin θ", r"\frac{2 g}{3 (R - a)} \sin \theta"),
+        (x**2 + y**2 - l**2, "x**2 + y**2 - l**2", "x² + y² − l²", "x^2 + y^2 - l^2"),
+        (l + x, "l + x", "l + x", "l + x"),
+        (sin(theta) * cos(theta) * phi.dot**2, None, "φ̇² sin θ cos θ", r"\dot\phi^2 \sin \theta \cos \theta"),
+        (cos(2 * theta), "cos(2*theta)", "cos 2θ", r"\cos 2 \theta"),
+        (cos(omega * t), "cos(omega*t)", "cos(ω t)", r"\cos(\omega t)"),
+        (sin(theta) ** 2 * sqrt(x), None, "√x sin² θ", r"\sqrt{x} \sin^2 \theta"),
+        (
+            (x**2 + y**2) ** Rational(-3, 2),
+            "1/(x**2 + y**2)**(3/2)",
+            "1/(x² + y²)^(3/2)",
+            r"\frac{1}{(x^2 + y^2)^{3/2}}",
+        ),
+        (exp(-t / 2) * x, "x*exp(-t/2)", "x e^(−½ t)", r"x e^{-\frac{1}{2} t}"),
+        (2 * pi * log(x), "2*pi*log(x)", "2 π ln(x)", r"2 \pi \ln(x)"),
+        (Abs(x) * k, "k*abs(x)", "k |x|", r"k \left|x\right|"),
+        (Float("6.674e-11") * m, "6.674e-11*m", "6.674·10⁻¹¹ m", r"6.674 \cdot 10^{-11} m"),
+        (Float(2.0) * m, "2*m", "2 m", "2 m"),
+        (Rational(7, 12) * m, "7*m/12", "(7/12) m", r"\frac{7}{12} m"),
+        (Max(x, 0), None, "max(0, x)", r"\max(0, x)"),
+        (sympy.Integer(0), "0", "0", "0"),
+        (-x, "-x", "−x", "-x"),
+        (c**x, "c**x", "c^x", "c^x"),
+    ],
+)
+def test_formulas(expression: Any, ascii_: str | None, unicode_: str, latex: str) -> None:
+    if ascii_ is not None:
+        assert written(expression, AsciiNotation) == ascii_
+    assert written(expression, UnicodeNotation).replace("θ̈", "θ̈") == unicode_
+    assert written(expression, LatexNotation) == latex
+    assert written(expression, MathmlNotation).count("<") % 2 == 0
+
+
+def test_a_sum_has_the_sign_that_was_stated() -> None:
+    turned = declare(kinetic=m * x.dot**2 / 2, potential=k * (a - R) ** 2 * x)
+    assert LineWriter(turned, UnicodeNotation).setter.write(k * (R - a) * x) == "−k (a − R) x"
+
+
+def test_cases_and_functions_of_time() -> None:
+    switch = Piecewise((x, (x >= 0) & (y < 1)), (-x, True))
+    assert written(switch, UnicodeNotation) == "{x if (x ≥ 0) and (y < 1); −x otherwise}"
+    assert written(switch, LatexNotation) == (
+        r"\begin{cases} x & (x \ge 0)\text{ and }(y < 1) \\ -x & \text{otherwise} \end{cases}"
+    )
+    pivot, u = Function("X")(t), Function("U")
+    assert written(pivot.diff(t, 2) * m, UnicodeNotation) == "m Ẍ"
+    assert written(u(x), UnicodeNotation) == "U(x)"
+    assert written(u(x).diff(x), UnicodeNotation) == "U'(x)"
+
+
+@pytest.mark.parametrize("notation", [AsciiNotation, UnicodeNotation, LatexNotation, MathmlNotation])
+def test_two_names_never_look_the_same(notation: type[Notation]) -> None:
+    names = ["x1", "x_1", "theta", "theta_", "m_bob", "lambda[rod]", "lambda_rod", "p_x", "θ", "ω", "omega1"]
+    writer = notation(names)
+    assert len({writer.letter(name) for name in names}) == len(names)
+
+
+def test_greek_names_are_letters_and_plain_text_is_plain() -> None:
+    angle = lg.coordinate("θ")
+    system = lg.System(m * l**2 * angle.dot**2 / 2, -m * g * l * cos(angle), name="pendulum")
+    assert "m l² θ̈ + m g l sin θ = 0" in system.page("unicode")
+    assert r"m l^2 \ddot\theta + m g l \sin \theta = 0" in system.page("latex")
+    assert system.page("text").isascii() and "m*l**2*theta_ddot" in system.page("text")
+
+
+def clashing() -> lg.System:
+    names = lg.parameters("E T V L D Q_x p_x")
+    energy, period, volume, length, drag, force, momentum = names
+    return lg.System(
+        m * length * x.dot**2 / 2,
+        energy * x + period * volume * x**2,
+        dissipation=drag * x.dot**2 / 2,
+        forces={x: force - momentum},
+        name="clashes",
+    )
+
+
+def test_our_letters_give_way_to_the_symbols_of_the_statement() -> None:
+    text, latex = clashing().page("text"), clashing().page("latex")
+    for line in (
+        "kinetic_energy = m*L*x_dot**2/2",
+        "dissipation = D*x_dot**2/2",
+        "force_x = Q_x - p_x",
+        "Lagrangian = kinetic_energy - potential_energy = m*L*x_dot**2/2 - T*V*x**2 - E*x",
+        "momentum_x = dLagrangian/dx_dot = m*L*x_dot",
+        "energy = m*L*x_dot**2/2 + T*V*x**2 + E*x",
+    ):
+        assert f"    {line}\n" in text
+    assert r"\mathcal{E} = \frac{1}{2} m L \dot{x}^2 + T V x^2 + E x" in latex
+    assert "ℒ = 𝒯 − 𝒱 = ½ m L ẋ² − T V x² − E x" in clashing().page("unicode")
+    assert not re.search(r"\n    [ETVLD] = ", text)
+
+
+@pytest.mark.parametrize(
+    ("terminal", "encoding", "style"),
+    [(True, "utf-8", "unicode"), (True, "latin-1", "text"), (False, "utf-8", "text")],
+)
+def test_a_terminal_that_has_unicode_gets_it(
+    terminal: bool, encoding: str, style: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Terminal(io.TextIOWrapper):
+        def isatty(self) -> bool:
+            return terminal
+
+    monkeypatch.setattr(sys, "stdout", Terminal(io.BytesIO(), encoding=encoding))
+    assert terminal_style() == style
+    assert lg.scene("pendulum").page() == lg.scene("pendulum").page(style)
+
+
+def test_no_standard_output_is_plain_text(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdout", None)
+    assert terminal_style() == "text"
+
+
+def test_long_sums_are_broken_and_lines_are_bounded() -> None:
+    total = sum((m * g * x**i * sin(theta) ** i for i in range(1, 12)), sympy.S.Zero)
+    lines = LineWriter(STATED, UnicodeNotation).formula(Formula((x, total)))
+    assert len(lines) > 1 and all(len(line.right) <= 103 for line in lines)
+    assert [line.goes_on for line in lines] == [False] + [True] * (len(lines) - 1)
+    assert lines[1].right.startswith("+ ")
+
+
+def test_accelerations_that_nobody_reads_are_a_sentence() -> None:
+    system = lg.scene("spinning-top")
+    page = system.page("text")
+    longest = max(value.count_ops() for value in {**system.accelerations(), **system.derivation().multipliers}.values())
+    assert (
+        f"    The formulas are too long to be read: the longest has {longest} operations, and a page shows up to "
+        f"{READABLE}. accelerations() has them as expressions; compile() gives them as numbers.\n"
+    ) in page
+    assert "q0_ddot = " not in page
+
+
+def test_a_part_of_the_accelerations_is_shown() -> None:
+    page = lg.scene("cartesian-double-pendulum").page("text")
+    assert "    The formulas are too long" in page or "    The other formulas are too long" in page
+
+
+def test_points_with_mass_begin_the_derivation() -> None:
+    page = lg.scene("pendulum").page("unicode")
+    assert (
+        "Positions and velocities\n"
+        "    r_bob = (l sin θ, −l cos θ)\n"
+        "    v_bob = (l θ̇ cos θ, l θ̇ sin θ)\n"
+        "    v_bob² = l² θ̇²\n"
+        "    T_bob = ½ m v_bob²\n"
+    ) in page
+    assert "Positions" not in lg.scene("kepler").page("text")
+
+
+def test_html_folds_and_speaks_no_markup_of_the_statement() -> None:
+    page = render(lg.scene("chain-of-springs").derivation(), "html", ["a < b & c"])
+    assert page.startswith("<!doctype html>") and page.endswith("</html>\n")
+    assert "<p>a &lt; b &amp; c</p>" in page
+    assert "<details open><summary>Energy</summary>" in page and "http" not in page.replace(
+        "http://www.w3.org/1998", ""
+    )
+    assert "<details><summary>" in render(lg.scene("spinning-top").derivation(), "html")
+
+
+def test_notebooks_are_bounded() -> None:
+    long, short = lg.scene("spinning-top").derivation(), lg.scene("pendulum").derivation()
+    for derivation in (short, long):
+        for shown in (derivation._repr_html_(), derivation._repr_markdown_(), derivation._repr_latex_()):
+            assert len(shown) <= NOTEBOOK + 200
+    assert "The page is longer than a notebook shows" in long._repr_html_()
+    assert "Structure" not in short._repr_markdown_() and "## Energy" in short._repr_markdown_()
+    assert str(short) == short.page("text")
+
+
+def test_the_double_pendulum_fits_on_two_pages() -> None:
+    page = lg.scene("double-pendulum").page("latex")
+    assert len(page.encode()) < 6000
+    assert r"\[ (m_1 + m_2) l_1^2 \ddot\theta_1 + m_2 l_1 l_2 \ddot\theta_2 \cos(\theta_1 - \theta_2) " in page

@@ -1,0 +1,219 @@
+"""Every formula of every scene's page: each side by number against the compiled model, and read back as printed."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from functools import lru_cache, partial
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy
+
+import lagrange as lg
+from lagrange.show.formula_lines import LineWriter
+from lagrange.show.latex_notation import LatexNotation
+from lagrange.show.mathml_notation import MathmlNotation
+from lagrange.show.sections import (
+    Formula,
+    Grid,
+    Partial,
+    Product,
+    Rate,
+    ShownQuantity,
+    Square,
+    Sum,
+    Transpose,
+    sections,
+)
+from lagrange.show.text_notation import AsciiNotation, UnicodeNotation
+from tests.show import formula_readers
+
+LONG = (
+    "pleiades",
+    "seven-body-mechanism",
+    "hanging-chain",
+    "spinning-top",
+    "slider-crank",
+    "free-flip",
+    "sun-earth-moon",
+)
+SCENES = [pytest.param(name, marks=[pytest.mark.exhaustive] if name in LONG else []) for name in lg.scenes()]
+DIGITS = 80
+STEP = sympy.Float("1e-20", DIGITS)
+"""Central differences, nested once, leave 20 digits or more of what they are taken of."""
+AGREEMENT = 1e-7
+"""States that are on the constraints to 1e-10, relative, leave this much of the largest term."""
+
+
+class Motion:
+    """A state of a scene near its initial one, on its constraints, and what the compiled model says there."""
+
+    def __init__(self, system: lg.System, seed: int) -> None:
+        self.statement = statement = system.statement
+        self.model = system.compile(check=False)
+        draw = np.random.default_rng(seed)
+        scale = np.array([abs(x) or 1.0 for x in statement.initial])
+        y = np.array(statement.initial) + 0.05 * scale * draw.uniform(-1, 1, len(scale))
+        self.t, n = 0.3, len(statement.coordinates)
+        keys = (*statement.coordinates, *statement.velocities)
+        if statement.constraints or statement.name == "two-point-vortices":
+            found = system.consistent(dict(zip(keys, y, strict=True)), t=self.t).initial
+            y = np.array([found[key] for key in keys])
+        self.q, self.v = y[:n], y[n:]
+        self.a = self.model.accelerations(self.q, self.v, self.t)
+        held = statement.constraints
+        self.multipliers = self.model.multipliers(self.q, self.v, self.t) if held else np.zeros(0)
+        plain = list(statement.plain.values())
+        point = dict(zip(plain, np.column_stack([self.q, self.v, self.a]).ravel(), strict=True))
+        point |= {p: statement.defaults[p] for p in statement.parameters}
+        point |= {one.multiplier: x for one, x in zip(held, self.multipliers, strict=True)} | {lg.t: self.t}
+        self.point = {symbol: sympy.Float(float(value), DIGITS) for symbol, value in point.items()}
+
+    def value(self, expression: Any, moved: Any = None) -> Any:
+        """The value of an expression at the state, in many digits."""
+        return sympy.N(expression.xreplace(self.statement.plain).xreplace(self.point | (moved or {})), DIGITS)
+
+    def number(self, expression: Any) -> float:
+        value = self.value(expression)
+        assert value.is_real or value.is_zero, expression
+        return float(value)
+
+    def slope(self, expression: Any, by: Any, moved: Any = None) -> Any:
+        """dE/dx of a stated expression by central differences."""
+        at = {**self.point, **(moved or {})}
+        symbol = by.xreplace(self.statement.plain)
+        h = STEP * max(abs(at[symbol]), 1)
+        ends = [self.value(expression, {**at, symbol: at[symbol] + sign * h}) for sign in (1, -1)]
+        return (ends[0] - ends[1]) / (2 * h)
+
+    def rate(self, value: Callable[[Any], Any]) -> float:
+        """The time derivative along the motion of what is computed at a state."""
+        plain = list(self.statement.plain.values())
+        ends = []
+        for s in (STEP, -STEP):
+            moved = {lg.t: self.point[lg.t] + s}
+            for q, v, a in zip(plain[::3], plain[1::3], plain[2::3], strict=True):
+                moved |= {q: self.point[q] + s * self.point[v], v: self.point[v] + s * self.point[a]}
+            ends.append(value(moved))
+        return float((ends[0] - ends[1]) / (2 * STEP))
+
+    def side(self, side: Any) -> Any:
+        match side:
+            case ShownQuantity():
+                return self.quantity(side.letter, side.indices)
+            case Square():
+                return float(np.dot(*[np.asarray(self.side(side.quantity)).ravel()] * 2))
+            case Partial():
+                return float(self.slope(self.stated(side.quantity), side.by))
+            case Rate():
+                return self.rate(partial(self.slope, self.statement.lagrangian, side.inside.by))
+            case Transpose():
+                return np.asarray(self.side(side.quantity)).T
+            case Product():
+                factors = [np.asarray(self.side(factor)) for factor in side.factors]
+                value = factors[0]
+                for factor in factors[1:]:
+                    value = value @ factor.T if value.ndim and factor.ndim else value * factor
+                return value
+            case Sum():
+                return sum((-1 if negative else 1) * np.asarray(self.side(term)) for negative, term in side.terms)
+            case Grid():
+                return np.array([[self.number(entry) for entry in row] for row in side.rows])
+        return self.number(side)
+
+    def stated(self, quantity: ShownQuantity) -> Any:
+        s = self.statement
+        table = {"L": s.lagrangian, "T": s.kinetic, "V": s.potential, "D": s.dissipation}
+        held = {one.name: one.expression for one in s.constraints}
+        return table[quantity.letter] if quantity.letter in table else held[quantity.indices[0]]
+
+    def quantity(self, letter: str, indices: tuple[str, ...]) -> Any:
+        s, names = self.statement, self.statement.names
+        if letter in ("r", "v"):
+            return self.point_of(letter, indices[0])
+        if letter == "T" and indices:
+            masses = {point.name: point.mass for point in lg.System.from_statement(s).derivation().points}
+            return self.number(masses[indices[0]]) * self.side(Square(ShownQuantity("v", indices))) / 2
+        if letter in ("L", "T", "V", "D", "phi", "psi"):
+            return self.number(self.stated(ShownQuantity(letter, indices)))
+        rows = [one.name for one in s.constraints] if letter == "G" else list(names)
+        values = {
+            "E": lambda: self.model.energy(self.q, self.v, self.t),
+            "p": lambda: self.model.momenta(self.q, self.v, self.t),
+            "Q": lambda: np.array([self.number(force) for force in s.forces]),
+            "M": self.mass,
+            "h": lambda: (self.mass() @ self.a - self.gradient().T @ self.multipliers)[:, None],
+            "G": self.gradient,
+        }[letter]()
+        places = tuple((rows if k == 0 else list(names)).index(index) for k, index in enumerate(indices))
+        return np.squeeze(values[places]) if places else values
+
+    def mass(self) -> Any:
+        return self.model.mass_matrix(self.q, self.t, v=self.v)
+
+    def gradient(self) -> Any:
+        s = self.statement
+        if not s.constraints:
+            return np.zeros((0, len(s.coordinates)))
+        return self.model.evaluate("constraint_gradient", self.q, self.v, self.t)
+
+    def point_of(self, letter: str, name: str) -> Any:
+        entries = self.statement.positions[name]
+        if letter == "r":
+            return np.array([[self.number(entry) for entry in entries]])
+        return np.array([[self.rate(partial(self.value, entry)) for entry in entries]])
+
+
+@lru_cache(maxsize=1)
+def page(name: str) -> tuple[lg.System, list[Formula]]:
+    system = lg.scene(name)
+    return system, [row for part in sections(system.derivation()) for row in part.rows if isinstance(row, Formula)]
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_each_side_is_what_the_compiled_model_gives(name: str) -> None:
+    system, rows = page(name)
+    motion = Motion(system, seed=1)
+    for row in rows:
+        first, *others = [np.asarray(motion.side(side), dtype=float) for side in row.sides]
+        for side, value in zip(row.sides[1:], others, strict=True):
+            scale = max(1e-9, *(np.max(np.abs(x), initial=0.0) for x in (first, value)))
+            scale = max(scale, size(motion, side), size(motion, row.sides[0]))
+            assert np.all(np.abs(first.squeeze() - value.squeeze()) <= AGREEMENT * scale), (row, first, value)
+
+
+def size(motion: Motion, side: Any) -> float:
+    """The largest term of a side, against which its rounding is measured."""
+    if isinstance(side, Sum):
+        return max((float(np.max(np.abs(motion.side(term)))) for _, term in side.terms), default=0.0)
+    if isinstance(side, sympy.Expr):
+        return max(abs(motion.number(term)) for term in sympy.Add.make_args(side))
+    return 0.0
+
+
+NOTATIONS: dict[Any, Any] = {
+    AsciiNotation: formula_readers.ascii_text,
+    UnicodeNotation: formula_readers.unicode_text,
+    LatexNotation: formula_readers.latex_text,
+    MathmlNotation: formula_readers.mathml_text,
+}
+
+
+@pytest.mark.parametrize("notation", NOTATIONS)
+@pytest.mark.parametrize("name", SCENES)
+def test_what_is_printed_reads_back_as_the_same_numbers(name: str, notation: Any) -> None:
+    system, rows = page(name)
+    writer = LineWriter(system.statement, notation)
+    draw = np.random.default_rng(2)
+    point = {symbol: sympy.Float(float(draw.uniform(0.3, 1.7)), 30) for symbol in writer.setter.letters}
+    for row in rows:
+        lines = writer.formula(row)
+        side, text = row.sides[-1], ("" if notation is MathmlNotation else " ").join(line.right for line in lines)
+        if not lines[0].left:
+            side, text = row.sides[0], re.split("<mo>=</mo>| = ", text)[0]
+        if isinstance(side, sympy.Expr):
+            expected = side.xreplace(system.statement.plain).xreplace(point)
+            found = NOTATIONS[notation](writer.setter, text).xreplace(point)
+            assert abs(sympy.N(found - expected, 25)) <= 1e-12 * max(1, abs(sympy.N(expected, 25))), (text, side)
