@@ -56,6 +56,22 @@ def test_an_order_of_ones_own(order: int) -> None:
     assert higher.steps <= found.steps
 
 
+@pytest.mark.parametrize("name", ["pendulum", "Kepler orbit"])
+@pytest.mark.parametrize("order", [4, 5, 6, 7, 9])
+def test_a_low_order_takes_the_steps_that_its_error_asks_for(order: int, name: str) -> None:
+    """From rest and through turning points: a step of order p is like tolerance**(1/p), whatever p."""
+    expected = truth(name, 1.5)
+
+    def steps(rtol: float, order: int) -> int:
+        found = run(model(name), 1.5, Taylor(rtol=rtol, atol=0.0, order=order))
+        assert found.status is Status.SUCCESS and np.abs(found.y[:, -1] - expected).max() < 20 * rtol
+        return found.steps
+
+    fine = steps(1e-10, order)
+    assert fine <= 1.3 * steps(1e-7, order) * 1e3 ** (1 / order)
+    assert fine <= 2.5 * steps(1e-10, 12) * 1e10 ** (1 / order - 1 / 12)
+
+
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", ["pendulum", "double pendulum", "Kepler orbit", "cart and pole"])
 def test_there_and_back(name: str, target: str) -> None:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-LOWEST_ORDER, HIGHEST_ORDER = 4, 32
-"""The range of orders to choose from."""
+from lagrange.procedure.taylor.constants import LOWEST_ORDER
+
+HIGHEST_ORDER = 32
+"""The highest order to choose; the lowest is that of all steps."""
 
 
 @dataclass(frozen=True)

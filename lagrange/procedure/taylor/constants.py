@@ -24,8 +24,16 @@ GUARD = 0.25
 
 From rest every other coefficient is zero, and the last nonzero one may be small by chance. Row k of a series of radius
 r gives the estimate r tolerance**(1/k). The step may exceed that estimate by a quarter of a binary digit, because
-the rows of an entire function fall faster and faster.
+the rows of an entire function fall faster and faster. Rows below half of the order are no guard: where a velocity is
+zero, its first coefficient is what its tolerance is relative to, and the estimate is as long as the unit of time, which
+follows the step. At order 4 and a tolerance of 1e-12 no step was long enough.
+
+An order that is low for the tolerance would take steps like tolerance**(1/(p - 1)), for the row before the last: 18
+times as many as tolerance**(1/p) at order 4 and 1e-15. There its radius counts at the last order, less this quarter.
 """
+
+LOWEST_ORDER = 4
+"""The lowest order of a series that steps are taken with."""
 
 RADIUS_FRACTION = -1.0
 """log2 of the largest step as a fraction of the estimated radius of convergence.

@@ -16,6 +16,7 @@ from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, Procedure
 from lagrange.procedure.taylor.constants import (
     GUARD,
+    LOWEST_ORDER,
     RADIUS_FRACTION,
     ROW_DISTANCE,
     ROWS_USED,
@@ -79,7 +80,8 @@ class _Exponent:
         if not self.layout.crossing:
             one, other = (self.radius(less) for less in (1, 0))
             least = self.lesser(least, p.choose(one > other, one, other) + RADIUS_FRACTION)
-        bound = p.smaller(*(self.sizes[less] * run.minus_one_over(run.less(less)) for less in (1, 0)))
+        before = p.fma(self.sizes[1], run.minus_one_over(run.less(1)), self.leeway())
+        bound = p.smaller(before, self.sizes[0] * run.minus_one_over(run.order))
         found = p.variable(self.lesser(bound, least), "found")
         with p.when(ends(run, found.value), likely=False):
             given = self.rtol, self.floors, found.value
@@ -91,12 +93,26 @@ class _Exponent:
         """Return the lesser of two, the first if the second is NaN."""
         return self.p.choose(b < a, b, a)
 
+    def leeway(self) -> Real:
+        """Return by how much the row before the last may exceed its bound: to its radius at the last order, less GUARD.
+
+        It is zero where the order suits the tolerance.
+        """
+        run, p = self.run, self.p
+        apart = run.minus_one_over(run.order) - run.minus_one_over(run.less(1))
+        found: Real = p.larger(p.fma(self.digits, apart, -GUARD), 0.0)
+        return found
+
     def guarded(self, less: int) -> Real:
-        """Return the bound of the step from an earlier row: its radius, at the last order; see `GUARD`."""
+        """Return the bound of the step from an earlier row: its radius, at the last order; see `GUARD`.
+
+        It is infinite for rows below half of the order.
+        """
         run, p = self.run, self.p
         share = run.minus_one_over(run.less(less))
         apart = run.minus_one_over(run.order) - share
-        found: Real = p.fma(self.digits, apart, self.sizes[less] * share) + GUARD
+        bound = p.fma(self.digits, apart, self.sizes[less] * share) + GUARD
+        found: Real = p.choose(run.order < 2 * less, math.inf, bound) if 2 * less > LOWEST_ORDER else bound
         return found
 
     def radius(self, less: int) -> Real:

@@ -13,8 +13,8 @@ from lagrange.graph.node import Node
 from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
 from lagrange.machine.event_memory import EventMemory
 from lagrange.machine.model import Model
-from lagrange.machine.series.order import LOWEST_ORDER
 from lagrange.machine.state import DriverState
+from lagrange.procedure.taylor.constants import LOWEST_ORDER
 from lagrange.trajectory.events.actions import Impact, root_of
 from lagrange.trajectory.events.actions import impacts as impacts_of
 from lagrange.trajectory.events.nonanalytic_points import Continuations
