@@ -21,7 +21,7 @@ PLAIN: Mapping[str, tuple[str, ...]] = {
     "trajectory runs": (
         *("inertia", "memory_limit", "messages", "outputs", "plan", "prepared", "run_loop", "shortened", "sizes"),
     ),
-    "trajectory entries": ("conservation", "flow", "integrate"),
+    "trajectory entries": ("conservation", "flow", "integrate", "over_crossings"),
 }
 """The modules beside the rooms: what every room reads, what runs a plan, and what is called from outside. The records
 stand before all rooms of their stage, the entries behind all."""

@@ -19,9 +19,10 @@ from lagrange.statement.number import real_array, real_number
 from lagrange.trajectory.constraints.consistent import consistent_start
 from lagrange.trajectory.constraints.dependence import check_independent
 from lagrange.trajectory.constraints.discontinuities import may_be_discontinuous
-from lagrange.trajectory.integrator import Problem, run_by
+from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.options import DEFAULT_OPTIONS, RunOptions
+from lagrange.trajectory.over_crossings import run_over_crossings
 from lagrange.trajectory.plan import Plan, Planned
 from lagrange.trajectory.run_loop import MOST_STEPS_PER_CALL
 from lagrange.trajectory.sizes import survey
@@ -147,7 +148,7 @@ class Flow:
         """Run the integrator, for its message or because it has no step program."""
         values = self._model.parameter_values(parameters)
         problem = replace(self._problem, t0=t0, t1=t1, y0=y0, parameters=values)
-        trajectory = run_by(self._integrator, problem)
+        trajectory = run_over_crossings(self._integrator, problem)
         if not trajectory.status.complete:
             raise RunError(trajectory.message)
         return trajectory.y[:, -1].copy()

@@ -20,10 +20,11 @@ from lagrange.statement.number import real_array, real_number
 from lagrange.trajectory.conservation import energy, verified
 from lagrange.trajectory.constraints.consistent import consistent_start, moved_sentence, violation
 from lagrange.trajectory.constraints.dependence import check_independent, refuse_dependent
-from lagrange.trajectory.integrator import Integrator, Problem, run_by
+from lagrange.trajectory.integrator import Integrator, Problem
 from lagrange.trajectory.memory_limit import memory_limit
 from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.options import DEFAULT_OPTIONS, RunOptions
+from lagrange.trajectory.over_crossings import run_over_crossings
 from lagrange.trajectory.plan import locates_events
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
@@ -76,7 +77,7 @@ def integrate(
     before = _check_start(problem)
     if constrained:
         check_independent(model, t0, start, problem.parameter_array)
-    trajectory = run_by(integrator, problem)
+    trajectory = run_over_crossings(integrator, problem)
     if trajectory.status is Status.SINGULAR and not trajectory.steps and constrained:
         refuse_dependent(model, t0, start, problem.parameter_array)
     if start is not given:

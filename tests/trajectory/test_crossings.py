@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from lagrange.machine.singular import Singular
 from lagrange.trajectory import shortened
 from lagrange.trajectory.constraints.passage import dependent_passage
 from tests.series_systems import ladder
+from tests.trajectory.runs import ADAPTIVE, OUTSIDE
 
 a, b, s = lg.coordinates("a b s")
 
@@ -28,16 +30,15 @@ CRANK = lg.System(
 START = CRANK.consistent({a.dot: 3.0, b.dot: 3.0}).initial
 
 
+NOTE = "Equal steps of rk4 led over t = "
+
+
 def told(solution: lg.Solution) -> None:
-    """Hold that the rods turn together, and that a run that ends before the end says why."""
+    """Hold that the rods turn together over the crossing, as the motion that is smooth does."""
+    assert solution.status is lg.Status.SUCCESS, solution.message
     assert np.abs(solution[a] - solution[b]).max() < 1e-4
-    if solution.status is not lg.Status.SUCCESS:
-        assert solution.status is lg.Status.SINGULAR, solution.message
-        assert "'across'" in solution.message and "near there, at a = " in solution.message
-        assert "an error as small as the tolerance decides how the motion goes on." in solution.message
-        assert "pass it with equal steps, such as those of rk4." in solution.message
-        # The rods stand upright there.
-        assert float(np.cos(solution.y[0, -1])) == pytest.approx(0.0, abs=1e-2)
+    assert float(np.cos(solution[a]).min()) < -0.9
+    assert solution.energy[-1] == pytest.approx(solution.energy[0], rel=1e-5)
 
 
 @pytest.mark.parametrize("method", ["taylor", "dop853", "verner9", "radau5"])
@@ -46,9 +47,64 @@ def test_no_method_goes_on_as_another_motion(method: str, options: dict[str, Any
     told(CRANK.run(3.0, START, method=method, check=False, **options))
 
 
+@cache
+def reduced() -> lg.Solution:
+    """The linkage of the scene as a parallelogram, by one angle."""
+    p = {str(symbol): value for symbol, value in lg.scene("four-bar-change-point").parameters.items()}
+    angle = lg.coordinate("angle")
+    inertia = (p["m1"] + p["m3"]) / 3 + p["m2"]
+    weight = (p["m1"] + p["m3"]) / 2 + p["m2"]
+    system = lg.System(
+        kinetic=inertia * p["l1"] ** 2 * angle.dot**2 / 2,
+        potential=p["g"] * weight * p["l1"] * sin(angle),
+        initial={angle: np.pi / 2, angle.dot: -1.0},
+    )
+    return system.run(2.0, rtol=1e-14)
+
+
+METHODS = [name for name in (*ADAPTIVE, *OUTSIDE) if name not in ("scipy-rk23", "scipy-rk45", "scipy-bdf")]
+
+
+@pytest.mark.parametrize("rtol", [1e-8, 1e-10, 1e-12])
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_with_error_control_passes_crossings_as_the_reduced_motion(method: str, rtol: float) -> None:
+    """The bars are in one line at 0.722 and at 1.244; those methods alone are left out that take thousands of steps."""
+    if method in ("bs3", "radau3") and rtol < 1e-10:
+        pytest.skip("a low order takes too many steps")
+    run = lg.scene("four-bar-change-point").run(2.0, method=method, rtol=rtol, check=False)
+    assert run.status is lg.Status.SUCCESS, run.message
+    angle, rate = reduced().at(run.t)
+    # The angle is unstable: 1e4 is what errors of a step grow to, with SUNDIALS, which is not projected; near a
+    # crossing velocities are known to the root of rounding.
+    assert np.abs(run.y[0] - angle).max() < 1e4 * rtol + 1e-10
+    assert np.abs(run.y[3] - rate).max() < 1e5 * rtol + 1e-7
+    assert np.abs(run.y[1]).max() < 10 * rtol + 1e-9
+
+
+def test_outputs_events_and_resets_go_on_over_crossings() -> None:
+    linkage = lg.scene("four-bar-change-point")
+    times = np.linspace(0.0, 2.0, 81)
+    wanted = reduced().at(times)
+    theta = linkage.coordinates[0]
+    down = lg.event(theta, direction=-1)
+    for method in ("taylor", "dop853"):
+        run = linkage.run(2.0, method=method, rtol=1e-12, t_eval=times, events=[down, lg.t - 0.722], check=False)
+        assert NOTE + "0.722018" in run.message and "other motions cross: 'x'" in run.message
+        # The path of a dop853 step that leads over the second crossing has the slope at a stage near it: 1e-8.
+        assert np.array_equal(run.t, times) and np.abs(run.y[0] - wanted[0]).max() < 1e-7
+        assert np.array_equal(run.at(times), run.y)
+        # Where the bars are in line is an event as well.
+        assert run.t_events[0] == pytest.approx([0.722018], abs=1e-6) and len(run.t_events[1]) == 1
+        soon = lg.event(theta + 0.02, terminal=True)
+        ended = linkage.run(2.0, method=method, rtol=1e-12, events=[soon], check=False)
+        assert ended.status is lg.Status.EVENT and NOTE in ended.message
+        assert reduced().at(ended.t[-1:])[0] == pytest.approx(-0.02, abs=1e-9)
+        back = linkage.run(0.0, run.final, t_start=2.0, method=method, rtol=1e-12, check=False)
+        assert back.status is lg.Status.SUCCESS and back.y[0, -1] == pytest.approx(np.pi / 2, abs=1e-7)
+
+
 def test_equal_steps_pass_it() -> None:
     solution = CRANK.run(3.0, START, method="rk4", step=0.01, check=False)
-    assert solution.status is lg.Status.SUCCESS and float(np.cos(solution[a]).min()) < -0.9
     told(solution)
 
 
@@ -104,21 +160,6 @@ def test_a_run_that_rounding_would_decide_ends_before(monkeypatch: pytest.Monkey
     assert len(solution.t) == len(solution.y[0]) and solution.t[-1] > 0.0
 
 
-@pytest.mark.parametrize("method", ["bs3", "radau3", "scipy-radau", "taylor"])
-def test_a_run_that_ends_at_a_crossing_is_cut_and_not_run_again(method: str) -> None:
-    """Other packages' solvers cannot be run again, and a run up to a short step has a short step before that."""
-    solution = lg.scene("four-bar-change-point").run(2.0, method=method, rtol=1e-8, events=[lg.t - 0.5, lg.t - 1.9])
-    # The rods are in one line at 0.722 and 1.951; rounding decides at which of them steps become short, if at any.
-    end = solution.t[-1]
-    assert solution.t[-1] == solution.trajectory.span[1]
-    assert [len(times) for times in solution.t_events] == [1, int(end >= 1.9)]
-    assert solution.trajectory.steps == len(solution.t) - 1
-    if solution.status is not lg.Status.SUCCESS:
-        assert solution.status is lg.Status.SINGULAR
-        assert min(abs(end - 0.722), abs(end - 1.951)) < 2e-3
-        assert f"{method} stopped at t = {end:.6g} on the way from 0 to 2" in solution.message
-
-
 @pytest.mark.parametrize("method", ["cvode", "scipy-bdf", "dopri5"])
 def test_redundant_constraints_that_are_allowed_are_no_crossing(method: str) -> None:
     """The first steps of these methods are short."""
@@ -130,23 +171,31 @@ def test_redundant_constraints_that_are_allowed_are_no_crossing(method: str) -> 
     assert solution.status is lg.Status.SUCCESS, solution.message
 
 
+@pytest.mark.parametrize("rtol", [1e-8, 1e-12])
 @pytest.mark.parametrize("loops", [1, 3])
-def test_taylor_passes_most_flat_ladders_as_the_parallelogram(loops: int) -> None:
-    """All bars are in one line once or twice in each run; rounding decides whether a step comes to rest beside that.
-
-    21 of 21 runs pass where this was measured, 16 to 18 with steps bounded by the radius of convergence. A run that
-    does not pass says so.
-    """
-    model, passed = model_of(ladder(loops), machine("llvm")), 0
-    for speed in np.linspace(0.7, 1.7, 21):
+def test_taylor_passes_flat_ladders_as_the_parallelogram(loops: int, rtol: float) -> None:
+    """All bars are in one line once or twice in each run; rounding decides whether a step comes to rest beside that."""
+    model = model_of(ladder(loops), machine("llvm"))
+    for speed in np.linspace(0.7, 1.7, 6):
         start = {f"x{i}": float(i) for i in range(loops + 1)} | {f"y{i}": 1.0 for i in range(loops + 1)}
         start |= {f"x{i}_dot": float(speed) for i in range(loops + 1)}
         start |= {f"y{i}_dot": 0.0 for i in range(loops + 1)}
-        run = lg.integrate(model, (0.0, 2.0), start, rtol=1e-8)
-        if run.status is not lg.Status.SUCCESS:
-            assert run.status is lg.Status.SINGULAR and "dependent" in run.message
-            continue
-        passed += 1
+        run = lg.integrate(model, (0.0, 2.0), start, rtol=rtol)
+        assert run.status is lg.Status.SUCCESS, run.message
         apart = [run[f"x{i}"] - run["x0"] - i for i in range(1, loops + 1)]
         assert np.abs(apart).max() < 1e-5
-    assert passed >= 19
+
+
+def test_an_arm_that_is_pulled_beyond_its_reach_is_not_led_on() -> None:
+    """Its end is carried outwards: the arm is stretched out at t = 1, and no motion goes on."""
+    arm = lg.System(
+        kinetic=(a.dot**2 + b.dot**2) / 2,
+        coordinates=[a, b],
+        constraints={"along": cos(a) + cos(b) - lg.t - 1, "level": sin(a) + sin(b)},
+        initial={a: np.pi / 3, b: -np.pi / 3},
+    )
+    start = arm.consistent().initial
+    for method in ("taylor", "dop853", "radau5"):
+        run = arm.run(2.0, start, method=method, check=False)
+        assert run.status is lg.Status.SINGULAR and run.t[-1] == pytest.approx(1.0, abs=1e-3)
+        assert "'along'" in run.message and NOTE not in run.message
