@@ -19,10 +19,11 @@ import pytest
 WHOLE = False
 """Whether everything was asked for; `conftest.py` says so before tests are collected."""
 
-PART, LEAST = 4, 3
+PART, LEAST = 6, 2
 """Of what is drawn at random a default run takes one in `PART`, and so many at least."""
 
 T = TypeVar("T", bound=tuple[Hashable, ...])
+R = TypeVar("R")
 
 Value = tuple[str, Hashable]
 """The names of what is given together, and which of the values it is."""
@@ -72,6 +73,12 @@ def _pairs(case: Case) -> list[tuple[Value, Value]]:
 def share(count: int) -> int:
     """Return how often a default run does what everything does `count` times, each time with other random numbers."""
     return count if WHOLE else min(count, max(LEAST, count // PART))
+
+
+def spread(rows: Sequence[R], count: int) -> list[R]:
+    """Return `count` of the rows in a default run, at equal distances from the first to the last of them."""
+    whole = WHOLE or len(rows) <= count
+    return list(rows) if whole else [rows[k * (len(rows) - 1) // (count - 1)] for k in range(count)]
 
 
 def dealt(rows: Sequence[T]) -> list[T]:

@@ -15,6 +15,7 @@ from lagrange.equations.euler_lagrange import Equations, euler_lagrange
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
 from lagrange.statement.declare import declare
+from lagrange.statement.scene import load
 from lagrange.statement.statement import Statement
 
 TARGETS = ("numpy", "llvm")
@@ -28,6 +29,12 @@ def stated(**given: Any) -> Statement:
     statement = declare(**given)
     missing = {p: VALUES[p] for p in statement.parameters if p in VALUES and p not in statement.defaults}
     return declare(**given | {"parameters": {**given.get("parameters", {}), **missing}}) if missing else statement
+
+
+@cache
+def loaded(name: str) -> Statement:
+    """Return the statement of a scene of the library, read once for all tests."""
+    return load(name)
 
 
 @cache

@@ -99,12 +99,14 @@ def test_standard_output_that_is_closed(arguments: tuple[str, ...]) -> None:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="the shell is that of POSIX")
-def test_standard_error_that_nobody_reads_leaves_the_exit_code_and_the_output(tmp_path: Path) -> None:
-    for before in ("exec 2>&-;", "exec 2>/dev/full;"):
-        with (tmp_path / "printed").open("w") as printed:
-            assert printing_to(printed, "run", "nothing", before=before) == (2, "")
-            assert printing_to(printed, "run", "pendulum", "--t-end", "1e-3", before=before) == (0, "")
-        assert (tmp_path / "printed").read_text().startswith("pendulum: success\n"), "no refusal goes to the output"
+@pytest.mark.parametrize(
+    "before", ["exec 2>&-;", pytest.param("exec 2>/dev/full;", marks=pytest.mark.exhaustive)], ids=["closed", "full"]
+)
+def test_standard_error_that_nobody_reads_leaves_the_exit_code_and_the_output(tmp_path: Path, before: str) -> None:
+    with (tmp_path / "printed").open("w") as printed:
+        assert printing_to(printed, "run", "nothing", before=before) == (2, "")
+        assert printing_to(printed, "run", "pendulum", "--t-end", "1e-3", before=before) == (0, "")
+    assert (tmp_path / "printed").read_text().startswith("pendulum: success\n"), "no refusal goes to the output"
 
 
 def test_a_terminal_that_knows_no_accents(tmp_path: Path) -> None:
@@ -116,7 +118,9 @@ def test_a_terminal_that_knows_no_accents(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals are sent the POSIX way")
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("number", "code"), [pytest.param(signal.SIGINT, 130, marks=pytest.mark.exhaustive), (signal.SIGTERM, 143)]
+)
 def test_a_signal_keeps_the_partial_result(tmp_path: Path, number: signal.Signals, code: int) -> None:
     # SciPy's steps are slow enough that the run is still going on any machine: ours would be through in two seconds.
     options = ["--method", "scipy-dop853", "--rtol", "1e-10", "--t-end", "1e6", "--points", "9", "--out"]

@@ -64,10 +64,12 @@ def test_one_list_of_parameters_is_taken_as_a_whole() -> None:
 def test_shares(monkeypatch: pytest.MonkeyPatch) -> None:
     rows = [(a, b) for a in "abcd" for b in "xy"]
     monkeypatch.setattr(covering, "WHOLE", False)
-    assert [share(count) for count in (2, 3, 10, 100)] == [2, 3, 3, 25]
+    assert [share(count) for count in (2, 3, 10, 100)] == [2, 2, 2, 16]
+    assert covering.spread("abcdefg", 3) == ["a", "d", "g"] and covering.spread("ab", 3) == ["a", "b"]
     assert len(dealt(rows)) == 4 and {value for row in dealt(rows) for value in row} == set("abcdxy")
     monkeypatch.setattr(covering, "WHOLE", True)
     assert [share(count) for count in (2, 3, 10, 100)] == [2, 3, 10, 100] and dealt(rows) == rows
+    assert covering.spread("abcdefg", 3) == [*"abcdefg"]
 
 
 FILE = """
@@ -87,7 +89,7 @@ def test_long(): ...
 
 
 @pytest.mark.parametrize(
-    ("options", "count"), [([], 5 + 10), (["--all"], 10 + 40 + 1), (["-k", "product"], 10), (["::test_long"], 1)]
+    ("options", "count"), [([], 5 + 6), (["--all"], 10 + 40 + 1), (["-k", "product"], 10), (["::test_long"], 1)]
 )
 def test_what_a_run_takes(options: list[str], count: int, tmp_path: Path) -> None:
     """Tests of their own name run whole, whatever is asked for otherwise."""

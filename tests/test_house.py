@@ -8,6 +8,7 @@ import re
 import statistics
 import tokenize
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -29,6 +30,12 @@ Rule = Callable[[str, str], Iterator[str]]
 """(file, source) -> one complaint for each place that breaks the rule."""
 
 
+@cache
+def parsed(source: str) -> ast.Module:
+    """Return the tree of a file, which all rules read and none changes."""
+    return ast.parse(source)
+
+
 def functions(tree: ast.AST) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
     return (node for node in ast.walk(tree) if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)))
 
@@ -43,7 +50,7 @@ def length(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
 def too_long(file: str, source: str) -> Iterator[str]:
     if (lines := source.count("\n")) > LONGEST_FILE:
         yield f"{file}: {lines} lines"
-    for function in functions(ast.parse(source)):
+    for function in functions(parsed(source)):
         if length(function) > LONGEST_FUNCTION:
             yield f"{file}:{function.lineno} {function.name}: {length(function)} lines"
 
@@ -58,7 +65,7 @@ RUNS_ITS_OWN = "lagrange/machine/python_source.py"
 
 
 def runs_text(file: str, source: str) -> Iterator[str]:
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(parsed(source)):
         match node:
             case ast.Call(func=ast.Name(id="exec")) if file == RUNS_ITS_OWN:
                 continue
@@ -81,7 +88,7 @@ def silences(file: str, source: str) -> Iterator[str]:
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
         if token.type == tokenize.COMMENT and SILENCER.search(token.string):
             yield f"{file}:{token.start[0]} {token.string[:60]}"
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(parsed(source)):
         match node:
             case ast.ExceptHandler(type=None):
                 yield f"{file}:{node.lineno} catches everything"
@@ -98,7 +105,7 @@ def silences(file: str, source: str) -> Iterator[str]:
 
 def undocumented(file: str, source: str) -> Iterator[str]:
     """Public modules, classes and functions without a docstring, or with one that repeats their name."""
-    tree = ast.parse(source)
+    tree = parsed(source)
     if not re.search(r"/_[a-z]", file) and not ast.get_docstring(tree):
         yield f"{file}: the module has no docstring"
     for node in tree.body:
@@ -184,7 +191,7 @@ def sorts_by_address(node: ast.AST) -> bool:
 
 
 def iterates_sets(file: str, source: str) -> Iterator[str]:
-    tree = ast.parse(source)
+    tree = parsed(source)
     forgiven = {id(arg) for call in ast.walk(tree) if called(call) in ORDER_LOST for arg in getattr(call, "args", ())}
     forgiven |= {id(node) for node in ast.walk(tree) if isinstance(node, ast.SetComp)}
     for scope in (tree, *functions(tree)):
@@ -262,7 +269,7 @@ def test_every_file_has_a_plain_name() -> None:
 
 
 def test_the_median_function_is_short() -> None:
-    lengths = [length(function) for source in PACKAGE.values() for function in functions(ast.parse(source))]
+    lengths = [length(function) for source in PACKAGE.values() for function in functions(parsed(source))]
     assert statistics.median(lengths) < MEDIAN_FUNCTION
 
 

@@ -9,7 +9,7 @@ from graphlib import TopologicalSorter
 
 import pytest
 
-from tests.test_layering import ROOT, TREE, Modules, imports_of
+from tests.test_layering import ROOT, Modules, imports_of, package
 
 PLAIN: Mapping[str, tuple[str, ...]] = {
     "machine records": (
@@ -97,16 +97,16 @@ def strange(modules: Modules) -> list[str]:
 
 
 def test_only_the_arrows_of_the_table() -> None:
-    assert strange(TREE) == []
+    assert strange(package()) == []
 
 
 def test_every_arrow_of_the_table_is_needed() -> None:
     drawn = {(here, there) for here, rooms in MAY_IMPORT.items() for there in rooms}
-    assert drawn - set(arrows(TREE)) == set()
+    assert drawn - set(arrows(package())) == set()
 
 
 def test_the_table_has_every_room_in_order_and_no_ring() -> None:
-    found = {room(name) for name in TREE} - {None}
+    found = {room(name) for name in package()} - {None}
     assert found == set(MAY_IMPORT)
     TopologicalSorter(MAY_IMPORT).prepare()
     rooms = list(MAY_IMPORT)
@@ -151,5 +151,5 @@ def test_every_folder_of_tests_is_in_the_floor_plan() -> None:
     ],
 )
 def test_an_arrow_that_flows_back_is_seen(module: str, source: str) -> None:
-    targets = {name: ast.parse("") for name in TREE}
+    targets = {name: ast.parse("") for name in package()}
     assert len(strange({**targets, f"lagrange.{module}": ast.parse(source)})) == 1

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping
+from functools import cache
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -18,15 +21,21 @@ from lagrange.trajectory.trajectory import Status, Trajectory
 from tests.models import TARGETS, build, x
 from tests.trajectory.runs import ADAPTIVE, FIXED, IMPLICIT, NAMES, SPLITTINGS, run
 
+NOWHERE: Mapping[Any, float] = MappingProxyType({})
 STOPPED = (Status.NON_FINITE, Status.STEP_TOO_SMALL, Status.MAX_STEPS, Status.MAX_WALL, Status.DIVERGED)
 TIME_LIMIT = 300.0
 """Seconds after which a run does not end of itself, on the busiest machine."""
 ANY_FORCE = tuple(name for name in NAMES if name not in SPLITTINGS)
 
 
-def particle(target: str = "llvm", force: Any = 0, **given: Any) -> Model:
-    """A unit mass on a line."""
-    return build(target, kinetic=x.dot**2 / 2, forces={x: force}, **given)
+def particle(target: str = "llvm", force: Any = 0, initial: Mapping[Any, float] = NOWHERE) -> Model:
+    """A unit mass on a line, one model for all methods."""
+    return _particle(target, sp.sympify(force), tuple(initial.items()))
+
+
+@cache
+def _particle(target: str, force: Any, initial: tuple[tuple[Any, float], ...]) -> Model:
+    return build(target, kinetic=x.dot**2 / 2, forces={x: force}, initial=dict(initial))
 
 
 def go(model: Model, end: float, name: str, step: float = 0.01, **options: Any) -> Trajectory:

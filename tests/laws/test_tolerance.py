@@ -17,11 +17,10 @@ from lagrange.machine.model import Model
 from lagrange.run import flow as flow_of
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.trajectory import FloatArray
-from tests.models import model
+from tests.covering import spread
+from tests.models import loaded, model
 
-SCENES = tuple(
-    name for name in lg.scenes() if not lg.scene(name).statement.constraints and name != "two-point-vortices"
-)
+SCENES = tuple(name for name in lg.scenes() if not loaded(name).constraints and name != "two-point-vortices")
 """States are moved one entry at a time, which those of the other scenes may not be."""
 
 MODELS = ("Henon-Heiles", "coupled masses", "8 carried masses", "cart and pole", "chain of 7")
@@ -62,7 +61,7 @@ def course(name: str) -> tuple[float, FloatArray, FloatArray, float]:
     return end, last, size, growth
 
 
-@pytest.mark.parametrize("name", [*SCENES, *MODELS])
+@pytest.mark.parametrize("name", spread([*SCENES, *MODELS], 8))
 def test_the_reference_agrees_with_another_method(name: str) -> None:
     """DOP853 at the edge of round-off: its own error is some hundred times its tolerance times the growth."""
     end, last, size, growth = course(name)

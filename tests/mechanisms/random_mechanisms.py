@@ -11,8 +11,9 @@ import sympy as sp
 import lagrange as lg
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
+from tests.covering import share
 
-SEEDS = range(6)
+SEEDS = range(share(6))
 
 
 @cache

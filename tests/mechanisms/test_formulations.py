@@ -12,6 +12,7 @@ from lagrange.compiler import machine, model_of
 from lagrange.machine.model import Model
 from lagrange.run import flow
 from lagrange.statement.scene import load
+from tests.covering import share
 from tests.mechanisms.formulation import Formulation
 from tests.mechanisms.scenes import FORMULATIONS
 
@@ -43,7 +44,7 @@ def test_a_scene_starts_where_its_formulation_does_and_on_its_constraints(name: 
 def test_the_accelerations_are_those_of_the_formulation(name: str, target: str) -> None:
     compiled, expected = model(name, target), formulation(name)
     n = compiled.dimension
-    for z in expected.draws(20):
+    for z in expected.draws(share(20)):
         time = 0.7
         state = expected.lift(z, time)
         found = compiled.accelerations(state[:n], state[n:], time)

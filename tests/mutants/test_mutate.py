@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.covering import spread
 from tests.mutants.mutate import Mutant, mutants, mutated, population, sample
 from tests.mutants.order import Reached, chosen, distance
 
@@ -68,12 +69,16 @@ def test_names_stay_where_lines_move_and_other_functions_change() -> None:
 def test_every_mutant_of_the_package_is_python_and_another_one() -> None:
     every = population(ROOT, 1)
     assert len({mutant.name for mutant in every}) == len(every) > 5000
-    assert sample(ROOT, 1, 10) == every[:10]
-    for mutant in every[::100]:
+    for mutant in spread(every, 10):
         source = (ROOT / mutant.file).read_text("utf-8")
         changed = mutated(source, mutant)
         compile(changed, mutant.file, "exec", ast.PyCF_ONLY_AST)
         assert changed != ast.unparse(ast.parse(source))
+
+
+@pytest.mark.exhaustive
+def test_a_sample_begins_the_population() -> None:
+    assert sample(ROOT, 1, 10) == population(ROOT, 1)[:10]
 
 
 def test_the_order_in_which_a_mutant_meets_tests() -> None:

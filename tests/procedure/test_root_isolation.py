@@ -65,7 +65,7 @@ def outcome(isolate: Callable[..., Any], case: Case, room: int = MOST_ROOTS) -> 
 
 @pytest.mark.parametrize("seed", range(share(8)))
 def test_machine_code_finds_what_the_interpreter_finds(seed: int) -> None:
-    for case in cases(seed, 150):
+    for case in cases(seed, share(150)):
         assert outcome(LLVM, case) == outcome(interpreted, case), case
 
 
@@ -73,7 +73,7 @@ def test_machine_code_finds_what_the_interpreter_finds(seed: int) -> None:
 def test_python_finds_what_the_interpreter_finds(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """To the last bit where products and sums are rounded one by one, as in Python."""
     monkeypatch.setattr("lagrange.procedure.interpreter.OPERATIONS", {**OPERATIONS, "fma": lambda a, b, c: a * b + c})
-    for case in cases(seed, 150):
+    for case in cases(seed, share(150)):
         assert outcome(PYTHON, case) == outcome(interpreted, case), case
 
 

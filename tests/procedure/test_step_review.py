@@ -120,7 +120,15 @@ def foreign(callee: Callee, place: int) -> Any:
     return function
 
 
-@pytest.mark.parametrize("name", ["dopri5", "rk4", "gauss2", "radau5"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "dopri5",
+        "gauss2",
+        pytest.param("rk4", marks=pytest.mark.exhaustive),
+        pytest.param("radau5", marks=pytest.mark.exhaustive),
+    ],
+)
 def test_machine_code_takes_steps_with_events_as_the_interpreter_does(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -15,10 +15,11 @@ import pytest
 
 import lagrange as lg
 from lagrange.trajectory.methods import registry
+from tests.covering import share
 from tests.public.surface import INSTANCES, Public, arguments, classes, surface
 from tests.public.values import KINDS, MADE
 
-CALLS = 2000
+CALLS = share(2000)
 SEED = 20_240_229
 LONGEST = 10.0
 """Seconds of one call, on a busy machine; the slowest takes a tenth of that."""

@@ -63,7 +63,7 @@ def test_there_are_many_and_different() -> None:
 @pytest.mark.parametrize("field", FIELDS)
 def test_every_attack_is_refused_in_every_field(field: str, tmp_path: Path) -> None:
     read_scene(write(tmp_path, LEAN))
-    # One attack in four meets each field, and each attack two fields at least, unless all are asked for.
+    # One attack in `PART` meets each field, and each attack a field at least, unless all are asked for.
     first, every = (0, 1) if WHOLE else (list(FIELDS).index(field) % PART, PART)
     for attack in ATTACKS[first::every]:
         path = write(tmp_path, LEAN, **FIELDS[field](attack))

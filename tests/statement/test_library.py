@@ -12,9 +12,10 @@ import pytest
 import sympy
 
 from lagrange.statement.coordinate import t
-from lagrange.statement.scene import LIBRARY, library, load
+from lagrange.statement.scene import LIBRARY, library
 from lagrange.statement.statement import Statement
 from tests.mechanisms.scenes import FORMULATIONS
+from tests.models import loaded
 
 NAMES = [entry.name for entry in library()]
 
@@ -31,7 +32,7 @@ REQUIRED = {
     ),
     *("hanging-chain", "ladder", "particle-on-sphere", "seven-body-mechanism", "two-point-vortices"),
 }
-FREE = [name for name in NAMES if not load(name).constraints and name != "two-point-vortices"]
+FREE = [name for name in NAMES if not loaded(name).constraints and name != "two-point-vortices"]
 """Scenes without constraints and with inertia; `tests/mechanisms` formulates the others independently."""
 
 
@@ -167,7 +168,7 @@ def test_every_scene_says_what_it_is_and_where_it_is_from(entry: Any) -> None:
     assert entry.path.parent == LIBRARY
     assert len(entry.about) > 20
     assert re.search(r"\b(1[6-9]|20)\d\d\b", entry.source), "a source has a year"
-    statement = load(entry.name)
+    statement = loaded(entry.name)
     assert (statement.name, statement.about, statement.source) == (entry.name, entry.about, entry.source)
     assert statement.positions
     assert statement.run.t_end > 0
@@ -177,7 +178,7 @@ def test_every_scene_says_what_it_is_and_where_it_is_from(entry: Any) -> None:
 
 @pytest.mark.parametrize("name", FREE)
 def test_every_scene_moves_as_derived_by_hand(name: str) -> None:
-    statement = load(name)
+    statement = loaded(name)
     accelerations, formula = motion(statement), FORMULAS[name]
     parameters = {symbol.name: value for symbol, value in statement.defaults.items()}
     n = len(statement.names)
@@ -201,7 +202,7 @@ def value(statement: Statement, name: str) -> float:
 
 
 def test_the_falling_ball_ends_at_its_terminal_velocity() -> None:
-    statement = load("falling-ball")
+    statement = loaded("falling-ball")
     m, g, rho, r, c = (value(statement, name) for name in ("m", "g", "rho", "r", "c"))
     terminal = math.sqrt((m * g - rho * g * 4 / 3 * math.pi * r**3) / (rho * c * math.pi * r**2))
     assert terminal == pytest.approx(1.9545, rel=1e-4)
@@ -210,14 +211,14 @@ def test_the_falling_ball_ends_at_its_terminal_velocity() -> None:
 
 
 def test_the_double_pendulum_starts_at_30_degrees_with_free_masses_and_lengths() -> None:
-    statement = load("double-pendulum")
+    statement = loaded("double-pendulum")
     assert statement.initial == pytest.approx((math.radians(30), math.radians(30), 0, 0), rel=1e-15)
     assert {symbol.name for symbol in statement.parameters} == {"m1", "m2", "l1", "l2", "g"}
     assert statement.links == (("origin", "bob1"), ("bob1", "bob2"))
 
 
 def test_the_hoop_turns_with_time() -> None:
-    statement = load("bead-on-hoop")
+    statement = loaded("bead-on-hoop")
     assert statement.lagrangian.has(t)
     radius = value(statement, "R")
     x, y, z = statement.positions["bead"]
@@ -241,7 +242,7 @@ def test_the_hoop_turns_with_time() -> None:
     ],
 )
 def test_the_positions_have_the_kinetic_energy(name: str, masses: dict[str, str]) -> None:
-    statement = load(name)
+    statement = loaded(name)
     total = sum(
         value(statement, mass) * sum(sympy.diff(e, t) ** 2 for e in statement.positions[point]) / 2
         for point, mass in masses.items()
@@ -254,18 +255,18 @@ def test_the_positions_have_the_kinetic_energy(name: str, masses: dict[str, str]
 
 
 def test_the_kepler_orbit_has_energy_one_half_and_angular_momentum_0_8() -> None:
-    x, y, vx, vy = load("kepler").initial
+    x, y, vx, vy = loaded("kepler").initial
     assert (vx**2 + vy**2) / 2 - 1 / math.hypot(x, y) == pytest.approx(-0.5, rel=1e-15)
     assert x * vy - y * vx == pytest.approx(0.8, rel=1e-15)
 
 
 def test_henon_heiles_starts_at_energy_one_eighth() -> None:
-    x, y, vx, vy = load("henon-heiles").initial
+    x, y, vx, vy = loaded("henon-heiles").initial
     assert (vx**2 + vy**2 + x**2 + y**2) / 2 + x**2 * y - y**3 / 3 == pytest.approx(1 / 8, rel=1e-15)
 
 
 def test_the_pleiades_start_as_published() -> None:
-    statement = load("pleiades")
+    statement = loaded("pleiades")
     x, y = [3, 3, -1, -3, 2, -2, 2], [3, -3, 2, 0, 0, -4, 4]
     x_dot, y_dot = [0, 0, 0, 0, 0, 1.75, -1.5], [0, 0, 0, -1.25, 1, 0, 0]
     assert list(statement.initial) == [*x, *y, *x_dot, *y_dot]
@@ -274,7 +275,7 @@ def test_the_pleiades_start_as_published() -> None:
 
 
 def test_sun_earth_and_moon_are_where_they_were() -> None:
-    statement = load("sun-earth-moon")
+    statement = loaded("sun-earth-moon")
     q = np.array(statement.initial[:9]).reshape(3, 3)
     v = np.array(statement.initial[9:]).reshape(3, 3)
     astronomical_unit = 149_597_870_700.0

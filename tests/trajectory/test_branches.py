@@ -24,6 +24,7 @@ from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.trajectory import Status, Trajectory
+from tests.covering import share
 from tests.models import TARGETS, build, x
 
 Law = Callable[[float, float, float], float]
@@ -184,7 +185,7 @@ def test_every_other_method_goes_through(name: str, method: str) -> None:
 
 @pytest.mark.parametrize("name", CASES)
 def test_the_check_holds_in_every_branch(name: str) -> None:
-    report = check(system(name), points=6)
+    report = check(system(name), points=share(6))
     assert report, str(report)
 
 

@@ -34,9 +34,13 @@ def reference(t: float) -> FloatArray:
     return np.array([np.sin(theta), -np.cos(theta)])
 
 
+scene = cache(lg.scene)
+"""The system of a scene, which is compiled once."""
+
+
 def error(name: str, t: float = 1.0, **options: Any) -> tuple[float, float]:
     """Return the error of a method on the pendulum in Cartesian coordinates, and its constraint error."""
-    solution = lg.scene("cartesian-pendulum").run(t, method=name, **options).require()
+    solution = scene("cartesian-pendulum").run(t, method=name, **options).require()
     return float(np.abs(solution.y[:2, -1] - reference(t)).max()), float(solution.constraint_error.max())
 
 
@@ -158,8 +162,8 @@ def test_a_four_bar_linkage_stays_closed_over_many_turns(name: str) -> None:
     """The page has 1e6 steps; nothing grows from step to step."""
     options: Any = {"step": 0.002} if name in FIXED else {"rtol": 1e-9}
     times = np.linspace(0.0, 30.0, 7)
-    flow = lg.flow(lg.scene("four-bar").compile(), method=name, **options)
-    model = lg.scene("four-bar").compile()
+    model = scene("four-bar").compile()
+    flow = lg.flow(model, method=name, **options)
     y, off = np.array(model.statement.initial, dtype=float), 0.0
     for t, after in itertools.pairwise(times):
         y = flow(y, t, after)

@@ -81,7 +81,7 @@ def oscillator() -> Model:
 def test_threads_share_a_model(method: str) -> None:
     """The bits of runs one after the other, whatever runs beside them: other states, parameters and directions."""
     shared, alone = oscillator(), oscillator()
-    calls = [({x: 1.0 + i / 7, x.dot: 0.3}, 20.0 * (-1) ** i, {k: 1.0 + i % 3}) for i in range(32)]
+    calls = [({x: 1.0 + i / 7, x.dot: 0.3}, 20.0 * (-1) ** i, {k: 1.0 + i % 3}) for i in range(16)]
     expected = [run(alone, end, method, initial=start, parameters=values) for start, end, values in calls]
     before = sys.getswitchinterval()
     sys.setswitchinterval(1e-5)  # threads change within a run

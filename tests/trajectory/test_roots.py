@@ -119,9 +119,9 @@ def sturm_count(c: FloatArray) -> int:
 def test_every_root_of_a_random_polynomial_is_found_once(seed: int) -> None:
     """A thousand with known roots in each block; the location is right to the round-off of g over its slope."""
     rng = np.random.default_rng(seed)
-    drawn = [random_case(rng) for _ in range(1500)]
-    cases = [case for case in drawn if resolved(case)][:1000]
-    assert len(cases) == 1000, "the coefficients resolve most of what is drawn"
+    drawn = [random_case(rng) for _ in range(share(1500))]
+    cases = [case for case in drawn if resolved(case)][: share(1000)]
+    assert len(cases) == share(1000), "the coefficients resolve most of what is drawn"
     for scaled, inside, outside in cases:
         h = float(rng.choice((-1, 1)) * 10 ** rng.uniform(-6, 6))
         found, after = roots(stepped(scaled, h), h)
@@ -141,7 +141,7 @@ def test_every_root_of_a_random_polynomial_is_found_once(seed: int) -> None:
 def test_the_count_is_that_of_sturm(seed: int) -> None:
     """Of the polynomial with the rounded coefficients, in exact arithmetic."""
     rng = np.random.default_rng(100 + seed)
-    for _ in range(50):
+    for _ in range(share(50)):
         case = random_case(rng)
         found, _ = roots(case[0], 1.0)
         if resolved(case):
@@ -158,7 +158,7 @@ def test_sturm_counts_for_itself() -> None:
 def test_any_coefficients_keep_the_order_and_the_signs(seed: int) -> None:
     """Also beyond what they resolve: times in order, crossings in turn, and the side at the end that of g there."""
     rng = np.random.default_rng(200 + seed)
-    for _ in range(500):
+    for _ in range(share(500)):
         m = int(rng.integers(1, 42))
         c = rng.standard_normal(m) * rng.choice((0.1, 0.6, 1.0, 1.5)) ** np.arange(m)
         if rng.random() < 0.3:
@@ -218,7 +218,7 @@ def wave(t: float, turns: int) -> FloatArray:
 def test_grazing(digits: int) -> None:
     """cos t - (1 - e): two crossings for e > 0, none for e < 0, one touch for 0, wherever the series stands."""
     rng, e = np.random.default_rng(digits), 10.0**-digits
-    for _ in range(50):
+    for _ in range(share(50)):
         t, end = rng.uniform(-1.2, -0.6), rng.uniform(0.6, 0.9)
         for depth, expected in ((e, [1, -1]), (-e, []), (0.0, [0])):
             c = wave(t, 0)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -11,11 +13,18 @@ import pytest
 import sympy as sp
 
 import lagrange as lg
+from lagrange.machine.model import Model
 from lagrange.trajectory.sizes import entry_sizes, slopes_of
 from tests.trajectory.runs import ADAPTIVE
 
 x, y, z, a, b, c = lg.coordinates("x y z a b c")
 t = lg.t
+
+
+@cache
+def compiled(build: Callable[..., lg.System], *given: float) -> Model:
+    """Return the model of a system that a function states, one for all methods."""
+    return build(*given).compile()
 
 
 def plain(*coordinates: Any) -> Any:
@@ -58,13 +67,13 @@ def test_a_metre_and_a_nanometre_have_the_same_digits(method: str) -> None:
 @pytest.mark.parametrize("off", [0.0, 6e-17, 1e-13, 1e-10])
 @pytest.mark.parametrize("method", ADAPTIVE)
 def test_round_off_of_forces_that_cancel_does_not_shorten_steps(method: str, off: float) -> None:
-    model = three_bodies(off).compile()
+    model = compiled(three_bodies, off)
     assert steps(model, 10.0, method) <= 1.5 * steps(model, 10.0, method, atol=1e-9) + 100
 
 
 @pytest.mark.parametrize("method", ADAPTIVE)
 def test_what_has_not_begun_to_move_does_not_shorten_steps(method: str) -> None:
-    model = chain(24).compile()
+    model = compiled(chain, 24)
     assert steps(model, 20.0, method) <= 1.1 * steps(model, 20.0, method, atol=1e-9)
 
 
@@ -100,7 +109,7 @@ def row(count: int) -> lg.System:
 @pytest.mark.parametrize("method", ADAPTIVE)
 @pytest.mark.parametrize("count", [2, 12])
 def test_what_is_hit_at_rest_is_met(method: str, count: int) -> None:
-    model = row(count).compile()
+    model = compiled(row, count)
     assert steps(model, 15.0, method) <= 1.5 * steps(model, 15.0, method, atol=1e-9) + 100
 
 

@@ -19,7 +19,7 @@ from lagrange.statement.coordinate import t
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.tableaux.verner9 import MATRIX, B
-from tests.covering import dealt
+from tests.covering import dealt, share
 from tests.models import SYSTEMS, TARGETS, build, laws, model, phi, theta
 from tests.trajectory.precisely import (
     DIGITS,
@@ -221,7 +221,7 @@ def test_the_compiled_step_is_the_step_that_was_written(name: str, law: Law, tar
     names = (*model.statement.names, *(f"{name}_dot" for name in model.statement.names))
     rng = np.random.default_rng(4)
     method = stepped(name, 0.125)
-    for _ in range(8):
+    for _ in range(share(8)):
         y = start + rng.uniform(-0.1, 0.1, len(start))
         found = run(model, 0.125, method, initial=dict(zip(names, y, strict=True)))
         assert found.steps == 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -48,11 +49,13 @@ def go(
     return found
 
 
+@cache
 def free(target: str = "llvm", **initial: float) -> Model:
     """A unit mass on a line without a force."""
     return build(target, kinetic=x.dot**2 / 2, initial=initial or {"x_dot": 1.0})
 
 
+@cache
 def ball(target: str = "llvm", height: float = 1.0, speed: float = 0.0) -> Model:
     return build(target, kinetic=y.dot**2 / 2, potential=G * y, initial={y: height, y.dot: speed})
 
@@ -61,6 +64,7 @@ def floor(restitution: Any, level: float = 0.0, **options: Any) -> Any:
     return event(y - level, direction=-1, reset={y.dot: -restitution * y.dot}, **options)
 
 
+@cache
 def harmonic(target: str = "llvm") -> Model:
     """x = sin t."""
     return build(target, kinetic=x.dot**2 / 2, potential=x**2 / 2, initial={x.dot: 1.0})
