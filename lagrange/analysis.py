@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
+
+from numpy.typing import ArrayLike
 
 from lagrange.equations.derivation import Derivation
 from lagrange.machine.model import Model
 from lagrange.mechanics.comparison import EquationsComparison, compare_equations
+from lagrange.mechanics.eigenvalue_path import EigenvaluePath, eigenvalue_path
+from lagrange.mechanics.equilibria import Equilibrium, equilibria
 from lagrange.mechanics.hamilton import Hamiltonian, hamiltonian
 from lagrange.mechanics.ignored import ignored
 from lagrange.mechanics.linearization import Linearization, linearized_at
@@ -20,7 +24,11 @@ from lagrange.mechanics.routh import routhian
 from lagrange.mechanics.student_equations import equations_of_text, read_equations
 from lagrange.mechanics.substitution import substituted
 from lagrange.mechanics.transformation import transformed
+from lagrange.show.eigenvalue_plot import plot_eigenvalues
 from lagrange.statement.statement import Statement
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 class Analysis(ABC):
@@ -137,3 +145,24 @@ class Analysis(ABC):
         StatementError away from equilibrium.
         """
         return modes(self.linearize(at), stated_point(self.statement, at))
+
+    def equilibria(self, rates: Mapping[Any, Any] | None = None) -> list[Equilibrium]:
+        """Return the equilibria, each with `.coordinates`, `.stable`, `.energy` and the `.condition` for it to exist.
+
+        They are found in symbols where factors of the forces give them, else by number from many starts, at the values
+        of the parameters. `rates` gives ignorable coordinates steady velocities, as {phi: w}: the others rest then.
+        Raises StatementError where none is found, with what was tried.
+        """
+        return equilibria(self.statement, rates, self.compile("numpy", check=False))
+
+    def eigenvalues(self, parameter: Any, values: ArrayLike, at: Mapping[Any, Any] | None = None) -> EigenvaluePath:
+        """Return the eigenvalues about an equilibrium at values (k,) of a parameter: `.eigenvalues`, (k, 2n).
+
+        `at` is the equilibrium, as `linearize` takes it: an expression in the parameters, or decimals for one at the
+        first value, which is followed. Raises StatementError where there is none at any value.
+        """
+        return eigenvalue_path(self.statement, parameter, values, at, self.compile("numpy", check=False))
+
+    def plot_eigenvalues(self, parameter: Any, values: ArrayLike, at: Mapping[Any, Any] | None = None) -> Figure:
+        """Return a figure of the eigenvalues about an equilibrium along a parameter; see `eigenvalues`."""
+        return plot_eigenvalues(self.eigenvalues(parameter, values, at))

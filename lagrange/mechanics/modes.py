@@ -19,7 +19,7 @@ from lagrange.mechanics.linearization import Linearization
 from lagrange.mechanics.linearization_check import numeric
 from lagrange.mechanics.plain_form import PlainForm, number
 from lagrange.mechanics.point import StatedPoint
-from lagrange.mechanics.simplification import simplest, size
+from lagrange.mechanics.simplification import is_zero, simplest, size
 from lagrange.mechanics.stability import REAL_PART, Verdict, at_fixed_momenta, has_energy, ignorable, verdict
 from lagrange.statement.coordinate import t
 
@@ -82,6 +82,11 @@ def modes(lin: Linearization, point: StatedPoint) -> Modes:
         raise StatementError(
             f"the linear equations of {statement.name} depend on time at this point, and have no modes: linearize() "
             "gives the matrices."
+        )
+    if not has_inertia(lin):
+        raise StatementError(
+            f"the mass matrix of {statement.name} is singular at this point: state the modes in coordinates that are "
+            "regular there."
         )
     if lin.K.rows != lin.K.cols:
         raise StatementError(
@@ -160,8 +165,15 @@ def eigenvalues(lin: Linearization, values: Mapping[Any, Any]) -> Any:
     return np.sort_complex(np.linalg.eigvals(np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), lower])))
 
 
+def stability_of(lin: Linearization, point: StatedPoint) -> Verdict:
+    """Return whether an equilibrium is stable, by numbers where there are some, else by signs that SymPy knows."""
+    return _verdict(lin, point.form, _values(point, lin))
+
+
 def _verdict(lin: Linearization, form: PlainForm, values: Mapping[Any, Any] | None) -> Verdict:
     gone = ignorable(form) if not form.statement.constraints else ()
+    if not has_inertia(lin):
+        return Verdict(stable=None, reason="the mass matrix is singular there: other coordinates decide.")
     if values is None:
         return symbolic_verdict(lin, form, gone)
     parts = [numeric(x, values) for x in (lin.M, lin.C, lin.K)]
@@ -170,8 +182,15 @@ def _verdict(lin: Linearization, form: PlainForm, values: Mapping[Any, Any] | No
     return verdict(*at_fixed_momenta(parts[0], parts[1], parts[2], gone), energetic=has_energy(form))
 
 
+def has_inertia(lin: Linearization) -> bool:
+    """Return whether every motion has inertia at the point, as it does where the coordinates are regular."""
+    return not is_zero(lin.M.det(method="berkowitz"))
+
+
 def criterion(lin: Linearization, gone: tuple[int, ...]) -> tuple[Any, ...]:
     """Return the leading minors of K at fixed momenta: the energy has a minimum if all are positive."""
+    if not has_inertia(lin):
+        return ()
     _, _, stiffness = at_fixed_momenta(lin.M, lin.C, lin.K, gone)
     return tuple(simplest(stiffness[:k, :k].det(method="berkowitz")) for k in range(1, stiffness.rows + 1))
 

@@ -1,0 +1,218 @@
+"""Equations solved in symbols, one unknown after another: every factor of an equation is a branch.
+
+Only what is certain is used: factors that are linear in an unknown, or that are of degree two in it, in its sine or in
+its cosine. Where nothing of that kind is left the equations are given up as a whole, and no solution is claimed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import sympy
+
+from lagrange.mechanics.simplification import simplest, size
+
+MOST_BRANCHES = 64
+"""Branches that are followed; n factors in each of n equations make n to the n."""
+
+LONGEST_EQUATION = 400
+"""Operations of an equation that is factored."""
+
+HIGHEST_DEGREE = 8
+"""Product of the degrees of polynomial equations that are solved together by Groebner bases."""
+
+
+class GivenUpError(Exception):
+    """The equations are beyond what is solved here."""
+
+
+@dataclass(frozen=True)
+class Branch:
+    """One solution: values by unknown, without those that stay free."""
+
+    values: Mapping[Any, Any]
+
+
+def solved(equations: Sequence[Any], unknowns: Sequence[Any]) -> list[Branch] | None:
+    """Return all real solutions of equations that are zero, or None where they are not found in symbols."""
+    try:
+        found = _follow([e for e in equations if e != 0], tuple(unknowns), {}, [MOST_BRANCHES])
+    except GivenUpError:
+        return None
+    distinct: list[dict[Any, Any]] = []
+    for values in found:
+        if values in distinct or any(_is_complex(x) for x in values.values()):
+            continue
+        # A root of the numerators may be one of the denominators too, where the forces are infinite.
+        if not any(e.xreplace(values).has(sympy.zoo, sympy.nan, sympy.oo) for e in equations):
+            distinct.append(values)
+    return [Branch(values) for values in distinct]
+
+
+def _is_complex(given: Any) -> bool:
+    """Return whether a value is no real number, whatever the parameters are."""
+    if given.is_extended_real is False or given.has(sympy.zoo, sympy.nan, sympy.oo):
+        return True
+    return bool(given.is_number) and abs(complex(given.evalf(20)).imag) > 1e-12
+
+
+def _follow(
+    equations: Sequence[Any], unknowns: tuple[Any, ...], values: dict[Any, Any], left: list[int]
+) -> list[dict[Any, Any]]:
+    """Return the solutions of what is left."""
+    remaining = []
+    for equation in equations:
+        numerator = sympy.numer(sympy.together(simplest(equation)))
+        if numerator == 0 or simplest(numerator) == 0:
+            continue
+        if not numerator.has(*unknowns):
+            return []  # for nearly all values of the parameters
+        if size(numerator) > LONGEST_EQUATION:
+            raise GivenUpError
+        remaining.append(numerator)
+    if not remaining:
+        return [values]
+    for equation in sorted(remaining, key=lambda e: (sum(e.has(x) for x in unknowns), size(e))):
+        steps = _steps(equation, unknowns)
+        if steps is None:
+            continue
+        found = []
+        for unknown, value in steps:
+            left[0] -= 1
+            if left[0] < 0:
+                raise GivenUpError
+            put = {unknown: value}
+            earlier = {x: simplest(known.xreplace(put)) for x, known in values.items()}
+            others = [e.xreplace(put) for e in remaining if e is not equation]
+            rest = tuple(x for x in unknowns if x != unknown)
+            found += _follow(others, rest, {**earlier, **put}, left)
+        return found
+    return _together(remaining, unknowns, values)
+
+
+def _steps(equation: Any, unknowns: Sequence[Any]) -> list[tuple[Any, Any]] | None:
+    """Return (unknown, value) of every factor, or None where one is not solved."""
+    found: list[tuple[Any, Any]] = []
+    for factor, _ in sympy.factor_list(equation)[1]:
+        present = [x for x in unknowns if factor.has(x)]
+        if not present or (factor.is_Pow and not factor.exp.is_positive):
+            continue
+        step = _of_one(factor, present[0]) if len(present) == 1 else _linear(factor, present)
+        if step is None:
+            return None
+        found += step
+    return found
+
+
+def _linear(factor: Any, present: Sequence[Any]) -> list[tuple[Any, Any]] | None:
+    """Return the value of an unknown that a factor is linear in, with a coefficient free of unknowns."""
+    for x in present:
+        slope = sympy.expand(factor.diff(x))
+        if slope != 0 and not slope.has(*present):
+            return [(x, simplest(-factor.xreplace({x: sympy.S.Zero}) / slope))]
+    for sign in (1, -1):
+        # sin(a - b) = 0, as between two links
+        if isinstance(factor, sympy.sin) and factor.args[0].diff(present[0]) == sign:
+            rest = sympy.expand(factor.args[0] - sign * present[0])
+            return [(present[0], -sign * rest), (present[0], sympy.pi - sign * rest)]
+    return None
+
+
+def _of_one(factor: Any, x: Any) -> list[tuple[Any, Any]] | None:
+    """Return the values of the one unknown of a factor."""
+    functions = sorted((f for f in factor.atoms(sympy.sin, sympy.cos, sympy.tan) if f.has(x)), key=str)
+    if functions:
+        return _angle(factor, x, functions)
+    roots = _roots(factor, x)
+    return None if roots is None else [(x, root) for root in roots]
+
+
+def _angle(factor: Any, x: Any, functions: Sequence[Any]) -> list[tuple[Any, Any]] | None:
+    """Return the angles at which a polynomial in sines and cosines of one argument vanishes."""
+    arguments = list(dict.fromkeys(f.args[0] for f in functions))
+    if len(arguments) > 1:
+        whole = sympy.expand_trig(factor)
+        functions = sorted((f for f in whole.atoms(sympy.sin, sympy.cos) if f.has(x)), key=str)
+        arguments = list(dict.fromkeys(f.args[0] for f in functions))
+        if len(arguments) > 1:
+            return None
+        return _steps(sympy.expand(whole), [x])
+    (argument,) = arguments
+    slope = argument.diff(x)
+    if slope.has(x) or slope == 0:
+        return None
+    place = sympy.Symbol("place", real=True)
+    polynomial = factor.xreplace({functions[0]: place})
+    if len(functions) == 1 and not polynomial.has(x):
+        roots = _roots(polynomial, place)
+        angles = None if roots is None else [a for root in roots for a in _inverse(functions[0], root)]
+    else:
+        angles = _tangent(factor, argument)
+    if angles is None:
+        return None
+    shift = argument.xreplace({x: sympy.S.Zero})
+    turns = range(int(abs(slope))) if slope.is_Integer else range(1)
+    return [(x, (angle - shift + 2 * sympy.pi * k) / slope) for angle in angles for k in turns]
+
+
+def _inverse(function: Any, value: Any) -> list[Any]:
+    """Return the angles of one turn at which a sine, cosine or tangent has a value."""
+    if value.is_number and not isinstance(function, sympy.tan) and abs(complex(value)) > 1:
+        return []
+    if isinstance(function, sympy.cos):
+        angle = sympy.acos(value)
+        return [angle] if value in (1, -1) else [angle, -angle]
+    if isinstance(function, sympy.sin):
+        angle = sympy.asin(value)
+        return [angle] if value in (1, -1) else [angle, sympy.pi - angle]
+    return [sympy.atan(value), sympy.atan(value) + sympy.pi]
+
+
+def _tangent(factor: Any, argument: Any) -> list[Any] | None:
+    """Return the angles at which a sin + b cos vanishes."""
+    s, c = sympy.sin(argument), sympy.cos(argument)
+    first, second = sympy.Symbol("first"), sympy.Symbol("second")
+    whole = sympy.expand(factor.xreplace({s: first, c: second}))
+    a, b = whole.diff(first), whole.diff(second)
+    if a == 0 or any(part.has(first, second, *argument.free_symbols) for part in (a, b)):
+        return None
+    if sympy.expand(whole - a * first - b * second) != 0:
+        return None
+    angle = sympy.atan(simplest(-b / a))
+    return [angle, angle + sympy.pi]
+
+
+def _roots(polynomial: Any, x: Any) -> list[Any] | None:
+    """Return the roots of a polynomial whose factors are of degree one or two, also in x^2."""
+    if not polynomial.is_polynomial(x):
+        return None
+    found: list[Any] = []
+    for factor, _ in sympy.factor_list(polynomial, x)[1]:
+        coefficients = sympy.Poly(factor, x).all_coeffs()
+        if len(coefficients) == 2:
+            found.append(simplest(-coefficients[1] / coefficients[0]))
+        elif len(coefficients) == 3:
+            a, b, c = coefficients
+            spread = sympy.sqrt(simplest(b**2 - 4 * a * c))
+            found += [simplest((-b + sign * spread) / (2 * a)) for sign in (1, -1)]
+        else:
+            return None
+    return found
+
+
+def _together(equations: Sequence[Any], unknowns: Sequence[Any], values: dict[Any, Any]) -> list[dict[Any, Any]]:
+    """Return the solutions of polynomial equations of low degree, by Groebner bases."""
+    present = [x for x in unknowns if any(e.has(x) for e in equations)]
+    if not all(e.is_polynomial(*present) for e in equations) or len(equations) != len(present):
+        raise GivenUpError
+    degree = sympy.prod(sympy.Poly(e, *present).total_degree() for e in equations)
+    if degree > HIGHEST_DEGREE:
+        raise GivenUpError
+    found = []
+    for solution in sympy.solve(list(equations), present, dict=True):
+        if len(solution) != len(present) or any(x.has(*present) for x in solution.values()):
+            raise GivenUpError
+        found.append({**values, **{x: sympy.sqrtdenest(simplest(value)) for x, value in solution.items()}})
+    return found

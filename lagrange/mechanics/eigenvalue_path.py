@@ -1,0 +1,119 @@
+"""Eigenvalues of the linear equations about an equilibrium that is followed while a parameter changes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import sympy
+
+from lagrange.errors import RunError, StatementError, listing, shown
+from lagrange.machine.backend import FloatArray
+from lagrange.machine.model import Model
+from lagrange.mechanics.plain_form import number
+from lagrange.mechanics.point import StatedPoint, stated_point
+from lagrange.statement.number import real_array
+from lagrange.statement.statement import Statement
+
+STEPS = 30
+"""Steps of Newton's method from the equilibrium at the value before."""
+
+CLOSE = 1e-9
+"""Its last step, relative to the coordinates and to 1."""
+
+
+@dataclass(frozen=True, eq=False)
+class EigenvaluePath:
+    """Eigenvalues, (k, 2n), at values (k,) of a parameter, and the equilibria that they belong to, (k, n).
+
+    Each column is one eigenvalue, followed from row to row. Where there is no equilibrium a row is NaN.
+    """
+
+    parameter: Any
+    values: FloatArray
+    eigenvalues: Any
+    equilibria: FloatArray
+
+    @property
+    def stable(self) -> Any:
+        """Whether no eigenvalue has a positive real part, (k,)."""
+        size = np.abs(self.eigenvalues).max(axis=1)
+        return self.eigenvalues.real.max(axis=1) <= 1e-6 * size
+
+
+def eigenvalue_path(statement: Statement, parameter: Any, values: Any, at: Any, model: Model) -> EigenvaluePath:
+    """Return the eigenvalues along values of a parameter; see `Analysis.eigenvalues`."""
+    by_name = {p.name: p for p in statement.parameters}
+    label = parameter if isinstance(parameter, str) else str(parameter)
+    if label not in by_name:
+        raise StatementError(f"{shown(label)} is no parameter of this system; its parameters are {listing(by_name)}.")
+    if statement.constraints:
+        raise StatementError(
+            f"{statement.name} has constraints: eliminate(...) them first, or take linearize(...) at each value."
+        )
+    chosen = real_array(values, "values")
+    if chosen.ndim != 1 or not len(chosen):
+        raise StatementError(f"values has shape {chosen.shape}: give a list of values of {label}.")
+    point = stated_point(statement, at)
+    n = len(statement.coordinates)
+    rows = np.full((len(chosen), 2 * n), complex("nan"), dtype=complex)
+    places = np.full((len(chosen), n), np.nan)
+    before: FloatArray | None = None
+    for k, value in enumerate(chosen):
+        given = model.parameter_values({label: float(value)})
+        state = _equilibrium(point, model, given, before)
+        if state is None:
+            continue
+        rows[k] = _matched(np.linalg.eigvals(model.jacobian(0.0, state, given)), _last(rows[:k]))
+        before = state if point.decimal else None
+        places[k] = state[:n]
+    if np.isnan(places).all():
+        raise StatementError(
+            f"no equilibrium was found at any of the {len(chosen)} values of {label}: give one at the first value, as "
+            "at={...}, or an expression in the parameters."
+        )
+    return EigenvaluePath(by_name[label], chosen, rows, places)
+
+
+def _equilibrium(point: StatedPoint, model: Model, given: Any, before: FloatArray | None) -> FloatArray | None:
+    """Return the state (2n,) of the equilibrium at values of the parameters, or None."""
+    exact = {p: sympy.Rational(x) for p, x in given.items()}
+    stated = np.array([number(x, exact) for x in (*point.q, *point.v)])
+    if not np.isfinite(stated).all() or np.abs(stated.imag).max() > 1e-12:
+        return None
+    n = len(point.q)
+    state = stated.real.copy()
+    if before is not None:
+        state[:n] = before[:n]
+    for _ in range(STEPS):
+        try:
+            a = model.accelerations(state[:n], state[n:], 0.0, given)
+            slopes = model.jacobian(0.0, state, given)[n:, :n]
+        except RunError:
+            return None
+        if not (np.isfinite(a).all() and np.isfinite(slopes).all()):
+            return None
+        step = np.linalg.pinv(slopes, rcond=1e-10) @ a
+        state[:n] -= step
+        if np.abs(step).max() <= CLOSE * (1 + np.abs(state[:n]).max()):
+            left = np.abs(model.accelerations(state[:n], state[n:], 0.0, given)).max()
+            return state if left <= 1e-6 * max(1e-300, np.abs(slopes).max()) else None
+    return None
+
+
+def _last(rows: Any) -> Any:
+    """Return the last row that has numbers in it, or None."""
+    known = [row for row in rows if np.isfinite(row).all()]
+    return known[-1] if known else None
+
+
+def _matched(found: Any, before: Any) -> Any:
+    """Return eigenvalues in the order in which they continue those before."""
+    from scipy.optimize import linear_sum_assignment
+
+    ordered = np.sort_complex(np.asarray(found))
+    if before is None:
+        return ordered
+    _, columns = linear_sum_assignment(np.abs(before[:, None] - ordered[None, :]))
+    return ordered[columns]

@@ -1,0 +1,285 @@
+"""Equilibria: where the forces vanish at rest, or in a steady motion of ignorable coordinates.
+
+The equations are solved in symbols where their factors allow it, else by number. A symbolic solution is tested at the
+values of the parameters: the forces vanish there, in thirty digits.
+Source: D. T. Greenwood, Classical Dynamics, 1977, sections 2.5 and 4.2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import sympy
+
+from lagrange.errors import RunError, StatementError, listing, shown
+from lagrange.machine.model import Model
+from lagrange.mechanics.branches import solved
+from lagrange.mechanics.linearization import Linearization, linearized_at
+from lagrange.mechanics.modes import criterion, stability_of
+from lagrange.mechanics.plain_form import PlainForm, number
+from lagrange.mechanics.point import StatedPoint, stated_point
+from lagrange.mechanics.search import STARTS, Search
+from lagrange.mechanics.simplification import simplest
+from lagrange.mechanics.stability import Verdict, ignorable
+from lagrange.statement.coordinate import t
+from lagrange.statement.statement import Statement
+
+FORCE_LEFT = 1e-15
+"""Force left at a symbolic equilibrium, relative to its terms, in thirty digits."""
+
+
+FORCE_LEFT_BY_SEARCH = 1e-6
+"""The same of one in decimals."""
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """A place where the system stays, or a steady motion with `velocities` of ignorable coordinates.
+
+    `coordinates` maps each coordinate to an expression in parameters; one that may have any value is mapped to itself.
+    `energy` is v.p - L there. `condition` says where the equilibrium exists, and `exists` whether it does at the values
+    of the parameters, None where these are missing. `stable` is True, False or None, and `reason` says why; `criterion`
+    are the leading minors of the stiffness, at fixed momenta of ignorable coordinates: if all are positive, the energy
+    has a minimum. `exact` is false for one that was found by number.
+    """
+
+    coordinates: Mapping[Any, Any]
+    velocities: Mapping[Any, Any]
+    stable: bool | None
+    reason: str
+    energy: Any
+    condition: Any
+    exists: bool | None
+    criterion: tuple[Any, ...]
+    exact: bool
+
+    def __repr__(self) -> str:
+        word = {True: "stable", False: "unstable", None: "stability undecided"}[self.stable]
+        place = ", ".join(f"{q} = {x}" for q, x in {**self.coordinates, **self.velocities}.items())
+        where = "" if self.condition == sympy.true else f", where {self.condition}"
+        return f"<Equilibrium: {place}; {word}{where}>"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return _again, ({**values, "coordinates": dict(self.coordinates), "velocities": dict(self.velocities)},)
+
+    @property
+    def at(self) -> dict[Any, Any]:
+        """The point as `linearize` and `modes` take it; coordinates that may have any value are zero in it."""
+        return {q: x for q, x in self.coordinates.items() if x != q} | dict(self.velocities)
+
+
+def _again(values: dict[str, Any]) -> Equilibrium:
+    views = {name: MappingProxyType(values[name]) for name in ("coordinates", "velocities")}
+    return Equilibrium(**(values | views))
+
+
+def equilibria(statement: Statement, rates: Any, model: Model) -> list[Equilibrium]:
+    """Return the equilibria, in symbols or by number; see `Analysis.equilibria`. Raises StatementError for none."""
+    problem = _Problem(statement, rates)
+    branches = solved(problem.equations, (*problem.unknowns, *problem.multipliers))
+    if branches is None:
+        places = problem.searched(model)
+        made = [problem.record(values, exact=False) for values in places]
+    else:
+        made = [problem.record(branch.values, exact=True) for branch in branches]
+    if not made:
+        raise StatementError(problem.none_found(symbolic=branches is not None))
+    return sorted(made, key=problem.order)
+
+
+class _Problem:
+    """The equations of equilibrium of a statement, in plain symbols."""
+
+    def __init__(self, statement: Statement, rates: Any) -> None:
+        self.statement, self.form = statement, PlainForm(statement)
+        form = self.form
+        self.free = ignorable(form)
+        self.speeds = self.steady(rates)
+        held = [one for one in statement.constraints if not one.holonomic]
+        if held:
+            raise StatementError(
+                f"{statement.name} has constraints on velocities ({listing(one.name for one in held)}), and where it "
+                "stays at rest is a whole region: linearize(...) tells of one place whether it is an equilibrium."
+            )
+        at_rest = {**dict.fromkeys((*form.a, *form.v), sympy.S.Zero), **self.speeds}
+        forces = [simplest(r.subs(at_rest, simultaneous=True)) for r in form.residuals]
+        self.zeros = [form.read(one.expression) for one in statement.constraints]
+        if any(x.has(t) for x in (*forces, *self.zeros)):
+            raise StatementError(
+                f"the forces of {statement.name} depend on time, and no place stays an equilibrium: transform(...) may "
+                "state it in moving coordinates in which they do not."
+            )
+        places = [i for i in range(len(form.q)) if i not in self.free]
+        self.unknowns = tuple(form.q[i] for i in places)
+        self.rows = tuple(places)
+        self.multipliers = tuple(sympy.Dummy(one.name, real=True) for one in statement.constraints)
+        self.gradient = [[zero.diff(form.q[i]) for i in range(len(form.q))] for zero in self.zeros]
+        self.forces = forces
+        pushed = [
+            forces[i] - sympy.Add(*(m * row[i] for m, row in zip(self.multipliers, self.gradient, strict=True)))
+            for i in places
+        ]
+        self.equations = [*pushed, *self.zeros]
+
+    def steady(self, rates: Any) -> dict[Any, Any]:
+        """Return the velocities of ignorable coordinates that a user gives, by symbol."""
+        if rates is None:
+            return {}
+        if not isinstance(rates, Mapping):
+            raise StatementError(f"rates is {shown(rates)}: give a dict from ignorable coordinates to velocities.")
+        statement, form = self.statement, self.form
+        point = stated_point(statement, rates)
+        named = [i for i, q in enumerate(statement.coordinates) if q in rates or statement.names[i] in rates]
+        if len(named) < len(rates):
+            raise StatementError(f"rates names velocities: give coordinates, such as {{{statement.names[-1]}: 1.0}}.")
+        for i in named:
+            if i not in self.free:
+                raise StatementError(
+                    f"{statement.names[i]} is not ignorable, and cannot have a steady velocity: those that are, are "
+                    f"{listing(statement.names[k] for k in self.free)}."
+                )
+        return {form.v[i]: point.q[i] for i in named}
+
+    def searched(self, model: Model) -> list[dict[Any, Any]]:
+        """Return equilibria by number. Raises StatementError where parameters have no values."""
+        statement, form = self.statement, self.form
+        missing = [p.name for p in statement.parameters if p not in statement.defaults]
+        if missing:
+            raise StatementError(
+                f"the equilibria of {statement.name} are not found in symbols, and for a search by number "
+                f"{listing(missing)} {'has' if len(missing) == 1 else 'have'} no value: give "
+                f"parameters={{'{missing[0]}': 1.0}}."
+            )
+        values = {p: sympy.Rational(x) for p, x in statement.defaults.items()}
+        n = len(form.q)
+        state = np.zeros(2 * n)
+        state[list(self.rows)] = np.array(statement.initial[:n])[list(self.rows)]
+        for i, v in enumerate(form.v):
+            state[n + i] = number(self.speeds.get(v, sympy.S.Zero), values).real
+        search = Search(
+            model=model,
+            parameters=model.parameter_array(),
+            state=state,
+            unknowns=self.rows,
+            angles=tuple(self.is_angle(q) for q in self.unknowns),
+            forces=tuple(form.written(self.forces[i]) for i in self.rows),
+            gradient=tuple(tuple(form.written(row[i]) for i in self.rows) for row in self.gradient),
+            zeros=tuple(map(form.written, self.zeros)),
+        )
+        return [dict(zip(self.unknowns, map(sympy.Float, end), strict=True)) for end in search.found()]
+
+    def is_angle(self, symbol: Any) -> bool:
+        """Return whether a full turn of a coordinate changes nothing."""
+        turn = {symbol: symbol + 2 * sympy.pi}
+        return all(x.xreplace(turn) == x for x in (self.form.lagrangian, *self.form.forces, *self.zeros))
+
+    def none_found(self, *, symbolic: bool) -> str:
+        """Return the sentence for no equilibrium, with what was tried."""
+        statement = self.statement
+        named = listing(statement.names[i] for i in self.rows)
+        if symbolic:
+            return (
+                f"{statement.name} has no equilibrium: the forces on {named} at rest, solved in symbols, vanish "
+                "nowhere for general values of the parameters."
+            )
+        return (
+            f"no equilibrium of {statement.name} was found: the forces on {named} are not solved in symbols, and "
+            f"Newton's method from {STARTS} starts, the initial state among them, found none at the values of the "
+            "parameters. Give an initial state near one, or other values."
+        )
+
+    def record(self, values: Mapping[Any, Any], *, exact: bool) -> Equilibrium:
+        """Return the record of one solution."""
+        statement, form = self.statement, self.form
+        places = {
+            q: self.principal(symbol, values[symbol]) if symbol in values else symbol
+            for q, symbol in zip(statement.coordinates, form.q, strict=True)
+        }
+        speeds = {v: self.speeds[x] for v, x in zip(statement.velocities, form.v, strict=True) if x in self.speeds}
+        zero = sympy.S.Zero
+        q = tuple(zero if x.free_symbols & set(form.q) == {x} else x for x in places.values())
+        q = tuple(x.xreplace(dict.fromkeys(form.q, zero)) for x in q)
+        point = StatedPoint(form, q, tuple(self.speeds.get(v, zero) for v in form.v), {})
+        condition = _condition([*values.values()])
+        known = point.numbers if len(point.numbers) == len(statement.parameters) else None
+        exists = True if condition == sympy.true else None
+        if known is not None:
+            found = [number(x, known) for x in q]
+            exists = all(x == x and abs(x.imag) < 1e-12 for x in found)
+            self.check(values, known, exists=exists)
+        decided, minors = Verdict(stable=None, reason="it does not exist at the values of the parameters."), ()
+        if exists is not False:
+            lin = linearized_at(point)
+            decided = stability_of(lin, point)
+            minors = self.minors(lin)
+        return Equilibrium(
+            coordinates=MappingProxyType({key: form.written(x) for key, x in places.items()}),
+            velocities=MappingProxyType(speeds),
+            stable=decided.stable,
+            reason=decided.reason,
+            energy=self.energy(point),
+            condition=condition,
+            exists=exists,
+            criterion=minors,
+            exact=exact,
+        )
+
+    def minors(self, lin: Linearization) -> tuple[Any, ...]:
+        """Return the criterion, where the matrices have symbols in them that it can be written in."""
+        return criterion(lin, self.free if not self.statement.constraints else ())
+
+    def principal(self, symbol: Any, value: Any) -> Any:
+        """Return an angle between -pi and pi where its value is known, anything else as it is."""
+        if not self.is_angle(symbol):
+            return value
+        found = number(value, {p: sympy.Rational(x) for p, x in self.statement.defaults.items()})
+        if found != found or found.imag:
+            return value
+        return simplest(value - 2 * sympy.pi * math.ceil(round(found.real / (2 * math.pi), 12) - 0.5))
+
+    def check(self, values: Mapping[Any, Any], known: Mapping[Any, Any], *, exists: bool) -> None:
+        """Compare the forces at a solution with zero. Raises RunError where they are left."""
+        if not exists or not all(m in values for m in self.multipliers):
+            return  # what was found by number is tested by the search
+        free = {q: sympy.Rational(3, 10) for q in self.unknowns}
+        limit = FORCE_LEFT if not any(x.has(sympy.Float) for x in values.values()) else FORCE_LEFT_BY_SEARCH
+        for equation in self.equations:
+            terms = [term.xreplace(dict(values)).xreplace(free) for term in sympy.Add.make_args(sympy.expand(equation))]
+            found = [number(term, known) for term in terms]
+            if abs(sum(found)) > limit * max(map(abs, found)):
+                raise RunError(
+                    f"an equilibrium of {self.statement.name} is wrong: a force of {abs(sum(found)):.3g} is left. This "
+                    "is a fault of lagrange, please report it with this message."
+                )
+
+    def energy(self, point: StatedPoint) -> Any:
+        """Return v.p - L at a point."""
+        form = self.form
+        work = sympy.Add(*(p * v for p, v in zip(form.momenta, form.v, strict=True)))
+        return form.written(simplest((work - form.lagrangian).xreplace(point.table)))
+
+    def order(self, one: Equilibrium) -> tuple[Any, ...]:
+        """Return the order of records: by energy where it is a number, else as they were found."""
+        values = {p: sympy.Rational(x) for p, x in self.statement.defaults.items()}
+        found = number(self.form.read(one.energy), values)
+        return (not one.exists, round(found.real, 9) if found == found else 0.0)
+
+
+def _condition(values: Sequence[Any]) -> Any:
+    """Return where real values exist: arguments of asin and acos within one, of roots from zero on."""
+    parts = []
+    for value in values:
+        for f in sorted(value.atoms(sympy.asin, sympy.acos), key=str):
+            argument = f.args[0]
+            if not argument.is_number:
+                parts.append(sympy.Le(argument if argument.is_nonnegative else sympy.Abs(argument), 1))
+        for power in sorted(value.atoms(sympy.Pow), key=str):
+            if power.exp.is_Rational and power.exp.q % 2 == 0 and not power.base.is_nonnegative:
+                parts.append(sympy.Ge(power.base, 0))
+    return sympy.And(*parts)

@@ -1,0 +1,235 @@
+"""Equilibria in symbols and by number, with the condition to exist, and eigenvalues along a parameter."""
+
+from __future__ import annotations
+
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy
+from sympy import acos, cos, cosh, exp, pi, sin, sqrt
+
+import lagrange as lg
+from lagrange.errors import RunError, StatementError
+from lagrange.mechanics import equilibria as equilibria_module
+from lagrange.mechanics.branches import Branch, solved
+
+m, g, l, k, c, w, R, a = lg.parameters("m g l k c w R a")
+x, y, z, theta, phi, r = lg.coordinates("x y z theta phi r")
+
+
+def hoop(**values: float) -> lg.System:
+    kinetic = m * R**2 * (theta.dot**2 + w**2 * sin(theta) ** 2) / 2
+    return lg.System(kinetic, -m * g * R * cos(theta), parameters=values, initial={theta: 0.3}, name="hoop")
+
+
+def test_a_bead_on_a_hoop_has_four_and_knows_when() -> None:
+    found = hoop(m=1, g=9.81, R=1, w=5).equilibria()
+    side, other, bottom, top = found
+    assert side.coordinates == {theta: acos(g / (R * w**2))}
+    assert other.coordinates == {theta: -acos(g / (R * w**2))}
+    assert side.condition == sympy.Le(g / (R * w**2), 1)
+    assert (bottom.coordinates, top.coordinates) == ({theta: 0}, {theta: pi})
+    assert [one.stable for one in found] == [True, True, False, False]
+    assert sympy.simplify(side.energy + m * (R**2 * w**2 + g**2 / w**2) / 2) == 0
+    assert sympy.simplify(bottom.criterion[0] - m * R * (g - R * w**2)) == 0
+    slow = hoop(m=1, g=9.81, R=1, w=2).equilibria()
+    assert [(one.stable, one.exists) for one in slow] == [(True, True), (False, True), (None, False), (None, False)]
+    free = hoop().equilibria()
+    assert [(one.stable, one.exists) for one in free] == [(None, True), (False, True), (None, None), (None, None)]
+    assert repr(side) == "<Equilibrium: theta(t) = acos(g/(R*w**2)); stable, where g/(R*w**2) <= 1>"
+    assert pickle.loads(pickle.dumps(side)).coordinates == side.coordinates
+
+
+def test_steady_motions_of_ignorable_coordinates() -> None:
+    # A conical pendulum: cos(theta) = g/(l w^2).
+    pendulum = lg.System(
+        m * l**2 * (theta.dot**2 + sin(theta) ** 2 * phi.dot**2) / 2,
+        -m * g * l * cos(theta),
+        coordinates=[theta, phi],
+        parameters={m: 1, g: 9.81, l: 1, w: 5},
+    )
+    cone = next(one for one in pendulum.equilibria({phi: w}) if one.stable)
+    assert cone.coordinates == {theta: acos(g / (l * w**2)), phi: phi}
+    assert cone.velocities == {phi.dot: w}
+    assert cone.at == {theta: acos(g / (l * w**2)), phi.dot: w}
+    poles = [one for one in pendulum.equilibria({"phi": w}) if one.coordinates[theta] in (0, pi)]
+    assert [one.reason for one in poles] == ["the mass matrix is singular there: other coordinates decide."] * 2
+    with pytest.raises(
+        StatementError, match=r"the mass matrix of system is singular at this point: state the modes in"
+    ):
+        pendulum.modes({theta: 0})
+
+
+SYSTEMS = {
+    "two wells": lg.System(m * x.dot**2 / 2, k * (x**4 / 4 - c * x**2 / 2), parameters={m: 1, k: 2, c: 3}),
+    "two pendulums": lg.System(
+        m * (theta.dot**2 + phi.dot**2 + theta.dot * phi.dot * cos(theta - phi)) / 2,
+        -g * cos(theta) - k * cos(phi),
+        coordinates=[theta, phi],
+        parameters={m: 1, g: 3, k: 2},
+    ),
+    "a torque": lg.System(m * theta.dot**2 / 2, -g * cos(theta), forces={theta: a}, parameters={m: 1, g: 3, a: 2}),
+    "a magnet": lg.System(
+        m * theta.dot**2 / 2, -g * cos(theta) - k * sin(theta), parameters={m: 1, g: 3, k: 2}, initial={theta: 0.1}
+    ),
+    "two harmonics": lg.System(
+        m * theta.dot**2 / 2, -g * cos(theta) + k * cos(2 * theta), parameters={m: 1, g: 3, k: 2}
+    ),
+    "on a circle": lg.System(
+        m * (x.dot**2 + y.dot**2) / 2,
+        g * y + k * x,
+        constraints={"rod": x**2 + y**2 - l**2},
+        coordinates=[x, y],
+        parameters={m: 1, g: 3, k: 2, l: 2},
+        initial={x: 2.0},
+    ),
+    "a cubic": lg.System(
+        (x.dot**2 + y.dot**2) / 2, (x**2 + y**2) / 2 + x**2 * y - y**3 / 3, coordinates=[x, y], parameters={}
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_symbols_and_search_find_the_same(name: str) -> None:
+    system = SYSTEMS[name]
+    found = system.equilibria()
+    assert all(one.exact for one in found)
+    values = system.parameters
+    exact = sorted(
+        tuple(round(float(sympy.N(q.subs(values))), 6) + 0.0 for q in one.coordinates.values())
+        for one in found
+        if one.exists
+    )
+    problem = equilibria_module._Problem(system.statement, None)
+    ends = problem.searched(system.compile("numpy"))
+    searched = sorted(tuple(round(float(end[q]), 6) + 0.0 for q in problem.unknowns) for end in ends)
+    np.testing.assert_allclose(exact, searched, atol=2e-6)
+    for one in found:
+        point = [float(sympy.N(q.subs(values))) for q in one.coordinates.values()] if one.exists else []
+        if point:
+            a0 = system.compile("numpy").accelerations(point, [0.0] * len(point))
+            # Forces of order 1 that cancel, in doubles.
+            assert np.abs(a0).max() < 1e-13
+
+
+def test_what_is_not_solved_in_symbols_is_searched() -> None:
+    found = lg.System(
+        m * x.dot**2 / 2, k * cosh(x) - c * x**2 + x * exp(-x), parameters={m: 1, k: 1, c: 2}
+    ).equilibria()
+    assert [one.exact for one in found] == [False, False]
+    assert [one.stable for one in found] == [True, False]
+    for one in found:
+        s = one.coordinates[x]
+        assert abs(sympy.sinh(s) - 4 * s + (1 - s) * exp(-s)) < 1e-8
+    bar = lg.scene("four-bar").equilibria()
+    assert [one.stable for one in bar] == [True, False, True, False]
+
+
+def test_coordinates_at_which_forces_are_infinite_are_none() -> None:
+    with pytest.raises(
+        StatementError, match=r"kepler has no equilibrium: the forces on x and y at rest, solved in symb"
+    ):
+        lg.scene("kepler").equilibria()
+
+
+@pytest.mark.parametrize(
+    ("system", "rates", "words"),
+    [
+        (
+            lambda: lg.System(m * x.dot**2 / 2, m * g * x),
+            None,
+            "system has no equilibrium: the forces on x at rest, solved in symbols, vanish nowhere for general values",
+        ),
+        (
+            lambda: lg.System(m * x.dot**2 / 2, k * exp(x), parameters={m: 1, k: 1}),
+            None,
+            "no equilibrium of system was found: the forces on x are not solved in symbols, and Newton's method from "
+            "256 starts, the initial state among them, found none at the values of the parameters. Give an initial",
+        ),
+        (
+            lambda: lg.System(m * x.dot**2 / 2, k * cosh(x) - c * x**2),
+            None,
+            "the equilibria of system are not found in symbols, and for a search by number m, k and c have no value: ",
+        ),
+        (
+            lambda: lg.System(m * x.dot**2 / 2, k * x**2 * sin(lg.t)),
+            None,
+            "the forces of system depend on time, and no place stays an equilibrium: transform(...) may state it in",
+        ),
+        (
+            lambda: lg.System(
+                x.dot**2 + y.dot**2 + theta.dot**2, constraints={"edge": y.dot * cos(theta) - x.dot * sin(theta)}
+            ),
+            None,
+            "system has constraints on velocities (edge), and where it stays at rest is a whole region: linearize(",
+        ),
+        (hoop, {theta: 1}, "theta is not ignorable, and cannot have a steady velocity: those that are, are none."),
+        (hoop, {theta.dot: 1}, "rates names velocities: give coordinates, such as {theta: 1.0}."),
+        (hoop, [1], "rates is [1]: give a dict from ignorable coordinates to velocities."),
+    ],
+)
+def test_refusals(system: Any, rates: Any, words: str) -> None:
+    with pytest.raises(StatementError) as refusal:
+        system().equilibria(rates)
+    assert str(refusal.value).startswith(words)
+
+
+def test_a_wrong_equilibrium_is_found_by_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    def wrong(equations: Any, unknowns: Any) -> list[Branch]:
+        right = solved(equations, unknowns) or []
+        return [Branch({q: x + sympy.Rational(1, 10**6) for q, x in one.values.items()}) for one in right]
+
+    monkeypatch.setattr(equilibria_module, "solved", wrong)
+    with pytest.raises(RunError, match=r"an equilibrium of hoop is wrong: a force of .* is left\. This is a fault of"):
+        hoop(m=1, g=9.81, R=1, w=5).equilibria()
+
+
+# --- along a parameter -------------------------------------------------------------------------------------------
+
+
+def test_eigenvalues_show_the_bifurcation_of_the_hoop() -> None:
+    system, speeds = hoop(m=1, g=9.81, R=1, w=2), np.linspace(2.0, 5.0, 7)
+    bottom = system.eigenvalues(w, speeds)
+    expected = np.sqrt(speeds**2 - 9.81 + 0j)
+    np.testing.assert_allclose(np.sort_complex(bottom.eigenvalues**2), np.column_stack([expected**2] * 2), atol=1e-12)
+    assert list(bottom.stable) == [True, True, True, False, False, False, False]
+    side = system.eigenvalues("w", speeds, {theta: acos(g / (R * w**2))})
+    assert list(np.isnan(side.eigenvalues).any(axis=1)) == [True] * 3 + [False] * 4
+    followed = system.eigenvalues("w", speeds[:2:-1], {theta: 1.17})
+    np.testing.assert_allclose(followed.equilibria[::-1, 0], np.arccos(9.81 / speeds[3:] ** 2), atol=1e-9)
+    np.testing.assert_allclose(followed.eigenvalues[::-1].imag ** 2, side.eigenvalues[3:].imag ** 2, rtol=1e-8)
+
+
+def test_the_picture_has_a_line_for_each_eigenvalue_in_both_parts() -> None:
+    figure = hoop(m=1, g=9.81, R=1, w=2).plot_eigenvalues(w, np.linspace(2.0, 5.0, 7))
+    growth, frequency = figure.axes
+    assert len(growth.lines) == 3  # two eigenvalues, and the line at zero
+    assert len(frequency.lines) == 2
+    assert (frequency.get_xlabel(), frequency.get_ylabel(), growth.get_ylabel()) == ("w", "imaginary part", "real part")
+
+
+@pytest.mark.parametrize(
+    ("parameter", "values", "at", "words"),
+    [
+        ("v", [1.0], None, "'v' is no parameter of this system; its parameters are "),
+        (w, 1.0, None, "values has shape (): give a list of values of w."),
+        (w, [1.0, 2.0], {theta: acos(g / (R * w**2))}, "no equilibrium was found at any of the 2 values of w: give on"),
+    ],
+)
+def test_paths_that_are_none(parameter: Any, values: Any, at: Any, words: str) -> None:
+    with pytest.raises(StatementError) as refusal:
+        hoop(m=1, g=9.81, R=1, w=2).eigenvalues(parameter, values, at)
+    assert str(refusal.value).startswith(words)
+
+
+def test_a_path_of_a_system_with_constraints_is_refused() -> None:
+    with pytest.raises(StatementError, match=r"system has constraints: eliminate\(\.\.\.\) them first, or take linear"):
+        SYSTEMS["on a circle"].eigenvalues("k", [1.0])
+
+
+def test_roots_that_are_never_real_are_no_equilibria() -> None:
+    well = lg.System(x.dot**2 / 2, x**4 / 4 + k * x**2 / 2).equilibria()
+    assert [one.coordinates[x] for one in well] == [0]
+    assert sqrt(2) in {one.coordinates[x] for one in lg.System(x.dot**2 / 2, x**4 / 4 - x**2).equilibria()}
