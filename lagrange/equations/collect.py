@@ -7,6 +7,7 @@ from typing import Any
 import sympy
 from sympy import Add, Mul, S
 
+from lagrange.equations.cancelling import cancelled, shortened
 from lagrange.equations.monomials import ONE, Monomial, MonomialSum, common_factor
 from lagrange.equations.terms import Algebra
 
@@ -45,13 +46,15 @@ class Collector:
 
     def quotient(self, above: MonomialSum, below: MonomialSum) -> Any:
         """Return above / below, the factors that all terms share cancelled: a sum or one fraction, the shorter."""
-        outside, rest = self._factors(below)
-        above = self.algebra.divide(above, outside)
+        outside, rest = self._factors(shortened(self.algebra, below))
+        above = shortened(self.algebra, self.algebra.divide(above, outside))
         divided = self.write(above)
         outside, above = self._factors(above)
+        above, rest = cancelled(above, rest)
         ((monomial, number),) = outside.items()
         roots = tuple((k, e) for k, e in monomial if e < 0 and self.algebra.factors[k].is_Add)
-        numerator = self._together(self.write(self.algebra.multiply(above, {roots: S.One})))
+        above = shortened(self.algebra, self.algebra.multiply(above, {roots: S.One}))
+        numerator = self._together(self.write(above))
         if len(above) == 2 and numerator.could_extract_minus_sign():
             number, numerator = -number, -numerator
         common = self.algebra.power(tuple(factor for factor in monomial if factor not in roots))

@@ -9,6 +9,7 @@ from typing import Any
 
 from sympy import Float, Rational, S
 
+from lagrange.equations.cancelling import shortened
 from lagrange.equations.collect import Collector
 from lagrange.equations.monomials import MonomialSum
 from lagrange.equations.solve import NestedCofactors, coupled_blocks, expanded_cofactors, vanishes
@@ -39,6 +40,11 @@ class TextbookAlgebra(StatedAlgebra):
         super().__init__(statement, BUDGET)
         self.stated = {symbol: expression for expression, symbol in self.plain.items()}
         self.collector = Collector(self.algebra, frozenset(self.q), frozenset((*self.q, *self.v, *self.a, self.time)))
+
+    @cached_property
+    def mass(self) -> list[list[MonomialSum]]:
+        """The rows of M = dp/dv, merged and shortened."""
+        return [[shortened(self.algebra, entry) for entry in row] for row in super().mass]
 
     @cached_property
     def pulls(self) -> list[MonomialSum]:
@@ -191,7 +197,7 @@ class TextbookAlgebra(StatedAlgebra):
 
     def show(self, terms: MonomialSum) -> Any:
         """Return a sum as an expression in the stated symbols, collected."""
-        return self.finish(self.collector.write(terms))
+        return self.finish(self.collector.write(shortened(self.algebra, terms)))
 
     def finish(self, expression: Any) -> Any:
         """Return the expression in the stated symbols, with decimals again where a fraction is no help."""

@@ -29,7 +29,8 @@ class BookOrder:
     def __init__(self, statement: Statement) -> None:
         plain = list(statement.plain.values())
         self.rank: dict[Any, tuple[int, int, int]] = {}
-        stated = [*statement.defaults, *(p for p in statement.parameters if p not in statement.defaults)]
+        others = [p for p in statement.parameters if p not in statement.defaults]
+        stated = [*statement.defaults, *sorted(others, key=_natural)]
         for place, parameter in enumerate(stated):
             head, _ = index_parts(parameter.name)
             self.rank[parameter] = (PARAMETER, CLASS_OF.get(head, OTHERS), place)
@@ -87,7 +88,7 @@ class BookOrder:
         highest = max((rank[0] for rank in ranks), default=PARAMETER)
         moving = [rank for rank in ranks if rank[0] == highest]
         place = (moving[0] if moving else LAST)[2]
-        return (-max(highest, POSITION), self._place(term, highest), place, ranks[:1])
+        return (-max(highest, POSITION), self._place(term, highest), place, ranks)
 
     def _place(self, term: Any, highest: int) -> int:
         if highest > POSITION:
@@ -103,12 +104,12 @@ class BookOrder:
         return 1 if degree == 0 else 2 if degree == 1 else 0
 
     def terms(self, parts: list[Any]) -> list[Any]:
-        """Return the terms of a sum in their order, a positive one first if there is one of the first kind."""
+        """Return the terms of a sum in their order, a positive one first unless the sum begins with accelerations."""
         ordered = sorted(parts, key=self.term)
-        first = next((part for part in ordered if not _negative(part)), None)
-        if first is not None and self.term(first)[0] == self.term(ordered[0])[0]:
-            ordered.remove(first)
-            ordered.insert(0, first)
+        positive = [part for part in ordered if not _negative(part)]
+        if _negative(ordered[0]) and positive and self.term(ordered[0])[0] != -ACCELERATION:
+            ordered.remove(positive[0])
+            ordered.insert(0, positive[0])
         return ordered
 
     def turned(self, total: Any) -> bool:
@@ -119,9 +120,15 @@ class BookOrder:
         negative = sum(map(_negative, total.args))
         if 2 * negative != len(total.args):
             return 2 * negative > len(total.args)
-        if total in self.sums or -total in self.sums:
+        if (total in self.sums) != (-total in self.sums):
             return total not in self.sums
         return _negative(min(total.args, key=self.term))
+
+
+def _natural(parameter: Any) -> list[tuple[int, str]]:
+    """Return what names are sorted by: m2 before m10."""
+    head, parts = index_parts(parameter.name)
+    return [(int(part) if part.isdigit() else 0, part) for part in (head, *parts)]
 
 
 def _negative(term: Any) -> bool:

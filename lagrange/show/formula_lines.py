@@ -9,7 +9,7 @@ from typing import Any
 import sympy
 
 from lagrange.show.formula import Typesetter
-from lagrange.show.pieces import PRODUCT, Notation
+from lagrange.show.pieces import POWER, PRODUCT, Notation
 from lagrange.show.sections import Formula, Grid, Partial, Product, Rate, ShownQuantity, Square, Sum, Transpose
 from lagrange.show.text_notation import UnicodeNotation, width
 from lagrange.statement.statement import Statement
@@ -158,7 +158,8 @@ class LineWriter:
             behind = self.notation.fraction(one, divisor).text.removeprefix(one.text) if divisor != one else ""
             below = []
         front = self.setter.quotient(rest, below, number)
-        before = [] if front == one else [self.notation.grouped(front, self.notation.level_inside_product)]
+        closed = front.text if front.level == PRODUCT else self.notation.grouped(front, POWER)
+        before = [] if front == one else [closed]
         first, *more = self.sum_lines(longest, room - (WIDEST // 5 if before else 2))
         lines = [
             self.notation.signs([(negative, self.notation.joined([*before, self.notation.opening + first]))]),
