@@ -24,7 +24,7 @@ from lagrange.mechanics.modes import criterion, stability_of
 from lagrange.mechanics.plain_form import PlainForm, number
 from lagrange.mechanics.point import StatedPoint, stated_point
 from lagrange.mechanics.search import STARTS, Search
-from lagrange.mechanics.simplification import simplest
+from lagrange.mechanics.simplification import in_fractions, simplest
 from lagrange.mechanics.stability import Verdict, ignorable
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
@@ -125,7 +125,7 @@ class _Problem:
             forces[i] - sympy.Add(*(m * row[i] for m, row in zip(self.multipliers, self.gradient, strict=True)))
             for i in places
         ]
-        self.equations = [*pushed, *self.zeros]
+        self.equations = [in_fractions(equation) for equation in (*pushed, *self.zeros)]
 
     def steady(self, rates: Any) -> dict[Any, Any]:
         """Return the velocities of ignorable coordinates that a user gives, by symbol."""
@@ -144,7 +144,7 @@ class _Problem:
                     f"{statement.names[i]} is not ignorable, and cannot have a steady velocity: those that are, are "
                     f"{listing(statement.names[k] for k in self.free)}."
                 )
-        return {form.v[i]: point.q[i] for i in named}
+        return {form.v[i]: in_fractions(point.q[i]) for i in named}
 
     def searched(self, model: Model) -> list[dict[Any, Any]]:
         """Return equilibria by number. Raises StatementError where parameters have no values."""

@@ -17,6 +17,9 @@ MOST_SYMBOLS = 12
 MERGED_TERMS = 20_000
 """Products that merging sines and cosines may take, some 0.2 s."""
 
+LARGEST_FRACTION = 10
+"""Numerator and denominator of a fraction that is shown as one, where decimals were given."""
+
 _ANGLES = (sympy.sin, sympy.cos, sympy.tan)
 
 
@@ -24,16 +27,30 @@ def simplest(given: Any) -> Any:
     """Return the form of an expression with the fewest operations, of those that are tried."""
     if not given.args or given.is_Piecewise or given.has(sympy.Piecewise):
         return given
+    if given.has(sympy.Float):  # polynomials of decimals have no factors
+        return in_decimals(simplest(in_fractions(given)))
     best = given
     few = _generators(best) <= MOST_SYMBOLS
     if size(best) <= LONGEST_FACTORED:
         best = min((best, sympy.expand(best), sympy.factor_terms(best)), key=size)
         if few:
             best = min((best, sympy.factor(best)), key=size)
-    if best.has(*_ANGLES) and size(best) <= LONGEST_FACTORED and not best.has(sympy.Float):
+    if best.has(*_ANGLES) and size(best) <= LONGEST_FACTORED:
         merged = _merged(best)
         best = min((best, merged, sympy.factor(merged) if few else sympy.factor_terms(merged)), key=size)
     return best
+
+
+def in_fractions(given: Any) -> Any:
+    """Return an expression with its decimals as the fractions that they are written as: 0.1 is one tenth."""
+    decimals = sorted(given.atoms(sympy.Float), key=str)
+    return given.xreplace({x: sympy.Rational(repr(float(x))) for x in decimals})
+
+
+def in_decimals(given: Any) -> Any:
+    """Return an expression with decimals for fractions that are longer than eighths."""
+    fractions = [x for x in sorted(given.atoms(sympy.Rational), key=str) if max(abs(x.p), x.q) > LARGEST_FRACTION]
+    return given.xreplace({x: sympy.Float(float(x)) for x in fractions if x.q > 1})
 
 
 def _merged(given: Any) -> Any:

@@ -114,6 +114,18 @@ def test_symbols_and_search_find_the_same(name: str) -> None:
             assert np.abs(a0).max() < 1e-13
 
 
+def test_decimals_are_taken_as_they_are_written() -> None:
+    spun = lg.System(
+        (theta.dot**2 + sin(theta) ** 2 * phi.dot**2) * 0.5, -9.81 * cos(theta), coordinates=[theta, phi]
+    ).equilibria({phi: 4.5})
+    cone = next(one for one in spun if one.stable)
+    assert sympy.simplify(cos(cone.coordinates[theta]) - sympy.Rational(981, 2025)) == 0
+    assert cone.velocities == {phi.dot: sympy.Rational(9, 2)}
+    slow = lg.System(0.37 * x.dot**2, 0.11 * x**2 + 0.2 * x * k, dissipation=0.123 * x.dot**2)
+    assert slow.equilibria()[0].coordinates[x] == -10 * k / 11
+    assert slow.linearize({x: -10 * k / 11}).C[0, 0] == pytest.approx(0.246)
+
+
 def test_what_is_not_solved_in_symbols_is_searched() -> None:
     found = lg.System(
         m * x.dot**2 / 2, k * cosh(x) - c * x**2 + x * exp(-x), parameters={m: 1, k: 1, c: 2}
