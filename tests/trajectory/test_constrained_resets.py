@@ -9,6 +9,8 @@ import pytest
 from sympy import exp
 
 import lagrange as lg
+from lagrange.machine.backend import FloatArray
+from lagrange.trajectory.constraints.nearest import Nearest, Residuals
 from tests.models import g, l, m, x, y
 
 METHODS: list[tuple[str, dict[str, Any]]] = [
@@ -70,6 +72,29 @@ def test_thousands_of_resets_are_checked_in_every_loop() -> None:
         assert found.status is lg.Status.DIVERGED
         assert 18 < found.t[-1] < 23
         assert len(found.t_events[0]) > 12
+
+
+def test_a_reset_on_the_constraints_is_not_projected(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Steps of taylor end on the constraints: where a reset does too, their residuals say so and nothing is solved."""
+    back = lg.event(x + 0.3, direction=-1, reset={x.dot: -x.dot, y.dot: -y.dot})
+    expected = run(3.0, back, method="taylor").require()
+    monkeypatch.setattr("lagrange.trajectory.events.actions.Projection", None)
+    assert (run(3.0, back, method="taylor").require().y == expected.y).all()
+
+
+@pytest.mark.parametrize("off", [1e-11, 1e-6, 1e-2])
+def test_the_nearest_state_is_found_without_a_search_in_round_off(off: float) -> None:
+    """On a circle, by the metric of one mass: what is left to go along it is round-off of its points."""
+    asked = []
+
+    def circle(point: FloatArray) -> Residuals:
+        asked.append(point)
+        value, size = np.array([point @ point - 1]), np.array([point @ point + 1])
+        return Residuals(value, 2 * point[None], size, size)
+
+    found, there = Nearest(circle, np.eye(2), np.ones(2, dtype=bool)).of(np.array([0.6, 0.8]) * (1 + off))
+    assert found == pytest.approx([0.6, 0.8], abs=1e-15) and there.largest < 1e-15
+    assert len(asked) <= 6
 
 
 @pytest.mark.parametrize("method", ["taylor", "dop853"])

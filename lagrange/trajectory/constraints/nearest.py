@@ -27,7 +27,7 @@ MOST_DESCENTS = 200
 """Steps along the surface towards its nearest point; each shortens the rest by the curvature times the distance."""
 
 NEAREST = 1e-9
-"""A point is the nearest one where the step along the surface is below this part of the distance."""
+"""A point is the nearest one where the step along the surface is below this part of the distance, or is round-off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class Nearest:
             return x, found
         for _ in range(MOST_DESCENTS):
             along = self._step(found, start - x, np.zeros_like(found.values))
-            if self._length(along) <= NEAREST * self._length(x - start):
+            if self._length(along) <= max(NEAREST * self._length(x - start), ROUND_OFF * self._length(x)):
                 break
             share, before = 1.0, self._length(x - start)
             while share >= SHORTEST_SHARE:

@@ -40,7 +40,7 @@ class Projection:
     def metric(self, y: FloatArray) -> FloatArray:
         """Return the mass matrix. Raises StatementError where it is not finite."""
         with np.errstate(all="ignore"):
-            mass = self.model.interpreted("mass_matrix")(self.t, y, self.parameters)
+            mass = self.residuals.mass_matrix(self.t, y, self.parameters)
         if not np.isfinite(mass).all():
             raise StatementError(
                 f"the mass matrix is not finite at the initial state ({self.place(y)}): give another one."

@@ -46,6 +46,8 @@ class ConstraintResiduals:
         stated = (*places, *held.velocities)
         self._gradient = _kernel(model, tuple(entry for row in held.gradient for entry in row))
         self._residuals = _kernel(model, (*stated, *term_sizes(stated)))
+        self.mass_matrix = model.interpreted("mass_matrix")
+        """The metric of displacements, in Python: it is evaluated at states off the constraints too."""
         self._layout = model.layout
         graph, q = model.equations.graph, model.equations.q
         # Of a piecewise only the branch that is taken counts: its conditions are surfaces as well.

@@ -17,6 +17,7 @@ from lagrange.machine.model import Model
 from lagrange.statement.declare import state_rows
 from lagrange.statement.event import Event
 from lagrange.trajectory.constraints.projection import Projection
+from lagrange.trajectory.constraints.residuals import residuals_of
 from lagrange.trajectory.events.ending import EventResult, nowhere, off_constraints
 from lagrange.trajectory.trajectory import FloatArray
 
@@ -84,8 +85,11 @@ def reset_state(
     first = next(iter(resets))
     if first.model is None or not first.constrained:
         return after, EventResult()
-    projection = Projection(first.model, t, first.parameters)
+    hold = residuals_of(first.model).hold
     left = _left_open(first.model, resets)
+    if not left and hold(t, before, first.parameters) and hold(t, after, first.parameters):
+        return after, EventResult()
+    projection = Projection(first.model, t, first.parameters)
     if left:
         solved = projection.solved_for(left, after)
         after = after if solved is None else solved
