@@ -180,9 +180,10 @@ def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tol
     if not status.complete or not tolerances.rtol:
         return
     least = tolerances.atol / (COARSE_ATOL * tolerances.rtol)
-    if min(map(max, map(abs, states[0].tolist()), map(abs, states[-1].tolist()))) >= least:
+    ends = list(map(max, map(abs, states[0].tolist()), map(abs, states[-1].tolist())))
+    if min(ends) >= least:
         return
-    sizes = np.abs(states).max(axis=0).tolist()
+    sizes = ends if len(states) <= 2 else np.abs(states).max(axis=0).tolist()
     kinds = [max(part) for part in problem.model.layout.split(sizes) for _ in part]
     short = [row for row, size in enumerate(sizes) if CANCELLATION_NOISE * kinds[row] < size < least]
     if not short:

@@ -14,6 +14,7 @@ import scipy.integrate
 
 import lagrange as lg
 from lagrange.errors import StatementError
+from lagrange.trajectory.foreign import scipy_solvers
 from lagrange.trajectory.foreign.scipy_solvers import BDF, DOP853, LSODA, RK23, RK45, Radau
 from lagrange.trajectory.trajectory import Status
 from tests.trajectory.points import (
@@ -66,6 +67,36 @@ def test_no_path_is_made_that_nobody_reads(monkeypatch: pytest.MonkeyPatch) -> N
     assert (
         np.isfinite(found.at([0.1, 2.3])).all() and np.isfinite(pickle.loads(pickle.dumps(found)).at([0.1, 2.3])).all()
     )
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_the_history_of_lsoda_is_its_path(monkeypatch: pytest.MonkeyPatch, *, known: bool) -> None:
+    """It is copied, where it stands as SciPy reads it; else SciPy makes its own object of each step."""
+    model = lg.scene("elastic-pendulum").compile()
+    made: list[Any] = []
+    read: Any = scipy.integrate.LSODA.dense_output
+
+    def dense_output(solver: Any) -> Any:
+        made.append(solver)
+        return read(solver)
+
+    monkeypatch.setattr(scipy.integrate.LSODA, "dense_output", dense_output)
+    is_known: Any = scipy_solvers._history_is_known
+    is_known.cache_clear()
+    if not known:
+        monkeypatch.setattr(scipy_solvers, "_along", lambda *_: np.zeros((2, 5)))
+    assert is_known() is known
+    made.clear()
+    run = lg.integrate(model, (0.0, 8.0), method="scipy-lsoda", rtol=1e-7, atol=1e-7)
+    path = run.at(np.linspace(0.0, 8.0, 500))
+    assert len(made) == (0 if known else run.steps)
+    is_known.cache_clear()
+    monkeypatch.undo()
+    by_hand: Any = scipy.integrate.solve_ivp(
+        model.rhs, (0.0, 8.0), run.y[:, 0], method="LSODA", jac=model.jacobian, dense_output=True, rtol=1e-7, atol=1e-7
+    )
+    assert np.array_equal(run.t, by_hand.t)
+    np.testing.assert_allclose(path, by_hand.sol(np.linspace(0.0, 8.0, 500)), rtol=0, atol=1e-11)
 
 
 def test_step_and_time_limits_keep_what_was_computed(method: Any) -> None:

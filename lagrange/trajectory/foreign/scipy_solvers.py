@@ -8,7 +8,8 @@ from abc import ABC
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
+from operator import methodcaller
 from typing import Any, ClassVar, final
 
 import numpy as np
@@ -26,6 +27,12 @@ from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 _ONE_AT_A_TIME = threading.RLock()
 """Held by the implicit solvers: capturing their warnings changes the state of the whole process."""
+
+
+Output = Callable[[FloatArray], FloatArray]
+"""The path over a step: from the solver's times (k,) to states (2n, k)."""
+
+DENSE_OUTPUT: Callable[[Any], Output] = methodcaller("dense_output")
 
 
 class _ScipyStepper:
@@ -56,7 +63,7 @@ class _ScipyStepper:
             options["first_step"] = min(first, abs(self.end - t))
         own = t - origin, self.end - origin
         rhs = law.rhs if origin == 0.0 else lambda s, y: law.rhs(origin + s, y)
-        self.t, self.y = t, y
+        self.t, self.y, self.output = t, y, method.output()
         self.solver = method.solver(rhs, own[0], y.copy(), own[1], **options)
 
     def advance(self, t: float, y: FloatArray) -> Fault | None:
@@ -84,7 +91,7 @@ class _ScipyStepper:
             return partial(_taken_again, self.method, self.law, (t, self.t), (y, self.y))
         solver = self.solver
         own = float(solver.t_old), float(solver.t)
-        return partial(StepInterpolant.read, (t, self.t), (y, self.y), own, solver.dense_output(), self.method.degree)
+        return partial(StepInterpolant.read, (t, self.t), (y, self.y), own, self.output(solver), self.method.degree)
 
 
 def _taken_again(
@@ -129,6 +136,10 @@ class ScipyMethod(ABC):
 
     def __post_init__(self) -> None:
         check_bounds(self.name, self.max_step, self.first_step)
+
+    def output(self) -> Callable[[Any], Output]:
+        """Return what gives the path over a solver's last step, as a function of its times."""
+        return DENSE_OUTPUT
 
     def integrate(self, problem: Problem) -> Trajectory:
         """Run the problem; see `Integrator`."""
@@ -222,3 +233,47 @@ class LSODA(ScipyMethod):
     solver: ClassVar[Callable[..., OdeSolver]] = scipy.integrate.LSODA
     degree: ClassVar[int] = 12
     from_zero: ClassVar[bool] = True
+
+    def output(self) -> Callable[[Any], Output]:
+        """Return what copies the history that the solver goes on with; see `ScipyMethod`.
+
+        SciPy makes an object of it, which takes longer than the step.
+        """
+        return _history if _history_is_known() else DENSE_OUTPUT
+
+
+def _history(solver: Any) -> partial[FloatArray]:
+    """Return the path over the last step of LSODA, from a copy of its scaled derivatives (Nordsieck's array).
+
+    A. C. Hindmarsh, ODEPACK, a systematized collection of ODE solvers, 1983: RWORK(11) is the last step, RWORK(12) the
+    next, from RWORK(21) on stands the array; IWORK(14) is the last order and IWORK(15) the next.
+    """
+    own, n = solver._lsoda_solver._integrator, solver.n
+    order, following = own.iwork[13:15].tolist()
+    return partial(_along, solver.t, (order, following), own.rwork[10 : 20 + (order + 1) * n].copy())
+
+
+def _along(end: float, orders: tuple[int, int], memory: FloatArray, times: FloatArray) -> FloatArray:
+    """Return the states (2n, k) on the last step of LSODA at times (k,)."""
+    (order, following), (last, step) = orders, memory[:2]
+    powers = ((times - end) / step)[:, None] ** np.arange(order + 1)
+    if following < order:
+        # LSODA has not scaled the derivative that it will not use again.
+        powers[:, -1] *= (step / last) ** order
+    return np.asarray((powers @ memory[10:].reshape(order + 1, -1)).T)
+
+
+@lru_cache(maxsize=1)
+def _history_is_known() -> bool:
+    """Return whether the memory of SciPy's LSODA is that of ODEPACK: this is tried on a run, and not assumed."""
+    solver: Any = scipy.integrate.LSODA(lambda _, y: np.array([y[1], -(y[0] ** 3)]), 0.0, np.array([1.0, 0.5]), 20.0)
+    while solver.status == "running":
+        solver.step()
+        times = np.linspace(solver.t_old, solver.t, 5)
+        try:
+            found = _history(solver)(times)
+        except (AttributeError, IndexError, TypeError, ValueError):
+            return False
+        if not np.allclose(found, solver.dense_output()(times), rtol=1e-13, atol=1e-14):
+            return False
+    return True
