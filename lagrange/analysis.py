@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from lagrange.equations.derivation import Derivation
 from lagrange.machine.model import Model
 from lagrange.mechanics.comparison import EquationsComparison, compare_equations
+from lagrange.mechanics.conserved import Conserved, conserved_quantities
 from lagrange.mechanics.eigenvalue_path import EigenvaluePath, eigenvalue_path
 from lagrange.mechanics.equilibria import Equilibrium, equilibria
 from lagrange.mechanics.hamilton import Hamiltonian, hamiltonian
@@ -18,6 +19,7 @@ from lagrange.mechanics.ignored import ignored
 from lagrange.mechanics.linearization import Linearization, linearized_at
 from lagrange.mechanics.linearization_check import check as check_linearization
 from lagrange.mechanics.modes import Modes, modes
+from lagrange.mechanics.noether import noether_quantity
 from lagrange.mechanics.point import stated_point
 from lagrange.mechanics.reduction import reduced
 from lagrange.mechanics.routh import routhian
@@ -84,6 +86,24 @@ class Analysis(ABC):
         A refusal names the line and the column.
         """
         return compare_equations(self.statement, self.derivation(), equations_of_text(text, self.statement))
+
+    def conserved(self) -> list[Conserved]:
+        """Return what is found to be conserved: records with `.name`, `.expression` and `.reason`.
+
+        The energy or Jacobi integral, momenta of ignorable coordinates and of point symmetries, which are solved for,
+        and the Runge-Lenz vector. Each is proven as an identity and tested along the compiled motion. What is not in
+        the list was not found; nothing is said of it.
+        """
+        return conserved_quantities(self.compile("numpy", check=False))
+
+    def noether(self, generator: Mapping[Any, Any]) -> Any:
+        """Return the conserved quantity of a symmetry that moves coordinates so: {x: -y, y: x}.
+
+        Keys are coordinates, their names, or t for a shift in time; values depend on coordinates, parameters and t. The
+        Lagrangian may change by a total derivative. Raises StatementError, with the rate of the quantity, for what is
+        no symmetry, and where no proof is found.
+        """
+        return noether_quantity(self.compile("numpy", check=False), generator)
 
     def hamiltonian(self) -> Hamiltonian:
         """Return Hamilton's form: H in momenta, Hamilton's equations, Poisson brackets, and a System that runs.

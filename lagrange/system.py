@@ -58,7 +58,8 @@ class System(Analysis):
     ) -> None:
         """State a system.
 
-        Give `kinetic` and `potential`, or `lagrangian`. `coordinates` are inferred in order of appearance, T before V.
+        Give `kinetic` and `potential`, or `lagrangian`. `coordinates`, unless given, are those that appear, in order of
+        declaration.
         `forces` maps a coordinate to its generalized force, `dissipation` is Rayleigh's D with force -dD/dv.
         `constraints` are expressions that stay zero, or Eq, in a list or by name; those free of velocities are
         holonomic. With `redundant="allow"` some may follow from others, and share their forces.

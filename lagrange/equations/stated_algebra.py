@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Any
 
 import sympy
-from sympy import Dummy, Float, Rational
+from sympy import Dummy, Float, Rational, S
 
 from lagrange.equations.monomials import MonomialSum
 from lagrange.equations.terms import Algebra, differentiable
@@ -57,6 +57,12 @@ class StatedAlgebra:
             for j in range(i, len(self.v))
         }
         return [[upper[min(i, j), max(i, j)] for j in range(len(self.v))] for i in range(len(self.v))]
+
+    @cached_property
+    def energy(self) -> MonomialSum:
+        """The energy v . p - L, merged."""
+        work = (self.algebra.multiply(p, self.symbol(v)) for p, v in zip(self.momenta, self.v, strict=True))
+        return self.algebra.merge_angles(self.algebra.add(self.algebra.scale(self.lagrangian, S.NegativeOne), *work))
 
     def read(self, expression: Any) -> MonomialSum:
         """Return a stated expression as terms, its decimals exact: 0.1 is one tenth."""

@@ -125,7 +125,7 @@ class Structure:
 
     def _energy(self) -> str:
         if self.conservative:
-            return f"{self._reason()}: the energy is conserved."
+            return f"{self.energy_reason()}: the energy is conserved."
         verdict = "is not" if self.energy_kept is False else "was not found to be"
         time = "depends" if self.autonomous is False else "may depend"
         causes = [] if self.autonomous else [f"the Lagrangian {time} on time"]
@@ -135,7 +135,8 @@ class Structure:
         )
         return f"The energy {verdict} conserved: {listing(causes)}."
 
-    def _reason(self) -> str:
+    def energy_reason(self) -> str:
+        """Return why the energy is conserved, where it is."""
         if not self.forced:
             return "Nothing depends on time explicitly and no force acts beside the potential"
         if self.autonomous:

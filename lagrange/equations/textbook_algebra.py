@@ -97,12 +97,6 @@ class TextbookAlgebra(StatedAlgebra):
         return self.algebra.add({}, *row, rest)
 
     @cached_property
-    def energy(self) -> MonomialSum:
-        """V . p - L."""
-        work = (self.algebra.multiply(p, self.symbol(v)) for p, v in zip(self.momenta, self.v, strict=True))
-        return self.algebra.merge_angles(self.algebra.add(self.algebra.scale(self.lagrangian, S.NegativeOne), *work))
-
-    @cached_property
     def gradient(self) -> list[list[MonomialSum]]:
         """The m rows of G: dphi/dq, or dpsi/dv of a constraint on velocities."""
         rows = []

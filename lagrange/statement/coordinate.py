@@ -11,6 +11,7 @@ from sympy import Derivative, Symbol
 from sympy.core.function import Application, AppliedUndef, UndefinedFunction
 
 from lagrange.errors import StatementError, shown
+from lagrange.statement.declared_order import COORDINATES, PARAMETERS
 from lagrange.statement.letters import NAME
 from lagrange.statement.number import flag
 from lagrange.statement.vocabulary import FUNCTIONS
@@ -51,6 +52,13 @@ def coordinate(name: str) -> Any:
     It equals SymPy's ``dynamicsymbols`` of that name; its velocity is ``.dot``, its acceleration ``.ddot``. Raises
     StatementError for a name that is not an identifier, or that has a meaning: ``t``, ``pi``, ``sin``, ``lambda``.
     """
+    made = coordinate_of(name)
+    COORDINATES.declare([name])
+    return made
+
+
+def coordinate_of(name: str) -> Any:
+    """Return what `coordinate` does, and leave the order in which coordinates were declared as it is."""
     check_symbol(name, "coordinate")
     if name not in _DECLARED:
         _DECLARED[name] = with_rates(name)
@@ -98,7 +106,9 @@ def _refusing(numpy: str, ours: str) -> Callable[[Any], NoReturn]:
 
 def coordinates(names: str) -> Any:
     """Return the coordinates named in a text such as ``"x y"``: a tuple, or one coordinate for one name."""
-    found = tuple(coordinate(name) for name in _names(names, "coordinate"))
+    given = _names(names, "coordinate")
+    found = tuple(map(coordinate_of, given))
+    COORDINATES.declare(given)
     return found[0] if len(found) == 1 else found
 
 
@@ -108,10 +118,11 @@ def parameters(names: str, *, positive: bool = True) -> Any:
     One name gives one symbol, several give a tuple.
     """
     found = []
-    positive = flag(positive, "positive")
-    for name in _names(names, "parameter"):
+    positive, given = flag(positive, "positive"), _names(names, "parameter")
+    for name in given:
         check_symbol(name, "parameter")
         found.append(Symbol(name, real=True, positive=True) if positive else Symbol(name, real=True))
+    PARAMETERS.declare(given)
     return found[0] if len(found) == 1 else tuple(found)
 
 

@@ -16,6 +16,7 @@ from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.statement.choice import one_of, text
 from lagrange.statement.constraint import Constraint, declare_constraints
 from lagrange.statement.coordinate import check_name, check_symbol, name_of, t, velocity_of
+from lagrange.statement.declared_order import COORDINATES
 from lagrange.statement.dimension_check import with_dimensions
 from lagrange.statement.expression import entries, expression
 from lagrange.statement.letters import NAME
@@ -147,7 +148,7 @@ def _coordinates(given: Sequence[Any] | None, survey: Survey) -> tuple[Any, ...]
     if given is not None and (not isinstance(given, Iterable) or (isinstance(given, np.ndarray) and not given.ndim)):
         raise StatementError(f"coordinates is {shown(given)}: give a list, such as [{shown(given)}].")
     found: dict[str, Any] = {}
-    for q in survey.coordinates if given is None else given:
+    for q in _in_order(survey.coordinates) if given is None else given:
         if not isinstance(q, AppliedUndef) or q.args != (t,):
             raise StatementError(
                 f"coordinates contains {shown(q)}, which is no coordinate: make one with lg.coordinate('x')."
@@ -161,6 +162,10 @@ def _coordinates(given: Sequence[Any] | None, survey: Survey) -> tuple[Any, ...]
     for name in found:
         check_rate(name, found, "coordinate")
     return tuple(found.values())
+
+
+def _in_order(coordinates: Iterable[Any]) -> list[Any]:
+    return COORDINATES.of((name_of(q), q) for q in coordinates)
 
 
 def _make_one(survey: Survey) -> str:

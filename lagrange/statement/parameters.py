@@ -9,6 +9,7 @@ import sympy
 
 from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.statement.coordinate import check_name, check_symbol, name_of, t, velocity_of
+from lagrange.statement.declared_order import PARAMETERS
 from lagrange.statement.number import real_number
 from lagrange.statement.survey import Survey
 
@@ -63,7 +64,10 @@ def table_of(given: Any, what: str, entries: str) -> Mapping[Any, Any]:
 def parameter_symbols(
     survey: Survey, given: Mapping[Any, Any], by_name: dict[str, Any]
 ) -> tuple[dict[str, Any], dict[Any, Any]]:
-    """Return the parameters by name, and replacements that make one symbol of several of the same name."""
+    """Return the parameters by name, and replacements that make one symbol of several of the same name.
+
+    They are in the order in which they are given values, and behind those in the order in which they were declared.
+    """
     symbols: dict[str, Any] = {}
     unify: dict[Any, Any] = {}
     for symbol in [*survey.parameters, *(key for key in given if isinstance(key, sympy.Symbol))]:
@@ -80,7 +84,10 @@ def parameter_symbols(
             raise StatementError(f"parameters names {shown(key)}: its keys are parameters (symbols) or their names.")
     for name in symbols:
         _check_clash(name, by_name)
-    return symbols, unify
+    valued = dict.fromkeys(label_of(key) for key in given)
+    rest = PARAMETERS.of((name, name) for name in symbols if name not in valued)
+    ordered = {name: symbols[name] for name in (*valued, *rest)}
+    return ordered, unify
 
 
 _MEANT = {t.name: "time: use lg.t for time", "pi": "the constant: use sympy.pi for the constant"}

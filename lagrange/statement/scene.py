@@ -13,7 +13,7 @@ import sympy
 
 from lagrange.errors import SceneError, StatementError, listing, suggestion
 from lagrange.statement.choice import one_of
-from lagrange.statement.coordinate import check_name, check_symbol, coordinate, velocity_of
+from lagrange.statement.coordinate import check_name, check_symbol, coordinate_of, velocity_of
 from lagrange.statement.declare import ORIGIN, declare
 from lagrange.statement.document import Document, kind_of
 from lagrange.statement.statement import REDUNDANT, REFUSE, RunSettings, Statement
@@ -80,7 +80,7 @@ class _Scene:
     def statement(self) -> Statement:
         """Return the checked statement."""
         document = self.document
-        coordinates = {name: coordinate(name) for name in self.coordinate_names()}
+        coordinates = {name: coordinate_of(name) for name in self.coordinate_names()}
         velocities = {f"{name}_dot": velocity_of(q) for name, q in coordinates.items()}
         values = self.parameters(coordinates)
         symbols = {name: sympy.Symbol(name, real=True) for name in values}

@@ -119,7 +119,7 @@ def test_several_go_one_after_another_and_other_constraints_stay() -> None:
         constraints={"first": y - x**2, "second": z - y * x, "edge": u.dot - y * x.dot},
     )
     small = system.eliminate(y, z)
-    assert small.statement.names == ("u", "x")
+    assert small.statement.names == ("x", "u")
     assert [one.name for one in small.statement.constraints] == ["edge"]
     assert small.statement.constraints[0].expression == u.dot - x**2 * x.dot
 

@@ -1,0 +1,111 @@
+"""What a system conserves: the energy, momenta of ignorable coordinates, momenta of symmetries, the Runge-Lenz vector.
+
+Everything here is proven as an identity, and tested by number: along the compiled motion it does not change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import sympy
+
+from lagrange.equations.collect import Collector
+from lagrange.equations.monomials import MonomialSum
+from lagrange.equations.stated_algebra import StatedAlgebra
+from lagrange.equations.terms import printable
+from lagrange.machine.model import Model
+from lagrange.mechanics.places import place
+from lagrange.mechanics.quantity_rates import check_constant
+from lagrange.mechanics.runge_lenz import runge_lenz
+from lagrange.mechanics.symmetries import BUDGET, SymmetryEquation, point_symmetries
+from lagrange.mechanics.symmetry_names import described, oriented, untaken
+from lagrange.statement.statement import Statement
+
+MOST_SEARCHED = 24
+"""With more coordinates no symmetry is sought beside the ignorable coordinates: a chain of 20 bodies takes 1 s."""
+
+
+@dataclass(frozen=True)
+class Conserved:
+    """A quantity that stays constant along every motion, in coordinates, velocities, parameters and t.
+
+    `name` is "energy", "p_phi", "angular momentum z" and the like; `reason` says why it is conserved.
+    """
+
+    name: str
+    expression: Any
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.name} = {self.expression}: {self.reason}"
+
+
+@dataclass(frozen=True, eq=False)
+class Written:
+    """Writes sums of monomials in the symbols of a statement."""
+
+    stated: StatedAlgebra
+
+    def __call__(self, terms: MonomialSum) -> Any:
+        """Return a sum as a user reads it."""
+        stated = self.stated
+        moving = frozenset((*stated.q, *stated.v, *stated.a, stated.time))
+        collector = Collector(stated.algebra, frozenset(stated.q), moving)
+        return self.back(collector.write(terms))
+
+    def back(self, given: Any) -> Any:
+        """Return an expression in plain symbols in those of the statement."""
+        return printable(given).xreplace({symbol: leaf for leaf, symbol in self.stated.plain.items()})
+
+
+def conserved_quantities(model: Model) -> list[Conserved]:
+    """Return what is found to be conserved; nothing is claimed of what is not in the list.
+
+    Raises RunError where a proven quantity changes along the compiled motion, which is a fault.
+    """
+    if "conserved" not in model.prepared:
+        found = list(_found(model))
+        check_constant(model, {one.name: one.expression for one in found})
+        model.prepared["conserved"] = found
+    return list(model.prepared["conserved"])
+
+
+def _found(model: Model) -> Iterator[Conserved]:
+    statement, structure = model.statement, model.equations.structure
+    stated = StatedAlgebra(statement, BUDGET)
+    written = Written(stated)
+    shifts = {_unit(len(stated.q), i): i for i in structure.cyclic}
+    taken = [f"p_{structure.names[i]}" for i in structure.cyclic]
+    if structure.conservative:
+        taken.append(energy_name(statement))
+        yield Conserved(taken[-1], written(stated.energy), f"{structure.energy_reason()}.")
+    for name, i in zip(taken, structure.cyclic, strict=False):
+        how = "is not in" if structure.decisions.absent(i) else "drops out of"
+        yield Conserved(name, written(stated.momenta[i]), f"{structure.names[i]} {how} the Lagrangian.")
+    if len(stated.q) > MOST_SEARCHED:
+        return
+    equation, body = SymmetryEquation(stated), place(stated)
+    for one in point_symmetries(model, equation):
+        if (any(one.xi) or not structure.conservative) and (one.tau != 0 or one.xi not in shifts):
+            symmetry, name = oriented(stated, one, body)
+            taken.append(untaken(name, taken))
+            yield Conserved(taken[-1], written(equation.quantity(symmetry)), described(stated, symmetry))
+    for name, terms in runge_lenz(stated, body) if body is not None else ():
+        yield Conserved(name, written(terms), RUNGE_LENZ)
+
+
+RUNGE_LENZ = "The force falls with the square of the distance, so the axis of the orbit does not turn."
+
+
+def energy_name(statement: Statement) -> str:
+    """Return "energy", or "Jacobi integral" where T has a part without velocities, as in a turning frame."""
+    if statement.kinetic == statement.lagrangian:
+        return "energy"
+    rest = statement.kinetic.xreplace(dict.fromkeys(statement.velocities, sympy.S.Zero))
+    return "energy" if sympy.expand(rest) == 0 else "Jacobi integral"
+
+
+def _unit(n: int, i: int) -> tuple[Any, ...]:
+    return tuple(sympy.Integer(int(j == i)) for j in range(n))

@@ -1,0 +1,96 @@
+"""Rates along the motion at many states, from the compiled laws: p, dL/dq + Q - dD/dv, and the power."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from lagrange.errors import RunError, StatementError
+from lagrange.machine.backend import FloatArray
+from lagrange.machine.model import Model
+from lagrange.trajectory.constraints.consistent import consistent_state
+
+STEP = 1e-5
+"""Of the difference in time, whose error is then some 1e-10."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionRates:
+    """Random states of a model, (n, K), at times (K,), all with the same random parameters (k,)."""
+
+    model: Model
+    t: FloatArray
+    y: FloatArray
+    parameters: FloatArray
+
+    @property
+    def q(self) -> FloatArray:
+        """The coordinates, (n, K)."""
+        return self.y[self.model.layout.q]
+
+    @property
+    def v(self) -> FloatArray:
+        """The velocities, (n, K)."""
+        return self.y[self.model.layout.v]
+
+    @cached_property
+    def momenta(self) -> FloatArray:
+        """The momenta dL/dv, (n, K)."""
+        return self._values("momenta")
+
+    @cached_property
+    def forces(self) -> FloatArray:
+        """What changes the momenta beside constraints, dL/dq + Q - dD/dv, (n, K)."""
+        return self._values("forces")
+
+    @cached_property
+    def power(self) -> FloatArray:
+        """The rate of the energy beside constraints, -dL/dt + (Q - dD/dv) . v, (K,)."""
+        decisions = self.model.equations.structure.decisions
+        if decisions.powerless is True:
+            return np.zeros(len(self.t))
+        applied = self.model.function("applied_forces", tuple(decisions.laws.extra))
+        with np.errstate(all="ignore"):
+            work: FloatArray = np.sum(applied(self.t, self.y, self.parameters) * self.v, axis=0)
+            if decisions.timeless is True:
+                return work
+            lagrangian = self.model.interpreted("lagrangian")
+            ahead, behind = (lagrangian(self.t + way * STEP, self.y, self.parameters) for way in (1, -1))
+        return work - (ahead - behind) / (2 * STEP)
+
+    @cached_property
+    def gradient(self) -> FloatArray:
+        """The rows of constraints on velocities, (m, n, K)."""
+        return self._values("constraint_gradient")
+
+    def _values(self, name: str) -> FloatArray:
+        with np.errstate(all="ignore"):
+            return self.model.interpreted(name)(self.t, self.y, self.parameters)
+
+
+def random_rates(model: Model, count: int, seed: int) -> MotionRates:
+    """Return that many random states, on the constraints where there are some; fewer where none are found."""
+    draw = np.random.default_rng(seed)
+    statement, n = model.statement, model.dimension
+    usual = np.array([statement.defaults.get(p, 1.0) or 1.0 for p in statement.parameters])
+    parameters = usual / np.abs(usual) * draw.uniform(0.5, 1.6, len(usual))
+    signs = draw.choice((-1.0, 1.0), (2 * n, count))
+    y = draw.uniform(0.3, 1.4, (2 * n, count)) * signs
+    y[:, ::3] = np.array(statement.initial)[:, None] + 0.2 * y[:, ::3]
+    y[:n, 1::3] = np.abs(y[:n, 1::3])
+    y[n:, 1::3] *= 0.2
+    t = draw.uniform(0.2, 1.7, count)
+    if statement.constraints:
+        found = [_held(model, float(t[k]), y[:, k], parameters) for k in range(count)]
+        kept = [k for k, state in enumerate(found) if state is not None]
+        y, t = np.array([state for state in found if state is not None]).reshape(-1, 2 * n).T, t[kept]
+    return MotionRates(model, t, y, parameters)
+
+
+def _held(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray | None:
+    try:
+        return consistent_state(model, t, y, parameters)
+    except (RunError, StatementError):
+        return None

@@ -1,0 +1,134 @@
+"""The conserved quantity of a symmetry that a user gives; refused, with the rate of the quantity, where it is none.
+
+Source: V. I. Arnold, Mathematical Methods of Classical Mechanics, 2nd ed., 1989, section 20.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import sympy
+from sympy import S
+
+from lagrange.equations.identities import canonical
+from lagrange.equations.monomials import MonomialSum
+from lagrange.equations.stated_algebra import StatedAlgebra
+from lagrange.equations.terms import TooLargeError, differentiable
+from lagrange.errors import StatementError, listing, shown, suggestion
+from lagrange.machine.model import Model
+from lagrange.mechanics.conserved import Written
+from lagrange.mechanics.quantity_rates import check_constant, quantity_rates
+from lagrange.mechanics.symmetries import BUDGET, Symmetry, SymmetryEquation
+from lagrange.statement.coordinate import name_of, t
+from lagrange.statement.expression import expression
+from lagrange.statement.statement import Statement
+from lagrange.statement.survey import Survey
+
+LONGEST_SHOWN = 200
+"""Characters of a quantity in a message."""
+
+LONGEST_GAUGE = 400
+"""Operations of a total derivative that is integrated; those of symmetries that people state have ten."""
+
+
+def noether_quantity(model: Model, generator: Mapping[Any, Any]) -> Any:
+    """Return p . xi - tau E - F of a symmetry {q: xi, t: tau}; raises StatementError where it is none."""
+    statement = model.statement
+    given = _given(statement, generator)
+    stated = StatedAlgebra(statement, BUDGET)
+    equation, written = SymmetryEquation(stated), Written(stated)
+    xi = tuple(differentiable(given.get(q, S.Zero).xreplace(stated.plain)) for q in statement.coordinates)
+    symmetry = Symmetry(xi, given.get(t, S.Zero))
+    try:
+        defect = equation.defect(symmetry)
+        symmetry = Symmetry(xi, symmetry.tau, _gauge(stated, defect))
+        quantity = written(equation.quantity(symmetry))
+        if _kept(model, symmetry) and equation.proven(symmetry):
+            check_constant(model, {"the quantity of this symmetry": quantity})
+            return quantity
+    except TooLargeError:
+        raise StatementError(
+            f"{statement.name} is too large for this symmetry to be tested in symbols: substitute numbers for its "
+            "parameters."
+        ) from None
+    raise StatementError(_refusal(model, equation, symmetry, quantity, written))
+
+
+def _given(statement: Statement, generator: Mapping[Any, Any]) -> dict[Any, Any]:
+    """Return the generator by coordinate, and t, checked."""
+    if not isinstance(generator, Mapping) or not generator:
+        raise StatementError(
+            f"noether takes a dict from coordinates to how they move, as {{x: -y, y: x}}, not {shown(generator)}."
+        )
+    by_name = {**dict(zip(statement.names, statement.coordinates, strict=True)), t.name: t}
+    found: dict[Any, Any] = {}
+    for key, value in generator.items():
+        label = key if isinstance(key, str) else name_of(key) if getattr(key, "args", ()) == (t,) else str(key)[:80]
+        if label not in by_name:
+            raise StatementError(
+                f"{label!r} is no coordinate of this system and not t; its coordinates are {listing(statement.names)}."
+                + suggestion(label, list(statement.names))
+            )
+        what, survey = f"the motion of {label}", Survey()
+        found[by_name[label]] = expression(value, what)
+        survey.add(found[by_name[label]], what)
+        known = (*statement.coordinates, *statement.parameters)
+        if survey.velocities or (label == t.name and (survey.coordinates or found[t].has(t))):
+            where = "parameters alone" if label == t.name else "coordinates, parameters and t"
+            raise StatementError(f"{what} is {shown(str(value))}: a point symmetry has an expression in {where}.")
+        for leaf in (*survey.coordinates, *survey.parameters):
+            if leaf not in known:
+                raise StatementError(f"{what} contains {leaf}, which this system does not have.")
+    return found
+
+
+def _gauge(stated: StatedAlgebra, defect: MonomialSum) -> Any:
+    """Return F(q, t) with dF/dt equal to the defect, as far as it has one: what is left of the defect is no part of it.
+
+    The slopes of F stand at the velocities; they are integrated one after the other.
+    """
+    algebra, gauge, left = stated.algebra, S.Zero, defect
+    for q, v in (*zip(stated.q, stated.v, strict=True), (stated.time, None)):
+        slope = left if v is None else algebra.differentiate(left, v)
+        slope = algebra.merge_angles(slope)
+        if not slope or any(algebra.free(k) & frozenset(stated.v) for monomial in slope for k, _ in monomial):
+            continue
+        integrand = algebra.write(slope)
+        if integrand.count_ops() > LONGEST_GAUGE:
+            continue
+        part = sympy.integrate(integrand, q)
+        if part.has(sympy.Integral):
+            continue
+        gauge += part
+        rate = SymmetryEquation(stated).rate(algebra.read(part))
+        left = algebra.merge_angles(algebra.add(left, algebra.scale(rate, S.NegativeOne)))
+    return gauge if not canonical(algebra, left) else S.Zero
+
+
+def _kept(model: Model, symmetry: Symmetry) -> bool:
+    """Whether the forces of constraints do no work in a shift of time, or there is none."""
+    return symmetry.tau == 0 or model.equations.structure.workless
+
+
+def _refusal(model: Model, equation: SymmetryEquation, symmetry: Symmetry, quantity: Any, written: Written) -> str:
+    """Return why the generator is no symmetry, with the rate of its quantity."""
+    (found,) = quantity_rates(model, [quantity])
+    worst = found.worst
+    across = [
+        one.name
+        for one, terms in zip(model.statement.constraints, equation.across(symmetry), strict=True)
+        if canonical(equation.stated.algebra, terms)
+    ]
+    if worst is None:
+        return (
+            f"it was not found that this is a symmetry of {model.statement.name}: no proof was found that its quantity "
+            f"{str(quantity)[:LONGEST_SHOWN]} is conserved, and no state at which it changes."
+        )
+    rate = written(equation.defect(symmetry))
+    formula = "" if across or len(str(rate)) > LONGEST_SHOWN else f" {rate}, which is"
+    cause = f" It does not keep the constraint {listing(across)}." if across else ""
+    return (
+        f"this is no symmetry of {model.statement.name}: its quantity {str(quantity)[:LONGEST_SHOWN]} changes at the "
+        f"rate{formula} {found.values[worst]:.4g} at {found.described(worst)}.{cause}"
+    )

@@ -1,0 +1,333 @@
+"""Systems stated in three ways each, with all that they conserve in Cartesian terms.
+
+The ways: by positions, expanded by hand, and in other coordinates. `places` gives the Cartesian names that the
+expressions of `conserved` have in the coordinates of a statement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import sympy
+from sympy import Matrix, S, cos, sin, sqrt, tan
+
+import lagrange as lg
+from lagrange.statement.coordinate import t
+
+x, y, z, u, w = lg.coordinates("x y z u w")
+r, rho, theta, phi, psi, alpha, beta = lg.coordinates("r rho theta phi psi alpha beta")
+x1, y1, x2, y2, X, Y, s = lg.coordinates("x1 y1 x2 y2 X Y s")
+m, m1, m2, k, g, l, B, A, C, c, omega, a = lg.parameters("m m1 m2 k g l B A C c omega a")
+
+Point = tuple[Any, ...]
+Statement = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Way:
+    """One statement, and the place of the body in its coordinates."""
+
+    statement: Statement
+    places: tuple[Point, ...]
+
+
+@dataclass(frozen=True)
+class Listed:
+    """What is conserved, as functions of places and velocities, and how many invariants are found in each way."""
+
+    conserved: Callable[..., list[Any]]
+    ways: tuple[Way, ...]
+    counts: tuple[int, ...]
+
+
+def rates(place: Point) -> Point:
+    return tuple(sympy.diff(entry, t) for entry in place)
+
+
+def body(place: Point, potential: Any = S.Zero, **more: Any) -> Way:
+    """A body of mass m stated by its position."""
+    return Way({"kinetic": lg.kinetic_energy(m, place), "potential": potential, **more}, (place,))
+
+
+def expanded(kinetic: Any, potential: Any, *places: Point, **more: Any) -> Way:
+    return Way({"kinetic": kinetic, "potential": potential, **more}, places)
+
+
+def T(place: Point) -> Any:
+    return lg.kinetic_energy(m, place)
+
+
+def angular(place: Point) -> list[Any]:
+    """m r x v: one component in the plane, three in space."""
+    p = [m * rate for rate in rates(place)]
+    if len(place) == 2:
+        return [place[0] * p[1] - place[1] * p[0]]
+    return list(Matrix(place).cross(Matrix(p)))
+
+
+def runge_lenz(place: Point) -> list[Any]:
+    r_, p = (Matrix([*part, *([0] * (3 - len(part)))]) for part in (place, [m * rate for rate in rates(place)]))
+    whole = p.cross(r_.cross(p)) - m * k * r_ / sqrt(r_.dot(r_))
+    return list(whole)[: len(place)]
+
+
+def size(place: Point) -> Any:
+    return sqrt(sum(entry**2 for entry in place))
+
+
+POLAR, SPHERE = (r * cos(phi), r * sin(phi)), (sin(theta) * cos(phi), sin(theta) * sin(phi), -cos(theta))
+BALL = tuple(r * entry for entry in SPHERE)
+CYLINDER = (rho * cos(phi), rho * sin(phi), z)
+HANGING = (l * sin(theta), -l * cos(theta))
+FLAT, SPACE = (x, y), (x, y, z)
+POLAR_T = m * (r.dot**2 + r**2 * phi.dot**2) / 2
+ON_BALL = tuple(l * entry for entry in SPHERE)
+HOOP = (l * sin(theta) * cos(omega * t), l * sin(theta) * sin(omega * t), -l * cos(theta))
+TILTED = ((u + w) / sqrt(2), (u - w) / sqrt(2))
+RATES = (
+    phi.dot * sin(theta) * sin(psi) + theta.dot * cos(psi),
+    phi.dot * sin(theta) * cos(psi) - theta.dot * sin(psi),
+    phi.dot * cos(theta) + psi.dot,
+)
+TOP = A * (theta.dot**2 + phi.dot**2 * sin(theta) ** 2) / 2 + C * (psi.dot + phi.dot * cos(theta)) ** 2 / 2
+
+
+def pair(masses: Any, one: Point, other: Point) -> Any:
+    return lg.kinetic_energy(masses[0], one) + lg.kinetic_energy(masses[1], other)
+
+
+def total(one: Point, other: Point) -> list[Any]:
+    return [m1 * p + m2 * q for p, q in zip(rates(one), rates(other), strict=True)]
+
+
+def turning(one: Point, other: Point) -> Any:
+    (first,), (second,) = angular(one), angular(other)
+    return sympy.expand((first * m1 + second * m2) / m)
+
+
+REDUCED = m1 * m2 / (m1 + m2)
+ORBITS = (
+    (X - m2 * r * cos(phi) / (m1 + m2), Y - m2 * r * sin(phi) / (m1 + m2)),
+    (X + m1 * r * cos(phi) / (m1 + m2), Y + m1 * r * sin(phi) / (m1 + m2)),
+)
+LINE = ((X - m2 * s / (m1 + m2),), (X + m1 * s / (m1 + m2),))
+ROTATED = (x * cos(omega * t) - y * sin(omega * t), x * sin(omega * t) + y * cos(omega * t))
+ELLIPSE = k * (x * cos(omega * t) + y * sin(omega * t)) ** 2
+CART = ((x,), (x + l * sin(theta), -l * cos(theta)))
+CENTRED = u - m2 * l * sin(theta) / (m1 + m2)
+UPPER, LOWER = (l * sin(alpha), -l * cos(alpha)), (l * sin(alpha) + l * sin(beta), -l * cos(alpha) - l * cos(beta))
+RELATIVE = (l * sin(alpha) + l * sin(alpha + beta), -l * cos(alpha) - l * cos(alpha + beta))
+
+
+SYSTEMS: dict[str, Listed] = {
+    "pendulum": Listed(
+        lambda p: [T(p) + m * g * p[1]],
+        (
+            body(HANGING, m * g * HANGING[1]),
+            expanded(m * l**2 * theta.dot**2 / 2, -m * g * l * cos(theta), HANGING),
+            body(FLAT, m * g * y, constraints={"rod": x**2 + y**2 - l**2}),
+        ),
+        (1, 1, 1),
+    ),
+    "spherical pendulum": Listed(
+        lambda p: [T(p) + m * g * p[2], angular(p)[2]],
+        (
+            body(ON_BALL, m * g * ON_BALL[2]),
+            expanded(m * l**2 * (theta.dot**2 + phi.dot**2 * sin(theta) ** 2) / 2, -m * g * l * cos(theta), ON_BALL),
+            body(SPACE, m * g * z, constraints={"rod": x**2 + y**2 + z**2 - l**2}),
+        ),
+        (2, 2, 2),
+    ),
+    "central force": Listed(
+        lambda p: [T(p) + k * size(p) ** 4, *angular(p)],
+        (
+            body(POLAR, k * (POLAR[0] ** 2 + POLAR[1] ** 2) ** 2),
+            expanded(POLAR_T, k * r**4, POLAR),
+            body(FLAT, k * (x**2 + y**2) ** 2),
+        ),
+        (2, 2, 2),
+    ),
+    "Kepler in the plane": Listed(
+        lambda p: [T(p) - k / size(p), *angular(p), *runge_lenz(p)],
+        (body(POLAR, -k / size(POLAR)), expanded(POLAR_T, -k / r, POLAR), body(FLAT, -k / size(FLAT))),
+        (4, 4, 4),
+    ),
+    "Kepler in space": Listed(
+        lambda p: [T(p) - k / size(p), *angular(p), *runge_lenz(p)],
+        (
+            body(BALL, -k / size(BALL)),
+            expanded(m * (rho.dot**2 + rho**2 * phi.dot**2 + z.dot**2) / 2, -k / sqrt(rho**2 + z**2), CYLINDER),
+            body(SPACE, -k / size(SPACE)),
+        ),
+        (7, 7, 7),
+    ),
+    "free body": Listed(
+        lambda p: [T(p), *(m * rate for rate in rates(p)), *angular(p)],
+        (body(POLAR), expanded(POLAR_T, S.Zero, POLAR), body(FLAT)),
+        (4, 4, 4),
+    ),
+    "thrown body": Listed(
+        lambda p: [T(p) + m * g * p[1], m * rates(p)[0], m * rates(p)[1] + m * g * t],
+        (body(TILTED, m * g * TILTED[1]), expanded(POLAR_T, m * g * r * sin(phi), POLAR), body(FLAT, m * g * y)),
+        (3, 3, 3),
+    ),
+    "bead on a turning hoop": Listed(
+        lambda p: [m * l**2 * (theta.dot**2 - omega**2 * sin(theta) ** 2) / 2 - m * g * l * cos(theta)],
+        (
+            body(HOOP, m * g * HOOP[2]),
+            expanded(m * l**2 * (theta.dot**2 + omega**2 * sin(theta) ** 2) / 2, -m * g * l * cos(theta), HOOP),
+            expanded(
+                m * l**2 * (theta.dot**2 + omega**2 * (1 - cos(2 * theta)) / 2) / 2, -m * g * l * cos(theta), HOOP
+            ),
+        ),
+        (1, 1, 1),
+    ),
+    "cone": Listed(
+        lambda p: [T(p) + m * g * p[2], angular(p)[2]],
+        (
+            body((*POLAR, r / tan(a)), m * g * r / tan(a)),
+            expanded(m * (r.dot**2 / sin(a) ** 2 + r**2 * phi.dot**2) / 2, m * g * r / tan(a), (*POLAR, r / tan(a))),
+            body(SPACE, m * g * z, constraints={"cone": x**2 + y**2 - z**2 * tan(a) ** 2}),
+        ),
+        (2, 2, 2),
+    ),
+    "heavy top": Listed(
+        lambda q: [TOP + m * g * l * cos(theta), TOP.diff(phi.dot), TOP.diff(psi.dot)],
+        (
+            Way({"kinetic": lg.rotational_energy((A, A, C), RATES), "potential": m * g * l * cos(theta)}, ((),)),
+            expanded(TOP, m * g * l * cos(theta), ()),
+            expanded(sympy.expand(TOP), m * g * l * (1 - 2 * sin(theta / 2) ** 2), ()),
+        ),
+        (3, 3, 3),
+    ),
+    "cart and pole": Listed(
+        lambda p, q: [
+            lg.kinetic_energy(m1, p) + lg.kinetic_energy(m2, q) + m2 * g * q[1],
+            m1 * rates(p)[0] + m2 * rates(q)[0],
+        ],
+        (
+            Way({"kinetic": pair((m1, m2), *CART), "potential": m2 * g * CART[1][1]}, CART),
+            expanded(
+                (m1 + m2) * x.dot**2 / 2 + m2 * l * cos(theta) * x.dot * theta.dot + m2 * l**2 * theta.dot**2 / 2,
+                -m2 * g * l * cos(theta),
+                *CART,
+            ),
+            Way(
+                {
+                    "kinetic": pair((m1, m2), (CENTRED,), (CENTRED + l * sin(theta), -l * cos(theta))),
+                    "potential": -m2 * g * l * cos(theta),
+                },
+                ((CENTRED,), (CENTRED + l * sin(theta), -l * cos(theta))),
+            ),
+        ),
+        (2, 2, 2),
+    ),
+    "two bodies on a line": Listed(
+        lambda p, q: [pair((m1, m2), p, q) + k * (q[0] - p[0] - l) ** 2 / 2, *total(p, q)],
+        (
+            Way({"kinetic": pair((m1, m2), *LINE), "potential": k * (s - l) ** 2 / 2}, LINE),
+            expanded((m1 + m2) * X.dot**2 / 2 + REDUCED * s.dot**2 / 2, k * (s - l) ** 2 / 2, *LINE),
+            expanded(m1 * x1.dot**2 / 2 + m2 * x2.dot**2 / 2, k * (x2 - x1 - l) ** 2 / 2, (x1,), (x2,)),
+        ),
+        (2, 2, 2),
+    ),
+    "two bodies in the plane": Listed(
+        lambda p, q: [
+            pair((m1, m2), p, q) - k / size((q[0] - p[0], q[1] - p[1])),
+            *total(p, q),
+            turning(p, q),
+            (q[0] - p[0]) * (rates(q)[1] - rates(p)[1]) - (q[1] - p[1]) * (rates(q)[0] - rates(p)[0]),
+        ],
+        (
+            Way({"kinetic": pair((m1, m2), *ORBITS), "potential": -k / r}, ORBITS),
+            expanded(
+                (m1 + m2) * (X.dot**2 + Y.dot**2) / 2 + REDUCED * (r.dot**2 + r**2 * phi.dot**2) / 2, -k / r, *ORBITS
+            ),
+            expanded(
+                pair((m1, m2), (x1, y1), (x2, y2)), -k / sqrt((x1 - x2) ** 2 + (y1 - y2) ** 2), (x1, y1), (x2, y2)
+            ),
+        ),
+        (5, 5, 5),
+    ),
+    "charge in a magnetic field": Listed(
+        lambda p: [
+            T(p),
+            m * rates(p)[0] - B * p[1],
+            m * rates(p)[1] + B * p[0],
+            *(one + B * (p[0] ** 2 + p[1] ** 2) / 2 for one in angular(p)),
+        ],
+        (
+            Way({"lagrangian": T(POLAR) + B * (POLAR[0] * rates(POLAR)[1] - POLAR[1] * rates(POLAR)[0]) / 2}, (POLAR,)),
+            Way({"lagrangian": POLAR_T + B * r**2 * phi.dot / 2}, (POLAR,)),
+            Way({"lagrangian": T(FLAT) + B * x * y.dot}, (FLAT,)),
+        ),
+        (4, 4, 4),
+    ),
+    "turning potential": Listed(
+        lambda p: [T(p) + k * (p[0] * cos(omega * t) + p[1] * sin(omega * t)) ** 2 - omega * angular(p)[0]],
+        (
+            body(FLAT, ELLIPSE),
+            expanded(POLAR_T, k * r**2 * cos(phi - omega * t) ** 2, POLAR),
+            body(ROTATED, k * x**2),
+        ),
+        (1, 1, 1),
+    ),
+    "isotropic oscillator": Listed(
+        lambda p: [T(p) + k * size(p) ** 2, *angular(p)],
+        (
+            body(POLAR, k * (POLAR[0] ** 2 + POLAR[1] ** 2)),
+            expanded(POLAR_T, k * r**2, POLAR),
+            body(TILTED, k * (u**2 + w**2)),
+        ),
+        (2, 2, 2),
+    ),
+    "body on a sphere": Listed(
+        lambda p: [T(p), *angular(p)],
+        (
+            body(ON_BALL),
+            expanded(m * l**2 * (theta.dot**2 + phi.dot**2 * sin(theta) ** 2) / 2, S.Zero, ON_BALL),
+            body(SPACE, constraints={"ball": x**2 + y**2 + z**2 - l**2}),
+        ),
+        (4, 4, 4),
+    ),
+    "double pendulum": Listed(
+        lambda p, q: [T(p) + T(q) + m * g * (p[1] + q[1])],
+        (
+            Way({"kinetic": T(UPPER) + T(LOWER), "potential": m * g * (UPPER[1] + LOWER[1])}, (UPPER, LOWER)),
+            expanded(
+                m * l**2 * (alpha.dot**2 + beta.dot**2 / 2 + alpha.dot * beta.dot * cos(alpha - beta)),
+                -m * g * l * (2 * cos(alpha) + cos(beta)),
+                UPPER,
+                LOWER,
+            ),
+            Way({"kinetic": T(UPPER) + T(RELATIVE), "potential": m * g * (UPPER[1] + RELATIVE[1])}, (UPPER, RELATIVE)),
+        ),
+        (1, 1, 1),
+    ),
+    "body in a drag": Listed(
+        lambda p: [m * rate + c * entry for rate, entry in zip(rates(p), p, strict=True)],
+        (
+            body(TILTED, dissipation=c * (u.dot**2 + w.dot**2) / 2),
+            expanded(m * (x.dot**2 + y.dot**2) / 2, S.Zero, FLAT, forces={x: -c * x.dot, y: -c * y.dot}),
+            expanded(
+                m * (x.dot**2 + 4 * y.dot**2) / 2, S.Zero, (x, 2 * y), dissipation=c * (x.dot**2 + 4 * y.dot**2) / 2
+            ),
+        ),
+        (2, 2, 2),
+    ),
+    "driven pendulum": Listed(
+        lambda p: [],
+        (
+            body((a * cos(omega * t) + l * sin(theta), -l * cos(theta)), -m * g * l * cos(theta)),
+            expanded(
+                m * l**2 * theta.dot**2 / 2 - m * l * a * omega * sin(omega * t) * cos(theta) * theta.dot,
+                -m * g * l * cos(theta),
+                HANGING,
+            ),
+            expanded(m * l**2 * theta.dot**2 / 2, -m * (g + a * cos(omega * t)) * l * cos(theta), HANGING),
+        ),
+        (0, 0, 0),
+    ),
+}

@@ -1,0 +1,118 @@
+"""All that 20 systems conserve is found, however they are stated, and nothing is claimed that is not conserved."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from sympy import cos, sin, sqrt
+
+import lagrange as lg
+from lagrange.mechanics.motion_rates import MotionRates, random_rates
+from tests.mechanics.conserving_systems import FLAT, POLAR_T, SYSTEMS, T, c, g, k, m, omega, phi, r, u, w, x, y, z
+
+CASES = [(name, k) for name in SYSTEMS for k in range(3)]
+STATES = 60
+STEP = 1e-5
+
+
+def values(model: lg.Model, expression: Any, at: MotionRates, shift: float = 0.0) -> Any:
+    """An expression at states of a model, moved along the compiled motion."""
+    moved = model.rhs(at.t, at.y, at.parameters) * shift
+    return model.evaluate_expression(expression, at.t + shift, at.y + moved, at.parameters)
+
+
+def outside(wanted: Any, found: list[Any]) -> float:
+    """The part of a row that no combination of the others and a constant makes up."""
+    columns = np.array([*found, np.ones_like(wanted)]).T
+    columns /= np.linalg.norm(columns, axis=0)
+    fit, *_ = np.linalg.lstsq(columns, wanted, rcond=None)
+    return float(np.linalg.norm(wanted - columns @ fit) / np.linalg.norm(wanted))
+
+
+def states(model: lg.Model, seed: int) -> MotionRates:
+    """Random states, on the constraints, with lengths above zero: k/r is k/|r| there."""
+    at = random_rates(model, 24 if model.statement.constraints else STATES, seed)
+    lengths = [i for i, name in enumerate(model.statement.names) if name in ("r", "rho")]
+    y = at.y.copy()
+    y[lengths] = np.abs(y[lengths])
+    return replace(at, y=y)
+
+
+@pytest.mark.parametrize(("name", "k"), CASES)
+def test_everything_that_is_conserved_is_found_and_nothing_else(name: str, k: int) -> None:
+    listed = SYSTEMS[name]
+    way = listed.ways[k]
+    system = lg.System(**way.statement)
+    found = system.conserved()
+    assert len(found) == listed.counts[k], [one.name for one in found]
+    model = system.compile("numpy", check=False)
+    at = states(model, seed=5)
+    rows = [values(model, one.expression, at) for one in found]
+    for one in found:
+        # A difference along the compiled motion: its error is some 1e-9 of what moves.
+        ahead, behind = (values(model, one.expression, at, way * STEP) for way in (1, -1))
+        scale = np.abs(ahead).max() * max(1.0, np.abs(model.rhs(at.t, at.y, at.parameters)).max() ** 2)
+        assert np.abs(ahead - behind).max() / (2 * STEP) < 1e-6 * scale, one.name
+    for wanted in listed.conserved(*way.places):
+        assert outside(values(model, wanted, at), rows) < 1e-6
+
+
+def names(**statement: Any) -> list[str]:
+    return [one.name for one in lg.System(**statement).conserved()]
+
+
+def test_names_and_reasons() -> None:
+    kepler = lg.System(T((x, y, z)), -k / sqrt(x**2 + y**2 + z**2)).conserved()
+    assert sorted(one.name for one in kepler) == [
+        *(f"Runge-Lenz vector {axis}" for axis in "xyz"),
+        *(f"angular momentum {axis}" for axis in "xyz"),
+        "energy",
+    ]
+    about = {one.name: one for one in kepler}
+    assert about["angular momentum z"].expression == m * x * y.dot - m * y * x.dot
+    assert about["angular momentum z"].reason == (
+        "The symmetry delta x = -y and delta y = x leaves the Lagrangian as it is."
+    )
+    assert str(about["energy"]).endswith("and no force acts beside the potential.")
+    thrown = lg.System(T(FLAT), m * g * y).conserved()
+    assert {one.name: one.expression for one in thrown}["momentum y"] == m * y.dot + g * m * lg.t
+    polar = lg.System(POLAR_T, -k / r).conserved()
+    assert [one.name for one in polar][:2] == ["energy", "p_phi"] and polar[1].reason == "phi is not in the Lagrangian."
+    assert names(kinetic=POLAR_T + m * r**2 * omega**2 / 2, potential=k * r**2)[0] == "Jacobi integral"
+    turning = names(kinetic=T(FLAT), potential=k * (x * cos(omega * lg.t) + y * sin(omega * lg.t)))
+    assert turning == ["energy in a moving frame"]
+    x1, x2, y1, y2 = lg.coordinates("x1 x2 y1 y2")
+    chained = names(kinetic=x1.dot**2 + 2 * x2.dot**2, potential=(x1 - x2) ** 2)
+    assert chained == ["energy", "momentum x"]
+    assert "angular momentum z" in names(kinetic=T((x1, y1)) + T((x2, y2)), potential=(x1 - x2) ** 2 + (y1 - y2) ** 2)
+    assert names(kinetic=T((u, w)), potential=(u - w) ** 2) == ["energy", "momentum of u and w"]
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        {"kinetic": T(FLAT), "potential": k * x**2 * y**2 + k * x**4, "dissipation": c * (x.dot**2 + y.dot**2)},
+        {"kinetic": T(FLAT), "potential": k * x**2 * y**2 * (1 + cos(omega * lg.t))},
+        {"kinetic": T(FLAT), "forces": {x: -k * x + c * y, y: -k * y - c * x}},
+        {"kinetic": POLAR_T, "potential": k * r, "forces": {phi: -c * phi.dot**3}},
+    ],
+)
+def test_nothing_is_claimed_where_nothing_is_conserved(statement: dict[str, Any]) -> None:
+    assert lg.System(**statement).conserved() == []
+
+
+def test_a_knife_edge_keeps_what_its_blade_allows() -> None:
+    # The momenta along x and y change: the blade holds. Its turn is free, and so is the energy.
+    theta = lg.coordinate("theta")
+    sleigh = lg.System(T(FLAT) + m * theta.dot**2 / 2, constraints={"blade": x.dot * sin(theta) - y.dot * cos(theta)})
+    assert [one.name for one in sleigh.conserved()] == ["energy", "p_theta"]
+
+
+def test_a_false_proof_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lagrange.mechanics.symmetries.is_identity", lambda algebra, terms: True)
+    monkeypatch.setattr("lagrange.mechanics.symmetries.NULL", 1e9)
+    with pytest.raises(lg.RunError, match=r"is proven to be conserved, but changes at the rate .* fault of lagrange"):
+        lg.System(T(FLAT), k * x**4 * y**2).conserved()
