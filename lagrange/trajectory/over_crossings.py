@@ -42,8 +42,9 @@ SAMPLES, NEAREST_SAMPLE = 8, 0.25
 OFFSET = 0.3
 """The part of a step at which the crossing lies: the stages of rk4 are at 0, 1/2 and 1."""
 
-FEWEST_STEPS, DOUBLINGS = 32, 4
-"""Steps to the crossing; twice as many until two ways agree. With 64 and 128 errors were 1e-13 to 1e-12."""
+FEWEST_STEPS, DOUBLINGS = 8, 6
+"""Steps to the crossing; twice as many until two ways agree to the tolerance, or better than the next two. With 64 and
+128 errors were 1e-13 to 1e-12."""
 
 AGREEMENT, LEAST_AGREEMENT = 10.0, 1e-11
 """Two ways agree if their ends differ by so many tolerances of the largest coordinate, and velocity, or by rounding."""
