@@ -190,6 +190,8 @@ def _roots(polynomial: Any, x: Any) -> list[Any] | None:
         return None
     found: list[Any] = []
     for factor, _ in sympy.factor_list(polynomial, x)[1]:
+        if not factor.has(x):
+            continue  # a root of a parameter counts as a factor
         coefficients = sympy.Poly(factor, x).all_coeffs()
         if len(coefficients) == 2:
             found.append(simplest(-coefficients[1] / coefficients[0]))

@@ -242,6 +242,8 @@ def _roots(polynomial: Any, x: Any, plain: bool, even: bool) -> list[_Root] | No
     """Return the roots of a polynomial whose factors are of degree one or two; a damped pair is one root."""
     found: list[_Root] = []
     for factor, power in sympy.factor_list(polynomial, x)[1]:
+        if not factor.has(x):
+            continue  # a root of a parameter counts as a factor
         coefficients = [simplest(c) for c in sympy.Poly(factor, x).all_coeffs()]
         made = _of_factor(coefficients, plain, even)
         if made is None:

@@ -17,6 +17,9 @@ from lagrange.mechanics.simplification import simplest
 from lagrange.statement.coordinate import acceleration_of, name_of, t, velocity_of
 from lagrange.statement.statement import Statement
 
+IMAGINARY = 1e-20
+"""Imaginary part that is rounding, relative to the real one."""
+
 DIGITS = 30
 """Digits of an evaluated formula: it is compared with doubles, and its own rounding must not count."""
 
@@ -110,6 +113,12 @@ def number(given: Any, values: Mapping[Any, Any]) -> complex:
     """Return the value of an expression in plain symbols, NaN where it has none."""
     found = printable(given).xreplace(dict(values)).evalf(DIGITS)
     return complex(found) if found.is_number and found.is_finite else complex("nan")
+
+
+def real(given: Any, values: Mapping[Any, Any]) -> float:
+    """Return the value of an expression in plain symbols, NaN where it has no real one."""
+    found = number(given, values)
+    return found.real if abs(found.imag) <= IMAGINARY * abs(found.real) else float("nan")
 
 
 def label_of(given: Any) -> str:

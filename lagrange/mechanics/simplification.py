@@ -21,6 +21,7 @@ LARGEST_FRACTION = 10
 """Numerator and denominator of a fraction that is shown as one, where decimals were given."""
 
 _ANGLES = (sympy.sin, sympy.cos, sympy.tan)
+_INVERSES = (sympy.asin, sympy.acos, sympy.atan)
 
 
 def simplest(given: Any) -> Any:
@@ -35,6 +36,8 @@ def simplest(given: Any) -> Any:
         best = min((best, sympy.expand(best), sympy.factor_terms(best)), key=size)
         if few:
             best = min((best, sympy.factor(best)), key=size)
+    if any(f.args[0].has(*_INVERSES) for f in best.atoms(*_ANGLES)):
+        best = min((best, sympy.expand_trig(best), sympy.factor(sympy.expand_trig(best))), key=size)
     if best.has(*_ANGLES) and size(best) <= LONGEST_FACTORED:
         merged = _merged(best)
         best = min((best, merged, sympy.factor(merged) if few else sympy.factor_terms(merged)), key=size)

@@ -19,7 +19,7 @@ from lagrange.equations.terms import differentiable, printable
 from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.machine.model import Model
 from lagrange.mechanics.number_check import compared
-from lagrange.mechanics.plain_form import PlainForm, label_of, number
+from lagrange.mechanics.plain_form import PlainForm, label_of, number, real
 from lagrange.mechanics.preimage import Preimage
 from lagrange.mechanics.rewriting import rewritten
 from lagrange.mechanics.simplification import simplest
@@ -270,12 +270,14 @@ def _check(change: Transformation, made: Statement, model: Model) -> None:
         numbers = form.at(point)
         if any(numbers[symbol] <= 0 for symbol in wary):
             return [], [float("nan")]
-        q, v = ([number(x, numbers).real for x in part] for part in (whole, rates))
+        q, v = ([real(x, numbers) for x in part] for part in (whole, rates))
+        if not np.isfinite([*q, *v]).all():
+            return [], [float("nan")]
         known = {p: x for p, x in point.parameters.items() if p in old.parameters}
         p = model.momenta(q, v, point.t, known)
         f = model.evaluate("forces", q, v, point.t, known)
         slopes, turns = (
-            np.array([[number(x, numbers).real for x in row] for row in part.tolist()]) for part in (by_place, by_rate)
+            np.array([[real(x, numbers) for x in row] for row in part.tolist()]) for part in (by_place, by_rate)
         )
         return [*(p @ slopes), *(f @ slopes + p @ turns)], [number(x, numbers) for x in found]
 
