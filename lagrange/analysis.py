@@ -23,6 +23,7 @@ from lagrange.mechanics.noether import noether_quantity
 from lagrange.mechanics.point import stated_point
 from lagrange.mechanics.reduction import reduced
 from lagrange.mechanics.routh import routhian
+from lagrange.mechanics.small import small
 from lagrange.mechanics.student_equations import equations_of_text, read_equations
 from lagrange.mechanics.substitution import substituted
 from lagrange.mechanics.transformation import transformed
@@ -68,6 +69,18 @@ class Analysis(ABC):
         StatementError for what is no parameter, and for expressions that are not constant.
         """
         return self.from_statement(substituted(self.statement, parameters))
+
+    def small(self, about: Mapping[Any, Any] | None = None, *, order: int = 2) -> Self:
+        """Return the System expanded about a point, to an order in changes of coordinates and velocities.
+
+        `about` has values of coordinates and of velocities, numbers or expressions in parameters; what it does not name
+        is zero. L, the dissipation and the constraints are expanded to that order, forces to one less: order 2 gives
+        linear equations. The coordinates stay what they are. The point need not be an equilibrium; the description on
+        the page says whether it is, since elsewhere the accelerations are right at the point alone. Raises
+        StatementError where there is no expansion: at corners and poles, off the constraints, and where a coordinate
+        loses its inertia.
+        """
+        return self.from_statement(small(self.statement, about, order))
 
     def compare(self, derived: Any) -> EquationsComparison:
         """Compare equations of motion that somebody derived, such as a student, with those of the system.

@@ -35,6 +35,7 @@ def rewritten(
         forces = {q: put(force) for q, force in zip(statement.coordinates, statement.forces, strict=True)}
     if parameters is None:
         parameters = {p: statement.defaults.get(p) for p in statement.parameters}
+    parameters = {p: parameters[p] for p in (*statement.defaults, *parameters) if p in parameters}  # as stated
     if initial is None:
         initial = dict(zip((*statement.coordinates, *statement.velocities), statement.initial, strict=True))
     alone = statement.potential == 0 and statement.kinetic == statement.lagrangian

@@ -289,6 +289,7 @@ OWN: dict[str, dict[str, Any]] = {
     "System.from_scene": {"path": LIBRARY / "pendulum.toml"},
     "Solution.constraint_force": {"name": "rod", "at": "bob"},
     "System.transform": {"coordinates": {"x": lg.coordinate("u") ** 3 + 1}, "positive": (), "initial": {"u": 1.0}},
+    "System.small": {"about": {}, "order": 2},
     "lg.Claims": {"events": True, "dense": 3},
     "lg.Trajectory": {"t": [0.0, 0.1], "y": np.zeros((4, 2))},
     "lg.Stability": {"real": 1.0, "imaginary": 1.0},

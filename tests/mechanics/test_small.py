@@ -1,0 +1,161 @@
+"""Systems expanded about a point: against the full system near it, against its linearization, and what is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy
+from sympy import Abs, Piecewise, Rational, cos, pi, sin, sqrt
+
+import lagrange as lg
+
+theta, x, y = lg.coordinates("theta x y")
+m, g, l, k, c, a = lg.parameters("m g l k c a")
+
+
+def pendulum(**more: Any) -> lg.System:
+    return lg.System(
+        m * l**2 * theta.dot**2 / 2,
+        -m * g * l * cos(theta),
+        parameters={m: 2, g: 9.81, l: 0.7},
+        name="pendulum",
+        **more,
+    )
+
+
+def test_the_pendulum_swings_harmonically() -> None:
+    small = pendulum().small({theta: 0})
+    assert small.equations() == [sympy.Eq(m * l**2 * theta.ddot + m * g * l * theta, 0)]
+    assert small.statement.potential == m * g * l * theta**2 / 2 - m * g * l
+    assert small.statement.about == ("Expanded about theta = 0 to order 2 in changes of coordinates and velocities.")
+    assert small.check()
+
+
+def test_the_next_order_bends_the_frequency() -> None:
+    small = pendulum().small(order=4)
+    assert sympy.expand(small.accelerations()[theta] + g / l * (theta - theta**3 / 6)) == 0
+
+
+def test_away_from_equilibrium_terms_of_first_order_stay_and_are_told() -> None:
+    small = pendulum().small({theta: pi / 2})
+    assert small.accelerations() == {theta: -g / l}
+    assert small.statement.about == (
+        "Expanded about theta = pi/2 to order 2 in changes of coordinates and velocities. That is no equilibrium: "
+        "terms "
+        "of first order remain, and accelerations are those of the system at the point alone."
+    )
+    assert "no equilibrium" not in pendulum().small({theta: pi}).statement.about
+
+
+def test_parameters_keep_the_order_in_which_they_were_stated() -> None:
+    assert list(lg.scene("double-pendulum").small().parameters) == list(lg.scene("double-pendulum").parameters)
+    assert "½ (m₁ + m₂) l₁² θ̇₁²" in lg.scene("double-pendulum").small().page("unicode")
+
+
+def error(system: lg.System, at: dict[Any, float], order: int, size: float) -> float:
+    """How far the accelerations of the expansion are from those of the system, at a distance from the point."""
+    full, small = system.compile(check=False), system.small(at, order=order).compile(check=False)
+    draw = np.random.default_rng(3)
+    keys = (*system.coordinates, *system.statement.velocities)
+    y0 = np.array([float(at.get(key, 0.0)) for key in keys]) + size * draw.uniform(-1, 1, len(keys))
+    n = len(keys) // 2
+    return float(np.max(np.abs(full.accelerations(y0[:n], y0[n:], 0.4) - small.accelerations(y0[:n], y0[n:], 0.4))))
+
+
+FORCED = lg.System(
+    m * (x.dot**2 + (l + x) ** 2 * theta.dot**2) / 2,
+    -m * g * (l + x) * cos(theta) + k * x**2 / 2,
+    dissipation=c * sqrt(1 + x) * x.dot**2 / 2,
+    forces={theta: a * sin(lg.t) * sin(theta) - theta.dot**3},
+    coordinates=[x, theta],
+    parameters={m: 1, l: 1, g: 9.81, k: 40, c: 0.3, a: 0.2},
+)
+
+
+@pytest.mark.parametrize("order", [2, 3, 4])
+@pytest.mark.parametrize(
+    ("system", "at"),
+    [
+        (lg.scene("double-pendulum"), {}),
+        (FORCED, {x: 9.81 / 40}),
+        (lg.scene("elastic-pendulum"), {lg.coordinate("r"): 1.0}),
+    ],
+    ids=["double", "forced", "elastic"],
+)
+def test_the_error_falls_with_the_order(system: lg.System, at: dict[Any, float], order: int) -> None:
+    # About an equilibrium, equations of order n - 1 leave an error of order n: a tenth of the distance leaves 10^-n of
+    # it. Where the terms of that order vanish by symmetry it falls faster.
+    far, near = (error(system, at, order, size) for size in (2e-2, 2e-3))
+    assert near <= 10 ** (0.5 - order) * far and near < far
+
+
+def test_accelerations_are_those_of_the_system_at_any_point() -> None:
+    for order in (2, 3):
+        assert error(FORCED, {x: 0.1, theta: 0.3, x.dot: 0.5, theta.dot: -0.4}, order, 0.0) < 1e-12
+
+
+def test_constraints_are_expanded_with_their_curvature() -> None:
+    rod = lg.scene("cartesian-pendulum")
+    length = next(p for p in rod.statement.parameters if p.name == "l")
+    small = rod.small({"y": -length})
+    assert sympy.expand(small.statement.constraints[0].expression - rod.statement.constraints[0].expression) == 0
+    assert "no equilibrium" not in small.statement.about
+    whirling = lg.System(
+        m * (x.dot**2 + y.dot**2) / 2,
+        m * g * y,
+        constraints={"wire": y - a * (cos(x) - 1)},
+        parameters={m: 1, g: 9.81, a: 2},
+        initial={x: 0.1, y: 2 * (np.cos(0.1) - 1)},
+    )
+    expanded = whirling.small()
+    assert expanded.statement.constraints[0].expression == a * x**2 / 2 + y
+    assert expanded.check()
+
+
+@pytest.mark.parametrize(
+    ("act", "message"),
+    [
+        (
+            lambda: lg.scene("spherical-pendulum").small(),
+            "about theta = 0 and phi = 0 the Lagrangian to order 2 has no velocity of phi in it, whose inertia "
+            "vanishes "
+            "there: choose coordinates that are regular at that point, or another point.",
+        ),
+        (
+            lambda: lg.scene("kepler").small(),
+            "the potential energy has no expansion about x = 0 and y = 0: it, or a derivative up to order 2, is not "
+            "finite there. Choose another point, or coordinates that are regular at it.",
+        ),
+        (
+            lambda: lg.System(m * x.dot**2 / 2, k * Abs(x)).small(),
+            "the potential energy has no expansion about x = 0: it has a corner or a jump where x is zero, which is "
+            "there. Choose a point beside it.",
+        ),
+        (
+            lambda: lg.System(m * x.dot**2 / 2, Piecewise((x**2, x > a), (0, True))).small({x: a}),
+            "the potential energy has no expansion about x = a: it has a corner or a jump where a - x is zero, which "
+            "is "
+            "there. Choose a point beside it.",
+        ),
+        (
+            lambda: lg.System(m * x.dot**2 / 2, x ** Rational(3, 2)).small(),
+            "the potential energy has no expansion about x = 0: it, or a derivative up to order 2, is not finite "
+            "there. "
+            "Choose another point, or coordinates that are regular at it.",
+        ),
+        (
+            lambda: lg.scene("cartesian-pendulum").small(),
+            "the point is not on the constraint 'rod', which is -l**2 there and not zero: give values of all "
+            "coordinates "
+            "in it.",
+        ),
+        (lambda: pendulum().small(order=1), "order = 1: give a whole number from 2 to 8."),
+    ],
+)
+def test_what_has_no_expansion_is_refused(act: Callable[[], Any], message: str) -> None:
+    with pytest.raises(lg.StatementError) as refusal:
+        act()
+    assert str(refusal.value) == message
