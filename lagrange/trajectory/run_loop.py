@@ -20,7 +20,7 @@ from lagrange.trajectory.outputs import AcceptedStates
 from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.plan import PathFunction, Plan, Planned, StepPlan, Watcher
 from lagrange.trajectory.prepared import Prepared, prepared
-from lagrange.trajectory.shortened import until_dependent, until_discontinuity
+from lagrange.trajectory.shortened import dependent_ahead, until_dependent, until_discontinuity
 from lagrange.trajectory.sizes import survey
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
@@ -129,9 +129,11 @@ def _why(
     if not (stuck or given_up) or detail not in ("", UNPROJECTED):
         return ended
     found = lost_inertia(problem, state.t, state.y)
+    step = 0.0 if plan.tolerances.rtol else float(state.reals[DriverState.STEP])
     if not found and stuck and rows.discontinuities is not None:
-        step = 0.0 if plan.tolerances.rtol else float(state.reals[DriverState.STEP])
         found = rows.discontinuities.ahead(state.t, state.y, step)
+    if not found and step and status is Status.DIVERGED:
+        found = dependent_ahead(problem, state.t, state.y, step)
     return (Status.SINGULAR, found) if found else ended
 
 

@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from lagrange.machine.backend import SingularMassMatrix
+from lagrange.trajectory.constraints.approach import Independence, regularity
 from lagrange.trajectory.constraints.discontinuities import Discontinuity
 from lagrange.trajectory.constraints.passage import dependent_passage
 from lagrange.trajectory.inertia import crossing
@@ -16,6 +18,10 @@ from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 AT_THE_END = 1e-6
 """A place within this last part of a step is its end: there steps of series end on surfaces that they know."""
+
+STEPS_AHEAD, PLACES_AHEAD, MUCH_NEARER = 2.0, 65, 0.1
+"""Where a step fails, a crossing is sought at so many places over so many steps ahead: where the least singular value
+of the constraints falls to that part."""
 
 
 def until_dependent(
@@ -45,6 +51,25 @@ def until_discontinuity(problem: Problem, found: Trajectory, passed: Discontinui
     if problem.t_eval is not None:
         return short
     return replace(short, t=np.append(short.t, end), y=np.column_stack([short.y, y]))
+
+
+def dependent_ahead(problem: Problem, t: float, y: FloatArray, step: float) -> str:
+    """Return the message for equal steps that find no end of the step over a crossing of motions, or ""."""
+    model, parameters = problem.model, problem.parameter_array
+    if not len(model.equations.constraints):
+        return ""
+    try:
+        slope = model.kernel("rhs")(t, y, parameters)
+    except SingularMassMatrix:
+        return ""
+    start, near = (problem.t0, problem.y0), Independence(model, parameters, (problem.t0, problem.y0))
+    ahead = [(t + s * step, y + s * step * slope) for s in np.linspace(0.0, STEPS_AHEAD, PLACES_AHEAD).tolist()]
+    values = [near.at(*place) for place in ahead]
+    least = int(np.argmin(values))
+    if not values[least] <= MUCH_NEARER * values[0]:
+        return ""
+    found = regularity(model, parameters, start, ahead[least])
+    return "" if found is None or not found[1].rows else crossing(problem, found[1], y)
 
 
 def _shortened(

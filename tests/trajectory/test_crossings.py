@@ -186,6 +186,16 @@ def test_taylor_passes_flat_ladders_as_the_parallelogram(loops: int, rtol: float
         assert np.abs(apart).max() < 1e-5
 
 
+@pytest.mark.parametrize("method", ["gauss2", "gauss3", "rattle", "lobatto4"])
+def test_equal_steps_with_a_matrix_say_where_they_end(method: str) -> None:
+    """Newton's method has no regular matrix at a crossing."""
+    run = lg.scene("four-bar-change-point").run(2.0, method=method, step=0.01, check=False)
+    assert run.status is lg.Status.SINGULAR, run.message
+    assert min(abs(run.t[-1] - 0.722), abs(run.t[-1] - 1.244)) < 0.011
+    assert "'x'" in run.message and "pass it with equal steps, such as those of rk4" in run.message
+    assert np.abs(run.y[0] - reduced().at(run.t)[0]).max() < 1e-3
+
+
 def test_an_arm_that_is_pulled_beyond_its_reach_is_not_led_on() -> None:
     """Its end is carried outwards: the arm is stretched out at t = 1, and no motion goes on."""
     arm = lg.System(
