@@ -22,6 +22,9 @@ from lagrange.mechanics.student_equations import StudentEquation
 from lagrange.mechanics.wrong_term import wrong_term
 from lagrange.statement.statement import Statement
 
+MOST_TOLD = 4
+"""Coordinates up to which a message tells the whole state."""
+
 SAMPLES = 5
 """States at which equations are compared: a wrong one would have to hold by chance at all of them."""
 
@@ -134,6 +137,8 @@ def _told(row: EquationRow, sample: MotionSample) -> str:
     """Return the counterexample as a sentence."""
     left, _ = row.residual(sample)
     names = row.statement.names
+    if len(names) > MOST_TOLD:
+        return f"At the state in .counterexample the two sides of {row.label} differ by {float(left):.5g}."
     motion = listing(f"{name}_ddot = {float(a):.5g}" for name, a in zip(names, sample.accelerations, strict=True))
     state = sample.point.describe(names, 5)
     return f"At {state} the motion has {motion}, and there the two sides of {row.label} differ by {float(left):.5g}."

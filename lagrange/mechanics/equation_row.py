@@ -19,6 +19,9 @@ from lagrange.statement.statement import Statement
 DIGITS = 40
 """Digits of the values; the motion is known to some 30 of them."""
 
+ZERO = 1e-12
+"""An acceleration counts as zero below this part of the largest one, or of 1."""
+
 HELD = 1e-12
 """Residual, relative to the terms, up to which an equation holds: numbers in it may be rounded to doubles, and states
 on constraints are. A term of another size would have to be smaller than that at every state."""
@@ -48,7 +51,9 @@ class EquationRow:
         slopes, rest = self.numbers(sample)
         solved = [*sample.accelerations, *(sign * x for x in sample.multipliers)]
         terms = [slope * x for slope, x in zip(slopes, solved, strict=True)]
-        return sum(terms) + rest, sum(map(abs, terms)) + abs(rest)
+        # An acceleration that is zero is known to as many digits as the others are, and not to more.
+        floor = ZERO * (1 + max(map(abs, solved))) * sum(map(abs, slopes))
+        return sum(terms) + rest, sum(map(abs, terms)) + abs(rest) + floor
 
     def holds(self, samples: Sequence[MotionSample], sign: int = 1) -> bool:
         """Return whether the motion satisfies the equation at all states where it has a value."""

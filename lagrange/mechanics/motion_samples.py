@@ -13,6 +13,9 @@ from lagrange.evidence.reference import Reference
 from lagrange.evidence.sample import SAMPLE_KINDS, Point, Sampler
 from lagrange.statement.statement import Statement
 
+LEAST = 1e-9
+"""The least size of a coordinate or velocity that is not zero: derivatives are differences in units of it."""
+
 ATTEMPTS = 120
 """Draws for one state before the search is given up."""
 
@@ -51,6 +54,8 @@ def motion_samples(statement: Statement, count: int, seed: int = 0) -> list[Moti
             if statement.constraints:
                 q, v = surface.nearest(point.q, point.v, point.t, point.parameters)
                 point = replace(point, q=tuple(map(float, q)), v=tuple(map(float, v)))
+            if any(0 < abs(x) < LEAST for x in (*point.q, *point.v)):
+                continue
             found.append(_sample(point, reference, len(statement.constraints)))
         except OutsideDomain:
             continue

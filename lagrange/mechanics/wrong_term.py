@@ -8,7 +8,7 @@ one with the fewest terms that differ.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -30,6 +30,12 @@ Numbers = list[Any]
 MOST_TERMS = 2_000
 """Terms of an expanded equation above which no term is named."""
 
+NEAR = 0.5
+"""An Euler-Lagrange equation is meant where at most so many terms differ for each product that agrees."""
+
+LONGEST_FORMULA = 3_000
+"""Operations of a solved acceleration above which it is not compared: expanding it would take seconds."""
+
 SINGULAR = 1e-12
 """Pivot, relative to its row, from which a mass matrix is not solved."""
 
@@ -43,9 +49,11 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
     given = _Sorted.of(row.zero, row.statement, samples)
     if given is None:
         return f"{label} does not hold."
-    candidates = (*_candidates(given, derivation), *_combined(row, given, derivation))
-    compared = (_Meant(name, given, expected, factor) for name, expected, factor in candidates)
-    meant = min(compared, key=_rank, default=None)
+    meant = _nearest(given, _candidates(given, _stated_rows(derivation)))
+    if meant is None or meant.differing_terms > NEAR * meant.agreeing:
+        others = (*_combined(row, given, derivation), *_candidates(given, _solved_rows(derivation)))
+        found = [one for one in (meant, _nearest(given, others)) if one is not None]
+        meant = min(found, key=_rank, default=None)
     if meant is None or not meant.agreeing:
         return f"{label} does not hold, and no term of it is that of an equation of motion."
     return meant.sentence(row.label)
@@ -81,6 +89,16 @@ class _Sorted:
         found = _values(list(self.coefficients.values()), self.statement, self.samples)
         return dict(zip(self.coefficients, found or [], strict=True))
 
+    @cached_property
+    def terms(self) -> Mapping[Any, list[Numbers]]:
+        """The terms of each coefficient at the samples."""
+        listed = [(product, one) for product, whole in self.coefficients.items() for one in sympy.Add.make_args(whole)]
+        values = _values([term for _, term in listed], self.statement, self.samples)
+        found: dict[Any, list[Numbers]] = {}
+        for (product, _), value in zip(listed, values or [], strict=True):
+            found.setdefault(product, []).append(value)
+        return found
+
     def numbers(self, expression: Any) -> Numbers | None:
         """Return the values of another expression at the samples, None where it has none."""
         found = _values([expression], self.statement, self.samples)
@@ -110,27 +128,33 @@ class _Factor:
         return _constant(self.values)
 
 
-def _candidates(given: _Sorted, derivation: Derivation) -> Iterator[tuple[str, _Sorted, _Factor]]:
-    """Yield the equations that may be meant, by the coordinate they belong to, with every factor that one may have."""
+Candidate = tuple[str, _Sorted, _Factor]
+"""An equation that may be meant: the name of its coordinate, and what it is multiplied by."""
+
+
+def _nearest(given: _Sorted, candidates: Iterable[Candidate]) -> _Meant | None:
+    """Return the candidate that an equation differs least from, None if there are none."""
+    return min(
+        (_Meant(name, given, expected, factor) for name, expected, factor in candidates), key=_rank, default=None
+    )
+
+
+def _candidates(given: _Sorted, rows: Sequence[tuple[str, Any]]) -> Iterator[Candidate]:
+    """Yield equations that may be meant, by the coordinate they belong to, with every factor that one may have."""
     statement = given.statement
-    for parts in (_stated_rows, _solved_rows):
-        try:
-            rows = list(parts(derivation))
-        except StatementError:
+    for name, zero in rows:
+        expected = _Sorted.of(zero.xreplace(statement.plain), statement, given.samples)
+        if expected is None or len(expected.samples) < len(given.samples):
             continue
-        for name, zero in rows:
-            expected = _Sorted.of(zero.xreplace(statement.plain), statement, given.samples)
-            if expected is None or len(expected.samples) < len(given.samples):
-                continue
-            for product in expected.coefficients:
-                if product in given.coefficients:
-                    below = expected.values[product]
-                    if all(below):
-                        ratio = [a / b for a, b in zip(given.values[product], below, strict=True)]
-                        yield name, expected, _Factor(ratio, product)
+        for product in expected.coefficients:
+            if product in given.coefficients:
+                below = expected.values[product]
+                if all(below):
+                    ratio = [a / b for a, b in zip(given.values[product], below, strict=True)]
+                    yield name, expected, _Factor(ratio, product)
 
 
-def _combined(row: EquationRow, given: _Sorted, derivation: Derivation) -> Iterator[tuple[str, _Sorted, _Factor]]:
+def _combined(row: EquationRow, given: _Sorted, derivation: Derivation) -> Iterator[Candidate]:
     """Yield the sum of equations with constant weights that has the accelerations of the given one."""
     weights: list[Numbers] = []
     for sample in given.samples:
@@ -141,11 +165,8 @@ def _combined(row: EquationRow, given: _Sorted, derivation: Derivation) -> Itera
             return
     constants = [_constant(list(column)) for column in zip(*weights, strict=True)]
     used = [i for i, weight in enumerate(constants) if weight != 0]
-    if len(used) < 2 or None in constants:
-        return
-    try:
-        stated = list(_stated_rows(derivation))
-    except StatementError:
+    stated = _stated_rows(derivation)
+    if len(used) < 2 or None in constants or not stated:
         return
     zero = sympy.Add(*(_rational(constants[i] or Fraction(0)) * stated[i][1] for i in used))
     expected = _Sorted.of(zero.xreplace(given.statement.plain), given.statement, given.samples)
@@ -154,16 +175,25 @@ def _combined(row: EquationRow, given: _Sorted, derivation: Derivation) -> Itera
         yield f"{listing(stated[i][0] for i in used)} together", expected, _Factor(one, None)
 
 
-def _stated_rows(derivation: Derivation) -> Iterator[tuple[str, Any]]:
-    for name, law in zip(derivation.statement.names, derivation.equations, strict=True):
-        yield name, law.lhs - law.rhs
+def _stated_rows(derivation: Derivation) -> list[tuple[str, Any]]:
+    """Return the Euler-Lagrange equations by coordinate, none where they are too large to be written out."""
+    try:
+        laws = derivation.equations
+    except StatementError:
+        return []
+    return [(name, law.lhs - law.rhs) for name, law in zip(derivation.statement.names, laws, strict=True)]
 
 
-def _solved_rows(derivation: Derivation) -> Iterator[tuple[str, Any]]:
+def _solved_rows(derivation: Derivation) -> list[tuple[str, Any]]:
+    """Return the equations solved for each acceleration, none where they are too long to be compared."""
     statement = derivation.statement
-    accelerations = list(statement.plain.values())[2::3]
-    for name, symbol, solved in zip(statement.names, accelerations, derivation.accelerations.values(), strict=True):
-        yield name, symbol - solved
+    try:
+        solved = list(derivation.accelerations.values())
+    except StatementError:
+        return []
+    symbols = list(statement.plain.values())[2::3]
+    rows = zip(statement.names, symbols, solved, strict=True)
+    return [(name, symbol - one) for name, symbol, one in rows if one.count_ops() <= LONGEST_FORMULA]
 
 
 class _Meant:
@@ -177,9 +207,17 @@ class _Meant:
         self.differing_terms = sum(map(self._terms, self.differing))
 
     def _terms(self, product: Any) -> int:
-        """Return how many terms stand before a product."""
-        there = (row.coefficients.get(product, sympy.S.Zero) for row in (self.given, self.expected))
-        return max(len(sympy.Add.make_args(one)) for one in there)
+        """Return how many terms before a product are not those that are expected."""
+        factor, left = self.factor.values, list(self.given.terms.get(product, []))
+        missing = 0
+        for term in self.expected.terms.get(product, []):
+            wanted = [c * x for c, x in zip(factor, term, strict=True)]
+            same = next((one for one in left if _same(one, wanted)), None)
+            if same is None:
+                missing += 1
+            else:
+                left.remove(same)
+        return max(len(left), missing, 1)
 
     def _wanted(self, product: Any) -> Numbers:
         zero = [0] * len(self.factor.values)

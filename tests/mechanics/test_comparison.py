@@ -195,6 +195,16 @@ def test_a_sum_of_equations_with_a_wrong_term() -> None:
     )
 
 
+@pytest.mark.parametrize("name", ["charge-in-field", "four-bar-change-point", "chain-of-springs"])
+def test_accelerations_of_zero_and_states_near_a_crossing(name: str) -> None:
+    """One coordinate moves freely, one comes near zero; of five coordinates a message tells no state."""
+    found = system(name)
+    assert found.compare(texts(rows(name)))
+    result = found.compare(texts([*rows(name)[:-1], rows(name)[-1] + 1]))
+    assert "the term 1 should not be there. At " in result.message
+    assert ("At the state in .counterexample the two" in result.message) == (name == "chain-of-springs")
+
+
 @pytest.mark.parametrize("sign", [1, -1])
 def test_equations_with_multipliers(sign: int) -> None:
     """With either sign of them; and the motion along the rod alone, without any."""
