@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from lagrange import methods as methods
     from lagrange.errors import LagrangeError, RunError, SceneError, StatementError
     from lagrange.evidence.trust import TrustHorizon, trust_horizon
+    from lagrange.loading import load
     from lagrange.machine.model import Model
     from lagrange.racing import race
     from lagrange.run import flow, integrate
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
     from lagrange.statement.energy import gravity, kinetic_energy, rotational_energy, spring
     from lagrange.statement.event import Event, event
+    from lagrange.statement.given import given
     from lagrange.statement.multiplier import multiplier
     from lagrange.system import System, scene, scenes
     from lagrange.trajectory.integrator import Claims, Integrator, Problem
@@ -34,6 +36,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "lagrange.errors": ("LagrangeError", "RunError", "SceneError", "StatementError"),
     "lagrange.evidence.trust": ("TrustHorizon", "trust_horizon"),
+    "lagrange.loading": ("load",),
     "lagrange.machine.model": ("Model",),
     "lagrange.racing": ("race",),
     "lagrange.run": ("flow", "integrate"),
@@ -43,6 +46,7 @@ _HOMES = {
     "lagrange.statement.multiplier": ("multiplier",),
     "lagrange.statement.energy": ("gravity", "kinetic_energy", "rotational_energy", "spring"),
     "lagrange.statement.event": ("Event", "event"),
+    "lagrange.statement.given": ("given",),
     "lagrange.system": ("System", "scene", "scenes"),
     "lagrange.trajectory.integrator": ("Claims", "Integrator", "Problem"),
     "lagrange.trajectory.trajectory": ("Status", "Trajectory"),
@@ -73,9 +77,11 @@ __all__ = [
     "coordinates",
     "event",
     "flow",
+    "given",
     "gravity",
     "integrate",
     "kinetic_energy",
+    "load",
     "methods",
     "multiplier",
     "parameters",

@@ -65,8 +65,9 @@ class Analysis(ABC):
     def substitute(self, parameters: Mapping[Any, Any]) -> Self:
         """Return the System with numbers or expressions for some parameters, such as {l: 1, m2: mu*m1}.
 
-        Keys are symbols or names. What only the expressions contain becomes a parameter without a value. Raises
-        StatementError for what is no parameter, and for expressions that are not constant.
+        Keys are symbols or names. A given function of time is replaced too, as in {X: sin(t)}. What only the
+        expressions contain becomes a parameter without a value. Raises StatementError for what is no parameter, and for
+        expressions that are not constant.
         """
         return self.from_statement(substituted(self.statement, parameters))
 

@@ -32,6 +32,7 @@ from lagrange.program.switching import Switched
 from lagrange.program.taylor import series_program
 from lagrange.statement.choice import one_of
 from lagrange.statement.declare import declare
+from lagrange.statement.given import require_values, with_values
 from lagrange.statement.statement import REFUSE, Statement
 
 MACHINES = {"llvm": "lagrange.machine.llvm_machine:LlvmMachine", "numpy": "lagrange.machine.numpy_machine:NumpyMachine"}
@@ -75,6 +76,7 @@ def state(**stated: Any) -> Statement:
 
 def equations_of(statement: Statement) -> Equations:
     """Return the equations of motion. Raises StatementError where no state determines the motion."""
+    statement = with_values(statement)
     equations = _laws(statement)
     # A mass matrix without coupled blocks is not evaluated, and numpy's machine is then not imported.
     check_regularity(equations, lambda: Stages(equations, machine("numpy")), statement)
@@ -95,7 +97,12 @@ def _on_machine(on: Machine, statement: Statement) -> Model:
 
 
 def model_of(statement: Statement, on: Machine, equations: Equations | None = None) -> Model:
-    """Return a model whose kernels are compiled when they are first used."""
+    """Return a model whose kernels are compiled when they are first used.
+
+    Raises StatementError for a statement with functions of which no values are known.
+    """
+    require_values(statement)
+    statement = with_values(statement)
     stages = Stages(_laws(statement) if equations is None else equations, on)
     return Model(statement, stages.equations, stages)
 

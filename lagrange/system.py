@@ -133,10 +133,7 @@ class System(Analysis):
     @property
     def structure(self) -> list[str]:
         """What kind of system it is, in sentences: mass matrix, conserved energy and momenta, unused parameters."""
-        unused = [p.name for p in self.statement.unused]
-        stands = "The parameter {} stands" if len(unused) == 1 else "The parameters {} stand"
-        said = [f"{stands.format(listing(unused))} in no energy, force, constraint or position."] * bool(unused)
-        return [*self.laws.structure.sentences(), *said]
+        return [*self.laws.structure.sentences(), *self.statement.remarks()]
 
     def derivation(self) -> ShownDerivation:
         """Return the textbook derivation in SymPy, independent of the compiled equations.
@@ -275,19 +272,22 @@ class System(Analysis):
         """
         model = self.compile(target, check=False)
         statement = solved_statement(model)
-        if statement is not self.statement:
+        if statement is not model.statement:
             names = listing(repr(one.name) for one in statement.constraints)
             report = System.from_statement(statement).check(target=target, points=points, seed=seed)
             return replace(report, notes=(*report.notes, f"checked with {names} alone: other constraints follow."))
         other = self.compile("numpy" if target == "llvm" else "llvm", check=False)
-        textbook, notes = self._textbook()
+        textbook, notes = self._textbook(dict(model.statement.prescribed))
         report = check(model, textbook=textbook, other=other, points=points, seed=seed)
         return replace(report, notes=(*report.notes, *notes))
 
-    def _textbook(self) -> tuple[Mapping[Any, Any] | None, tuple[str, ...]]:
-        """Return the accelerations of the textbook derivation, or a note that they are too large to be derived."""
+    def _textbook(self, prescribed: Mapping[Any, Any]) -> tuple[Mapping[Any, Any] | None, tuple[str, ...]]:
+        """Return the accelerations of the textbook derivation, or a note that they are too large to be derived.
+
+        `prescribed` are the values of given functions and their derivatives.
+        """
         try:
-            return self._derivation.accelerations, ()
+            return {q: a.xreplace(prescribed) for q, a in self._derivation.accelerations.items()}, ()
         except StatementError as refusal:
             return None, (f"not compared with the textbook derivation: {refusal}",)
 

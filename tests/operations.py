@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 NAMED = ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "sinh", "cosh", "tanh", "sign")
+MORE = ("asinh", "acosh", "atanh", "erf")
 
 
 def operations(context: Any) -> dict[str, Callable[..., Any]]:
@@ -28,5 +29,5 @@ def operations(context: Any) -> dict[str, Callable[..., Any]]:
         "or": lambda a, b: a or b,
         "not": lambda a: not a,
         "select": lambda c, a, b: a if c else b,
-        **{name: getattr(context, name) for name in NAMED},
+        **{name: getattr(context, name) for name in (*NAMED, *MORE)},
     }

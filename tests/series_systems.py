@@ -114,7 +114,9 @@ def lattice(n: int) -> Statement:
 def functions() -> Statement:
     """Every function of the graph, in vectors of two and one."""
     terms = [f(x * y / 4) + f(x.dot / 8) for f in (sp.sin, sp.tan, sp.asin, sp.acos, sp.atan, sp.exp, sp.sinh, sp.tanh)]
+    terms += [f(x * y / 4) for f in (sp.asinh, sp.atanh, sp.erf)]
     terms += [
+        sp.acosh(2 + x),
         sp.log(2 + x),
         sp.atan2(y, 2 + x),
         sp.atan2(x, m),

@@ -125,7 +125,8 @@ def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> E
     multipliers = least_norm(constraints, kept, impulses[: len(kept)])
     laws = StatedLaws(q, v, time, parameters, lagrangian, forces, momenta, extra, mass, constraints)
     structure = find_structure(statement, laws, accelerations, first_order)
-    known = dict(zip(map(acceleration_of, statement.coordinates), accelerations, strict=True))
+    known = {leaf: translate(value) for leaf, value in statement.prescribed}
+    known |= zip(map(acceleration_of, statement.coordinates), accelerations, strict=True)
     known |= dict(zip(map(multiplier, constraints.names), multipliers, strict=True))
     return Equations(
         graph=graph,

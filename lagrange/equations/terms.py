@@ -50,16 +50,27 @@ class Direction(Function):
         return S.Zero
 
 
+class Step(Function):
+    """Heaviside's step of a real x, constant on either side of zero."""
+
+    is_real = True
+
+    def fdiff(self, argindex: int = 1) -> Any:
+        """Return the derivative, zero."""
+        return S.Zero
+
+
 def differentiable(expression: Any) -> Any:
-    """Return the expression with |x|, sign, Min and Max in forms that differentiate to ordinary functions."""
+    """Return the expression with |x|, sign, Heaviside, Min and Max in forms that have ordinary derivatives."""
     return _exchange(
-        expression, {sympy.Abs: Magnitude, sympy.sign: Direction, sympy.Max: _maximum, sympy.Min: _minimum}
+        expression,
+        {sympy.Abs: Magnitude, sympy.sign: Direction, sympy.Heaviside: Step, sympy.Max: _maximum, sympy.Min: _minimum},
     )
 
 
 def printable(expression: Any) -> Any:
-    """Return the expression with the usual |x| and sign."""
-    return _exchange(expression, {Magnitude: sympy.Abs, Direction: sympy.sign})
+    """Return the expression with the usual |x|, sign and Heaviside."""
+    return _exchange(expression, {Magnitude: sympy.Abs, Direction: sympy.sign, Step: sympy.Heaviside})
 
 
 def _exchange(expression: Any, table: Mapping[Any, Any]) -> Any:

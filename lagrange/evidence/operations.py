@@ -113,6 +113,17 @@ def _sign(_: int) -> Operation:
     return lambda x: libmp.from_int(libmp.mpf_sign(x))
 
 
+def _sinc(x: Any, prec: int, rounding: str) -> Any:
+    if x == libmp.fzero:
+        return libmp.fone
+    return libmp.mpf_div(libmp.mpf_sin(x, prec + 10, rounding), x, prec, rounding)
+
+
+def _heaviside(x: Any, middle: Any) -> Any:
+    side = libmp.mpf_sign(x)
+    return middle if side == 0 else libmp.fone if side > 0 else libmp.fzero
+
+
 def _extreme(better: Callable[[Any, Any], bool]) -> Callable[[int], Operation]:
     def choose(a: Any, b: Any) -> Any:
         return a if better(a, b) else b
@@ -148,6 +159,12 @@ _NUMERIC: dict[Any, Callable[[int], Operation]] = {
     sympy.sinh: _growing(libmp.mpf_sinh),
     sympy.cosh: _growing(libmp.mpf_cosh),
     sympy.tanh: _growing(libmp.mpf_tanh),
+    sympy.sinc: _unary(_sinc),
+    sympy.asinh: _unary(libmp.mpf_asinh),
+    sympy.acosh: _unary(libmp.mpf_acosh),
+    sympy.atanh: _unary(libmp.mpf_atanh),
+    sympy.erf: _unary(libmp.mpf_erf),
+    sympy.Heaviside: lambda _: _heaviside,
     sympy.Abs: lambda _: libmp.mpf_abs,
     sympy.sign: _sign,
     sympy.Min: _extreme(libmp.mpf_lt),

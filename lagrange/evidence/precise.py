@@ -231,7 +231,7 @@ _ALWAYS = 1 << 100_000
 """A bit beyond any input's: set when everything is to be computed, and only then."""
 
 _CONDITIONS = (sympy.StrictLessThan, sympy.LessThan, sympy.StrictGreaterThan, sympy.GreaterThan)
-_SWITCHES = (*_CONDITIONS, sympy.Abs, sympy.sign, sympy.Min, sympy.Max)
+_SWITCHES = (*_CONDITIONS, sympy.Abs, sympy.sign, sympy.Heaviside, sympy.Min, sympy.Max)
 
 
 def _children(node: Any) -> tuple[Any, ...]:

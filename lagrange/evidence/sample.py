@@ -70,12 +70,12 @@ class Sampler:
         else:
             q, v = (tuple(self._of_order_one() for _ in values) for values in self._initial)
         t = self._draw.uniform(0.1, 2.0) * (max(0.1, self.statement.run.t_end / 2) if near else 1.0)
-        return Point(q, v, t, self._parameters(kind.parameters), kind.name)
+        return Point(q, v, self._within(t), self._parameters(kind.parameters), kind.name)
 
     def initial(self) -> Point:
         """Return the initial state itself, at t = 0 with the default parameters."""
         q, v = self._initial
-        return Point(q, v, 0.0, self._parameters("default"), "the initial state")
+        return Point(q, v, self._within(0.0), self._parameters("default"), "the initial state")
 
     def far(self) -> Point:
         """Return a point with numbers of any size, for branches that are rarely taken."""
@@ -85,7 +85,12 @@ class Sampler:
         )
         t = abs(self._of_order_one()) * self._magnitude()
         parameters = self._draw.choice(("default", "near default", "order one"))
-        return Point(q, v, t, self._parameters(parameters), "far and wide")
+        return Point(q, v, self._within(t), self._parameters(parameters), "far and wide")
+
+    def _within(self, t: float) -> float:
+        """Return the time, or one at which given functions have values if it has none."""
+        first, last = self.statement.span
+        return t if first <= t <= last else first + (last - first) * (0.2 + 0.6 * t / (1.0 + t))
 
     def _near(self, values: Sequence[float], spread: float) -> tuple[float, ...]:
         largest = max(1.0, *map(abs, values))

@@ -12,7 +12,7 @@ from functools import lru_cache
 
 from lagrange.graph.node import Binding, Graph, Kind, Node, reachable
 
-LIMITED = frozenset(("log", "asin", "acos", "atan2", "pow", "exp", "sinh", "cosh", "nan"))
+LIMITED = frozenset(("log", "asin", "acos", "atan2", "pow", "exp", "sinh", "cosh", "acosh", "atanh", "nan"))
 """The functions that have no finite value, or no derivative, at some arguments that are finite doubles."""
 
 

@@ -61,6 +61,7 @@ def _named(name: str) -> Callable[..., Any]:
 _CALLS: dict[str, Callable[..., Any]] = {
     **{name: _named(name) for name in ("sin", "cos", "tan", "asin", "acos", "atan", "atan2")},
     **{name: _named(name) for name in ("exp", "log", "sinh", "cosh", "tanh", "sign")},
+    **{name: _named(name) for name in ("asinh", "acosh", "atanh", "erf")},
     "abs": lambda context, a: abs(a),
     "min": lambda context, a, b: min(a, b),
     "max": lambda context, a, b: max(a, b),

@@ -5,13 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from fractions import Fraction
 from functools import reduce
+from math import factorial
 from typing import Any
 
 import sympy
 from sympy.core.function import AppliedUndef
 
 from lagrange.errors import StatementError
-from lagrange.graph.node import Graph, Node
+from lagrange.graph.node import Graph, Kind, Node
+
+SINC_RADIUS = Fraction(1, 2)
+"""Below it sinc is its series."""
+SINC_TERMS = 12
+"""Its first term left out, a**24/25!, is 4e-33 there, and the fourth derivative of that 1e-26."""
 
 
 class Translator:
@@ -92,6 +98,25 @@ def _piecewise(graph: Graph, *args: Node) -> Node:
     return graph.piecewise(branches)
 
 
+def _sinc(graph: Graph, a: Node) -> Node:
+    """Return sin(a)/a, near 0 by its series, where the quotient and its derivatives lose their digits."""
+    terms = [Fraction((-1) ** k, factorial(2 * k + 1)) for k in range(SINC_TERMS)]
+    square, series = a**2, graph.zero
+    for term in reversed(terms):
+        series = series * square + term
+    return graph.piecewise(
+        [(graph.call("less", square, graph.constant(SINC_RADIUS**2)), series)], graph.call("sin", a) / a
+    )
+
+
+def _heaviside(graph: Graph, a: Node, middle: Node) -> Node:
+    """Return 0, `middle` or 1 for a number below, at or above zero."""
+    if middle.kind is Kind.CONSTANT and middle.data == Fraction(1, 2):
+        return (1 + graph.call("sign", a)) / 2
+    below, at = graph.call("less", a, graph.zero), graph.call("equal", a, graph.zero)
+    return graph.piecewise([(below, graph.zero), (at, middle)], graph.one)
+
+
 def _either(graph: Graph, condition: Node, then: Node, otherwise: Node) -> Node:
     """Return the condition that holds by another one, which SymPy makes of a Piecewise that is compared."""
     ways = [(condition, then), (graph.call("not", condition), otherwise)]
@@ -131,6 +156,12 @@ _BUILD: dict[Any, Callable[..., Node]] = {
     sympy.sinh: _call("sinh"),
     sympy.cosh: _call("cosh"),
     sympy.tanh: _call("tanh"),
+    sympy.sinc: _sinc,
+    sympy.asinh: _call("asinh"),
+    sympy.acosh: _call("acosh"),
+    sympy.atanh: _call("atanh"),
+    sympy.erf: _call("erf"),
+    sympy.Heaviside: _heaviside,
     sympy.Abs: _call("abs"),
     sympy.sign: _call("sign"),
     sympy.Min: _fold("min"),

@@ -44,6 +44,11 @@ def _sqrt(a: Node) -> Node:
     return a ** Fraction(1, 2)
 
 
+def bell(a: Node) -> Node:
+    """Return the derivative of the error function, 2/sqrt(pi) exp(-a**2)."""
+    return 2 * exp(-(a**2)) / _sqrt(a.graph.call("pi"))
+
+
 FUNCTIONS: dict[str, Function] = {
     function.name: function
     for function in (
@@ -59,6 +64,10 @@ FUNCTIONS: dict[str, Function] = {
         Function("sinh", 1, (lambda y, a: cosh(a),)),
         Function("cosh", 1, (lambda y, a: sinh(a),)),
         Function("tanh", 1, (lambda y, a: 1 - y**2,)),
+        Function("asinh", 1, (lambda y, a: 1 / _sqrt(1 + a**2),)),
+        Function("acosh", 1, (lambda y, a: 1 / _sqrt(a**2 - 1),)),
+        Function("atanh", 1, (lambda y, a: 1 / (1 - a**2),)),
+        Function("erf", 1, (lambda y, a: bell(a),)),
         Function("abs", 1, (lambda y, a: sign(a),)),
         Function("sign", 1, (lambda y, a: a.graph.zero,)),
         Function("min", 2, first=lambda a, b: a.graph.call("less_equal", a, b)),
@@ -80,7 +89,7 @@ FUNCTIONS: dict[str, Function] = {
 CONDITIONS = frozenset(("less", "less_equal", "equal", "and", "or", "not"))
 """The functions whose value is true or false."""
 
-ODD = frozenset(("sin", "tan", "asin", "atan", "sinh", "tanh", "sign"))
+ODD = frozenset(("sin", "tan", "asin", "atan", "sinh", "tanh", "asinh", "atanh", "erf", "sign"))
 EVEN = frozenset(("cos", "cosh", "abs"))
 
 EXACT: dict[tuple[Any, ...], int] = {
@@ -95,6 +104,10 @@ EXACT: dict[tuple[Any, ...], int] = {
     ("sinh", 0): 0,
     ("cosh", 0): 1,
     ("tanh", 0): 0,
+    ("asinh", 0): 0,
+    ("acosh", 1): 0,
+    ("atanh", 0): 0,
+    ("erf", 0): 0,
 }
 """Values that are exact, so that they fold."""
 

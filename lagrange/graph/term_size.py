@@ -11,10 +11,10 @@ from collections.abc import Iterable
 
 from lagrange.graph.node import Graph, Kind, Node, reachable
 
-BOUNDED = frozenset(("sin", "cos", "tanh"))
+BOUNDED = frozenset(("sin", "cos", "tanh", "erf"))
 """Functions with values up to 1, which count with that."""
 
-AT_LEAST_ONE = frozenset(("tan", "asin", "acos", "atan", "atan2", "log", "sinh"))
+AT_LEAST_ONE = frozenset(("tan", "asin", "acos", "atan", "atan2", "log", "sinh", "asinh", "acosh", "atanh"))
 """Functions that may cancel inside, and whose argument or value is a plain number."""
 
 

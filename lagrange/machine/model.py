@@ -248,7 +248,7 @@ class Model:
         survey = Survey()
         survey.add(expression, "the expression", accelerations=True, multipliers=True)
         check_multipliers(survey.multipliers, "the expression", self.statement)
-        for leaf in (*survey.coordinates, *survey.parameters):
+        for leaf in (*survey.coordinates, *survey.given, *survey.unknown, *survey.parameters):
             if leaf not in self.equations.leaves:
                 raise StatementError(f"the expression contains {leaf}, which this system does not have.")
         kernel = self.function("expression", (self.equations.translate(expression),))

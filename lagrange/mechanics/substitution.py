@@ -7,8 +7,10 @@ from typing import Any
 
 from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.mechanics.rewriting import rewritten
-from lagrange.statement.coordinate import t
+from lagrange.statement.coordinate import name_of, t
 from lagrange.statement.expression import expression
+from lagrange.statement.given import given as given_function
+from lagrange.statement.motion import motion_of
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 
@@ -17,19 +19,28 @@ def substituted(statement: Statement, given: Mapping[Any, Any]) -> Statement:
     """Return the statement with expressions for some parameters, which are keyed by symbol or name.
 
     Parameters that only the expressions contain are new, and have no value. Raises StatementError for a key that is no
-    parameter, and for an expression in coordinates or time: the derivatives of what it stands in would lack its own.
+    parameter, and for an expression in coordinates or time: the derivatives of what it stands in would lack its own. A
+    given function of time is a key too, with the values of `lagrange.given`.
     """
     if not isinstance(given, Mapping) or not given:
         raise StatementError(f"substitute takes a dict from parameters to values, as {{l: 1}}, not {shown(given)}.")
     by_name = {symbol.name: symbol for symbol in statement.parameters}
+    functions = {name_of(function): function for function in statement.given}
     table: dict[Any, Any] = {}
     for key, value in given.items():
         name = (key if isinstance(key, str) else str(key)).removesuffix("(t)")
+        if name in functions:
+            table[functions[name]] = given_function(name, value)
+            continue
         if name not in by_name:
             raise StatementError(_no_parameter(name, statement, list(by_name)))
         table[by_name[name]] = _value(by_name[name], value, by_name)
+    for function in statement.given:
+        motion = motion_of(function)
+        if function not in table and motion and motion.expression is not None:
+            table[function] = given_function(name_of(function), motion.expression.subs(table, simultaneous=True))
     left = {p: statement.defaults.get(p) for p in statement.parameters if p not in table}
-    new = {symbol for value in table.values() for symbol in value.free_symbols} - set(left)
+    new = {symbol for value in table.values() for symbol in value.free_symbols} - {*left, t}
     parameters = left | dict.fromkeys(sorted(new, key=str))
     return rewritten(statement, lambda stated: stated.subs(table, simultaneous=True), parameters=parameters)
 

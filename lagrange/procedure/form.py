@@ -46,7 +46,7 @@ OPERATIONS: dict[str, tuple[Signature, ...]] = {
     **_functions("div power atan2 copysign magnitude", _BINARY),
     **_functions("neg", _UNARY, ((WHOLE,), WHOLE)),
     **_functions("quotient", _WHOLES),
-    **_functions("abs sqrt sign sin cos tan asin acos atan exp log sinh cosh tanh round", _UNARY),
+    **_functions("abs sqrt sign sin cos tan asin acos atan exp log sinh cosh tanh asinh acosh atanh erf round", _UNARY),
     **_functions("fma", ((REAL, REAL, REAL), REAL)),
     **_functions("less less_equal equal", *_COMPARED),
     **_functions("and or", ((FLAG, FLAG), FLAG)),

@@ -303,6 +303,11 @@ def _quotient(a: int, b: int) -> int:
     return abs(a) // abs(b) * (1 if (a < 0) == (b < 0) else -1)
 
 
+def _atanh(x: float) -> float:
+    """Return atanh(x), infinite at 1 and -1."""
+    return math.copysign(math.inf, x) if abs(x) == 1 else _total(math.atanh)(x)
+
+
 OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "add": lambda a, b: a + b,
     "sub": lambda a, b: a - b,
@@ -329,6 +334,10 @@ OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "sinh": _total(math.sinh),
     "cosh": _total(math.cosh),
     "tanh": math.tanh,
+    "asinh": math.asinh,
+    "acosh": _total(math.acosh),
+    "atanh": _atanh,
+    "erf": math.erf,
     "power": _power,
     "round": _round,
     "fma": fused,

@@ -7,6 +7,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from lagrange.errors import StatementError
+from lagrange.graph.functions import bell
 from lagrange.graph.node import Binding, Node
 from lagrange.program.series import SeriesRule
 
@@ -80,6 +81,16 @@ def _against(slope: Callable[[Node], Node], sign: int = 1) -> FunctionRule:
     return build
 
 
+def _error_function(b: RecurrenceBuilder, node: Node) -> int:
+    """U' = 2/sqrt(pi) exp(-a**2) a'."""
+    a = node.args[0]
+    b.value(a)
+    w = b.value(bell(a))
+    value = b.reserve(node)
+    b.integrate(value, a, w)
+    return value
+
+
 def _atan2(b: RecurrenceBuilder, node: Node) -> int:
     """(x**2 + y**2) u' = x y' - y x'."""
     y, x = node.args
@@ -145,6 +156,10 @@ FUNCTION_RULES: dict[str, FunctionRule] = {
     "atan": _against(lambda a: 1 + a**2),
     "asin": _against(lambda a: _sqrt(1 - a**2)),
     "acos": _against(lambda a: _sqrt(1 - a**2), -1),
+    "asinh": _against(lambda a: _sqrt(1 + a**2)),
+    "acosh": _against(lambda a: _sqrt(a**2 - 1)),
+    "atanh": _against(lambda a: 1 - a**2),
+    "erf": _error_function,
     "atan2": _atan2,
     "pow": _pow,
     "piecewise": _piecewise,

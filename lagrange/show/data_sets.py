@@ -1,8 +1,8 @@
-"""Rows over time as pandas and xarray have them; both packages are optional."""
+"""Rows over time as pandas and xarray have them, which are optional, and arrays of files."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from lagrange.errors import StatementError
@@ -36,6 +36,12 @@ def data_set(t: FloatArray, rows: Mapping[str, FloatArray], attributes: Mapping[
         raise _missing("to_xarray", "xarray") from error
     kept = {key: value for key, value in attributes.items() if isinstance(value, (str, int, float))}
     return xarray.Dataset({name: ("t", row.copy()) for name, row in rows.items()}, coords={"t": t}, attrs=kept)
+
+
+def event_arrays(times: Sequence[FloatArray], states: Sequence[FloatArray]) -> dict[str, FloatArray]:
+    """Return the times (k,) and states (k, 2n) of each event by the names that they have in a file."""
+    found = {f"t_event_{i}": event for i, event in enumerate(times)}
+    return found | {f"y_event_{i}": event for i, event in enumerate(states)}
 
 
 def _missing(method: str, package: str) -> StatementError:

@@ -159,6 +159,8 @@ def _stated(statement: Statement) -> Iterator[Formula | str]:
             yield Formula((ShownQuantity("Q", (name,)), force))
     if statement.dissipation != 0:
         yield Formula((ShownQuantity("D"), statement.dissipation))
+    for known in statement.known_motions:
+        yield known if isinstance(known, str) else Formula(known)
     for one in statement.constraints:
         yield Formula((constraint_quantity(one), one.expression))
 

@@ -24,7 +24,7 @@ from lagrange.show.atomic_file import Writer, write_atomically, write_rows
 from lagrange.show.atomic_folder import write_together
 from lagrange.show.constraint_drift import ConstraintDrift, constraint_drift
 from lagrange.show.constraint_forces import ConstraintForces
-from lagrange.show.data_sets import data_frame, data_set
+from lagrange.show.data_sets import data_frame, data_set, event_arrays
 from lagrange.show.drift import EnergyDrift, energy_drift
 from lagrange.show.picture import picture
 from lagrange.show.plot import plot
@@ -33,6 +33,7 @@ from lagrange.show.units import unit_of
 from lagrange.statement.coordinate import name_of, velocity_of
 from lagrange.statement.multiplier import multiplier
 from lagrange.statement.number import real_array
+from lagrange.statement.stored import stored
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 if TYPE_CHECKING:
@@ -262,11 +263,15 @@ class Solution:
         return write_atomically(path, self._csv)
 
     def to_npz(self, path: str | os.PathLike[str]) -> Path:
-        """Write NumPy arrays t (N,), y (2n, N), energy (N,), names (2n,) and card (a JSON text); none needs pickle.
+        """Write NumPy arrays t (N,), y (2n, N), energy (N,), names (2n,), card and statement (JSON); none needs pickle.
 
-        With m constraints also constraint_error (N,), multipliers (m, N), and constraints (m,), their names.
+        With m constraints also constraint_error (N,), multipliers (m, N), and constraints (m,), their names; with
+        events t_event_0 (k,) and y_event_0 (k, 2n) for the first, and so on. `lagrange.load` reads it.
         """
-        arrays = {"t": self.t, "y": self.y, "names": np.array(self.names), "card": np.array(json.dumps(self.card()))}
+        texts = {"card": json.dumps(self.card()), "statement": json.dumps(stored(self.model.statement))}
+        arrays = {"t": self.t, "y": self.y, "names": np.array(self.names)}
+        arrays |= {name: np.array(text) for name, text in texts.items()}
+        arrays |= event_arrays(self.t_events, self.y_events)
         if self.multipliers:
             arrays |= {
                 "multipliers": np.stack([*self.multipliers.values()]),

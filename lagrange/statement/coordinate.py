@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import keyword
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NoReturn
 
 from sympy import Derivative, Symbol
@@ -61,7 +61,7 @@ def coordinate_of(name: str) -> Any:
     """Return what `coordinate` does, and leave the order in which coordinates were declared as it is."""
     check_symbol(name, "coordinate")
     if name not in _DECLARED:
-        _DECLARED[name] = with_rates(name)
+        _DECLARED[name] = function_of_time(name)
     return _DECLARED[name]
 
 
@@ -74,15 +74,17 @@ _DECLARED: dict[str, Any] = {}
 """The coordinates that were made, by name."""
 
 
-def with_rates(name: str) -> Any:
+def function_of_time(name: str, marks: Mapping[str, Any] | None = None) -> Any:
     """Return the function of time of that name, with its derivatives as attributes.
+
+    Functions with other `marks`, which are attributes, are other functions to SymPy.
 
     SymPy keeps what it made: asked for name(t), it gives an equal function that was made without the attributes, by
     `dynamicsymbols` for one. So this one is made without asking it.
     """
     shorthand: dict[str, Any] = {"dot": property(velocity_of), "ddot": property(acceleration_of)}
     shorthand |= {numpy: _refusing(numpy, ours) for numpy, ours in _NUMPY.items()}
-    made = UndefinedFunction(name, bases=(AppliedUndef,), __dict__=shorthand)
+    made = UndefinedFunction(name, bases=(AppliedUndef,), __dict__=shorthand, **(marks or {}))
     return inspect.unwrap(Application.__new__)(made, t)
 
 

@@ -15,11 +15,13 @@ from sympy.core.function import AppliedUndef
 from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.statement.choice import one_of, text
 from lagrange.statement.constraint import Constraint, declare_constraints
-from lagrange.statement.coordinate import check_name, check_symbol, name_of, t, velocity_of
+from lagrange.statement.coordinate import check_name, check_symbol, declared, name_of, t, velocity_of
 from lagrange.statement.declared_order import COORDINATES
 from lagrange.statement.dimension_check import with_dimensions
 from lagrange.statement.expression import entries, expression
+from lagrange.statement.given import check_given, coordinate_or_given
 from lagrange.statement.letters import NAME
+from lagrange.statement.motion import motion_of
 from lagrange.statement.number import real_number
 from lagrange.statement.parameters import check_rate, default_values, label_of, parameter_symbols, table_of
 from lagrange.statement.statement import REDUNDANT, REFUSE, RunSettings, Statement
@@ -65,9 +67,8 @@ def declare(
     dissipation = _dissipation(dissipation, by_name, survey)
     points = _positions(positions, survey)
     _check_declared(survey, chosen)
-
     values = table_of(parameters, "parameters", "parameter to value")
-    symbols, unify = parameter_symbols(survey, values, by_name)
+    symbols, unify = parameter_symbols(survey, values, by_name | {name_of(f): f for f in survey.given})
     clean = partial(_unified, unify)
     made = Statement(
         coordinates=chosen,
@@ -87,8 +88,19 @@ def declare(
         about=about,
         source=source,
         run=run or RunSettings(),
+        **_functions(survey, chosen if coordinates is None else ()),
     )
     return made if dimensions is None else with_dimensions(made, dimensions)
+
+
+def _functions(survey: Survey, inferred: Iterable[Any]) -> dict[str, Any]:
+    """Return what a statement says of functions that are no coordinates, and of coordinates that nobody declared."""
+    return {
+        "given": tuple(survey.given),
+        "orders": tuple(survey.given.values()),
+        "unknown": tuple(survey.unknown),
+        "inferred": tuple(name_of(q) for q in inferred if not declared(q)),
+    }
 
 
 def _unified(replacements: Mapping[Any, Any], expression: Any) -> Any:
@@ -147,9 +159,11 @@ def _energies(kinetic: Any, potential: Any, lagrangian: Any) -> tuple[Any, Any, 
 def _coordinates(given: Sequence[Any] | None, survey: Survey) -> tuple[Any, ...]:
     if given is not None and (not isinstance(given, Iterable) or (isinstance(given, np.ndarray) and not given.ndim)):
         raise StatementError(f"coordinates is {shown(given)}: give a list, such as [{shown(given)}].")
+    if given is None:
+        _check_inferred(survey)
     found: dict[str, Any] = {}
     for q in _in_order(survey.coordinates) if given is None else given:
-        if not isinstance(q, AppliedUndef) or q.args != (t,):
+        if not isinstance(q, AppliedUndef) or q.args != (t,) or motion_of(q) is not None:
             raise StatementError(
                 f"coordinates contains {shown(q)}, which is no coordinate: make one with lg.coordinate('x')."
             )
@@ -166,6 +180,17 @@ def _coordinates(given: Sequence[Any] | None, survey: Survey) -> tuple[Any, ...]
 
 def _in_order(coordinates: Iterable[Any]) -> list[Any]:
     return COORDINATES.of((name_of(q), q) for q in coordinates)
+
+
+def _check_inferred(survey: Survey) -> None:
+    """Ask what a function of time is that nobody declared, where others were declared as coordinates.
+
+    SymPy's functions alone are taken for coordinates, as `dynamicsymbols` makes them.
+    """
+    unsaid = [q for q in survey.coordinates if not declared(q)]
+    if unsaid and len(unsaid) < len(survey.coordinates):
+        names = [name_of(q) for q in survey.coordinates if declared(q)]
+        raise StatementError(coordinate_or_given(name_of(unsaid[0]), names))
 
 
 def _make_one(survey: Survey) -> str:
@@ -205,7 +230,8 @@ def _check_velocities(
                 )
             raise StatementError(
                 f"{main} does not contain {name_of(q)}.dot, so {name_of(q)} has no inertia and its acceleration is "
-                f"undefined: add its kinetic energy, or make {name_of(q)} a parameter."
+                f"undefined: add its kinetic energy, or make {name_of(q)} a parameter, or with "
+                f"lg.given({name_of(q)!r}) a given function of time."
             )
 
 
@@ -226,10 +252,8 @@ def _check_declared(survey: Survey, coordinates: tuple[Any, ...]) -> None:
     declared = frozenset(coordinates)
     for q in survey.coordinates:
         if q not in declared:
-            raise StatementError(
-                f"{q} is used but not declared: add it to coordinates, which are {listing(names)}."
-                + suggestion(name_of(q), names)
-            )
+            raise StatementError(coordinate_or_given(name_of(q), names))
+    check_given(survey, names)
 
 
 def _forces(given: Mapping[Any, Any] | None, by_name: dict[str, Any], survey: Survey) -> dict[Any, Any]:

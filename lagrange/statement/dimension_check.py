@@ -17,7 +17,7 @@ import sympy
 from sympy.core.function import AppliedUndef
 
 from lagrange.errors import StatementError
-from lagrange.statement.coordinate import t
+from lagrange.statement.coordinate import name_of, t
 from lagrange.statement.dimension import NONE, Exponents, Size, check_names, named, read_dimensions
 from lagrange.statement.statement import Statement
 
@@ -59,6 +59,7 @@ def with_dimensions(statement: Statement, given: Mapping[Any, Any]) -> Statement
     """Return the statement with the dimensions of its symbols. Raises StatementError with the first wrong term."""
     known = {"t": t, **dict(zip(statement.names, statement.coordinates, strict=True))}
     known |= {symbol.name: symbol for symbol in statement.parameters}
+    known |= {name_of(function): function for function in statement.given}
     stated = read_dimensions(given, known)
     sizes = check_dimensions(_parts(statement, named("energy")), stated, statement.plain)
     check_names(given, known)
@@ -160,7 +161,7 @@ class _Sizes:
             return self._first(expression.args)
         if isinstance(expression, sympy.Piecewise):
             return self._first([pair.expr for pair in expression.args])
-        if isinstance(expression, (sympy.Symbol, AppliedUndef)):
+        if isinstance(expression, (sympy.Symbol, AppliedUndef, sympy.Subs)):
             return None
         return NONE
 
@@ -168,8 +169,8 @@ class _Sizes:
         return next((size for size in map(self.size, terms) if size is not None), None)
 
     def _rate(self, derivative: Any) -> Size | None:
-        base = self.size(derivative.expr)
-        return None if base is None else base * self.known[t] ** Fraction(-len(derivative.variables))
+        base, by = self.size(derivative.expr), self._product(derivative.variables)
+        return None if base is None or by is None else base * by ** Fraction(-1)
 
     def _product(self, factors: Sequence[Any]) -> Size | None:
         total = NONE
@@ -198,8 +199,9 @@ class _Finder(_Sizes):
             if size is not None:
                 self.known.setdefault(expression, Size(size.exponents, None if size.exponents else 0.0))
         elif isinstance(expression, sympy.Derivative):
-            if size is not None:
-                self.visit(expression.expr, size * self.known[t] ** Fraction(len(expression.variables)))
+            by = self._product(expression.variables)
+            if size is not None and by is not None:
+                self.visit(expression.expr, size * by)
         elif expression.is_Add or isinstance(expression, ONE_SIZE):
             for term in expression.args:
                 self.visit(term, size)
@@ -328,8 +330,8 @@ def inner_parts(expression: Any, size: Size | None) -> Iterator[tuple[Any, Size 
     elif isinstance(expression, sympy.atan2):
         above, below = expression.args
         yield above - below, None
-    elif isinstance(expression, sympy.sign):
+    elif isinstance(expression, (sympy.sign, sympy.Heaviside)):
         yield expression.args[0], None
-    elif not isinstance(expression, (sympy.Symbol, AppliedUndef, sympy.Derivative)):
+    elif not isinstance(expression, (sympy.Symbol, AppliedUndef, sympy.Derivative, sympy.Subs)):
         for argument in expression.args:
             yield argument, NONE

@@ -185,8 +185,8 @@ def _surveyed(expression: Any, what: str, *, motion: bool) -> Survey:
 def _check(expression: Any, what: str, statement: Statement, *, motion: bool = False) -> Survey:
     """Return what an expression is made of; with `motion` it may contain accelerations and multipliers."""
     survey = _surveyed(expression, what, motion=motion)
-    known = (*statement.coordinates, *statement.parameters)
-    for leaf in (*survey.coordinates, *survey.parameters):
+    known = (*statement.coordinates, *statement.given, *statement.parameters)
+    for leaf in (*survey.coordinates, *survey.given, *survey.unknown, *survey.parameters):
         if leaf not in known:
             raise StatementError(
                 f"{what} contains {leaf}, which this system does not have; it may contain its coordinates, their "

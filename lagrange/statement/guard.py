@@ -33,7 +33,7 @@ MOST_COMPARED = 200
 CHUNK = 50
 """The number of terms that SymPy adds at once. The exact coefficients are checked after each such chunk."""
 
-_COMPARING = (sympy.Abs, sympy.sign, sympy.Min, sympy.Max)
+_COMPARING = (sympy.Abs, sympy.sign, sympy.Min, sympy.Max, sympy.Heaviside, sympy.sinc, sympy.erf)
 _SPLITTING = (sympy.Abs, sympy.sinh, sympy.cosh, sympy.tanh)
 _NUMBER_FIRST = (sympy.Add, sympy.Mul)
 

@@ -10,6 +10,7 @@ import sympy
 from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.statement.coordinate import check_name, check_symbol, name_of, t, velocity_of
 from lagrange.statement.declared_order import PARAMETERS
+from lagrange.statement.motion import motion_of
 from lagrange.statement.number import real_number
 from lagrange.statement.survey import Survey
 
@@ -62,7 +63,7 @@ def table_of(given: Any, what: str, entries: str) -> Mapping[Any, Any]:
 
 
 def parameter_symbols(
-    survey: Survey, given: Mapping[Any, Any], by_name: dict[str, Any]
+    survey: Survey, given: Mapping[Any, Any], functions: Mapping[str, Any]
 ) -> tuple[dict[str, Any], dict[Any, Any]]:
     """Return the parameters by name, and replacements that make one symbol of several of the same name.
 
@@ -83,7 +84,7 @@ def parameter_symbols(
         elif not isinstance(key, sympy.Symbol):
             raise StatementError(f"parameters names {shown(key)}: its keys are parameters (symbols) or their names.")
     for name in symbols:
-        _check_clash(name, by_name)
+        _check_clash(name, functions)
     valued = dict.fromkeys(label_of(key) for key in given)
     rest = PARAMETERS.of((name, name) for name in symbols if name not in valued)
     ordered = {name: symbols[name] for name in (*valued, *rest)}
@@ -94,10 +95,12 @@ _MEANT = {t.name: "time: use lg.t for time", "pi": "the constant: use sympy.pi f
 """What a plain symbol with one of these names probably stands for, and what to write instead."""
 
 
-def _check_clash(name: str, by_name: dict[str, Any]) -> None:
+def _check_clash(name: str, by_name: Mapping[str, Any]) -> None:
     if name in _MEANT:
         raise StatementError(f"parameter {name!r} clashes with {_MEANT[name]}, and another name for the parameter.")
     check_symbol(name, "parameter")
+    if name in by_name and motion_of(by_name[name]) is not None:
+        raise StatementError(f"{name} is both a given function and a parameter: rename one.")
     if name in by_name:
         raise StatementError(
             f"{name} is both a coordinate and a parameter: rename one. If the plain symbol {name} was meant as the "

@@ -16,13 +16,14 @@ from lagrange.statement.choice import one_of
 from lagrange.statement.coordinate import check_name, check_symbol, coordinate_of, velocity_of
 from lagrange.statement.declare import ORIGIN, declare
 from lagrange.statement.document import Document, kind_of
+from lagrange.statement.given import given
 from lagrange.statement.statement import REDUNDANT, REFUSE, RunSettings, Statement
 
 LIBRARY = Path(__file__).resolve().parents[1] / "scenes"
 
 KEYS = (
     *("name", "about", "source", "coordinates", "kinetic", "potential", "lagrangian", "forces", "dissipation"),
-    *("constraints", "redundant", "parameters", "initial", "positions", "links", "run", "dimensions"),
+    *("constraints", "redundant", "parameters", "given", "initial", "positions", "links", "run", "dimensions"),
 )
 RUN_KEYS = ("t_end", "method", "rtol", "atol", "step")
 
@@ -84,7 +85,7 @@ class _Scene:
         velocities = {f"{name}_dot": velocity_of(q) for name, q in coordinates.items()}
         values = self.parameters(coordinates)
         symbols = {name: sympy.Symbol(name, real=True) for name in values}
-        names = {**coordinates, **velocities, **symbols}
+        names = {**coordinates, **velocities, **symbols, **self.given(coordinates, symbols)}
         forces = document.table("forces", coordinates, "coordinate of this scene")
         initial = document.table("initial", [*coordinates, *velocities], "coordinate or velocity of this scene")
         try:
@@ -146,9 +147,24 @@ class _Scene:
             values[name] = self.document.number("parameters", name)
         return values
 
+    def given(self, coordinates: Mapping[str, Any], symbols: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the given functions of time and their first two derivatives, by name."""
+        names: dict[str, Any] = {}
+        for name, motion in self.document.table("given").items():
+            self.check_free(name, "given function", coordinates, "given", name)
+            if name in symbols:
+                self.document.refuse(f"{name} is a parameter already: choose another name.", "given", name, key=True)
+            values = motion if isinstance(motion, list) else self.document.expression(symbols, "given", name)
+            try:
+                function = given(name, values)
+            except StatementError as error:
+                self.document.refuse(str(error), "given", name)
+            names |= {name: function, f"{name}_dot": function.dot, f"{name}_ddot": function.ddot}
+        return names
+
     def check_free(self, name: str, what: str, coordinates: Any, *path: str | int) -> None:
         """Refuse a name that is malformed or means something else already."""
-        key = path[0] == "parameters"
+        key = path[0] != "coordinates"
         try:
             check_symbol(name, what)
         except StatementError as error:

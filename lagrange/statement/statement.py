@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import inf
 from types import MappingProxyType
 from typing import Any
 
-from sympy import Symbol
+from sympy import Expr, Symbol
 
+from lagrange.errors import listing
 from lagrange.statement.constraint import Constraint
 from lagrange.statement.coordinate import acceleration_of, name_of, velocity_of
 from lagrange.statement.dimension import Size
+from lagrange.statement.motion import motion_of
 
 REFUSE, ALLOW = REDUNDANT = ("refuse", "allow")
 """What is done with constraints that follow from others: they are refused, or share the forces."""
@@ -40,7 +43,11 @@ class Statement:
     `forces` has one entry per coordinate, in the order of `coordinates`; `initial` holds (q, v), 2n numbers.
     `constraints` are expressions that stay zero; `redundant` says what is done with those that follow from others.
     `defaults` lacks the parameters that were given no value. `dimensions` has the sizes of coordinates, parameters and
-    t that were stated or follow from those, empty where none were.
+    t that were stated or follow from those, empty where none were. `given` are given functions of time, `orders` the
+    highest derivatives in which they stand, `unknown` undefined functions of coordinates, such as U(r). Where values
+    were put in their places, `prescribed` has what each given function and derivative has become, and `open_form` is
+    the statement without them. `inferred` are the names of functions of time that were taken for coordinates since the
+    energies contain them, and that nobody declared.
     """
 
     coordinates: tuple[Any, ...]
@@ -61,6 +68,12 @@ class Statement:
     constraints: tuple[Constraint, ...] = ()
     redundant: str = REFUSE
     dimensions: Mapping[Any, Size] = field(default_factory=lambda: MappingProxyType({}))
+    given: tuple[Any, ...] = ()
+    unknown: tuple[Any, ...] = ()
+    orders: tuple[int, ...] = ()
+    prescribed: tuple[tuple[Any, Any], ...] = ()
+    inferred: tuple[str, ...] = ()
+    open_form: Statement | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         # Read-only views of dicts do not pickle.
@@ -80,14 +93,46 @@ class Statement:
         """The coordinates' names, n of them."""
         return tuple(name_of(q) for q in self.coordinates)
 
+    def highest(self, function: Any) -> int:
+        """Return the highest derivative of a given function that may be asked for: equations contain one more."""
+        return max(2, self.orders[self.given.index(function)] + 1)
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """The times at which all given functions have values."""
+        spans = [known.span for known in map(motion_of, self.given) if known is not None]
+        return max((first for first, _ in spans), default=-inf), min((last for _, last in spans), default=inf)
+
+    def remarks(self) -> list[str]:
+        """Return what the reader of the statement may not have meant, in sentences."""
+        unused = [p.name for p in self.unused]
+        stands = "The parameter {} stands" if len(unused) == 1 else "The parameters {} stand"
+        said = [f"{stands.format(listing(unused))} in no energy, force, constraint or position."] * bool(unused)
+        if self.inferred:
+            taken = "is taken for a coordinate" if len(self.inferred) == 1 else "are taken for coordinates"
+            said.append(
+                f"{listing(self.inferred)} {taken}, as a function of time in the energies; a motion that is given is "
+                "stated by lg.given(name)."
+            )
+        return said
+
     @property
     def unused(self) -> tuple[Symbol, ...]:
         """The parameters that stand in no energy, force, constraint or position."""
         stated = [self.kinetic, self.potential, self.dissipation, *self.forces]
         stated += [one.expression for one in self.constraints]
         stated += [entry for point in self.positions.values() for entry in point]
+        motions = (motion_of(function) for function in self.given)
+        stated += [known.values for known in motions if known and isinstance(known.values, Expr)]
         used = frozenset().union(*(expression.free_symbols for expression in stated))
         return tuple(p for p in self.parameters if p not in used)
+
+    @property
+    def known_motions(self) -> list[tuple[Any, Any] | str]:
+        """The given functions with values: the two sides of a formula, or a sentence about a table."""
+        known = [(function, motion_of(function)) for function in self.given]
+        pairs = [(function, motion.values) for function, motion in known if motion and motion.values is not None]
+        return [pair if isinstance(pair[1], Expr) else f"{name_of(pair[0])} is given by {pair[1]}." for pair in pairs]
 
     @property
     def plain(self) -> Mapping[Any, Any]:

@@ -14,6 +14,7 @@ from sympy.logic.boolalg import ITE, And, BooleanAtom, Not, Or
 
 from lagrange.errors import StatementError, listing
 from lagrange.statement.coordinate import check_symbol, name_of, t, velocity_of
+from lagrange.statement.motion import Motion, motion_of
 from lagrange.statement.multiplier import constraint_of
 from lagrange.statement.vocabulary import SYMPY_CLASSES, WORDS
 
@@ -28,6 +29,8 @@ class Survey:
     velocities: dict[Any, None] = field(default_factory=dict)
     parameters: dict[Any, None] = field(default_factory=dict)
     multipliers: dict[str, None] = field(default_factory=dict)
+    given: dict[Any, int] = field(default_factory=dict)  # given functions of time, with their highest derivatives
+    unknown: dict[Any, None] = field(default_factory=dict)  # undefined functions of anything but time
     seen: set[Any] = field(default_factory=set)
 
     def add(self, expression: Any, what: str, *, accelerations: bool = False, multipliers: bool = False) -> None:
@@ -40,6 +43,8 @@ class Survey:
                 self._add_function(node, what)
             elif isinstance(node, sympy.Derivative):
                 self._add_derivative(node, what, accelerations)
+            elif isinstance(node, sympy.Subs):
+                self._add_unknown(node.expr, what)
             else:
                 _check_supported(node, what)
 
@@ -57,20 +62,42 @@ class Survey:
 
     def _add_function(self, node: Any, what: str) -> None:
         if node.args != (t,):
+            self._add_unknown(node, what)
+        elif (motion := motion_of(node)) is None:
+            check_symbol(name_of(node), "coordinate")
+            self.coordinates[node] = None
+        else:
+            self._add_given(node, motion, 0)
+
+    def _add_given(self, node: Any, motion: Motion, order: int) -> None:
+        self.given[node] = max(order, self.given.get(node, 0))
+        if isinstance(motion.values, sympy.Expr):
+            self.add(motion.values, f"the given function {name_of(node)}")
+
+    def _add_unknown(self, node: Any, what: str) -> None:
+        """Add an undefined function of coordinates, such as U(r), itself or inside its derivative at a point."""
+        function = node.expr if isinstance(node, sympy.Derivative) else node
+        if not isinstance(function, AppliedUndef) or motion_of(function) is not None:
             raise StatementError(
-                f"{what} contains {node}, an undefined function. A coordinate is a function of time alone, such as "
-                f"{name_of(node)}(t); write any other function out."
+                f"{what} contains {node}, a derivative that is not evaluated. Call .doit() on it, or write it out."
             )
-        check_symbol(name_of(node), "coordinate")
-        self.coordinates[node] = None
+        check_symbol(name_of(function), "function")
+        self.unknown[function] = None
 
     def _add_derivative(self, node: Any, what: str, accelerations: bool) -> None:
         inner = node.expr
+        if isinstance(inner, AppliedUndef) and inner.args != (t,):
+            self._add_unknown(node, what)
+            return
         if not isinstance(inner, AppliedUndef) or set(node.variables) != {t}:
             raise StatementError(
                 f"{what} contains {node}, a derivative that is not evaluated. Call .doit() on it, or write it out."
             )
         order = len(node.variables)
+        motion = motion_of(inner)
+        if motion is not None:
+            self._add_given(inner, motion, order)
+            return
         if order > 2 or (order == 2 and not accelerations):
             leaves = "coordinates, velocities and accelerations" if accelerations else "coordinates and velocities"
             raise StatementError(
@@ -90,8 +117,17 @@ def _distinct(expression: Any, seen: set[Any]) -> Iterator[Any]:
             continue
         seen.add(node)
         yield node
-        if not isinstance(node, (AppliedUndef, sympy.Derivative)):
-            stack.extend(reversed(node.args))
+        stack.extend(reversed(_parts(node)))
+
+
+def _parts(node: Any) -> tuple[Any, ...]:
+    """Return what a node is made of, nothing for a function of time or its derivative."""
+    if isinstance(node, sympy.Subs):
+        return tuple(node.point)
+    function = node.expr if isinstance(node, sympy.Derivative) else node
+    if isinstance(function, AppliedUndef):
+        return () if function.args == (t,) else tuple(function.args)
+    return () if isinstance(node, sympy.Derivative) else tuple(node.args)
 
 
 def _check_supported(node: Any, what: str) -> None:

@@ -35,6 +35,15 @@ WORDS: dict[str, Word] = {
         Word("sinh", sympy.sinh, 1, 1),
         Word("cosh", sympy.cosh, 1, 1),
         Word("tanh", sympy.tanh, 1, 1),
+        Word("cot", sympy.cot, 1, 1),
+        Word("sec", sympy.sec, 1, 1),
+        Word("csc", sympy.csc, 1, 1),
+        Word("sinc", sympy.sinc, 1, 1),
+        Word("asinh", sympy.asinh, 1, 1),
+        Word("acosh", sympy.acosh, 1, 1),
+        Word("atanh", sympy.atanh, 1, 1),
+        Word("erf", sympy.erf, 1, 1),
+        Word("heaviside", sympy.Heaviside, 1, 1),
         Word("abs", sympy.Abs, 1, 1),
         Word("sign", sympy.sign, 1, 1),
         Word("min", sympy.Min, 1, None),
@@ -42,7 +51,7 @@ WORDS: dict[str, Word] = {
     )
 }
 
-ALIASES = {"Abs": "abs", "Min": "min", "Max": "max", "ln": "log"}
+ALIASES = {"Abs": "abs", "Min": "min", "Max": "max", "ln": "log", "Heaviside": "heaviside"}
 """Other spellings that a text may use."""
 
 FUNCTIONS = frozenset((*WORDS, *ALIASES))
@@ -50,5 +59,5 @@ FUNCTIONS = frozenset((*WORDS, *ALIASES))
 
 SYMPY_CLASSES: frozenset[Any] = frozenset(
     word.build for word in WORDS.values() if isinstance(word.build, type)
-) | frozenset((sympy.cot, sympy.sec, sympy.csc, sympy.Piecewise))
-"""SymPy function classes that may stand in an energy; the last four are spelled by the others."""
+) | frozenset((sympy.Piecewise,))
+"""SymPy function classes that may stand in an energy."""

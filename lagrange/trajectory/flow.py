@@ -15,6 +15,7 @@ from lagrange.errors import RunError, StatementError, shown
 from lagrange.machine.backend import Driver
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
+from lagrange.statement.given import check_span
 from lagrange.statement.number import real_array, real_number
 from lagrange.trajectory.constraints.consistent import consistent_start
 from lagrange.trajectory.constraints.dependence import check_independent
@@ -52,6 +53,7 @@ class Flow:
         self._dimension = model.layout.size
         self._constrained = bool(len(model.equations.constraints))
         self._independent = False
+        self._given = bool(model.statement.given)
         self._max_steps = options.step_limit
         self._local = _Prepared()
         unit = Problem(
@@ -90,6 +92,8 @@ class Flow:
             raise StatementError(f"y0 has shape {start.shape}: give [q, v] of shape ({self._dimension},).")
         if not (type(t0) is type(t1) is float and math.isfinite(t1 - t0)):
             t0, t1 = real_number(t0, "the first time"), real_number(t1, "the last time")
+        if self._given:
+            check_span(self._model.statement, t0, t1)
         if self._constrained:
             array = self._model.parameter_array(parameters)
             start = consistent_start(self._model, t0, start, array)

@@ -70,6 +70,7 @@ def test_reverse_equals_forward_with_kinks_and_choices_too(forms: Forms) -> None
 ARGUMENTS: dict[str, tuple[str, ...]] = {
     "asin": ("0.4",),
     "acos": ("-0.3",),
+    "acosh": ("1.7",),
     "log": ("2.3",),
     "atan2": ("-0.7", "-1.1"),
     "min": ("0.7", "1.9"),

@@ -84,6 +84,17 @@ SMOOTH = (
     function(1, "cos", sp.cos, mpmath.cos),
     function(1, "atan", sp.atan, mpmath.atan),
     function(1, "tanh", sp.tanh, mpmath.tanh),
+    function(1, "asinh", sp.asinh, mpmath.asinh),
+    function(1, "erf", sp.erf, mpmath.erf),
+    Operation(
+        1,
+        lambda a: a.graph.call("atanh", a.graph.call("sin", a) / 2),
+        lambda a: sp.atanh(sp.sin(a) / 2),
+        lambda a: mpmath.atanh(mpmath.sin(a) / 2),
+    ),
+    Operation(
+        1, lambda a: a.graph.call("acosh", 2 + a * a), lambda a: sp.acosh(2 + a**2), lambda a: mpmath.acosh(2 + a * a)
+    ),
     Operation(
         1,
         lambda a: a.graph.call("exp", a.graph.call("sin", a)),
@@ -211,7 +222,7 @@ def _piecewise(*args: Any) -> Any:
 
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     **{name: getattr(mpmath, name) for name in ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log")},
-    **{name: getattr(mpmath, name) for name in ("sinh", "cosh", "tanh", "sign")},
+    **{name: getattr(mpmath, name) for name in ("sinh", "cosh", "tanh", "sign", "asinh", "acosh", "atanh", "erf")},
     "abs": abs,
     "min": min,
     "max": max,

@@ -66,7 +66,15 @@ def run(target: str, op: str, columns: Any) -> Any:
 def samples(op: str, count: int) -> Any:
     """Return ordinary arguments inside the domain, (arity, count)."""
     rng = np.random.default_rng(sum(map(ord, op)))
-    low, high = {"asin": (-1, 1), "acos": (-1, 1), "log": (0.01, 9), "sqrt": (0, 9), "power": (0.1, 3)}.get(op, (-4, 4))
+    low, high = {
+        "asin": (-1, 1),
+        "acos": (-1, 1),
+        "acosh": (1, 9),
+        "atanh": (-1, 1),
+        "log": (0.01, 9),
+        "sqrt": (0, 9),
+        "power": (0.1, 3),
+    }.get(op, (-4, 4))
     return rng.uniform(low, high, (ARITY[op] or 0, count))
 
 

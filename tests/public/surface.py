@@ -314,5 +314,7 @@ OWN: dict[str, dict[str, Any]] = {
 def arguments(public: Public, folder: Path) -> dict[str, Any]:
     """Return arguments for the parameters of a callable that have a known one, without those of variable number."""
     known = sound(folder) | OWN.get(public.name, {})
+    if public.name == "lg.load":
+        known["path"] = solution().to_npz(folder / "run.npz")
     kinds = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
     return {p.name: known[p.name] for p in public.parameters if p.kind not in kinds and p.name in known}

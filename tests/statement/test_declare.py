@@ -192,10 +192,13 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"coordinates": [sympy.Function("é")(t)]}, "'é' cannot name a coordinate"),
     ({"coordinates": [theta, theta]}, "coordinate theta is listed twice: name each coordinate once."),
     ({"coordinates": [theta, x]}, "the kinetic energy does not contain x.dot, so x has no inertia"),
-    ({"coordinates": [theta, x]}, "add its kinetic energy, or make x a parameter."),
+    (
+        {"coordinates": [theta, x]},
+        "add its kinetic energy, or make x a parameter, or with lg.given('x') a given function of time.",
+    ),
     (
         {"potential": V + x, "coordinates": [theta]},
-        "x(t) is used but not declared: add it to coordinates, which are theta.",
+        "x is a function of time, and the coordinates that were declared are theta. Is x a coordinate or a given",
     ),
     ({"potential": V * coordinate("thet"), "coordinates": [theta]}, "Did you mean 'theta'?"),
     # forces
@@ -205,7 +208,7 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"forces": {theta: 1, "theta": 2}}, "forces names 'theta' twice: give the sum of the forces on it."),
     ({"forces": [1]}, "forces is a list: give a dict from coordinate to generalized force."),
     ({"forces": {theta: "1"}}, "the force on theta is the text '1'"),
-    ({"forces": {theta: x}}, "x(t) is used but not declared"),
+    ({"forces": {theta: x}}, "Is x a coordinate or a given motion?"),
     ({"forces": {theta: theta.ddot}}, "the force on theta contains the derivative of order 2 of theta"),
     # parameters
     ({"parameters": [m]}, "parameters is a list: give a dict from parameter to value."),

@@ -75,8 +75,7 @@ def test_deep_expressions_are_walked_without_recursion() -> None:
 
 
 REFUSALS = [
-    (sympy.Function("f")(x), "the energy contains f(x(t)), an undefined function. A coordinate is a function of time"),
-    (sympy.Function("f")(t, m), "the energy contains f(t, m), an undefined function."),
+    (sympy.Function("é")(x), "'é' cannot name a function"),
     (sympy.Function("é")(t), "'é' cannot name a coordinate"),
     (sympy.Derivative(x * y, t), "a derivative that is not evaluated. Call .doit() on it, or write it out."),
     (sympy.Derivative(x, m, evaluate=False), "a derivative that is not evaluated"),
@@ -88,7 +87,7 @@ REFUSALS = [
     (sympy.nan, "the energy contains nan, which is not a finite number"),
     (sympy.gamma(x), "the energy contains gamma in 'gamma(x(t))', which is not supported. The functions are sin, cos,"),
     (sympy.Integral(x, t), "the energy contains Integral in 'Integral(x(t), t)', which is not supported."),
-    (sympy.Heaviside(x), "Heaviside"),
+    (sympy.erfc(x), "erfc"),
     (sympy.re(x), "the energy contains re in 're(x(t))', which is not supported."),
 ]
 

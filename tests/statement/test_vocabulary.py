@@ -7,7 +7,10 @@ import sympy
 
 from lagrange.statement.vocabulary import ALIASES, SYMPY_CLASSES, WORDS
 
-REQUIRED = "sin cos tan asin acos atan atan2 exp log sqrt sinh cosh tanh abs sign min max"
+REQUIRED = (
+    "sin cos tan asin acos atan atan2 exp log sqrt sinh cosh tanh cot sec csc sinc asinh acosh atanh erf heaviside abs "
+    "sign min max"
+)
 
 
 def test_the_words_are_complete_and_named_as_they_are_listed() -> None:

@@ -165,7 +165,10 @@ class _Rows(FloatPrinter):
         return ", ".join(self.text_of(arg) for arg in one.args)
 
     def composed(self, one: Instruction, row: str) -> None:
-        """Write an operation that takes two functions of NumPy; its row is none of the operands."""
+        """Write an operation that is no function of NumPy; its row is none of the operands."""
+        if len(one.args) == 1:
+            self.write(f"{row}[:] = [{one.op}(one) for one in {self.text_of(one.args[0])}.tolist()]")
+            return
         a, b, c = (self.text_of(arg) for arg in one.args)
         if one.op == "select":
             self.write(f"np.copyto({row}, {c})")

@@ -39,6 +39,7 @@ PASSING_ROWS = 3
 FUNCTIONS: dict[str, Any] = {
     **{name: getattr(math, name) for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2")},
     **{name: getattr(math, name) for name in ("exp", "log", "sinh", "cosh", "tanh")},
+    **{name: getattr(math, name) for name in ("asinh", "acosh", "atanh", "erf")},
     **{name: OPERATIONS[name] for name in ("min", "max", "sign")},
     "power": math.pow,
     "abs": abs,
@@ -82,6 +83,7 @@ SOURCE_NOTE = """\
 
 import numpy as np
 from math import acos, asin, atan, atan2, cos, cosh, exp, inf, log, nan, pow as power, sin, sinh, sqrt, tan, tanh
+from math import acosh, asinh, atanh, erf
 from numpy import sign
 
 # One state: {name}(p)(t, y), with sequences of floats, returns a tuple of floats. The calls of a model have its

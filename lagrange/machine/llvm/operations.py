@@ -25,7 +25,10 @@ _WHOLE_INTRINSICS = {"min": "smin", "max": "smax"}
 _COMPARED = {"less": ("olt", "slt"), "less_equal": ("ole", "sle"), "equal": ("oeq", "eq")}
 LIBRARY = {
     op: {"power": "pow"}.get(op, op)
-    for op in ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "sinh", "cosh", "tanh", "power")
+    for op in (
+        *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "sinh", "cosh", "tanh", "power"),
+        *("asinh", "acosh", "atanh", "erf"),
+    )
 }
 """What the C library calls an operation; many at once may have a vector routine there."""
 

@@ -1,0 +1,94 @@
+"""Runs from files: what `solution.to_npz` wrote becomes a Solution again."""
+
+from __future__ import annotations
+
+import json
+import os
+import zipfile
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from lagrange.compiler import machine, model_of
+from lagrange.errors import StatementError, listing, shown
+from lagrange.machine.model import Model
+from lagrange.show.solution import Solution
+from lagrange.statement.stored import restored
+from lagrange.trajectory.paths.known import OutputPath
+from lagrange.trajectory.trajectory import Status, Trajectory
+
+NEEDED = ("t", "y", "names", "card", "statement")
+"""The arrays without which a file is no run."""
+
+OUTPUTS_ALONE = "a file has the outputs of a run alone. Ask at these times, or run the system again."
+
+
+def load(path: str | os.PathLike[str]) -> Solution:
+    """Return the run that `solution.to_npz` wrote, with its system: a Solution, with no states between its outputs.
+
+    Nothing in the file is run: it holds numbers and texts, and the system is built from them as one of a scene is.
+    Raises StatementError for a file that cannot be read, or holds something else.
+    """
+    if not isinstance(path, (str, os.PathLike)):
+        raise StatementError(f"the path is {shown(path)} ({type(path).__name__}): give the path of a file.")
+    arrays = _arrays(path)
+    missing = [name for name in NEEDED if name not in arrays]
+    if missing:
+        raise StatementError(
+            f"{os.fspath(path)!r} is no run that to_npz wrote: it lacks {listing(missing)}. Give such a file; "
+            "one of an older version has no statement."
+        )
+    try:
+        card, stated = (json.loads(str(arrays[name])) for name in ("card", "statement"))
+        model = model_of(restored(stated), machine(card["target"]))
+        return Solution(_trajectory(arrays, card, model), model, model.parameter_values(card["parameters"]))
+    except StatementError as error:
+        raise StatementError(f"{os.fspath(path)!r} cannot be used: {error}") from error
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise StatementError(
+            f"{os.fspath(path)!r} is no run that to_npz wrote ({type(error).__name__}: {error})."
+        ) from error
+
+
+def _arrays(path: str | os.PathLike[str]) -> Mapping[str, Any]:
+    """Return the arrays of a file by name."""
+    try:
+        found = np.load(path, allow_pickle=False)
+        if isinstance(found, np.ndarray):
+            raise StatementError(f"{os.fspath(path)!r} holds one array: give a file that solution.to_npz wrote.")
+        with found:
+            return dict(found)
+    except OSError as error:
+        raise StatementError(f"{os.fspath(path)!r} cannot be read ({error.strerror or error}).") from error
+    except (ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise StatementError(f"{os.fspath(path)!r} is no file that solution.to_npz wrote ({error}).") from error
+
+
+def _trajectory(arrays: Mapping[str, Any], card: Mapping[str, Any], model: Model) -> Trajectory:
+    """Return the states of a file. Raises StatementError where they are not those of the model."""
+    t, y = arrays["t"], arrays["y"]
+    if y.shape != (len(model.layout.names()), len(t)):
+        raise StatementError(
+            f"it has states of shape {y.shape} at {len(t)} times, for a system with {listing(model.layout.names())}."
+        )
+    events = range(len(card["events"]))
+    return Trajectory(
+        t=t,
+        y=y,
+        status=Status(card["status"]),
+        message=card["message"],
+        method=card["method"],
+        steps=card["steps"],
+        rejected=card["rejected"],
+        evaluations=card["evaluations"],
+        wall=card["wall"],
+        span=(card["t_start"], card["t_end"]),
+        dense=OutputPath(t, y, None, OUTPUTS_ALONE),
+        form=card["form"],
+        t_events=tuple(arrays[f"t_event_{i}"] for i in events),
+        y_events=tuple(arrays[f"y_event_{i}"] for i in events),
+        step=card["step"],
+        rtol=card["rtol"],
+        atol=card["atol"],
+    )

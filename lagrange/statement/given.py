@@ -1,0 +1,206 @@
+"""Given functions of time: a motion that is known, or an input; open, as an expression in t, or as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import sympy
+from sympy.core.function import AppliedUndef
+
+from lagrange.errors import StatementError, listing, suggestion
+from lagrange.statement.coordinate import check_symbol, function_of_time, name_of, t
+from lagrange.statement.expression import expression
+from lagrange.statement.motion import MARK, Motion, Table, motion_of
+from lagrange.statement.number import real_array
+from lagrange.statement.parameters import check_rate
+from lagrange.statement.statement import Statement
+from lagrange.statement.survey import Survey
+
+FEWEST_TIMES = 4
+"""Times that a cubic needs."""
+MOST_TIMES = 200
+"""Each interval is a branch of a condition: a hundred compile in 2 s, and a run of `taylor` ends a step at each."""
+DEGREE = 3
+"""Degree of the polynomials that stand for an open function where it is asked what the equations depend on."""
+
+
+def given(name: str, values: Any = None) -> Any:
+    """Return a given function of time of that name: a motion that is known, or an input.
+
+    `values` is an expression in `lagrange.t` and parameters, or a table (times, values) of 4 to 200 times that rise,
+    which a cubic spline joins: its first and second derivatives are continuous. Without `values` the function stays
+    open: derivations contain it with its derivatives, and a run is refused. `.dot` and `.ddot` are its derivatives.
+    Raises StatementError for what is none of these.
+    """
+    check_symbol(name, "given function")
+    return function_of_time(name, {MARK: Motion(_values(f"the given function {name}", values))})
+
+
+def _values(what: str, values: Any) -> Any:
+    if values is None:
+        return None
+    if isinstance(values, (list, tuple, np.ndarray)):
+        return _table(what, values)
+    stated, survey = expression(values, what), Survey()
+    survey.add(stated, what)
+    leaves = [*survey.coordinates, *survey.given, *survey.unknown]
+    if leaves:
+        raise StatementError(
+            f"{what} is {str(stated)[:60]}, which contains {leaves[0]}: give an expression in lg.t and parameters. "
+            "What depends on the motion is a force, a constraint or a part of an energy."
+        )
+    return stated
+
+
+def _table(what: str, columns: Sequence[Any] | Any) -> Table:
+    if len(columns) != 2:
+        raise StatementError(f"{what} has {len(columns)} columns: give (times, values), two lists of one length.")
+    times, values = real_array(columns[0], f"the times of {what}"), real_array(columns[1], f"the values of {what}")
+    if times.ndim != 1 or values.shape != times.shape or not np.isfinite([times, values]).all():
+        raise StatementError(
+            f"{what} has times of shape {times.shape} and values of shape {values.shape}: give two lists of finite "
+            "numbers, of one length."
+        )
+    if not FEWEST_TIMES <= len(times) <= MOST_TIMES:
+        raise StatementError(
+            f"{what} has {len(times)} times: give {FEWEST_TIMES} to {MOST_TIMES}. Thin a longer table out, or fit an "
+            "expression in lg.t."
+        )
+    falls = np.flatnonzero(np.diff(times) <= 0)
+    if len(falls):
+        first, second = times[falls[0]], times[falls[0] + 1]
+        raise StatementError(f"the times of {what} go from {first:g} to {second:g}: give times that rise.")
+    return Table(tuple(map(float, times)), tuple(map(float, values)))
+
+
+def coordinate_or_given(name: str, coordinates: Sequence[str]) -> str:
+    """Return the question about a function of time that nobody declared."""
+    return (
+        f"{name} is a function of time, and the coordinates that were declared are {listing(coordinates)}. Is {name} a "
+        f"coordinate or a given motion? A coordinate, whose motion is found, is lg.coordinate({name!r}) and stands in "
+        f"coordinates; a given motion or input is lg.given({name!r}), with values for a run as in lg.given({name!r}, "
+        f"sin(lg.t)).{suggestion(name, coordinates)}"
+    )
+
+
+def check_given(survey: Survey, coordinates: Collection[str]) -> None:
+    """Refuse given functions that share a name with something else, or whose tables have no time in common."""
+    names: dict[str, Any] = {}
+    for function in survey.given:
+        name = name_of(function)
+        if name in coordinates or name in names:
+            other = "a coordinate" if name in coordinates else "a given function with other values"
+            raise StatementError(f"{name} is a given function of time, and the name of {other} too: rename one.")
+        check_rate(name, coordinates, "given function")
+        names[name] = function
+    spans = {name: motion.span for name, function in names.items() if (motion := motion_of(function)) is not None}
+    if spans and max(first for first, _ in spans.values()) >= min(last for _, last in spans.values()):
+        raise StatementError(f"the tables of {listing(spans)} have no times in common: give them over the same times.")
+
+
+def with_values(statement: Statement) -> Statement:
+    """Return the statement with its given functions put in as functions of t.
+
+    An open one becomes a polynomial with unknown coefficients, and so does a function of coordinates that nobody wrote
+    out: that says what the equations depend on, and `require_values` refuses to run it.
+    """
+    if statement.prescribed or not (statement.given or statement.unknown):
+        return statement
+    coefficients: dict[Any, None] = {}
+    table: dict[Any, Any] = {}
+    by_name = {p.name: p for p in statement.parameters}
+    for function in statement.given:
+        motion = motion_of(function)
+        if motion is None or motion.values is None:
+            motion = Motion(_polynomial(name_of(function), (t,), coefficients))
+        for order in range(statement.highest(function) + 1):
+            value = motion.derivative(order)
+            symbols = {p: by_name[p.name] for p in value.free_symbols if p.name in by_name}
+            table[sympy.Derivative(function, (t, order)) if order else function] = value.xreplace(symbols)
+
+    def put(expression: Any) -> Any:
+        known = expression.xreplace(table)
+        return _written_out(known, coefficients) if statement.unknown else known
+
+    return replace(
+        statement,
+        kinetic=put(statement.kinetic),
+        potential=put(statement.potential),
+        lagrangian=put(statement.lagrangian),
+        forces=tuple(map(put, statement.forces)),
+        dissipation=put(statement.dissipation),
+        constraints=tuple(replace(one, expression=put(one.expression)) for one in statement.constraints),
+        positions=MappingProxyType({label: tuple(map(put, point)) for label, point in statement.positions.items()}),
+        prescribed=tuple(table.items()),
+        open_form=statement,
+        parameters=(*statement.parameters, *coefficients),
+    )
+
+
+def _polynomial(name: str, arguments: Sequence[Any], coefficients: dict[Any, None]) -> Any:
+    """Return a polynomial in the arguments, each of whose coefficients is a symbol of its own."""
+    terms = sorted(sympy.itermonomials(arguments, DEGREE), key=str) if len(arguments) > 1 else None
+    made = terms if terms is not None else [arguments[0] ** k for k in range(DEGREE + 1)]
+    symbols = [sympy.Symbol(f"{name}[{k}]", real=True) for k in range(len(made))]
+    coefficients.update(dict.fromkeys(symbols))
+    return sympy.Add(*(c * term for c, term in zip(symbols, made, strict=True)))
+
+
+def _written_out(expression: Any, coefficients: dict[Any, None]) -> Any:
+    """Return the expression with polynomials for its undefined functions of coordinates."""
+    found = [node for node in expression.atoms(AppliedUndef) if node.args != (t,)]
+    for function in sorted({node.func for node in found}, key=str):
+        arguments = [sympy.Dummy(real=True) for _ in range(max(len(n.args) for n in found if n.func == function))]
+        polynomial = _polynomial(function.__name__, arguments, coefficients)
+        expression = expression.replace(function, sympy.Lambda(tuple(arguments), polynomial))
+    return expression.replace(_pending, lambda node: node.doit())
+
+
+def _pending(node: Any) -> bool:
+    """Return whether a node is a derivative to be taken, and none of a coordinate."""
+    return isinstance(node, sympy.Subs) or (
+        isinstance(node, sympy.Derivative) and not (isinstance(node.expr, AppliedUndef) and node.expr.args == (t,))
+    )
+
+
+def require_values(statement: Statement) -> None:
+    """Raise StatementError if a run of the statement would lack the values of a function."""
+    names = [name_of(function) for function in statement.given if _open(function)]
+    if names:
+        is_open = "is a given function" if len(names) == 1 else "are given functions"
+        raise StatementError(
+            f"{listing(names)} {is_open} of time without values, which numbers need: state lg.given({names[0]!r}, "
+            f"expression in lg.t) or lg.given({names[0]!r}, (times, values)), or put one in with "
+            f"system.substitute({{{names[0]!r}: ...}})."
+        )
+    if statement.unknown:
+        raise StatementError(
+            f"{listing(map(str, statement.unknown))} {'is' if len(statement.unknown) == 1 else 'are'} not written out, "
+            "which numbers need: a derivation leaves an undefined function open, a run wants its formula."
+        )
+
+
+def _open(function: Any) -> bool:
+    motion = motion_of(function)
+    return motion is None or motion.values is None
+
+
+def check_span(statement: Statement, t0: float, t1: float) -> None:
+    """Raise StatementError for a run that leaves the times of a table."""
+    for function in statement.given:
+        motion = motion_of(function)
+        first, last = motion.span if motion else (-np.inf, np.inf)
+        if min(t0, t1) < first or max(t0, t1) > last:
+            raise StatementError(
+                f"{name_of(function)} is given from t = {first:g} to {last:g}, and the run goes from {t0:g} to {t1:g}: "
+                "nothing is extrapolated. Give a longer table, or t_start and t_end within it."
+            )
+
+
+def replaced(function: Any, values: Any) -> Mapping[Any, Any]:
+    """Return the replacement of a given function by one of that name with values."""
+    return {function: given(name_of(function), values)}

@@ -1,0 +1,256 @@
+"""A statement as data that JSON holds, and back: reading it runs nothing, and builds from a fixed list of classes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from fractions import Fraction
+from types import MappingProxyType
+from typing import Any
+
+import sympy
+from sympy.core.function import AppliedUndef
+from sympy.functions.elementary.piecewise import ExprCondPair
+from sympy.logic.boolalg import ITE
+
+from lagrange.errors import StatementError, shown
+from lagrange.statement.coordinate import coordinate, name_of, t
+from lagrange.statement.declare import declare
+from lagrange.statement.dimension import Size
+from lagrange.statement.given import given
+from lagrange.statement.guard import Guard, RefusalError, check_arguments, check_power
+from lagrange.statement.motion import Table, motion_of
+from lagrange.statement.statement import RunSettings, Statement
+from lagrange.statement.vocabulary import SYMPY_CLASSES
+
+FORM = 1
+"""The version of the form, which is stored with it."""
+
+LONGEST_NUMBER = 400
+"""Characters of a number: those of the smallest double, written out, and a few more."""
+
+_CLASSES: dict[str, Any] = {
+    kind.__name__: kind
+    for kind in (
+        *(sympy.Add, sympy.Mul, sympy.Pow, sympy.And, sympy.Or, sympy.Not, ITE, ExprCondPair),
+        *(sympy.StrictLessThan, sympy.LessThan, sympy.StrictGreaterThan, sympy.GreaterThan),
+        *(sympy.Equality, sympy.Unequality),
+        *SYMPY_CLASSES,
+    )
+}
+"""What an expression is built of, by name."""
+
+_CONSTANTS: dict[str, Any] = {
+    str(one): one
+    for one in (sympy.pi, sympy.E, sympy.GoldenRatio, sympy.EulerGamma, sympy.Catalan, sympy.true, sympy.false)
+}
+
+
+def stored(statement: Statement) -> dict[str, Any]:
+    """Return a statement as texts, numbers, lists and dicts."""
+    statement = statement.open_form or statement
+    writer = _Writer(statement)
+    return {
+        "form": FORM,
+        "name": statement.name,
+        "about": statement.about,
+        "source": statement.source,
+        "coordinates": list(statement.names),
+        "symbols": [[p.name, p.is_positive, p.is_nonnegative, p.is_real] for p in statement.parameters],
+        "parameters": {p.name: value for p, value in statement.defaults.items()},
+        "given": {name_of(function): writer.motion(function) for function in statement.given},
+        "lagrangian": statement.potential == 0 and statement.kinetic == statement.lagrangian,
+        "kinetic": writer.place(statement.kinetic),
+        "potential": writer.place(statement.potential),
+        "dissipation": writer.place(statement.dissipation),
+        "forces": [writer.place(force) for force in statement.forces],
+        "constraints": [[one.name, writer.place(one.expression)] for one in statement.constraints],
+        "redundant": statement.redundant,
+        "positions": {label: [writer.place(x) for x in point] for label, point in statement.positions.items()},
+        "links": [list(link) for link in statement.links],
+        "initial": list(statement.initial),
+        "run": [statement.run.t_end, statement.run.method, statement.run.rtol, statement.run.atol, statement.run.step],
+        "dimensions": [
+            [writer.place(symbol), [[name, str(power)] for name, power in size.exponents], size.factor, size.unit]
+            for symbol, size in statement.dimensions.items()
+        ],
+        "nodes": writer.nodes,
+    }
+
+
+class _Writer:
+    """Writes expressions as one list of nodes, each after what it is made of."""
+
+    def __init__(self, statement: Statement) -> None:
+        self.nodes: list[list[Any]] = []
+        self.places: dict[Any, int] = {}
+        self.given = statement.given
+
+    def place(self, expression: Any) -> int:
+        """Return the place of an expression in the list."""
+        stack = [expression]
+        while stack:
+            node = stack[-1]
+            parts = _parts(node)
+            waiting = [part for part in parts if part not in self.places]
+            if waiting:
+                stack.extend(waiting)
+                continue
+            stack.pop()
+            if node not in self.places:
+                self.places[node] = len(self.nodes)
+                self.nodes.append(_node(node, [self.places[part] for part in parts]))
+        return self.places[expression]
+
+    def motion(self, function: Any) -> Any:
+        """Return the values of a given function: the place of an expression, a table, or None."""
+        motion = motion_of(function)
+        if motion is None or motion.values is None:
+            return None
+        if isinstance(motion.values, Table):
+            return [list(motion.values.times), list(motion.values.values)]
+        return self.place(motion.values)
+
+
+def _parts(node: Any) -> tuple[Any, ...]:
+    return () if isinstance(node, (AppliedUndef, sympy.Derivative)) or node.is_Atom else tuple(node.args)
+
+
+def _node(node: Any, parts: list[int]) -> list[Any]:
+    """Return what stands in the list for a node."""
+    if isinstance(node, sympy.Derivative):
+        return ["rate", name_of(node.expr), len(node.variables)]
+    if isinstance(node, AppliedUndef):
+        return ["rate", name_of(node), 0]
+    if isinstance(node, sympy.Symbol):
+        return ["t"] if node == t else ["symbol", node.name]
+    if isinstance(node, sympy.Rational):
+        return ["rational", str(node.p), str(node.q)]
+    if isinstance(node, sympy.Float):
+        return ["float", str(node._mpf_[1] * (-1) ** node._mpf_[0]), int(node._mpf_[2]), int(node._prec)]
+    if str(node) in _CONSTANTS:
+        return ["constant", str(node)]
+    return [type(node).__name__, *parts]
+
+
+def restored(data: Any) -> Statement:
+    """Return the statement that `stored` wrote. Raises StatementError for anything else."""
+    try:
+        return _read(data)
+    except StatementError:
+        raise
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError, RefusalError, ArithmeticError) as error:
+        raise StatementError(f"the stored statement cannot be read ({type(error).__name__}: {error}).") from error
+
+
+def _read(data: Any) -> Statement:
+    if data["form"] != FORM:
+        raise StatementError(f"the stored statement has the form {shown(data['form'])}, and this version reads {FORM}.")
+    coordinates = {name: coordinate(name) for name in data["coordinates"]}
+    symbols = {name: _symbol(name, *flags) for name, *flags in data["symbols"]}
+    reader = _Reader(data["nodes"], coordinates, symbols, data["given"])
+    at = reader.expression
+    energies = {"kinetic": at(data["kinetic"]), "potential": at(data["potential"])}
+    if data["lagrangian"]:
+        energies = {"lagrangian": at(data["kinetic"])}
+    pairs = [*coordinates.values(), *(q.dot for q in coordinates.values())]
+    sizes = {
+        at(place): Size(tuple((name, Fraction(power)) for name, power in exponents), factor, unit)
+        for place, exponents, factor, unit in data["dimensions"]
+    }
+    made = declare(
+        **energies,
+        coordinates=list(coordinates.values()),
+        dissipation=at(data["dissipation"]),
+        forces={q: at(place) for q, place in zip(coordinates.values(), data["forces"], strict=True)},
+        constraints={name: at(place) for name, place in data["constraints"]},
+        redundant=data["redundant"],
+        parameters={symbols[name]: data["parameters"].get(name) for name in symbols},
+        initial=dict(zip(pairs, data["initial"], strict=True)),
+        positions={label: tuple(map(at, point)) for label, point in data["positions"].items()},
+        links=data["links"],
+        name=data["name"],
+        about=str(data["about"]),
+        source=str(data["source"]),
+        run=RunSettings(*data["run"]),
+    )
+    return replace(made, dimensions=MappingProxyType(sizes))
+
+
+def _symbol(name: str, positive: bool | None, nonnegative: bool | None, real: bool | None) -> Any:
+    """Return a parameter with what was known of its sign."""
+    told = {"positive": positive, "nonnegative": nonnegative, "real": real}
+    return sympy.Symbol(name, **{key: True for key, value in told.items() if value is True})
+
+
+class _Reader:
+    """Builds the expressions of a list of nodes; nothing is evaluated, for SymPy might never end."""
+
+    def __init__(
+        self,
+        nodes: Iterable[Any],
+        coordinates: Mapping[str, Any],
+        symbols: Mapping[str, Any],
+        motions: Mapping[str, Any],
+    ) -> None:
+        self.functions = dict(coordinates)
+        self.symbols = symbols
+        self.motions = motions
+        self.guard = Guard()
+        self.made: list[Any] = []
+        leaves: dict[str, Callable[..., Any]] = {
+            "rate": self._rate,
+            "t": lambda: t,
+            "symbol": lambda name: self.symbols[name],
+            "rational": lambda p, q: sympy.Rational(_whole(p), _whole(q)),
+            "float": _float,
+            "constant": lambda name: _CONSTANTS[name],
+        }
+        for kind, *parts in nodes:
+            if kind in leaves:
+                self.made.append(leaves[kind](*parts))
+            else:
+                self.made.append(self._built(kind, [self.expression(part) for part in parts]))
+
+    def _built(self, kind: str, parts: list[Any]) -> Any:
+        """Return a node of its parts. Raises RefusalError for numbers that SymPy would take too long to compute."""
+        numbers = [part for part in parts if isinstance(part, sympy.Number)]
+        joined = kind in ("Add", "Mul") and len(numbers) > 1
+        if joined or (kind == "Pow" and len(numbers) == 2 and isinstance(parts[1], sympy.Integer)):
+            raise RefusalError(f"{kind} of {len(numbers)} numbers")
+        if kind == "Pow":
+            check_power(*parts)
+        elif _CLASSES[kind] in SYMPY_CLASSES - {sympy.Piecewise}:
+            check_arguments(_CLASSES[kind], parts)
+        made = _CLASSES[kind](*parts, **_unevaluated(kind))
+        self.guard.check(made)
+        return made
+
+    def expression(self, place: int) -> Any:
+        """Return the expression at a place before the one that is made."""
+        if type(place) is not int or not 0 <= place < len(self.made):
+            raise IndexError(f"there is no node {shown(place)}")
+        return self.made[place]
+
+    def _rate(self, name: str, order: int) -> Any:
+        if name not in self.functions:
+            motion = self.motions[name]
+            self.functions[name] = given(name, self.expression(motion) if isinstance(motion, int) else motion)
+        function = self.functions[name]
+        return sympy.Derivative(function, (t, int(order))) if order else function
+
+
+def _unevaluated(kind: str) -> dict[str, bool]:
+    return {} if kind == ExprCondPair.__name__ else {"evaluate": False}
+
+
+def _whole(text: str) -> Any:
+    if len(text) > LONGEST_NUMBER:
+        raise ValueError(f"a number of {len(text)} digits")
+    return sympy.Integer(int(text))
+
+
+def _float(mantissa: str, exponent: int, precision: int) -> Any:
+    if not (abs(exponent) <= 2000 and 0 < precision <= 1000):
+        raise ValueError(f"a number with the exponent {exponent}")
+    return sympy.Float(_whole(mantissa) * sympy.Integer(2) ** exponent, precision=precision)

@@ -1,0 +1,169 @@
+"""Given functions of time: open, as an expression, as a table; and what is asked of a function that nobody declared."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy
+from scipy.interpolate import CubicSpline
+from sympy import Function, cos, sin
+from sympy.physics.mechanics import dynamicsymbols
+
+import lagrange as lg
+from lagrange.errors import StatementError
+from lagrange.statement.motion import motion_of
+from lagrange.statement.scene import read_scene
+from tests.statement.scenes import DROP, write
+
+t = lg.t
+theta, x = lg.coordinates("theta x")
+m, g, l, w, a = lg.parameters("m g l w a")
+TIMES = np.linspace(0.0, 3.0, 16)
+
+
+def pendulum(pivot: Any, **more: Any) -> lg.System:
+    """Return a pendulum whose pivot moves along a line."""
+    bob = (pivot + l * sin(theta), -l * cos(theta))
+    values = {m: 1, g: 9.81, l: 1} | more.pop("values", {})
+    return lg.System(
+        **({"kinetic": lg.kinetic_energy(m, bob), "potential": lg.gravity(m, bob, g)} | more),
+        parameters=values,
+        initial={theta: 1.0},
+    )
+
+
+def refusal(call: Any) -> str:
+    with pytest.raises(StatementError) as caught:
+        call()
+    return str(caught.value)
+
+
+def test_a_given_function_is_no_coordinate_and_is_told_from_one_with_other_values() -> None:
+    X = lg.given("X")
+    assert str(X) == "X(t)" and X.dot == X.diff(t) and X.ddot == X.diff(t, 2)
+    assert lg.given("X") == X and lg.coordinate("X") != X and Function("X")(t) != X
+    assert lg.given("X", sin(t)) != lg.given("X", cos(t)) != X
+    table = lg.given("X", (TIMES, TIMES**2))
+    for one in (X, lg.given("X", sin(t)), table):
+        assert pickle.loads(pickle.dumps(one)) == one
+    known = motion_of(table)
+    assert known is not None and known.span == (0.0, 3.0)
+
+
+def test_a_given_motion_stays_open_in_a_derivation() -> None:
+    X = lg.given("X")
+    driven = pendulum(X)
+    assert driven.coordinates == (theta,)
+    expected = -(g * sin(theta) + X.ddot * cos(theta)) / l
+    assert sympy.simplify(driven.accelerations()[theta] - expected) == 0
+    page = driven.page()
+    assert "X_ddot" in page and "X_dot" in page and "Derivative" not in page
+    assert r"\ddot{X}" in driven.page("latex")
+    assert any("energy is not conserved: the Lagrangian depends on time" in one for one in driven.structure)
+    for call in (driven.compile, lambda: driven.run(1.0), driven.check):
+        assert refusal(call).startswith("X is a given function of time without values, which numbers need: state")
+
+
+def test_a_function_of_coordinates_stays_open_in_a_derivation() -> None:
+    r, phi = lg.coordinates("r phi")
+    U, F = Function("U"), lg.given("F")
+    central = lg.System(m * (r.dot**2 + r**2 * phi.dot**2) / 2, U(r), forces={r: F})
+    found = central.accelerations()[r] - (r * phi.dot**2 - U(r).diff(r) / m + F / m)
+    assert sympy.simplify(found) == 0
+    assert "phi does not appear in the Lagrangian: its conjugate momentum is conserved." in central.structure
+    assert "U(r(t)) is not written out" in refusal(lambda: lg.System(m * x.dot**2 / 2, U(x)).run(1.0)).replace("x", "r")
+    wire = lg.System(lg.kinetic_energy(m, (x, U(x * t))), m * g * U(x))
+    assert "depends on time" in " ".join(wire.structure)
+
+
+def test_an_expression_is_put_in_for_a_run() -> None:
+    X, pivot = lg.given("X", a * sin(w * t)), a * sin(w * t)
+    values = {a: 0.1, w: 2.0}
+    driven, written = pendulum(X, values=values), pendulum(pivot, values=values)
+    run, other = (system.run(5.0, events=[lg.event(shown - 0.05)]) for system, shown in ((driven, X), (written, pivot)))
+    np.testing.assert_allclose(run.at(5.0), other.at(5.0), rtol=1e-12)
+    np.testing.assert_allclose(run.t_events[0], other.t_events[0], rtol=1e-12)
+    np.testing.assert_allclose(run.evaluate(X.ddot), -0.4 * np.sin(2.0 * run.t), rtol=1e-12, atol=1e-15)
+    assert driven.check()
+    assert pickle.loads(pickle.dumps(run)).evaluate(X)[3] == run.evaluate(X)[3]
+    assert "X = a*sin(w*t)" in driven.page("text")
+
+
+def test_values_are_put_in_for_an_open_function() -> None:
+    driven = pendulum(lg.given("X")).substitute({"X": a * sin(2 * t)})
+    assert driven.accelerations()[theta].has(lg.given("X", a * sin(2 * t)).ddot)
+    expected = pendulum(0.1 * sin(2 * t)).run(2.0).at(2.0)
+    np.testing.assert_allclose(driven.substitute({"a": 0.1}).run(2.0).at(2.0), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_a_table_is_a_spline_whose_first_two_derivatives_are_continuous(method: str) -> None:
+    X, spline = lg.given("X", (TIMES, np.sin(2 * TIMES))), CubicSpline(TIMES, np.sin(2 * TIMES))
+    driven = pendulum(X)
+    run = driven.run(3.0, method=method, rtol=1e-10, t_eval=np.linspace(0.0, 3.0, 50))
+    for order, leaf in enumerate((X, X.dot, X.ddot)):
+        np.testing.assert_allclose(run.evaluate(leaf), spline(run.t, order), atol=1e-13)
+    cubic = pendulum(lg.given("X", (TIMES, TIMES**3 / 9))).run(3.0, method=method)  # a spline that is exact
+    np.testing.assert_allclose(cubic.at(3.0), pendulum(t**3 / 9).run(3.0).at(3.0), rtol=1e-7)
+    assert driven.check()
+    outside = "X is given from t = 0 to 3, and the run goes from 0 to 4: nothing is extrapolated."
+    assert refusal(lambda: driven.run(4.0, method=method)).startswith(outside)
+    assert refusal(lambda: lg.flow(driven.compile(), method=method)([1.0, 0.0], 0.0, 4.0)).startswith(outside)
+    assert np.isnan(driven.compile().rhs(4.0, [1.0, 0.0])[1])
+
+
+def test_a_function_that_nobody_declared_is_asked_about() -> None:
+    u, question = (
+        Function("undeclared")(t),
+        "Is undeclared a coordinate or a given motion? A coordinate, whose motion is found, is lg.",
+    )
+    assert question in refusal(lambda: pendulum(u))
+    assert question in refusal(lambda: pendulum(u, coordinates=[theta]))
+    assert question in refusal(lambda: pendulum(0, forces={theta: u}))
+    free = lg.System(m * dynamicsymbols("y_undeclared").diff(t) ** 2 / 2)
+    assert free.structure[-1].startswith("y_undeclared is taken for a coordinate, as a function of time in the ener")
+    assert "taken" not in pendulum(0).structure[-1]
+
+
+REFUSALS: list[tuple[Any, str]] = [
+    (lambda: lg.given("t"), "'t' cannot name a given function, it is time"),
+    (lambda: lg.given("X", sin(theta)), "contains theta(t): give an expression in lg.t and parameters."),
+    (lambda: lg.given("X", "sin(t)"), "the given function X is the text 'sin(t)'"),
+    (lambda: lg.given("X", (TIMES,)), "the given function X has 1 columns: give (times, values), two lists"),
+    (lambda: lg.given("X", (TIMES, TIMES[1:])), "has times of shape (16,) and values of shape (15,)"),
+    (lambda: lg.given("X", ([0, 1, 2], [0, 1, 2])), "has 3 times: give 4 to 200. Thin a longer table out"),
+    (lambda: lg.given("X", ([0, 1, 1, 2], [0, 1, 2, 3])), "go from 1 to 1: give times that rise."),
+    (lambda: pendulum(lg.given("theta")), "theta is a given function of time, and the name of a coordinate too"),
+    (lambda: pendulum(lg.given("m")), "m is both a given function and a parameter: rename one."),
+    (lambda: pendulum(lg.given("X"), coordinates=[theta, lg.given("X")]), "X(t), which is no coordinate: make one"),
+    (
+        lambda: pendulum(lg.given("X", (TIMES, TIMES)) + lg.given("Y", (TIMES + 9, TIMES))),
+        "the tables of X and Y have no times in common",
+    ),
+    (lambda: pendulum(0).run(1.0, events=[lg.event(lg.given("X"))]), "event 0 contains X(t), which this system"),
+]
+
+
+@pytest.mark.parametrize(("call", "message"), REFUSALS, ids=[message[:30] for _, message in REFUSALS])
+def test_refusals(call: Any, message: str) -> None:
+    assert message in refusal(call)
+
+
+def test_a_scene_has_given_functions(tmp_path: Path) -> None:
+    lean: dict[str, Any] = {"forces": DROP, "kinetic": "m*(l**2*theta_dot**2 + 2*l*theta_dot*X_dot*cos(theta))/2"}
+    found = read_scene(write(tmp_path, given={"X": "sin(2*t)/g"}, **lean))
+    assert found.given == (lg.given("X", sin(2 * t) / sympy.Symbol("g", real=True)),)
+    table = read_scene(write(tmp_path, given={"X": [[0, 1, 2, 3], [0, 1, 4, 9]]}, **lean))
+    assert lg.System.from_statement(table).run(3.0).status.complete
+    for wrong, message in (
+        ({"X": "theta"}, "'theta' is not declared"),
+        ({"m": "t"}, "m is a parameter already"),
+        ({"X": [[0, 1], [0, 1]]}, "has 2 times: give 4 to 200."),
+    ):
+        with pytest.raises(lg.SceneError) as caught:
+            read_scene(write(tmp_path, given=wrong, **lean))
+        assert message in caught.value.reason and caught.value.line is not None

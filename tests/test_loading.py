@@ -1,0 +1,137 @@
+"""Runs that are written to a file and read again."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy
+
+import lagrange as lg
+from lagrange.statement.stored import restored, stored
+
+x, y = lg.coordinates("x y")
+m, k, w = lg.parameters("m k w")
+b = sympy.Symbol("b", real=True)
+TIMES = [0.0, 1.0, 2.0, 3.0]
+
+
+def rich() -> lg.System:
+    """Return a system with all that a statement may hold."""
+    X, Y = lg.given("X", sympy.sin(w * lg.t)), lg.given("Y", (TIMES, [0.0, 0.1, 0.3, 0.1]))
+    choice = sympy.Piecewise((x**3, sympy.And(x > 0, sympy.Or(y < 1, x > 2))), (sympy.Abs(x) * sympy.pi, True))
+    return lg.System(
+        kinetic=m * (x.dot**2 + (y.dot + X.dot) ** 2) / 2,
+        potential=k * (x - Y) ** 2 / 2 + sympy.Float("0.1", 40) * choice + sympy.Rational(1, 3) * sympy.asinh(y),
+        forces={x: -b * x.dot},
+        dissipation=sympy.Max(x.dot, 0) ** 2 / 7,
+        constraints={"line": y - x - sympy.sinc(x) / 9 + sympy.Rational(1, 9)},
+        parameters={m: 1, k: 2.5, w: 3, b: 0.1},
+        initial={x.dot: 0.25, y.dot: 0.25},
+        positions={"p": (x, y)},
+        links=[("origin", "p")],
+        name="rich",
+    )
+
+
+@pytest.mark.parametrize(
+    "name", ["rich", "seven-body-mechanism", "sun-earth-moon", "two-point-vortices", "rolling-disc"]
+)
+def test_a_statement_is_stored_as_data_and_comes_back_equal(name: str) -> None:
+    stated = (rich() if name == "rich" else lg.scene(name)).statement
+    again = restored(json.loads(json.dumps(stored(stated))))
+    for field in stated.__dataclass_fields__:
+        assert getattr(again, field) == getattr(stated, field), field
+
+
+def test_a_run_is_read_as_it_was_written(tmp_path: Path) -> None:
+    path = tmp_path / "run.npz"
+    run = rich().run(2.0, parameters={k: 3.0}, events=[lg.event(x.dot), lg.event(y - 9)], t_eval=np.linspace(0, 2, 9))
+    run.to_npz(path)
+    again = lg.load(path)
+    assert again.card() == run.card() and again.status is run.status
+    for one, other in ((again.y, run.y), (again.energy, run.energy), (again.evaluate(x.ddot), run.evaluate(x.ddot))):
+        np.testing.assert_array_equal(one, other)
+    for ours, theirs in ((again.t_events, run.t_events), (again.y_events, run.y_events)):
+        for one, other in zip(ours, theirs, strict=True):
+            np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(again.at(run.t[4]), run.y[:, 4])
+    with pytest.raises(lg.RunError, match=r"there is no state at t = 0\.1: a file has the outputs of a run alone"):
+        again.at(0.1)
+    assert again.model.statement.defaults[k] == 2.5 and again.parameters[k] == 3.0
+
+
+def test_dimensions_are_stored() -> None:
+    X, f = lg.given("X"), sympy.Function("f")
+    moving, sizes = lg.kinetic_energy(m, (x + X, f(x) + y)), {"X": "length", m: "kg", y: "length"}
+    stated = lg.System(moving, b * sympy.Heaviside(x), dimensions=sizes).statement
+    found = stated.dimensions
+    assert found[x].exponents == found[X].exponents and found[b].exponents != found[m].exponents
+    plain = replace(stated, kinetic=x.dot**2 + y.dot**2, given=(), unknown=(), dimensions={x: found[x], m: found[m]})
+    assert restored(json.loads(json.dumps(stored(plain)))).dimensions == plain.dimensions
+
+
+def _changed(path: Path, **changes: Any) -> Path:
+    with np.load(path) as found:
+        arrays = {**found, **changes}
+    other = path.with_name("other.npz")
+    np.savez(other, **{name: array for name, array in arrays.items() if array is not None})
+    return other
+
+
+def _with(path: Path, name: str, change: Any) -> Path:
+    with np.load(path) as found:
+        data = json.loads(str(found[name]))
+    change(data)
+    return _changed(path, **{name: np.array(json.dumps(data))})
+
+
+def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.npz"
+    lg.scene("pendulum").run(0.1).to_npz(path)
+    np.save(tmp_path / "one.npy", np.zeros(3))
+    (tmp_path / "text.npz").write_text("no archive", encoding="utf-8")
+    cases: list[tuple[Any, str]] = [
+        (3, "the path is 3 (int): give the path of a file."),
+        (tmp_path / "none.npz", "cannot be read (No such file or directory)"),
+        (tmp_path / "one.npy", "holds one array: give a file that solution.to_npz wrote."),
+        (tmp_path / "text.npz", "is no file that solution.to_npz wrote"),
+        (_changed(path, statement=None), "is no run that to_npz wrote: it lacks statement."),
+    ]
+    for given, message in cases:
+        with pytest.raises(lg.StatementError) as caught:
+            lg.load(given)
+        assert message in str(caught.value)
+
+
+CHANGES: list[tuple[str, Any, str]] = [
+    ("statement", lambda data: data.update(form=2), "the stated statement has the form 2, and this version reads 1."),
+    ("statement", lambda data: data["nodes"].append(["Integral", 0]), "cannot be read (KeyError"),
+    ("statement", lambda data: data["nodes"].append(["Add", 10**6]), "there is no node 1000000"),
+    ("statement", lambda data: data["nodes"].insert(0, ["rational", "9" * 500, "1"]), "a number of 500 digits"),
+    ("statement", lambda data: data["coordinates"].append("x"), "zip() argument 2 is shorter"),
+    ("card", lambda data: data.update(status="perfect"), "'perfect' is not a valid Status"),
+    ("card", lambda data: data.update(target="fortran"), "there is no target 'fortran'"),
+]
+
+
+@pytest.mark.parametrize(("name", "change", "message"), CHANGES, ids=[message for *_, message in CHANGES])
+def test_a_file_that_was_changed_is_refused_in_a_sentence(tmp_path: Path, name: str, change: Any, message: str) -> None:
+    path = tmp_path / "run.npz"
+    lg.scene("pendulum").run(0.1).to_npz(path)
+    with pytest.raises(lg.StatementError) as caught:
+        lg.load(_with(path, name, change))
+    assert message.replace("stated statement", "stored statement") in str(caught.value)
+
+
+def test_powers_of_powers_are_not_computed() -> None:
+    data = stored(lg.scene("pendulum").statement)
+    nine = len(data["nodes"])
+    data["nodes"] += [["rational", "9", "1"], ["Pow", nine, nine], ["Pow", nine, nine + 1], ["Pow", nine, nine + 2]]
+    data["potential"] = nine + 3
+    with pytest.raises(lg.StatementError, match="RefusalError: Pow of 2 numbers"):
+        restored(data)
