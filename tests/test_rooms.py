@@ -51,7 +51,7 @@ MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
         *("trajectory records", "trajectory/paths", "trajectory/events"),
     ),
     "trajectory/methods": (
-        *("machine records", "machine/steps", "machine/series", "machine entries"),
+        *("machine records", "machine/steps", "machine entries"),
         *("trajectory records", "trajectory/tableaux", "trajectory/paths", "trajectory/events", "trajectory runs"),
     ),
     "trajectory/foreign": (
