@@ -103,6 +103,36 @@ def test_random_events(seed: int, target: str, monkeypatch: pytest.MonkeyPatch) 
     assert_same(shown, run(compiled, end, "taylor", events=events, t_eval=times))
 
 
+STEEP = (
+    [event(x**40 - Rational(1, 10) ** 20), y],
+    [event(x**40 + y**44 - Rational(1, 10) ** 20), event(y - x**50)],
+    [
+        event(x**41 * y - Rational(1, 10) ** 25, direction=1),
+        event(y**60 - Rational(1, 10) ** 30, reset={x.dot: -x.dot}),
+    ],
+    [event((x - y) ** 39 - Rational(1, 10) ** 25, direction=-1, terminal=2), x.dot],
+)
+"""Powers above the order: their series are zero where their base is, and say nothing of what they grow to."""
+
+
+@pytest.mark.parametrize("events", STEEP, ids=str)
+@pytest.mark.parametrize(("target", "end"), [("llvm", 5.0), ("llvm", -5.0), ("numpy", 1.5)])
+def test_powers_above_the_order(events: list[Any], target: str, end: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The loop finds them as the watch does; it asks for a start at zero and for little else."""
+    compiled, asked = random_model(np.random.default_rng(7), target), []
+    process = Watch.process
+
+    def counted(self: Watch, state: DriverState) -> EventResult:
+        asked.append(state.t)
+        return process(self, state)
+
+    monkeypatch.setattr(Watch, "process", counted)
+    ours = run(compiled, end, "taylor", events=events)
+    assert ours.steps > 6 and len(asked) <= 2 * len(ours.t_events[-1]) + 4
+    in_python(monkeypatch)
+    assert_same(ours, run(compiled, end, "taylor", events=events))
+
+
 @pytest.mark.parametrize("seed", SEEDS)
 def test_functions_that_hide_what_they_grow_to(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every step is inspected, and no longer than the radius that the series show."""

@@ -15,6 +15,7 @@ from lagrange.procedure.taylor.constants import EVENT_SLACK, LEAST_PART
 from lagrange.procedure.taylor.event_series import is_balanced, largest_term, reach, safe_step, write_noise
 from lagrange.procedure.taylor.event_terms import LATE, event_terms, read_column
 from lagrange.procedure.taylor.memory import TAYLOR, SeriesMemory, work_array
+from lagrange.procedure.taylor.steep_series import verified_step
 from lagrange.procedure.taylor.sums import state_on_step
 from lagrange.procedure.taylor.watching import (
     COLUMN,
@@ -73,6 +74,7 @@ class _Inspection:
     def build(self) -> Procedure:
         p, watched, kept = self.p, self.watched, self.watched.kept
         self.wary: Flag = (~watched.record.wary.equals(0)).called("wary")
+        self.steep: Flag = (~watched.record.steep.equals(0)).called("steep")
         self.columns, self.noise, self.counts = kept.reals("columns"), kept.reals("noise"), kept.wholes("counts")
         self.size, self.values = self.layout.watched, kept.reals("values")
         first = self.rows.at(self.layout.watched_at)
@@ -80,7 +82,7 @@ class _Inspection:
             self.values[i], self.counts[i] = first[i], 0
         write_noise(watched, watched.own_numbers, self.t, self.memory.work)
         ends = self.terminates()
-        s = self.trusted(ends)
+        s = self.verified(self.trusted(ends))
         whole = s.equals(self.s)
         shortest = TOGETHER * abs(self.t) + LEAST_PART * abs(self.left)
         with p.when(~whole & (abs(s * self.scale) < shortest)):
@@ -147,6 +149,18 @@ class _Inspection:
                     s.value = p.choose(balanced.value, s.value, s.value * 0.5)
         found: Real = s.value
         return found
+
+    def verified(self, s: Real) -> Real:
+        """Return a step on which the series of high powers agree with what is watched at its end."""
+        p, watched, found = self.p, self.watched, self.p.variable(s, "verified")
+        with p.when(self.steep, likely=False):
+            function = watched.values, watched.own_numbers, watched.tilts
+            kept = (watched.kept.reals(name) for name in ("noise", "there", "blur"))
+            scratch = *kept, watched.kept.new_entries, watched.kept.moved
+            given = self.t, self.scale, self.rtol, s, *scratch, watched.sizes, *self.memory.handed
+            found.value = p.call(verified_step(), *function, *given)
+        result: Real = found.value
+        return result
 
     def sides_now(self, s: Real) -> tuple[Memory, Memory]:
         """Return the sides before the step: what has jumped over zero since the step before is on the other."""
@@ -264,7 +278,7 @@ class _Inspection:
         p, watched, size = self.p, self.watched, self.size
         kept = watched.sides.at(size * SIDES)
         sign, near, starting, counted = (watched.side(block) for block in (SIGN, NEAR, STARTING, COUNT))
-        inspect = p.variable(again | self.wary, "inspect")
+        inspect = p.variable(again | self.wary | self.steep, "inspect")
         with p.loop(0, size) as i:
             before = {SIGN: self.signs[i], NEAR: self.nears[i], STARTING: starting[i], COUNT: counted[i]}
             for block, value in before.items():

@@ -25,6 +25,7 @@ WATCH = Record.of(
     enabled=WHOLE,
     fresh=WHOLE,
     wary=WHOLE,
+    steep=WHOLE,
     surfaces=WHOLE,
     changing=WHOLE,
     room=WHOLE,
@@ -46,6 +47,8 @@ WATCH = Record.of(
 
     enabled      1 where steps are inspected here, 0 where the driver is to come back for each
     wary         1 where series hide what they grow to: every step is inspected, and no longer than they show to be safe
+    steep        1 where powers above the order are watched: every step is inspected, and its series are compared with
+                 what is watched at its end
     fresh        1 where a motion begins whose sides are not known
     surfaces     how many of what is watched are surfaces
     changing     1 where something that is watched may change the motion or end the run
@@ -98,9 +101,13 @@ REALS = {
     "times": 2 * MOST_ZEROS,
     "values": 1,
     "noise": 1,
+    "there": 1,
+    "blur": 1,
 }
 WHOLES = {"zeros": 4 * MOST_ZEROS, "ends": 4, "sides": 2, "seen": 1, "counts": 1, "begun": 2}
-"""What is kept of each thing watched on the way: how many numbers of each part."""
+"""What is kept of each thing watched on the way: how many numbers of each part.
+
+Functions of what is watched write whole blocks: behind `noise` and `there` stands what is written later."""
 
 
 def scratch_sizes(count: int, dimension: int) -> tuple[int, int]:
@@ -129,7 +136,7 @@ class Scratch:
 
     @property
     def new_entries(self) -> Memory:
-        """The results of all resets."""
+        """The results of all resets, and the state at the end of a step."""
         return self.moved.at(self.layout.dimension + 2 * BLOCK)
 
 

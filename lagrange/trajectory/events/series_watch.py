@@ -54,14 +54,14 @@ class Watch(SharedWatch):
         memory: EventMemory | None = None,
     ) -> None:
         self.steep, self.hidden = series.program.watched_degree > order, series.program.hides_growth
-        super().__init__(series, driver, parameters, impacts, memory, enabled=not self.steep, wary=self.hidden)
+        super().__init__(series, driver, parameters, impacts, memory, wary=self.hidden, steep=self.steep)
         self.order, self.names, self.continuations = order, names, continuations
         self._last: tuple[object, EventSeries] | None = None
 
     def begin(self, state: DriverState) -> EventResult:
         """Begin at the start of the run: the loop finds the sides there, or asks for them."""
         first, self.state, self.planned = self.state is None, state, PlannedStep()
-        if self.enabled and not self.surfaces:
+        if not self.surfaces:
             self.leave_start_to_the_loop(state, first=first)
             return EventResult()
         return self._begin(state)

@@ -32,8 +32,8 @@ class SharedWatch(EventLog):
         impacts: Sequence[Impact],
         memory: EventMemory | None,
         *,
-        enabled: bool,
         wary: bool,
+        steep: bool,
     ) -> None:
         super().__init__(len(impacts), 2 * series.program.dimension)
         self.series, self.driver = series, driver
@@ -46,10 +46,9 @@ class SharedWatch(EventLog):
         self.parameters, self.sides = parameters, np.zeros(self.surfaces)
         self.epochs: list[tuple[int, FloatArray]] = []
         self._values: dict[int, FloatArray] = {}
-        self.enabled = enabled
         if memory is None:
             memory = self._made(series, parameters)
-            memory.record.wary = int(wary)
+            memory.record.wary, memory.record.steep = int(wary), int(steep)
             memory.record.checked = int(any(one.constrained for one in self.impacts))
             driver.watch(memory)
             memory.keep_start()
@@ -63,8 +62,8 @@ class SharedWatch(EventLog):
         """Return new memory for the loop."""
         reactions = [Reaction(one.direction, one.terminal, one.first, one.rows, one.root) for one in self.impacts]
         resets = next((one.kernel for one in self.impacts if one.kernel is not None), None)
-        values, size = series.values if self.enabled else None, 2 * series.program.dimension
-        return EventMemory(size, self.surfaces, reactions, values, resets, parameters)
+        size = 2 * series.program.dimension
+        return EventMemory(size, self.surfaces, reactions, series.values, resets, parameters)
 
     @property
     def values(self) -> FloatArray:
@@ -151,7 +150,7 @@ class SharedWatch(EventLog):
         self._put(self.zero_sides, self.starting)
         record.fresh = 0
         record.planned, record.changed = planned.steps, self.change_counter.last
-        record.enabled = int(self.enabled and not self.pending)
+        record.enabled = int(not self.pending)
 
     @property
     def unbegun(self) -> bool:
