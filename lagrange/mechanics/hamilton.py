@@ -8,7 +8,7 @@ Source: H. Goldstein, C. Poole, J. Safko, Classical Mechanics, 3rd ed., 2002, se
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any
@@ -20,8 +20,9 @@ from lagrange.machine.model import Model
 from lagrange.mechanics.legendre import Legendre, legendre
 from lagrange.mechanics.number_check import compared
 from lagrange.mechanics.plain_form import PlainForm, fresh_name, names_of, number
+from lagrange.mechanics.rewriting import with_origin
 from lagrange.mechanics.simplification import simplest
-from lagrange.statement.coordinate import coordinate, t, velocity_of
+from lagrange.statement.coordinate import coordinate_of, t, velocity_of
 from lagrange.statement.declare import declare
 from lagrange.statement.expression import expression as expression_of
 from lagrange.statement.statement import Statement
@@ -137,7 +138,7 @@ def _momenta(statement: Statement) -> list[Any]:
     chosen = []
     for name in statement.names:
         taken.append(fresh_name(f"p_{name}"[:64], taken))
-        chosen.append(coordinate(taken[-1]))
+        chosen.append(coordinate_of(taken[-1]))
     return chosen
 
 
@@ -176,7 +177,7 @@ def _record(form: PlainForm, momenta: list[Any], found: Legendre, made: Callable
             {q: stated(v) for q, v in zip(statement.coordinates, found.velocities, strict=True)}
         ),
         forces=MappingProxyType(forces),
-        statement=replace(first_order, about=statement.about, source=statement.source, run=statement.run),
+        statement=with_origin(first_order, statement),
         made=made,
     )
 

@@ -57,6 +57,11 @@ def rewritten(
         links=statement.links,
         name=statement.name,
     )
+    return with_origin(made, statement)
+
+
+def with_origin(made: Statement, statement: Statement) -> Statement:
+    """Return a statement that was made of another with what that says of itself: text, run, dimensions."""
     left = {t, *made.coordinates, *made.parameters}
     sizes = MappingProxyType({symbol: size for symbol, size in statement.dimensions.items() if symbol in left})
     return replace(made, about=statement.about, source=statement.source, run=statement.run, dimensions=sizes)

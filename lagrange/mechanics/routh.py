@@ -8,7 +8,7 @@ Source: H. Goldstein, C. Poole, J. Safko, Classical Mechanics, 3rd ed., 2002, se
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -20,6 +20,7 @@ from lagrange.mechanics.identity import vanishes
 from lagrange.mechanics.legendre import half_square, inverse
 from lagrange.mechanics.number_check import compared
 from lagrange.mechanics.plain_form import PlainForm, fresh_name, label_of, names_of, number, without_points
+from lagrange.mechanics.rewriting import with_origin
 from lagrange.mechanics.simplification import simplest
 from lagrange.statement.coordinate import t, velocity_of
 from lagrange.statement.declare import declare
@@ -149,7 +150,7 @@ def routhian(statement: Statement, wanted: Sequence[Any], model: Model) -> State
         name=statement.name,
     )
     _check(routh, model)
-    return replace(made, about=statement.about, source=statement.source, run=statement.run)
+    return with_origin(made, statement)
 
 
 def _check_ignorable(form: PlainForm, i: int) -> None:

@@ -24,6 +24,7 @@ from lagrange.mechanics.preimage import Preimage
 from lagrange.mechanics.rewriting import rewritten
 from lagrange.mechanics.simplification import simplest
 from lagrange.statement.coordinate import acceleration_of, name_of, t, velocity_of
+from lagrange.statement.declared_order import COORDINATES
 from lagrange.statement.expression import entries, expression
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
@@ -195,7 +196,7 @@ def _transformation(statement: Statement, given: Mapping[Any, Any], positive: An
     known = {p.name: p for p in statement.parameters}
     same = {p: known[p.name] for p in survey.parameters if p.name in known}
     stays = [q for q in statement.coordinates if q not in table]
-    new = tuple(q for q in survey.coordinates if q not in stays)
+    new = tuple(COORDINATES.of((name_of(q), q) for q in survey.coordinates if q not in stays))
     if len(new) != len(table):
         raise StatementError(_count(table, new))
     return Transformation(

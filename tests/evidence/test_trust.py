@@ -104,5 +104,6 @@ def test_what_cannot_be_meant_is_refused(request_: dict[str, Any], words: str) -
 
 def test_it_takes_a_system_too() -> None:
     assert lg.trust_horizon(lg.scene("pendulum"), (0.0, 1.0)).complete
-    with pytest.raises(lg.StatementError, match="is no system: give an"):
-        lg.trust_horizon("pendulum", (0.0, 1.0))
+    for given in ("pendulum", lg.System):
+        with pytest.raises(lg.StatementError, match="is no system: give an"):
+            lg.trust_horizon(given, (0.0, 1.0))

@@ -29,6 +29,8 @@ def particle(**more: Any) -> lg.System:
     return lg.System(m * (x.dot**2 + y.dot**2 + z.dot**2) / 2, m * g * z, coordinates=[x, y, z], **stated)
 
 
+away, turn = lg.coordinates("away turn")  # of no other test, which might declare them in another order
+
 TURNING = {x: X * cos(w * lg.t) - Y * sin(w * lg.t), y: X * sin(w * lg.t) + Y * cos(w * lg.t)}
 ROUND = {x: r * cos(phi), y: r * sin(phi)}
 BALL = {x: r * sin(theta) * cos(phi), y: r * sin(theta) * sin(phi), z: r * cos(theta)}
@@ -77,6 +79,15 @@ def test_constraints_come_along_and_time_stands_in_the_velocities() -> None:
     assert start == pytest.approx({r: 1.0, phi: 0.0, r.dot: 0.0, phi.dot: 0.5 - 2.0}, abs=1e-14)
 
 
+def test_dimensions_that_were_stated_are_kept_where_they_hold() -> None:
+    sized = lg.System(
+        m * (x.dot**2 + y.dot**2) / 2, g * m * y, coordinates=[x, y], dimensions={m: "kg", x: "m", y: "m"}
+    )
+    new = sized.transform(ROUND).statement
+    assert {str(key) for key in new.dimensions} == {"m", "g", "t"}
+    assert new.dimensions[g] == sized.routhian(x).statement.dimensions[g] == sized.hamiltonian().statement.dimensions[g]
+
+
 def test_an_initial_state_may_be_given_in_the_new_coordinates() -> None:
     new = particle(initial={y.dot: 1.0}).transform(ROUND, initial={r: 2.0, "phi_dot": 0.5})
     start = dict(zip((*new.coordinates, *new.statement.velocities), new.statement.initial, strict=True))
@@ -98,18 +109,18 @@ def test_at_rest_in_a_singular_place_there_is_an_initial_state() -> None:
         ({u: x}, {}, "'u' is no coordinate of this system; they are x, y and z."),
         ({x: r.dot}, {}, "the expressions contain Derivative(r(t), t): a point transformation has coordinates, param"),
         (
-            {x: r * cos(phi)},
+            {x: away * cos(turn)},
             {},
-            "the expressions for x have 2 new coordinates (phi and r), and 1 are replaced: a transformation needs as "
-            "many. With more, they are not determined",
+            "the expressions for x have 2 new coordinates (away and turn), and 1 are replaced: a transformation needs "
+            "as many. With more, they are not determined",
         ),
         ({x: r, y: 2 * r}, {}, "the expressions for x and y have 1 new coordinates (r), and 2 are replaced: a transf"),
         (
-            {x: r + phi, y: 2 * r + 2 * phi},
+            {x: away + turn, y: 2 * away + 2 * turn},
             {},
-            "x and y do not vary independently with phi and r: the determinant of the derivatives is zero everywhere.",
+            "x and y do not vary independently with away and turn: the determinant of the derivatives is zero",
         ),
-        (ROUND, {"positive": [x]}, "positive contains x(t), which is no new coordinate; they are phi and r."),
+        ({x: away, y: turn}, {"positive": x}, "positive contains x(t), which is no new coordinate; they are away"),
         (ROUND, {"parameters": 3}, "parameters is 3: give a dict from parameters to values, such as {w: 1.0}."),
         (ROUND, {"initial": 3}, "initial is 3: give a dict in the new coordinates, such as {r: 1.0}."),
         ({x: exp(u) + 2}, {}, "no values of u were found at which x = 1, from 60 starts: give initial={u: ...}"),
