@@ -86,9 +86,13 @@ class BookOrder:
         """
         ranks = self.symbols(term)
         highest = max((rank[0] for rank in ranks), default=PARAMETER)
-        moving = [rank for rank in ranks if rank[0] == highest]
-        place = (moving[0] if moving else LAST)[2]
-        return (-max(highest, POSITION), self._place(term, highest), place, ranks)
+        places = [rank[2] for rank in ranks if rank[0] == highest for _ in range(self._power(term, rank))]
+        return (-max(highest, POSITION), self._place(term, highest), places, ranks)
+
+    def _power(self, term: Any, rank: tuple[int, int, int]) -> int:
+        """Return how often a symbol stands in a product, so that x^2 comes before x y, and that before y^2."""
+        powers = term.as_powers_dict()
+        return next((int(e) for base, e in powers.items() if self.rank.get(base) == rank and e.is_Integer and e > 0), 1)
 
     def _place(self, term: Any, highest: int) -> int:
         if highest > POSITION:

@@ -1,0 +1,119 @@
+"""Whole pages: golden ones as somebody would hand them in, and the structure of LaTeX and HTML of every scene."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+from matplotlib.mathtext import MathTextParser
+from sympy import cos, sin
+
+import lagrange as lg
+from lagrange.show.names import GREEK
+
+PAGES = Path(__file__).parent / "pages"
+GOLDEN = {
+    "double-pendulum.tex": ("double-pendulum", "latex"),
+    "spherical-pendulum.txt": ("spherical-pendulum", "unicode"),
+    "cartesian-pendulum.md": ("cartesian-pendulum", "markdown"),
+    "ladder.txt": ("ladder", "text"),
+}
+COMMANDS = GREEK | frozenset(
+    [
+        "pi",
+        "dot",
+        "ddot",
+        "frac",
+        "sqrt",
+        "left",
+        "right",
+        "bigl",
+        "bigr",
+        "quad",
+        "sin",
+        "cos",
+        "ln",
+        "partial",
+        "begin",
+        "end",
+        "section",
+        "mathrm",
+        "mathcal",
+        "text",
+    ]
+)
+"""Commands that LaTeX and its package amsmath have; the preamble aside, a page has no other."""
+QUICK = (
+    "bead-on-hoop",
+    "double-pendulum",
+    "kepler",
+    "ladder",
+    "rolling-disc",
+    "swinging-atwood-machine",
+    "thrown-ball",
+)
+SCENES = [pytest.param(name, marks=[] if name in QUICK else [pytest.mark.exhaustive]) for name in lg.scenes()]
+
+
+@pytest.mark.parametrize("file", GOLDEN)
+def test_golden_pages(file: str) -> None:
+    name, style = GOLDEN[file]
+    assert lg.scene(name).page(style) == (PAGES / file).read_text("utf-8")
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_latex_is_well_formed(name: str) -> None:
+    page = lg.scene(name).page("latex")
+    body = page[page.index("\\maketitle") + 10 : page.index("\\end{document}")]
+    plain = re.sub(r"\\[{}$&#_%\\]", "", body)
+    for begin, end in (("{", "}"), (r"\left", r"\right"), (r"\[", r"\]"), (r"\begin", r"\end"), (r"\bigl", r"\bigr")):
+        assert plain.count(begin) == plain.count(end), begin
+    assert set(re.findall(r"\\([A-Za-z]+)", plain)) - {"par"} <= COMMANDS
+    script = r"(?:\{(?:[^{}]|\{[^{}]*\})*\}|\\[A-Za-z]+|\w)"
+    assert not re.search(rf"\^{script}\s*\^|_{script}\s*_", body), "a double index or exponent"
+    parser = MathTextParser("path")
+    for formula in re.findall(r"\\\[ (.*) \\\]", body):
+        if "begin{" not in formula:
+            parser.parse(f"${formula.replace('bigl', '').replace('bigr', '')}$")
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="pdflatex is not installed")
+@pytest.mark.parametrize("name", ["double-pendulum", "cartesian-pendulum"])
+def test_pdflatex_sets_the_page(name: str, tmp_path: Path) -> None:
+    (tmp_path / "page.tex").write_text(lg.scene(name).page("latex"), "utf-8")
+    done = subprocess.run(
+        ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "page.tex"],
+        cwd=tmp_path,
+        capture_output=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout[-2000:]
+    assert b"Overfull" not in done.stdout
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_html_is_well_formed(name: str) -> None:
+    page = lg.scene(name).page("html")
+    ElementTree.fromstring(
+        page.removeprefix("<!doctype html>\n").replace('<meta charset="utf-8">', "").replace(" open>", ">")
+    )
+    assert not re.search(r"<script|href=|src=", page)
+
+
+def test_a_chain_of_five_links_is_derived_without_its_accelerations() -> None:
+    angles, masses = lg.coordinates("q1 q2 q3 q4 q5"), lg.parameters("m1 m2 m3 m4 m5")
+    g, l = lg.parameters("g l")
+    ends = [(sum(l * sin(q) for q in angles[:k]), -sum(l * cos(q) for q in angles[:k])) for k in range(1, 6)]
+    chain = lg.System(
+        sum(lg.kinetic_energy(m, end) for m, end in zip(masses, ends, strict=True)),
+        sum(lg.gravity(m, end, g) for m, end in zip(masses, ends, strict=True)),
+        positions={f"bob{k}": end for k, end in enumerate(ends, 1)},
+        name="chain",
+    )
+    page = chain.page("unicode")  # takes 1 s
+    assert "Accelerations\n    The formulas are too long to be read" in page
+    assert "(m₁ + m₂ + m₃ + m₄ + m₅) l² q̈₁ + (m₂ + m₃ + m₄ + m₅) l² q̈₂ cos(q₁ − q₂)" in page
