@@ -28,6 +28,7 @@ from lagrange.mechanics.student_equations import equations_of_text, read_equatio
 from lagrange.mechanics.substitution import substituted
 from lagrange.mechanics.transformation import transformed
 from lagrange.show.eigenvalue_plot import plot_eigenvalues
+from lagrange.statement.given import require_values, with_values
 from lagrange.statement.statement import Statement
 
 if TYPE_CHECKING:
@@ -71,6 +72,16 @@ class Analysis(ABC):
         """
         return self.from_statement(substituted(self.statement, parameters))
 
+    @property
+    def _known(self) -> Statement:
+        """The statement with values for its given functions; StatementError where one is open."""
+        require_values(self.statement)
+        return with_values(self.statement)
+
+    @property
+    def _known_derivation(self) -> Derivation:
+        return self.from_statement(self._known).derivation() if self.statement.given else self.derivation()
+
     def small(self, about: Mapping[Any, Any] | None = None, *, order: int = 2) -> Self:
         """Return the System expanded about a point, to an order in changes of coordinates and velocities.
 
@@ -81,7 +92,7 @@ class Analysis(ABC):
         StatementError where there is no expansion: at corners and poles, off the constraints, and where a coordinate
         loses its inertia.
         """
-        return self.from_statement(small(self.statement, about, order))
+        return self.from_statement(small(self._known, about, order))
 
     def compare(self, derived: Any) -> EquationsComparison:
         """Compare equations of motion that somebody derived, such as a student, with those of the system.
@@ -92,14 +103,14 @@ class Analysis(ABC):
         with a state at which the equation does not hold. Raises StatementError for what cannot be read, and for
         equations that are not linear in the accelerations.
         """
-        return compare_equations(self.statement, self.derivation(), read_equations(derived, self.statement))
+        return compare_equations(self._known, self._known_derivation, read_equations(derived, self._known))
 
     def compare_text(self, text: str) -> EquationsComparison:
         """Compare equations of motion in a text, one a line, as `compare` does; # begins a comment.
 
         A refusal names the line and the column.
         """
-        return compare_equations(self.statement, self.derivation(), equations_of_text(text, self.statement))
+        return compare_equations(self._known, self._known_derivation, equations_of_text(text, self._known))
 
     def conserved(self) -> list[Conserved]:
         """Return what is found to be conserved: records with `.name`, `.expression` and `.reason`.
@@ -124,7 +135,7 @@ class Analysis(ABC):
 
         Raises StatementError where momenta do not determine the velocities, and for systems with constraints.
         """
-        return hamiltonian(self.statement, self.compile("numpy", check=False), self.from_statement)
+        return hamiltonian(self._known, self.compile("numpy", check=False), self.from_statement)
 
     def routhian(self, *coordinates: Any) -> Self:
         """Return a smaller System without ignorable coordinates; the momentum p_phi of each is a parameter.
@@ -132,7 +143,7 @@ class Analysis(ABC):
         Its value is that of the initial state. The `potential` is the effective one. Points that an ignored coordinate
         places are left out. Raises StatementError, with the rate of its momentum, for one that is not ignorable.
         """
-        return self.from_statement(routhian(self.statement, coordinates, self.compile("numpy", check=False)))
+        return self.from_statement(routhian(self._known, coordinates, self.compile("numpy", check=False)))
 
     def ignored(self, solution: Any) -> dict[Any, Any]:
         """Return the ignored coordinates and their velocities along a run of the Routhian, {symbol: (N,)}.
@@ -157,7 +168,7 @@ class Analysis(ABC):
         Raises StatementError where the new coordinates are singular.
         """
         model = self.compile("numpy", check=False)
-        return self.from_statement(transformed(self.statement, coordinates, positive, parameters, initial, model))
+        return self.from_statement(transformed(self._known, coordinates, positive, parameters, initial, model))
 
     def linearize(self, at: Mapping[Any, Any] | None = None, *, inputs: Any = ()) -> Linearization:
         """Return M, C, K and A, B of small changes about a point, SymPy matrices.
@@ -167,7 +178,7 @@ class Analysis(ABC):
         equations are those of independent coordinates. Away from equilibrium the matrices hold at that instant, and
         `.note` says so. Tested against the Jacobian of the compiled model.
         """
-        point = stated_point(self.statement, at, inputs)
+        point = stated_point(self._known, at, inputs)
         found = linearized_at(point)
         check_linearization(found, point, self.compile("numpy", check=False))
         return found
@@ -178,7 +189,7 @@ class Analysis(ABC):
         They are symbolic while roots of degree two give them, else numbers at the values of the parameters. Raises
         StatementError away from equilibrium.
         """
-        return modes(self.linearize(at), stated_point(self.statement, at))
+        return modes(self.linearize(at), stated_point(self._known, at))
 
     def equilibria(self, rates: Mapping[Any, Any] | None = None) -> list[Equilibrium]:
         """Return the equilibria, each with `.coordinates`, `.stable`, `.energy` and the `.condition` for it to exist.
@@ -187,7 +198,7 @@ class Analysis(ABC):
         of the parameters. `rates` gives ignorable coordinates steady velocities, as {phi: w}: the others rest then.
         Raises StatementError where none is found, with what was tried.
         """
-        return equilibria(self.statement, rates, self.compile("numpy", check=False))
+        return equilibria(self._known, rates, self.compile("numpy", check=False))
 
     def eigenvalues(self, parameter: Any, values: ArrayLike, at: Mapping[Any, Any] | None = None) -> EigenvaluePath:
         """Return the eigenvalues about an equilibrium at values (k,) of a parameter: `.eigenvalues`, (k, 2n).
@@ -195,7 +206,7 @@ class Analysis(ABC):
         `at` is the equilibrium, as `linearize` takes it: an expression in the parameters, or decimals for one at the
         first value, which is followed. Raises StatementError where there is none at any value.
         """
-        return eigenvalue_path(self.statement, parameter, values, at, self.compile("numpy", check=False))
+        return eigenvalue_path(self._known, parameter, values, at, self.compile("numpy", check=False))
 
     def plot_eigenvalues(self, parameter: Any, values: ArrayLike, at: Mapping[Any, Any] | None = None) -> Figure:
         """Return a figure of the eigenvalues about an equilibrium along a parameter; see `eigenvalues`."""

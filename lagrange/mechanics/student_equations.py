@@ -101,6 +101,8 @@ class _EquationReader:
         self.plain = dict(statement.plain)
         self.names = {symbol.name: symbol for symbol in self.plain.values()}
         self.names |= {p.name: p for p in statement.parameters}
+        self.given = dict(statement.prescribed)
+        self.names |= {_given_name(leaf): value for leaf, value in self.given.items()}
         multipliers = {f"{MULTIPLIER}{one.name}": one.multiplier for one in statement.constraints}
         self.names = multipliers | self.names
 
@@ -166,4 +168,14 @@ class _EquationReader:
         for name in survey.multipliers:
             if name not in known:
                 raise StatementError(f"{what} contains the multiplier of {name!r}, which is no constraint here.")
-        return stated.xreplace(self.plain | table)
+        for function in survey.given:
+            if function not in self.given:
+                raise StatementError(self.unknown(name_of(function), what))
+        return stated.xreplace(self.given).xreplace(self.plain | table)
+
+
+def _given_name(leaf: Any) -> str:
+    """Return the name of a given function or of its derivative: X, X_dot, X_ddot."""
+    if not isinstance(leaf, sympy.Derivative):
+        return name_of(leaf)
+    return f"{name_of(leaf.expr)}_{'d' * len(leaf.variables)}ot"

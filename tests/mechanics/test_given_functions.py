@@ -1,0 +1,62 @@
+"""What is asked of a system with a given motion: with values it is a system in t, and an open one is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+import sympy
+from sympy import Function, cos, sin
+
+import lagrange as lg
+
+theta = lg.coordinate("theta")
+m, g, l = lg.parameters("m g l")
+
+
+def driven(pivot: Any) -> lg.System:
+    """Return a pendulum whose pivot moves along a line."""
+    bob = (pivot + l * sin(theta), -l * cos(theta))
+    return lg.System(lg.kinetic_energy(m, bob), lg.gravity(m, bob, g), parameters={m: 1, g: 9.81, l: 1})
+
+
+def test_equations_may_contain_the_given_function_and_its_derivatives() -> None:
+    X = lg.given("X", sin(2 * lg.t))
+    system = driven(X)
+    assert system.compare("l*theta_ddot + g*sin(theta) + X_ddot*cos(theta)")
+    assert system.compare([l * theta.ddot + g * sin(theta) - 4 * X * cos(theta)])
+    wrong = system.compare("l*theta_ddot + g*sin(theta) - X_ddot*cos(theta)")
+    assert not wrong and "wrong sign" in wrong.message
+    with pytest.raises(lg.StatementError, match="'Y_ddot', which this system does not have"):
+        system.compare("l*theta_ddot + g*sin(theta) + Y_ddot*cos(theta)")
+
+
+def test_other_forms_have_the_values() -> None:
+    system, written = driven(lg.given("X", sin(2 * lg.t))), driven(sin(2 * lg.t))
+    forms: list[Callable[[lg.System], Any]] = [
+        lambda one: one.hamiltonian().expression,
+        lambda one: one.linearize(at={theta: 0}).A,
+        lambda one: one.small({theta: 0}).lagrangian,
+        lambda one: one.conserved(),
+    ]
+    for form in forms:
+        assert sympy.simplify(form(system)) == sympy.simplify(form(written)) if form(system) else not form(written)
+
+
+ASKED: dict[str, Callable[[lg.System], Any]] = {
+    "hamiltonian": lambda one: one.hamiltonian(),
+    "linearize": lambda one: one.linearize(at={theta: 0}),
+    "small": lambda one: one.small({theta: 0}),
+    "conserved": lambda one: one.conserved(),
+    "equilibria": lambda one: one.equilibria(),
+    "compare": lambda one: one.compare("theta_ddot"),
+}
+
+
+@pytest.mark.parametrize("asked", ASKED)
+def test_open_functions_are_refused(asked: str) -> None:
+    with pytest.raises(lg.StatementError, match="X is a given function of time without values, which numbers need"):
+        ASKED[asked](driven(lg.given("X")))
+    with pytest.raises(lg.StatementError, match=r"U\(theta\(t\)\) is not written out, which numbers need"):
+        ASKED[asked](lg.System(m * theta.dot**2 / 2, Function("U")(theta), parameters={m: 1}))
