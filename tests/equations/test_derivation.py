@@ -7,7 +7,7 @@ from typing import Any
 import mpmath
 import pytest
 import sympy
-from sympy import Abs, Float, Integer, Max, Min, Rational, Symbol, cos, sign, sin, sqrt
+from sympy import Abs, Float, Heaviside, Integer, Max, Min, Rational, Symbol, cos, sign, sin, sqrt
 
 from lagrange.equations import derivation as module
 from lagrange.equations import stated_algebra
@@ -149,6 +149,11 @@ def test_decimals_stay_decimals_and_halves_halves() -> None:
 def test_magnitudes_give_signs_and_no_unevaluated_derivatives() -> None:
     (left,) = left_sides(kinetic=m * x.dot**2 / 2, potential=k * Abs(x - l), dissipation=c * Abs(x.dot) ** 3 / 3)
     assert left == m * x.ddot + c * Abs(x.dot) * x.dot + k * sign(x - l)
+
+
+def test_steps_give_no_impulses() -> None:
+    (left,) = left_sides(kinetic=m * x.dot**2 / 2, potential=k * Heaviside(x - l) * x**2 / 2)
+    assert left == m * x.ddot + k * x * Heaviside(x - l)
 
 
 def test_magnitude_of_what_sympy_cannot_prove_real() -> None:

@@ -168,7 +168,7 @@ def test_every_function_is_lowered(b: Bench) -> None:
     for name, function in FUNCTIONS.items():
         if name == "piecewise":
             continue
-        args = [small, 1 - small][: function.arity]
+        args = [1 + small if name == "acosh" else small, 1 - small][: function.arity]
         if name in ("and", "or", "not"):
             args = [b.graph.call("less", b.x, arg) for arg in args]
         (found,) = b.run(b.graph.call(name, *args))
