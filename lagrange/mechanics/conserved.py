@@ -11,15 +11,12 @@ from typing import Any
 
 import sympy
 
-from lagrange.equations.collect import Collector
-from lagrange.equations.monomials import MonomialSum
-from lagrange.equations.stated_algebra import StatedAlgebra
-from lagrange.equations.terms import printable
+from lagrange.equations.textbook_algebra import TextbookAlgebra
 from lagrange.machine.model import Model
 from lagrange.mechanics.places import place
 from lagrange.mechanics.quantity_rates import check_constant
 from lagrange.mechanics.runge_lenz import runge_lenz
-from lagrange.mechanics.symmetries import BUDGET, SymmetryEquation, point_symmetries
+from lagrange.mechanics.symmetries import SymmetryEquation, point_symmetries
 from lagrange.mechanics.symmetry_names import described, oriented, untaken
 from lagrange.statement.statement import Statement
 
@@ -42,24 +39,6 @@ class Conserved:
         return f"{self.name} = {self.expression}: {self.reason}"
 
 
-@dataclass(frozen=True, eq=False)
-class Written:
-    """Writes sums of monomials in the symbols of a statement."""
-
-    stated: StatedAlgebra
-
-    def __call__(self, terms: MonomialSum) -> Any:
-        """Return a sum as a user reads it."""
-        stated = self.stated
-        moving = frozenset((*stated.q, *stated.v, *stated.a, stated.time))
-        collector = Collector(stated.algebra, frozenset(stated.q), moving)
-        return self.back(collector.write(terms))
-
-    def back(self, given: Any) -> Any:
-        """Return an expression in plain symbols in those of the statement."""
-        return printable(given).xreplace({symbol: leaf for leaf, symbol in self.stated.plain.items()})
-
-
 def conserved_quantities(model: Model) -> list[Conserved]:
     """Return what is found to be conserved; nothing is claimed of what is not in the list.
 
@@ -74,16 +53,15 @@ def conserved_quantities(model: Model) -> list[Conserved]:
 
 def _found(model: Model) -> Iterator[Conserved]:
     statement, structure = model.statement, model.equations.structure
-    stated = StatedAlgebra(statement, BUDGET)
-    written = Written(stated)
+    stated = TextbookAlgebra(statement)
     shifts = {_unit(len(stated.q), i): i for i in structure.cyclic}
     taken = [f"p_{structure.names[i]}" for i in structure.cyclic]
     if structure.conservative:
         taken.append(energy_name(statement))
-        yield Conserved(taken[-1], written(stated.energy), f"{structure.energy_reason()}.")
+        yield Conserved(taken[-1], stated.show(stated.energy), f"{structure.energy_reason()}.")
     for name, i in zip(taken, structure.cyclic, strict=False):
         how = "is not in" if structure.decisions.absent(i) else "drops out of"
-        yield Conserved(name, written(stated.momenta[i]), f"{structure.names[i]} {how} the Lagrangian.")
+        yield Conserved(name, stated.show(stated.momenta[i]), f"{structure.names[i]} {how} the Lagrangian.")
     if len(stated.q) > MOST_SEARCHED:
         return
     equation, body = SymmetryEquation(stated), place(stated)
@@ -91,9 +69,9 @@ def _found(model: Model) -> Iterator[Conserved]:
         if (any(one.xi) or not structure.conservative) and (one.tau != 0 or one.xi not in shifts):
             symmetry, name = oriented(stated, one, body)
             taken.append(untaken(name, taken))
-            yield Conserved(taken[-1], written(equation.quantity(symmetry)), described(stated, symmetry))
+            yield Conserved(taken[-1], stated.show(equation.quantity(symmetry)), described(stated, symmetry))
     for name, terms in runge_lenz(stated, body) if body is not None else ():
-        yield Conserved(name, written(terms), RUNGE_LENZ)
+        yield Conserved(name, stated.show(terms), RUNGE_LENZ)
 
 
 RUNGE_LENZ = "The force falls with the square of the distance, so the axis of the orbit does not turn."

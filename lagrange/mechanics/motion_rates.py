@@ -16,6 +16,13 @@ STEP = 1e-5
 """Of the difference in time, whose error is then some 1e-10."""
 
 
+CORRECTIONS = 40
+"""Newton steps onto the constraints, half of them for positions; each doubles the digits near them."""
+
+ON_CONSTRAINTS = 1e-10
+"""Violation of constraints whose numbers are of order one."""
+
+
 @dataclass(frozen=True, eq=False)
 class MotionRates:
     """Random states of a model, (n, K), at times (K,), all with the same random parameters (k,)."""
@@ -70,8 +77,11 @@ class MotionRates:
             return self.model.interpreted(name)(self.t, self.y, self.parameters)
 
 
-def random_rates(model: Model, count: int, seed: int) -> MotionRates:
-    """Return that many random states, on the constraints where there are some; fewer where none are found."""
+def random_rates(model: Model, count: int, seed: int, *, moving: bool = True) -> MotionRates:
+    """Return that many random states, on the constraints where there are some; fewer where none are found.
+
+    Velocities that equations of first order determine are theirs, unless the states need not be `moving`.
+    """
     draw = np.random.default_rng(seed)
     statement, n = model.statement, model.dimension
     usual = np.array([statement.defaults.get(p, 1.0) or 1.0 for p in statement.parameters])
@@ -82,15 +92,35 @@ def random_rates(model: Model, count: int, seed: int) -> MotionRates:
     y[:n, 1::3] = np.abs(y[:n, 1::3])
     y[n:, 1::3] *= 0.2
     t = draw.uniform(0.2, 1.7, count)
-    if statement.constraints:
-        found = [_held(model, float(t[k]), y[:, k], parameters) for k in range(count)]
+    if moving and model.equations.first_order:
+        found = [_completed(model, float(t[k]), y[:, k], parameters) for k in range(count)]
         kept = [k for k, state in enumerate(found) if state is not None]
         y, t = np.array([state for state in found if state is not None]).reshape(-1, 2 * n).T, t[kept]
+    elif statement.constraints:
+        y, t = _held(model, t, y, parameters)
     return MotionRates(model, t, y, parameters)
 
 
-def _held(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray | None:
+def _completed(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray | None:
+    """Return a state with the velocities that equations of first order give it; None where there is none."""
     try:
         return consistent_state(model, t, y, parameters)
     except (RunError, StatementError):
         return None
+
+
+def _held(model: Model, t: FloatArray, y: FloatArray, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return states moved onto the constraints by Newton's method, and their times; fewer where that fails."""
+    n, m, y = model.dimension, len(model.statement.constraints), y.copy()
+    constraints, gradient = (model.interpreted(name) for name in ("constraints", "constraint_gradient"))
+    with np.errstate(all="ignore"):
+        for step in range(CORRECTIONS):
+            violations = constraints(t, y, parameters)
+            rows = np.nan_to_num(np.moveaxis(gradient(t, y, parameters), -1, 0))
+            # Positions first: the velocities follow when these are there.
+            part = slice(0, m) if step < CORRECTIONS // 2 else slice(m, 2 * m)
+            change = np.linalg.pinv(rows) @ np.nan_to_num(violations[part].T[:, :, None])
+            y[:n] -= change[:, :, 0].T if part.start == 0 else 0.0
+            y[n:] -= change[:, :, 0].T if part.start else 0.0
+        kept = np.abs(constraints(t, y, parameters)).max(axis=0) < ON_CONSTRAINTS
+    return y[:, kept], t[kept]

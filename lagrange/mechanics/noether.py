@@ -15,11 +15,11 @@ from lagrange.equations.identities import canonical
 from lagrange.equations.monomials import MonomialSum
 from lagrange.equations.stated_algebra import StatedAlgebra
 from lagrange.equations.terms import TooLargeError, differentiable
+from lagrange.equations.textbook_algebra import TextbookAlgebra
 from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.machine.model import Model
-from lagrange.mechanics.conserved import Written
 from lagrange.mechanics.quantity_rates import check_constant, quantity_rates
-from lagrange.mechanics.symmetries import BUDGET, Symmetry, SymmetryEquation
+from lagrange.mechanics.symmetries import Symmetry, SymmetryEquation
 from lagrange.statement.coordinate import name_of, t
 from lagrange.statement.expression import expression
 from lagrange.statement.statement import Statement
@@ -36,14 +36,14 @@ def noether_quantity(model: Model, generator: Mapping[Any, Any]) -> Any:
     """Return p . xi - tau E - F of a symmetry {q: xi, t: tau}; raises StatementError where it is none."""
     statement = model.statement
     given = _given(statement, generator)
-    stated = StatedAlgebra(statement, BUDGET)
-    equation, written = SymmetryEquation(stated), Written(stated)
+    stated = TextbookAlgebra(statement)
+    equation = SymmetryEquation(stated)
     xi = tuple(differentiable(given.get(q, S.Zero).xreplace(stated.plain)) for q in statement.coordinates)
     symmetry = Symmetry(xi, given.get(t, S.Zero))
     try:
         defect = equation.defect(symmetry)
         symmetry = Symmetry(xi, symmetry.tau, _gauge(stated, defect))
-        quantity = written(equation.quantity(symmetry))
+        quantity = stated.show(equation.quantity(symmetry))
         if _kept(model, symmetry) and equation.proven(symmetry):
             check_constant(model, {"the quantity of this symmetry": quantity})
             return quantity
@@ -52,7 +52,7 @@ def noether_quantity(model: Model, generator: Mapping[Any, Any]) -> Any:
             f"{statement.name} is too large for this symmetry to be tested in symbols: substitute numbers for its "
             "parameters."
         ) from None
-    raise StatementError(_refusal(model, equation, symmetry, quantity, written))
+    raise StatementError(_refusal(model, stated, equation, symmetry, quantity))
 
 
 def _given(statement: Statement, generator: Mapping[Any, Any]) -> dict[Any, Any]:
@@ -111,21 +111,23 @@ def _kept(model: Model, symmetry: Symmetry) -> bool:
     return symmetry.tau == 0 or model.equations.structure.workless
 
 
-def _refusal(model: Model, equation: SymmetryEquation, symmetry: Symmetry, quantity: Any, written: Written) -> str:
+def _refusal(
+    model: Model, stated: TextbookAlgebra, equation: SymmetryEquation, symmetry: Symmetry, quantity: Any
+) -> str:
     """Return why the generator is no symmetry, with the rate of its quantity."""
     (found,) = quantity_rates(model, [quantity])
     worst = found.worst
     across = [
         one.name
         for one, terms in zip(model.statement.constraints, equation.across(symmetry), strict=True)
-        if canonical(equation.stated.algebra, terms)
+        if canonical(stated.algebra, terms)
     ]
     if worst is None:
         return (
             f"it was not found that this is a symmetry of {model.statement.name}: no proof was found that its quantity "
             f"{str(quantity)[:LONGEST_SHOWN]} is conserved, and no state at which it changes."
         )
-    rate = written(equation.defect(symmetry))
+    rate = stated.show(equation.defect(symmetry))
     formula = "" if across or len(str(rate)) > LONGEST_SHOWN else f" {rate}, which is"
     cause = f" It does not keep the constraint {listing(across)}." if across else ""
     return (

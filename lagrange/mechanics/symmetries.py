@@ -14,6 +14,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -29,27 +31,22 @@ from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.mechanics.generators import Field, components, fields
 from lagrange.mechanics.motion_rates import MotionRates, random_rates
+from lagrange.mechanics.null_space import SUPPORT, null_rows, with_rotations
 
 MARGIN = 1.4
 """States for each unknown."""
 
-NULL = 1e-8
-"""What is left of a column of size 1 that depends on others: rounding and differences in time leave 1e-13 to 1e-10."""
+SIMPLE = 12
+"""Largest denominator of a coefficient that is taken for a fraction before it is solved for."""
 
-ROUND_OFF = 1e-13
-"""What terms that cancel leave, of the largest number at a state."""
-
-SUPPORT = 1e-6
-"""Coefficients below this part of the largest are zero."""
+LARGEST = 60_000
+"""Monomials that are made for one symmetry, 1 s of them."""
 
 WIDEST_SUPPORT = 40
 """Symmetries with more coefficients than this are not solved for exactly."""
 
 MOST_QUADRATIC = 6
 """With more coordinates F is at most linear in them."""
-
-BUDGET = 200_000
-"""Monomials that all symmetries of one system may take, 2 to 3 s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,96 +214,68 @@ def point_symmetries(model: Model, equation: SymmetryEquation) -> list[Symmetry]
     """Return a basis of the symmetries that are found among the fields tried, each proven."""
     structure = model.equations.structure
     held, sought = len(structure.constraints), unknowns(equation.stated, structure)
-    rates = random_rates(model, int(MARGIN * sought.count) // (1 + held) + 20, seed=3)
+    rates = random_rates(model, int(MARGIN * sought.count) // (1 + held) + 20, seed=3, moving=False)
     found = []
-    for row in null_rows(sought.columns(rates, held=bool(held))):
+    rows = null_rows(sought.columns(rates, held=bool(held)))
+    for row in with_rotations(rows, sought.xi, model.statement.names):
         symmetry = _exact(equation, sought, row)
         if symmetry is not None and any((*symmetry.xi, symmetry.tau)):
             found.append(symmetry)
     return found
 
 
-def null_rows(matrix: FloatArray) -> list[dict[int, float]]:
-    """Return a sparse basis of the null space: each row has 1 in a late column in which the others have 0.
-
-    Elimination by rows, with the largest pivot of each column, is as exact as is needed here, and for 400 columns as
-    fast as one of its multiplications.
-    """
-    matrix = matrix[np.isfinite(matrix).all(axis=1)]
-    sizes = np.abs(matrix).max(axis=1, initial=0.0)
-    matrix = matrix[sizes > 0] / sizes[sizes > 0, None]
-    scale = np.linalg.norm(matrix, axis=0)
-    scale[scale <= ROUND_OFF * len(matrix)] = np.inf  # a column of rounding is zero
-    left = matrix / scale
-    scale[np.isinf(scale)] = 1.0
-    pivots: list[int] = []
-    for column in range(left.shape[1]):
-        done = len(pivots)
-        size = np.abs(left[done:, column])
-        if not len(size):
-            return []  # too few states: nothing follows from them
-        pivot = done + int(np.argmax(size))
-        if size.max() <= NULL:
-            continue
-        left[[done, pivot]] = left[[pivot, done]]
-        left[done] /= left[done, column]
-        weights = left[:, column].copy()
-        weights[done] = 0.0
-        left -= weights[:, None] * left[done]
-        pivots.append(column)
-    free = [column for column in range(left.shape[1]) if column not in pivots]
-    return [_null_row(left, pivots, column, scale) for column in free]
-
-
-def _null_row(left: FloatArray, pivots: list[int], column: int, scale: FloatArray) -> dict[int, float]:
-    """Return the null vector that belongs to a column without a pivot."""
-    row = np.zeros(len(scale))
-    row[pivots] = -left[: len(pivots), column]
-    row[column] = 1.0
-    row /= scale
-    return _sparse(row / row[column])
-
-
-def _sparse(row: FloatArray) -> dict[int, float]:
-    return {int(k): float(row[k]) for k in np.flatnonzero(np.abs(row) > SUPPORT * np.abs(row).max())}
-
-
 def _exact(equation: SymmetryEquation, sought: Unknowns, row: Mapping[int, float]) -> Symmetry | None:
-    """Return the symmetry with the coefficients of a row, solved for exactly, or None where no proof is found."""
+    """Return the symmetry with the coefficients of a row, exact ones, or None where no proof is found."""
     if len(row) > WIDEST_SUPPORT:
         return None
     last = sought.leading(row)
+    scaled = {place: c / row[last] for place, c in row.items()}
+    for values in (partial(_simple, scaled), partial(_solved, equation, sought, scaled, last)):
+        try:
+            with equation.stated.algebra.at_most(LARGEST):
+                coefficients = values()
+                if coefficients is not None and equation.proven(symmetry := sought.symmetry(coefficients)):
+                    return symmetry
+        except TooLargeError:
+            continue
+    return None
+
+
+def _simple(row: Mapping[int, float]) -> dict[int, Any] | None:
+    """Return simple fractions that are the coefficients, as those of most symmetries; None if they are not."""
+    found = {place: Fraction(c).limit_denominator(SIMPLE) for place, c in row.items()}
+    if any(abs(float(found[place]) - c) > SUPPORT * abs(c) for place, c in row.items()):
+        return None
+    return {place: sympy.Rational(c.numerator, c.denominator) for place, c in found.items()}
+
+
+def _solved(equation: SymmetryEquation, sought: Unknowns, row: Mapping[int, float], last: int) -> dict[int, Any] | None:
+    """Return the coefficients with which the condition vanishes monomial by monomial, in terms of the parameters."""
     coefficients = {place: S.One if place == last else Dummy(f"c{place}", real=True) for place in row}
     symmetry = sought.symmetry(coefficients)
+    conditions = (equation.defect(symmetry), *equation.across(symmetry))
     free = [c for c in coefficients.values() if c != 1]
-    try:
-        if free:
-            conditions = (equation.defect(symmetry), *equation.across(symmetry))
-            values = _solved(equation.stated, conditions, free)
-            if values is None:
-                return None
-            symmetry = sought.symmetry({place: values.get(c, c) for place, c in coefficients.items()})
-        return symmetry if equation.proven(symmetry) else None
-    except TooLargeError:
-        return None
+    for form in (lambda terms: terms, partial(canonical, equation.stated.algebra)):
+        values = _vanishing(equation.stated, [form(terms) for terms in conditions], free)
+        if values is not None:
+            return {place: values.get(c, c) for place, c in coefficients.items()}
+    return None
 
 
-def _solved(stated: StatedAlgebra, conditions: Sequence[MonomialSum], free: Sequence[Any]) -> dict[Any, Any] | None:
-    """Return the coefficients with which all conditions vanish as sums of monomials."""
+def _vanishing(stated: StatedAlgebra, conditions: Sequence[MonomialSum], free: Sequence[Any]) -> dict[Any, Any] | None:
+    """Return the values of some unknowns with which every sum is zero; None unless they are determined."""
     moving = frozenset((*stated.q, *stated.v, stated.time))
     algebra, equations = stated.algebra, []
     for terms in conditions:
         groups: dict[Monomial, MonomialSum] = {}
-        for monomial, number in canonical(algebra, terms).items():
+        for monomial, number in terms.items():
             varying = tuple(part for part in monomial if algebra.free(part[0]) & moving)
             constant = tuple(part for part in monomial if not algebra.free(part[0]) & moving)
             accumulate(groups.setdefault(varying, {}), constant, number)
         equations += [algebra.write(group) for group in groups.values() if group]
-    if not equations:
-        return {}
-    solved = sympy.linsolve(equations, list(free))
-    for solution in solved:
+    if not equations or not free:
+        return None if equations or free else {}
+    for solution in sympy.linsolve(equations, list(free)):
         values = dict(zip(free, map(sympy.factor, solution), strict=True))
-        # What the equations leave open is zero in none: the row was a single direction.
-        return values if not any(value.has(*free) for value in values.values()) else None
+        return None if any(value.has(*free) for value in values.values()) else values
     return None

@@ -66,8 +66,10 @@ def _name(stated: StatedAlgebra, symmetry: Symmetry) -> str:
     if all(symmetry.xi[i] == 1 for i in moved):
         if len(moved) == 1:
             return f"p_{names[moved[0]]}"
-        shared = {re.sub(r"_?\d*$", "", names[i]) for i in moved}
-        return f"momentum {shared.pop()}" if len(shared) == 1 else f"momentum of {listing(names[i] for i in moved)}"
+        shared = dict.fromkeys(_letter(names[i]) for i in moved)
+        return (
+            f"momentum {next(iter(shared))}" if len(shared) == 1 else f"momentum of {listing(names[i] for i in moved)}"
+        )
     return "momentum of a symmetry"
 
 
@@ -92,7 +94,9 @@ def _axis(stated: StatedAlgebra, symmetry: Symmetry) -> tuple[str, int] | None:
 
 
 def _letter(name: str) -> str:
-    return re.sub(r"_?\d*$", "", name)[-1:].lower()
+    """Return the axis of a coordinate such as x, x1 or ys: a name without its number, or its first letter."""
+    bare = re.sub(r"_?\d*$", "", name)
+    return bare[0].lower() if bare[0].lower() in "xyz" else bare
 
 
 def described(stated: StatedAlgebra, symmetry: Symmetry) -> str:

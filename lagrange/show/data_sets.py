@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -49,3 +50,8 @@ def _missing(method: str, package: str) -> StatementError:
         f"{method}() needs {package}, which is not installed: pip install pandas xarray, or in a checkout "
         "pip install '.[data]'."
     )
+
+
+def finite(value: Any) -> float | None:
+    """Return a number as JSON has it: None where it is not finite, or not known."""
+    return None if value is None or not math.isfinite(value) else float(value)

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lagrange.errors import StatementError, counted
+from lagrange.errors import StatementError, counted, listing
 from lagrange.show.colours import colours
+from lagrange.show.invariants import MOST_LINES
 from lagrange.show.names import letters
 from lagrange.show.units import length_unit, unit_of, with_unit
 from lagrange.statement.statement import Statement
@@ -69,11 +70,12 @@ def plot(solution: Solution) -> Figure:
     count = ceil(len(names) / together)
     columns = 1 if count <= 4 else 2
     rows = ceil(count / columns)
-    height = max(4.2, 1.0 + (1.15 if rows <= 4 else 0.85) * (rows + 2))
+    below = 1 + bool(solution.momentum_drift)
+    height = max(4.2, 1.0 + (1.15 if rows <= 4 else 0.85) * (rows + 1 + below))
     figure = Figure(figsize=(6.2 if scene is None else 10.6, height), layout="constrained")
     halves = figure.add_gridspec(1, 2, width_ratios=(1.15, 1.0))
     left = figure if scene is None else figure.add_subfigure(halves[0])
-    panels = left.add_gridspec(rows + 1, columns, height_ratios=[1.0] * rows + [1.3])
+    panels = left.add_gridspec(rows + below, columns, height_ratios=[1.0] * rows + [1.3] * below)
     axes = [left.add_subplot(panels[k % rows, k // rows]) for k in range(count)]
     for k, axis in enumerate(axes):
         chosen = slice(k * together, (k + 1) * together)
@@ -83,6 +85,8 @@ def plot(solution: Solution) -> Figure:
         axis.sharex(axes[0])
     axes[0].set_title("coordinates over time t", loc="left", fontsize=10, color=_INK)
     _draw_energy(left.add_subplot(panels[rows, :]), solution)
+    if below > 1:
+        _draw_momenta(left.add_subplot(panels[rows + 1, :]), solution)
     if scene is not None:
         right = figure.add_subfigure(halves[1])
         _draw_scene(right.add_subplot(), scene, length_unit(solution.model.statement))
@@ -155,6 +159,17 @@ def _draw_energy(axis: Axes, solution: Solution) -> None:
         scaled, title = energy, f"energy ({drift.unkept})"
     _dress(axis, title)
     axis.plot(solution.t, scaled, color=_INK, linewidth=1.0, marker="o" if len(energy) < 3 else "", markersize=3)
+    axis.locator_params(axis="y", nbins=4)
+
+
+def _draw_momenta(axis: Axes, solution: Solution) -> None:
+    """Draw how far the momenta of ignorable coordinates are from their first values."""
+    drifts = dict(list(solution.momentum_drift.items())[:MOST_LINES])
+    axis.set_xlabel(with_unit("t", unit_of(solution.model.statement, "t")))
+    axis.margins(x=0.0)
+    _dress(axis, f"drift of {listing(drifts)} relative to the largest term")
+    for drift, colour in zip(drifts.values(), colours(len(drifts)), strict=True):
+        axis.plot(solution.t, drift, color=colour, linewidth=1.0)
     axis.locator_params(axis="y", nbins=4)
 
 

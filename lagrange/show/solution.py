@@ -13,9 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
-import sympy
 from numpy.typing import ArrayLike
-from sympy.core.function import AppliedUndef
 
 from lagrange.errors import LagrangeError, RunError, StatementError, counted, listing, shown, suggestion
 from lagrange.evidence.stiffness import Stiffness, stiffness
@@ -24,13 +22,14 @@ from lagrange.show.atomic_file import Writer, write_atomically, write_rows
 from lagrange.show.atomic_folder import write_together
 from lagrange.show.constraint_drift import ConstraintDrift, constraint_drift
 from lagrange.show.constraint_forces import ConstraintForces
-from lagrange.show.data_sets import data_frame, data_set, event_arrays
+from lagrange.show.data_sets import data_frame, data_set, event_arrays, finite
 from lagrange.show.drift import EnergyDrift, energy_drift
+from lagrange.show.invariants import drift_lines, invariants, momentum_drifts
 from lagrange.show.picture import picture
 from lagrange.show.plot import plot
+from lagrange.show.rows import row_label
 from lagrange.show.table import duration, text_table
 from lagrange.show.units import unit_of
-from lagrange.statement.coordinate import name_of, velocity_of
 from lagrange.statement.multiplier import multiplier
 from lagrange.statement.number import real_array
 from lagrange.statement.stored import stored
@@ -122,7 +121,7 @@ class Solution:
 
     def __getitem__(self, key: Any) -> FloatArray:
         """Return the row (N,) of a coordinate or a velocity, given as SymPy expression or by name."""
-        label = _label(key)
+        label = row_label(key)
         if label not in self.names:
             raise StatementError(
                 f"{label[:80]!r} is no coordinate and no velocity of this system; they are {listing(self.names)}."
@@ -158,6 +157,16 @@ class Solution:
         """How far the energy moved over the output times."""
         self._check_output()
         return energy_drift(self.model, self.energy, self.t, self.y, self.parameters)
+
+    @cached_property
+    def invariants(self) -> Mapping[str, FloatArray]:
+        """What the system conserves by name, (N,) each: see `System.conserved`, which it looks for when first asked."""
+        return invariants(self.model, self.t, self.y, self.parameters)
+
+    @cached_property
+    def momentum_drift(self) -> Mapping[str, FloatArray]:
+        """How far momenta of ignorable coordinates are from their first values, (N,), relative to their terms."""
+        return momentum_drifts(self.model, self.t, self.y, self.parameters)
 
     @property
     def constraint_error(self) -> FloatArray:
@@ -233,25 +242,25 @@ class Solution:
             "message": self.message,
             "method": self.method,
             "form": self.trajectory.form,
-            "step": _finite(self.trajectory.step),
-            "rtol": _finite(self.trajectory.rtol),
-            "atol": _finite(self.trajectory.atol),
+            "step": finite(self.trajectory.step),
+            "rtol": finite(self.trajectory.rtol),
+            "atol": finite(self.trajectory.atol),
             "steps": self.steps,
             "rejected": self.trajectory.rejected,
             "evaluations": self.evaluations,
-            "wall": _finite(self.wall),
+            "wall": finite(self.wall),
             "events": [len(times) for times in self.t_events],
             "outputs": len(self.t),
-            "t_start": _finite(self.trajectory.span[0]),
-            "t_end": _finite(self.trajectory.span[1]),
+            "t_start": finite(self.trajectory.span[0]),
+            "t_end": finite(self.trajectory.span[1]),
             "energy": self._energy_card(),
             "constraints": self.constraint_drift.card if self.constraint_drift else None,
             "stiff": self.stiff.sentence() if self.stiff else None,
             "units": {name: unit for name in (*self.names, "t") if (unit := unit_of(self.model.statement, name))},
-            "parameters": {_label(key): _finite(value) for key, value in self.parameters.items()},
+            "parameters": {row_label(key): finite(value) for key, value in self.parameters.items()},
         }
         for when, column in (("initial", 0), ("final", -1)):
-            card[when] = {name: _finite(row[column]) for name, row in zip(self.names, self.y, strict=True) if len(row)}
+            card[when] = {name: finite(row[column]) for name, row in zip(self.names, self.y, strict=True) if len(row)}
         return card
 
     def to_csv(self, path: str | os.PathLike[str]) -> Path:
@@ -349,6 +358,7 @@ class Solution:
                 "energy drift" if self.model.conservative else "energy",
                 self.drift.sentence() if self.has_energy else "not known: it has no value at some state of the run",
             ),
+            *drift_lines(self.momentum_drift),
             *([("constraint drift", self.constraint_drift.sentence())] if self.constraint_drift else []),
             *self._event_lines(),
             *([("stiffness", self.stiff.sentence())] if self.stiff else []),
@@ -384,17 +394,4 @@ class Solution:
         if not self.has_energy:
             return None
         drift = {**asdict(self.drift), "relative": self.drift.relative}
-        return {key: _finite(value) if isinstance(value, float) else value for key, value in drift.items()}
-
-
-def _label(key: Any) -> str:
-    """Return what a row is called: ``theta`` for theta(t), ``theta_dot`` for its derivative."""
-    if isinstance(key, sympy.Derivative) and isinstance(key.expr, AppliedUndef) and key == velocity_of(key.expr):
-        return f"{name_of(key.expr)}_dot"
-    if isinstance(key, AppliedUndef):
-        return name_of(key)
-    return str(key) if isinstance(key, (str, sympy.Basic)) else shown(key)
-
-
-def _finite(value: Any) -> float | None:
-    return None if value is None or not math.isfinite(value) else float(value)
+        return {key: finite(value) if isinstance(value, float) else value for key, value in drift.items()}

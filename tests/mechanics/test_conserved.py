@@ -91,6 +91,13 @@ def test_names_and_reasons() -> None:
     assert names(kinetic=T((u, w)), potential=(u - w) ** 2) == ["energy", "momentum of u and w"]
 
 
+def test_several_bodies_turn_together() -> None:
+    names = [one.name for one in lg.scene("sun-earth-moon").conserved()]
+    assert {*(f"{what} {axis}" for what in ("momentum", "angular momentum") for axis in "xyz"), "energy"} <= set(names)
+    vortices = {one.name: one.expression for one in lg.scene("two-point-vortices").conserved()}
+    assert {"energy", "momentum x", "momentum y", "angular momentum z"} <= set(vortices)
+
+
 @pytest.mark.parametrize(
     "statement",
     [
@@ -113,6 +120,6 @@ def test_a_knife_edge_keeps_what_its_blade_allows() -> None:
 
 def test_a_false_proof_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lagrange.mechanics.symmetries.is_identity", lambda algebra, terms: True)
-    monkeypatch.setattr("lagrange.mechanics.symmetries.NULL", 1e9)
+    monkeypatch.setattr("lagrange.mechanics.null_space.NULL", 1e9)
     with pytest.raises(lg.RunError, match=r"is proven to be conserved, but changes at the rate .* fault of lagrange"):
         lg.System(T(FLAT), k * x**4 * y**2).conserved()
