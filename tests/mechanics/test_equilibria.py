@@ -53,6 +53,7 @@ def test_steady_motions_of_ignorable_coordinates() -> None:
     cone = next(one for one in pendulum.equilibria({phi: w}) if one.stable)
     assert cone.coordinates == {theta: acos(g / (l * w**2)), phi: phi}
     assert cone.velocities == {phi.dot: w}
+    assert sympy.simplify(cone.criterion[0] - m * (l**2 * w**4 + 3 * g**2) / w**2) == 0  # at a fixed momentum of phi
     assert cone.at == {theta: acos(g / (l * w**2)), phi.dot: w}
     poles = [one for one in pendulum.equilibria({"phi": w}) if one.coordinates[theta] in (0, pi)]
     assert [one.reason for one in poles] == ["the mass matrix is singular there: other coordinates decide."] * 2
@@ -212,6 +213,15 @@ def test_eigenvalues_show_the_bifurcation_of_the_hoop() -> None:
     followed = system.eigenvalues("w", speeds[:2:-1], {theta: 1.17})
     np.testing.assert_allclose(followed.equilibria[::-1, 0], np.arccos(9.81 / speeds[3:] ** 2), atol=1e-9)
     np.testing.assert_allclose(followed.eigenvalues[::-1].imag ** 2, side.eigenvalues[3:].imag ** 2, rtol=1e-8)
+
+
+def test_each_column_follows_one_eigenvalue_through_crossings() -> None:
+    pair = lg.System((x.dot**2 + y.dot**2) / 2, (x**2 + k * y**2) / 2, coordinates=[x, y], parameters={k: 1})
+    found = pair.eigenvalues(k, np.linspace(0.5, 2.0, 16)).eigenvalues
+    still = np.abs(found.imag) - 1.0
+    # Two stay at -+1, and two grow with sqrt(k) without a jump.
+    assert sorted(np.abs(still).max(axis=0).round(12))[:2] == [0.0, 0.0]
+    assert np.abs(np.diff(found, axis=0)).max() < 0.1
 
 
 def test_the_picture_has_a_line_for_each_eigenvalue_in_both_parts() -> None:
