@@ -20,7 +20,7 @@ from lagrange.mechanics.linearization import Linearization, linearized_at
 from lagrange.mechanics.linearization_check import check as check_linearization
 from lagrange.mechanics.modes import Modes, modes
 from lagrange.mechanics.noether import noether_quantity
-from lagrange.mechanics.point import stated_point
+from lagrange.mechanics.point import stated_point, with_inputs_as_parameters
 from lagrange.mechanics.reduction import reduced
 from lagrange.mechanics.routh import routhian
 from lagrange.mechanics.small import small
@@ -174,13 +174,15 @@ class Analysis(ABC):
         """Return M, C, K and A, B of small changes about a point, SymPy matrices.
 
         `at` has values of coordinates, of velocities of steady motions and of inputs, numbers or expressions in
-        parameters; what it does not name is zero. `inputs` are parameters that forces contain. With constraints the
-        equations are those of independent coordinates. Away from equilibrium the matrices hold at that instant, and
+        parameters; what it does not name is zero. `inputs` are parameters or given functions of time. With constraints
+        the equations are those of independent coordinates. Away from equilibrium the matrices hold at that instant, and
         `.note` says so. Tested against the Jacobian of the compiled model.
         """
-        point = stated_point(self._known, at, inputs)
+        statement, at, inputs = with_inputs_as_parameters(self.statement, at, inputs)
+        system = self if statement is self.statement else self.from_statement(statement)
+        model, point = system.compile("numpy", check=False), stated_point(system._known, at, inputs)
         found = linearized_at(point)
-        check_linearization(found, point, self.compile("numpy", check=False))
+        check_linearization(found, point, model)
         return found
 
     def modes(self, at: Mapping[Any, Any] | None = None) -> Modes:

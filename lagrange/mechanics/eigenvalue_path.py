@@ -65,7 +65,7 @@ def eigenvalue_path(statement: Statement, parameter: Any, values: Any, at: Any, 
         state = _equilibrium(point, model, given, before)
         if state is None:
             continue
-        rows[k] = _matched(np.linalg.eigvals(model.jacobian(0.0, state, given)), _last(rows[:k]))
+        rows[k] = _matched(np.linalg.eigvals(model.jacobian(0.0, state, given)), _expected(rows[:k], chosen, value))
         before = state if point.decimal else None
         places[k] = state[:n]
     if np.isnan(places).all():
@@ -102,10 +102,16 @@ def _equilibrium(point: StatedPoint, model: Model, given: Any, before: FloatArra
     return None
 
 
-def _last(rows: Any) -> Any:
-    """Return the last row that has numbers in it, or None."""
-    known = [row for row in rows if np.isfinite(row).all()]
-    return known[-1] if known else None
+def _expected(rows: Any, values: FloatArray, value: float) -> Any:
+    """Return the eigenvalues that a line through the last two rows leads to, so that crossings are passed; or None."""
+    known = [k for k, row in enumerate(rows) if np.isfinite(row).all()]
+    if not known:
+        return None
+    last = rows[known[-1]]
+    if len(known) == 1 or values[known[-1]] == values[known[-2]]:
+        return last
+    share = (value - values[known[-1]]) / (values[known[-1]] - values[known[-2]])
+    return last + share * (last - rows[known[-2]])
 
 
 def _matched(found: Any, before: Any) -> Any:

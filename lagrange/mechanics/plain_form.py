@@ -15,6 +15,7 @@ from lagrange.errors import shown
 from lagrange.evidence.sample import Point
 from lagrange.mechanics.simplification import simplest
 from lagrange.statement.coordinate import acceleration_of, name_of, t, velocity_of
+from lagrange.statement.motion import motion_of
 from lagrange.statement.statement import Statement
 
 IMAGINARY = 1e-20
@@ -110,9 +111,26 @@ class PlainForm:
 
 
 def number(given: Any, values: Mapping[Any, Any]) -> complex:
-    """Return the value of an expression in plain symbols, NaN where it has none."""
-    found = printable(given).xreplace(dict(values)).evalf(DIGITS)
+    """Return the value of an expression in plain symbols, NaN where it has none, as with an open function."""
+    known = prescribed(printable(given))
+    if known.has(AppliedUndef):
+        return complex("nan")
+    by_name = {symbol.name: x for symbol, x in values.items()}  # a given function may have another symbol of the name
+    found = known.xreplace({s: by_name[s.name] for s in known.free_symbols if s.name in by_name}).evalf(DIGITS)
     return complex(found) if found.is_number and found.is_finite else complex("nan")
+
+
+def prescribed(given: Any) -> Any:
+    """Return an expression with the values of its given functions of time, and of their derivatives."""
+    if not given.has(AppliedUndef):
+        return given
+    table: dict[Any, Any] = {}
+    for node in sorted(given.atoms(AppliedUndef, sympy.Derivative), key=str):
+        function = node.expr if node.is_Derivative else node
+        motion = motion_of(function)
+        if motion is not None and motion.values is not None:
+            table[node] = motion.derivative(len(node.variables) if node.is_Derivative else 0)
+    return given.xreplace(table)
 
 
 def real(given: Any, values: Mapping[Any, Any]) -> float:

@@ -11,7 +11,8 @@ import sympy
 
 from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.mechanics.identity import vanishes
-from lagrange.mechanics.plain_form import PlainForm
+from lagrange.mechanics.plain_form import PlainForm, label_of
+from lagrange.mechanics.rewriting import rewritten
 from lagrange.statement.coordinate import name_of, velocity_of
 from lagrange.statement.expression import entries, expression
 from lagrange.statement.statement import Statement
@@ -57,6 +58,31 @@ class StatedPoint:
             return vanishes(self.form, given)
         size = max([1.0, *(abs(complex(x)) for x in scale if not x.free_symbols)])
         return abs(complex(given)) <= CLOSE * size
+
+
+def with_inputs_as_parameters(statement: Statement, at: Any, inputs: Any) -> tuple[Statement, Any, Any]:
+    """Return the statement, the point and the inputs with a parameter for each given function that is an input.
+
+    Raises StatementError for one whose derivatives stand in the energies or forces.
+    """
+    listed = [inputs] if isinstance(inputs, str) else entries(inputs, "inputs")
+    named = [label_of(one) for one in ([inputs] if listed is None else listed)]
+    table: dict[Any, Any] = {}
+    for function, order in zip(statement.given, statement.orders, strict=True):
+        name = name_of(function)
+        if name in named:
+            if order:
+                raise StatementError(
+                    f"the input {name} stands in the statement with its derivatives, and B u has none: state a force, "
+                    f"or a motion whose acceleration is an input."
+                )
+            table[function] = sympy.Symbol(name, real=True)
+    if not table:
+        return statement, at, inputs
+    parameters = {p: statement.defaults.get(p) for p in statement.parameters} | dict.fromkeys(table.values())
+    made = rewritten(statement, lambda stated: stated.xreplace(table), parameters=parameters)
+    place = {table.get(key, key): x for key, x in at.items()} if isinstance(at, Mapping) else at
+    return made, place, named
 
 
 def stated_point(statement: Statement, at: Any, inputs: Any = ()) -> StatedPoint:

@@ -19,7 +19,7 @@ from lagrange.equations.terms import differentiable, printable
 from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.machine.model import Model
 from lagrange.mechanics.number_check import compared
-from lagrange.mechanics.plain_form import PlainForm, label_of, number, real
+from lagrange.mechanics.plain_form import PlainForm, label_of, number, prescribed, real
 from lagrange.mechanics.preimage import Preimage
 from lagrange.mechanics.rewriting import rewritten
 from lagrange.mechanics.simplification import simplest
@@ -154,9 +154,9 @@ def _start(change: Transformation, made: Statement) -> tuple[float, ...]:
         unknowns=tuple(made.coordinates.index(q) for q in change.new),
         angles=tuple(_is_angle(change, q) for q in change.new),
         positive=tuple(q in change.positive for q in change.new),
-        values=tuple(map(change.back, change.old)),
-        slopes=tuple(tuple(change.back(entry) for entry in row) for row in change.slopes.tolist()),
-        drifts=tuple(change.back(rate.xreplace(still)) for rate in rates),
+        values=tuple(prescribed(change.back(x)) for x in change.old),
+        slopes=tuple(tuple(prescribed(change.back(entry)) for entry in row) for row in change.slopes.tolist()),
+        drifts=tuple(prescribed(change.back(rate.xreplace(still))) for rate in rates),
     )
     n = len(old.coordinates)
     return problem.solved([old.initial[i] for i in wanted], [old.initial[n + i] for i in wanted])

@@ -55,6 +55,20 @@ def test_a_linearization_is_the_compiled_jacobian_anywhere() -> None:
     np.testing.assert_allclose(numeric(lin.A, {}), jacobian, rtol=1e-12, atol=1e-13)
 
 
+def test_a_given_function_is_an_input_too() -> None:
+    push, pivot = lg.given("push"), lg.given("pivot")
+    spring = lg.System(m * x.dot**2 / 2, k * x**2 / 2, forces={x: push}, parameters={m: 2, k: 3})
+    for given in (push, "push"):
+        lin = spring.linearize({"push": 0}, inputs=given)
+        assert (Matrix([[0, 1], [-k / m, 0]]), Matrix([0, 1 / m])) == (lin.A, lin.B)
+    assert spring.linearize({x: 1, push: k}, inputs=[push]).equilibrium
+    shaken = lg.System(m * (x.dot + pivot.dot) ** 2 / 2, k * x**2 / 2, coordinates=[x])
+    with pytest.raises(
+        StatementError, match=r"the input pivot stands in the statement with its derivatives, and B u h"
+    ):
+        shaken.linearize(inputs=[pivot])
+
+
 def test_a_steady_motion_is_one_and_others_are_told() -> None:
     pendulum = lg.System(
         m * l**2 * (theta.dot**2 + sin(theta) ** 2 * phi.dot**2) / 2,
