@@ -20,21 +20,19 @@ from lagrange.errors import RunError, StatementError, listing, shown
 from lagrange.machine.model import Model
 from lagrange.mechanics.branches import solved
 from lagrange.mechanics.linearization import Linearization, linearized_at
-from lagrange.mechanics.modes import criterion, stability_of
 from lagrange.mechanics.plain_form import PlainForm, number
 from lagrange.mechanics.point import StatedPoint, stated_point
 from lagrange.mechanics.search import STARTS, Search
 from lagrange.mechanics.simplification import in_fractions, simplest
-from lagrange.mechanics.stability import Verdict, ignorable
+from lagrange.mechanics.stability import Verdict, criterion, ignorable, stability_of
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
 
 FORCE_LEFT = 1e-15
 """Force left at a symbolic equilibrium, relative to its terms, in thirty digits."""
 
-
 FORCE_LEFT_BY_SEARCH = 1e-6
-"""The same of one in decimals."""
+"""Force left at an equilibrium in decimals, relative to its terms."""
 
 
 @dataclass(frozen=True, eq=False)

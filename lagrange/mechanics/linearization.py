@@ -18,10 +18,9 @@ import sympy
 
 from lagrange.errors import StatementError, listing, shown
 from lagrange.mechanics.plain_form import PlainForm
-from lagrange.mechanics.point import StatedPoint, stated_point
+from lagrange.mechanics.point import StatedPoint
 from lagrange.mechanics.simplification import simplest
 from lagrange.statement.coordinate import t
-from lagrange.statement.statement import Statement
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,13 +86,8 @@ def _again(values: dict[str, Any]) -> Linearization:
     return Linearization(**{**values, "at": MappingProxyType(values["at"])})
 
 
-def linearized(statement: Statement, at: Any, inputs: Any = ()) -> Linearization:
-    """Return the linearization about a point; see `Analysis.linearize`."""
-    return linearized_at(stated_point(statement, at, inputs))
-
-
 def linearized_at(point: StatedPoint) -> Linearization:
-    """Return the linearization about a point that was read."""
+    """Return the linearization about a point; see `Analysis.linearize`."""
     if point.form.statement.constraints:
         return _Held(point).linearization()
     form = point.form

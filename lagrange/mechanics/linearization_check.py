@@ -11,7 +11,7 @@ from lagrange.evidence.sample import Point
 from lagrange.machine.model import Model
 from lagrange.mechanics.linearization import Linearization
 from lagrange.mechanics.number_check import agrees, compared
-from lagrange.mechanics.plain_form import number
+from lagrange.mechanics.plain_form import numeric
 from lagrange.mechanics.point import StatedPoint
 from lagrange.statement.coordinate import t
 
@@ -41,12 +41,6 @@ def _values(point: StatedPoint, sample: Point) -> dict[Any, Any]:
     """Return numbers for the parameters, the inputs and the time."""
     numbers = {p: sympy.Rational(x) for p, x in sample.parameters.items()} | {t: sympy.Rational(sample.t)}
     return numbers | {u: x.xreplace(numbers) for u, x in point.inputs.items()}
-
-
-def numeric(matrix: Any, values: Any) -> Any:
-    """Return a SymPy matrix as an array of doubles, complex where it is."""
-    found = np.array([number(x, values) for x in matrix], dtype=complex).reshape(matrix.shape)
-    return found.real if not found.imag.any() else found
 
 
 def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> tuple[Any, Any]:

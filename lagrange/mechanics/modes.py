@@ -16,11 +16,10 @@ import sympy
 
 from lagrange.errors import RunError, StatementError, listing
 from lagrange.mechanics.linearization import Linearization
-from lagrange.mechanics.linearization_check import numeric
-from lagrange.mechanics.plain_form import PlainForm, number
+from lagrange.mechanics.plain_form import number, numeric
 from lagrange.mechanics.point import StatedPoint
-from lagrange.mechanics.simplification import is_zero, simplest, size
-from lagrange.mechanics.stability import REAL_PART, Verdict, at_fixed_momenta, has_energy, ignorable, verdict
+from lagrange.mechanics.simplification import simplest, size
+from lagrange.mechanics.stability import REAL_PART, first_order_matrix, has_inertia, matrix_values, stability_of
 from lagrange.statement.coordinate import t
 
 LARGEST_SYMBOLIC = 4
@@ -93,7 +92,7 @@ def modes(lin: Linearization, point: StatedPoint) -> Modes:
             f"{statement.name} has constraints on velocities, and its positions are not restricted by them: "
             "linearize().A has the eigenvalues."
         )
-    values = _values(point, lin)
+    values = matrix_values(lin, point)
     symbolic = _symbolic(lin) if not point.decimal and lin.M.rows <= LARGEST_SYMBOLIC else None
     if symbolic is None and values is None:
         missing = [p.name for p in statement.parameters if p not in statement.defaults]
@@ -101,7 +100,7 @@ def modes(lin: Linearization, point: StatedPoint) -> Modes:
             f"the modes of {statement.name} are not found in symbols, and for numbers {listing(missing)} "
             f"{'has' if len(missing) == 1 else 'have'} no value: give parameters={{'{(missing or ['m'])[0]}': 1.0}}."
         )
-    found = _verdict(lin, point.form, values)
+    found = stability_of(lin, point)
     if symbolic is not None:
         roots, shapes = symbolic
         _check(roots, lin, values)
@@ -139,13 +138,6 @@ def _check(roots: Sequence[_Root], lin: Linearization, values: Mapping[Any, Any]
             )
 
 
-def _values(point: StatedPoint, lin: Linearization) -> Mapping[Any, Any] | None:
-    """Return numbers for all symbols of the matrices, or None where one is missing."""
-    known = point.numbers
-    symbols = [s for matrix in (lin.M, lin.C, lin.K) for x in matrix for s in sorted(x.free_symbols, key=str)]
-    return known if all(s in known for s in symbols) else None
-
-
 def _ones_of(*matrices: Any) -> Mapping[Any, Any]:
     """Return numbers for all symbols, which tell frequencies apart where parameters have no values."""
     symbols = [s for matrix in matrices for x in matrix for s in sorted(x.free_symbols, key=str)]
@@ -160,56 +152,7 @@ def _sort_key(given: Any, values: Mapping[Any, Any]) -> tuple[float, float]:
 def eigenvalues(lin: Linearization, values: Mapping[Any, Any]) -> Any:
     """Return the eigenvalues of A as numbers, by real then by imaginary part."""
     mass, damping, stiffness = (numeric(x, values) for x in (lin.M, lin.C, lin.K))
-    n = mass.shape[0]
-    lower = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
-    return np.sort_complex(np.linalg.eigvals(np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), lower])))
-
-
-def stability_of(lin: Linearization, point: StatedPoint) -> Verdict:
-    """Return whether an equilibrium is stable, by numbers where there are some, else by signs that SymPy knows."""
-    return _verdict(lin, point.form, _values(point, lin))
-
-
-def _verdict(lin: Linearization, form: PlainForm, values: Mapping[Any, Any] | None) -> Verdict:
-    gone = ignorable(form) if not form.statement.constraints else ()
-    if not has_inertia(lin):
-        return Verdict(stable=None, reason="the mass matrix is singular there: other coordinates decide.")
-    if values is None:
-        return symbolic_verdict(lin, form, gone)
-    parts = [numeric(x, values) for x in (lin.M, lin.C, lin.K)]
-    if any(np.iscomplexobj(part) or not np.isfinite(part).all() for part in parts):
-        return Verdict(stable=None, reason="the point does not exist at the values of the parameters.")
-    return verdict(*at_fixed_momenta(parts[0], parts[1], parts[2], gone), energetic=has_energy(form))
-
-
-def has_inertia(lin: Linearization) -> bool:
-    """Return whether every motion has inertia at the point, as it does where the coordinates are regular."""
-    return not is_zero(lin.M.det(method="berkowitz"))
-
-
-def criterion(lin: Linearization, gone: tuple[int, ...]) -> tuple[Any, ...]:
-    """Return the leading minors of K at fixed momenta: the energy has a minimum if all are positive."""
-    if not has_inertia(lin):
-        return ()
-    _, _, stiffness = at_fixed_momenta(lin.M, lin.C, lin.K, gone)
-    return tuple(simplest(stiffness[:k, :k].det(method="berkowitz")) for k in range(1, stiffness.rows + 1))
-
-
-def symbolic_verdict(lin: Linearization, form: PlainForm, gone: tuple[int, ...]) -> Verdict:
-    """Return the verdict for all values of the parameters, where SymPy knows the signs."""
-    minors = criterion(lin, gone)
-    drag = lin.C + lin.C.T
-    braked = drag.is_zero_matrix or all(drag[:k, :k].det().is_positive for k in range(1, drag.rows + 1))
-    if minors and braked and lin.K.is_symmetric(simplify=True) and has_energy(form):
-        if all(minor.is_positive for minor in minors):
-            return Verdict(stable=True, reason="the energy has a strict minimum there.")
-        if minors[-1].is_negative:
-            return Verdict(
-                stable=False, reason="the determinant of K is negative, so that an eigenvalue is real and positive."
-            )
-    return Verdict(
-        None, f"that depends on the parameters: the energy has a minimum if {listing(map(str, minors))} > 0."
-    )
+    return np.sort_complex(np.linalg.eigvals(first_order_matrix(mass, damping, stiffness)))
 
 
 def _symbolic(lin: Linearization) -> tuple[list[_Root], list[Any]] | None:
@@ -336,8 +279,7 @@ def _numbers(lin: Linearization, values: Mapping[Any, Any]) -> tuple[list[_Root]
     """Return the modes as numbers."""
     mass, damping, stiffness = (numeric(x, values) for x in (lin.M, lin.C, lin.K))
     n = mass.shape[0]
-    lower = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
-    found, vectors = np.linalg.eig(np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), lower]))
+    found, vectors = np.linalg.eig(first_order_matrix(mass, damping, stiffness))
     largest = max(1e-300, float(np.abs(found).max()))
     order = sorted(range(2 * n), key=lambda i: (abs(found[i].imag), abs(found[i].real), found[i].imag < 0))
     roots: list[_Root] = []

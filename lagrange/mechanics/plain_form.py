@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import numpy as np
 import sympy
 from sympy.core.function import AppliedUndef
 
@@ -137,6 +138,12 @@ def real(given: Any, values: Mapping[Any, Any]) -> float:
     """Return the value of an expression in plain symbols, NaN where it has no real one."""
     found = number(given, values)
     return found.real if abs(found.imag) <= IMAGINARY * abs(found.real) else float("nan")
+
+
+def numeric(matrix: Any, values: Any) -> Any:
+    """Return a SymPy matrix as an array of doubles, complex where it is."""
+    found = np.array([number(x, values) for x in matrix], dtype=complex).reshape(matrix.shape)
+    return found.real if not found.imag.any() else found
 
 
 def label_of(given: Any) -> str:

@@ -9,14 +9,19 @@ Source: D. R. Merkin, Introduction to the Theory of Stability, 1997, chapters 3 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import sympy
 
+from lagrange.errors import listing
 from lagrange.mechanics.identity import vanishes
-from lagrange.mechanics.plain_form import PlainForm
+from lagrange.mechanics.linearization import Linearization
+from lagrange.mechanics.plain_form import PlainForm, numeric
+from lagrange.mechanics.point import StatedPoint
+from lagrange.mechanics.simplification import is_zero, simplest
 
 REAL_PART = 1e-6
 """Real part of an eigenvalue that counts as zero, relative to the largest: double ones are found to 1e-8."""
@@ -31,6 +36,65 @@ class Verdict:
 
     stable: bool | None
     reason: str
+
+
+def matrix_values(lin: Linearization, point: StatedPoint) -> Mapping[Any, Any] | None:
+    """Return numbers for all symbols of M, C and K, or None where one is missing."""
+    known = point.numbers
+    symbols = [s for matrix in (lin.M, lin.C, lin.K) for x in matrix for s in sorted(x.free_symbols, key=str)]
+    return known if all(s in known for s in symbols) else None
+
+
+def first_order_matrix(mass: Any, damping: Any, stiffness: Any) -> Any:
+    """Return the matrix A of d/dt [x, v] = A [x, v] for M dv/dt + C v + K x = 0, numbers, (2n, 2n)."""
+    n = mass.shape[0]
+    lower = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
+    return np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), lower])
+
+
+def stability_of(lin: Linearization, point: StatedPoint) -> Verdict:
+    """Return whether an equilibrium is stable, by numbers where there are some, else by signs that SymPy knows."""
+    form, values = point.form, matrix_values(lin, point)
+    gone = ignorable(form) if not form.statement.constraints else ()
+    if not has_inertia(lin):
+        return Verdict(stable=None, reason="the mass matrix is singular there: other coordinates decide.")
+    if values is None:
+        return _symbolic_verdict(lin, form, gone)
+    parts = [numeric(x, values) for x in (lin.M, lin.C, lin.K)]
+    if any(np.iscomplexobj(part) or not np.isfinite(part).all() for part in parts):
+        return Verdict(stable=None, reason="the point does not exist at the values of the parameters.")
+    mass, damping, stiffness = at_fixed_momenta(parts[0], parts[1], parts[2], gone)
+    return _numeric_verdict(mass, damping, stiffness, energetic=has_energy(form))
+
+
+def has_inertia(lin: Linearization) -> bool:
+    """Return whether every motion has inertia at the point, as it does where the coordinates are regular."""
+    return not is_zero(lin.M.det(method="berkowitz"))
+
+
+def criterion(lin: Linearization, gone: tuple[int, ...]) -> tuple[Any, ...]:
+    """Return the leading minors of K at fixed momenta: the energy has a minimum if all are positive."""
+    if not has_inertia(lin):
+        return ()
+    _, _, stiffness = at_fixed_momenta(lin.M, lin.C, lin.K, gone)
+    return tuple(simplest(stiffness[:k, :k].det(method="berkowitz")) for k in range(1, stiffness.rows + 1))
+
+
+def _symbolic_verdict(lin: Linearization, form: PlainForm, gone: tuple[int, ...]) -> Verdict:
+    """Return the verdict for all values of the parameters, where SymPy knows the signs."""
+    minors = criterion(lin, gone)
+    drag = lin.C + lin.C.T
+    braked = drag.is_zero_matrix or all(drag[:k, :k].det().is_positive for k in range(1, drag.rows + 1))
+    if minors and braked and lin.K.is_symmetric(simplify=True) and has_energy(form):
+        if all(minor.is_positive for minor in minors):
+            return Verdict(stable=True, reason="the energy has a strict minimum there.")
+        if minors[-1].is_negative:
+            return Verdict(
+                stable=False, reason="the determinant of K is negative, so that an eigenvalue is real and positive."
+            )
+    return Verdict(
+        None, f"that depends on the parameters: the energy has a minimum if {listing(map(str, minors))} > 0."
+    )
 
 
 def ignorable(form: PlainForm) -> tuple[int, ...]:
@@ -72,19 +136,18 @@ def at_fixed_momenta(mass: Any, damping: Any, stiffness: Any, gone: tuple[int, .
 
 
 def has_energy(form: PlainForm) -> bool:
-    """Return whether L is free of time and no force feeds energy in: only Rayleigh's dissipation, which may be."""
+    """Return whether L is free of time, and no force acts but those of V and of Rayleigh's dissipation."""
     statement = form.statement
     free = vanishes(form, form.lagrangian.diff(sympy.Symbol("t")))
     return free and all(vanishes(form, form.read(force)) for force in statement.forces)
 
 
-def verdict(mass: Any, damping: Any, stiffness: Any, *, energetic: bool) -> Verdict:
+def _numeric_verdict(mass: Any, damping: Any, stiffness: Any, *, energetic: bool) -> Verdict:
     """Return the verdict on numbers M, C and K at fixed momenta; `energetic` if the energy cannot grow."""
     n = mass.shape[0]
     if not n:
         return Verdict(stable=None, reason="nothing is left to move at fixed momenta.")
-    lower = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
-    values = np.linalg.eigvals(np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), lower]))
+    values = np.linalg.eigvals(first_order_matrix(mass, damping, stiffness))
     size = max(1e-300, float(np.abs(values).max()))
     largest = float(values.real.max())
     if largest > REAL_PART * size:

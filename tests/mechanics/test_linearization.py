@@ -13,7 +13,7 @@ from sympy import Matrix, acos, cos, pi, sin
 import lagrange as lg
 from lagrange.errors import RunError, StatementError
 from lagrange.mechanics import linearization
-from lagrange.mechanics.linearization_check import numeric
+from lagrange.mechanics.plain_form import numeric
 
 m, g, l, k, c, w, M, R = lg.parameters("m g l k c w M R")
 u = lg.parameters("u", positive=False)
