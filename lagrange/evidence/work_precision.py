@@ -193,7 +193,7 @@ class _Measurements:
             message = f"not run: at {late:.3g} it took longer than {self.settings.max_wall:g} s."
             return replace(blank, status=SKIPPED, message=message)
         chosen: dict[str, Any] = {"rtol": setting} if adaptive else {"step": setting}
-        problem = replace(self.problem, t_eval=self.outputs, **chosen)
+        problem = replace(self.problem, t_eval=self.outputs, began=time.perf_counter(), **chosen)
         try:
             found = _checked(run_by(method, problem))
             blank = replace(blank, steps=found.steps, evaluations=found.evaluations)

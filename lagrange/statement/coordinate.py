@@ -70,6 +70,11 @@ def declared(coordinate: Any) -> bool:
     return name_of(coordinate) in _DECLARED
 
 
+def is_ours(function: Any) -> bool:
+    """Return whether a function of time was made here, and not by SymPy."""
+    return "ddot" in type(function).__dict__
+
+
 _DECLARED: dict[str, Any] = {}
 """The coordinates that were made, by name."""
 

@@ -15,7 +15,7 @@ from sympy.core.function import AppliedUndef
 from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.statement.choice import one_of, text
 from lagrange.statement.constraint import Constraint, declare_constraints
-from lagrange.statement.coordinate import check_name, check_symbol, declared, name_of, t, velocity_of
+from lagrange.statement.coordinate import check_name, check_symbol, declared, is_ours, name_of, t, velocity_of
 from lagrange.statement.declared_order import COORDINATES
 from lagrange.statement.dimension_check import with_dimensions
 from lagrange.statement.expression import entries, expression
@@ -114,9 +114,10 @@ def initial_state(given: Mapping[Any, Any], coordinates: tuple[Any, ...], base: 
     A name is a coordinate's, or with ``_dot`` behind it its velocity's.
     """
     if not isinstance(given, Mapping):
+        what = "an array" if isinstance(given, np.ndarray) else f"a {type(given).__name__}"
         raise StatementError(
-            f"initial is a {type(given).__name__}: give a dict such as {{{name_of(coordinates[0])}: 1.0}}; what is not "
-            "named keeps its default."
+            f"initial is {what}: give a dict such as {{{name_of(coordinates[0])}: 1.0}}; what is not named keeps its "
+            "default."
         )
     rows = state_rows(coordinates)
     values = list(base)
@@ -183,12 +184,12 @@ def _in_order(coordinates: Iterable[Any]) -> list[Any]:
 
 
 def _check_inferred(survey: Survey) -> None:
-    """Ask what a function of time is that nobody declared, where others were declared as coordinates.
+    """Ask what a function of time is that nobody declared, where others stand that `lagrange.coordinate` made.
 
     SymPy's functions alone are taken for coordinates, as `dynamicsymbols` makes them.
     """
     unsaid = [q for q in survey.coordinates if not declared(q)]
-    if unsaid and len(unsaid) < len(survey.coordinates):
+    if unsaid and any(map(is_ours, survey.coordinates)):
         names = [name_of(q) for q in survey.coordinates if declared(q)]
         raise StatementError(coordinate_or_given(name_of(unsaid[0]), names))
 

@@ -11,7 +11,6 @@ import numpy as np
 import sympy
 
 from lagrange.statement.coordinate import t
-from lagrange.statement.reality import real
 
 OVERHANG = 1e-3
 """Part of the outer intervals by which the outer cubics go on: a time there is that of an end with other rounding, or
@@ -51,13 +50,22 @@ class Motion:
 
     def derivative(self, order: int) -> Any:
         """Return the derivative of that order as an expression in t and parameters."""
-        return _pieces(self.values, order) if isinstance(self.values, Table) else real(self.values.diff(t, order))
+        return _pieces(self.values, order) if isinstance(self.values, Table) else _slope(self.values, order)
 
 
 def motion_of(function: Any) -> Motion | None:
     """Return what is known of a given function of time, or None for any other function."""
     found = type(function).__dict__.get(MARK)
     return found if isinstance(found, Motion) else None
+
+
+def _slope(expression: Any, order: int) -> Any:
+    """Return a derivative in t, which is real; at a corner or a jump it is that of one side."""
+    time = sympy.Dummy(real=True)
+    found = expression.xreplace({t: time})
+    for _ in range(order):
+        found = found.diff(time).replace(sympy.DiracDelta, lambda *_: sympy.S.Zero)
+    return found.xreplace({time: t})
 
 
 @lru_cache(maxsize=256)

@@ -216,6 +216,17 @@ def test_a_system_that_no_digits_follow_points_to_another_reference() -> None:
     assert race(brake, 2.0, reference="dop853").uncertainty < 1e-6
 
 
+def test_the_time_of_the_reference_is_not_that_of_the_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    right = reference_solution.reference_solution
+
+    def slow(problem: Problem, *others: Any) -> Any:
+        object.__setattr__(problem, "began", problem.began - 1000.0)
+        return right(problem, *others)
+
+    monkeypatch.setattr(work_precision, "reference_solution", slow)
+    assert [entry.status for entry in race(reference=EXACT)] == ["success"]
+
+
 def test_the_reference_has_a_time_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(reference_solution, "LONGEST", 1e-9)
     with pytest.raises(RunError, match="time limit"):

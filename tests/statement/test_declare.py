@@ -232,6 +232,7 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"potential": sympy.Symbol("a b")}, "'a b' cannot name a parameter"),
     ({"potential": sympy.Symbol("__import__('os').getpid()")}, "cannot name a parameter"),
     # initial state
+    ({"initial": np.ones(2)}, "initial is an array: give a dict such as {theta: 1.0}; what is not named keeps its"),
     ({"initial": [1]}, "initial is a list: give a dict such as {theta: 1.0}; what is not named keeps its default."),
     (
         {"initial": {"phi": 1}},

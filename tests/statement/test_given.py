@@ -93,6 +93,13 @@ def test_an_expression_is_put_in_for_a_run() -> None:
     assert "X = a*sin(w*t)" in driven.page("text")
 
 
+def test_an_expression_may_have_corners() -> None:
+    X = lg.given("X", sympy.Abs(t - 1) + sympy.Max(t, 2) + sympy.Heaviside(t - 1))
+    run = pendulum(X).run(3.0, t_eval=[0.5, 1.5, 2.5])
+    for leaf, expected in ((X, [2.5, 3.5, 5.0]), (X.dot, [-1.0, 1.0, 2.0]), (X.ddot, [0.0, 0.0, 0.0])):
+        np.testing.assert_allclose(run.evaluate(leaf), expected, atol=1e-14)
+
+
 def test_values_are_put_in_for_an_open_function() -> None:
     driven = pendulum(lg.given("X")).substitute({"X": a * sin(2 * t)})
     assert driven.accelerations()[theta].has(lg.given("X", a * sin(2 * t)).ddot)
@@ -127,6 +134,9 @@ def test_a_function_that_nobody_declared_is_asked_about() -> None:
     free = lg.System(m * dynamicsymbols("y_undeclared").diff(t) ** 2 / 2)
     assert free.structure[-1].startswith("y_undeclared is taken for a coordinate, as a function of time in the ener")
     assert "taken" not in pendulum(0).structure[-1]
+    lg.coordinate("y_of_another_system")
+    others = dynamicsymbols("y_undeclared y_of_another_system")
+    assert lg.System(m * sum(q.diff(t) ** 2 for q in others) / 2).statement.inferred == ("y_undeclared",)
 
 
 REFUSALS: list[tuple[Any, str]] = [
