@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from sympy import Add, Derivative
+from sympy.core.function import AppliedUndef
+
 from lagrange.show.names import index_parts
+from lagrange.statement.coordinate import t
 
 if TYPE_CHECKING:
     from lagrange.statement.statement import Statement
@@ -45,7 +49,7 @@ class BookOrder:
         stated = [statement.lagrangian, statement.dissipation, *statement.forces]
         stated += [one.expression for one in statement.constraints]
         stated += [entry for point in statement.positions.values() for entry in point]
-        found = (node for expression in stated for node in expression.xreplace(statement.plain).atoms(_add()))
+        found = (node for expression in stated for node in expression.xreplace(statement.plain).atoms(Add))
         return frozenset(found)
 
     def symbols(self, expression: Any) -> list[tuple[int, int, int]]:
@@ -58,11 +62,13 @@ class BookOrder:
 
     def follows(self, factor: Any) -> bool:
         """Whether a factor stands behind a fraction of constants: all that moves, and functions."""
-        return self.moves(factor) or bool(self.factor(factor)[0] == FUNCTION)
+        return self.moves(factor) or bool(self.factor(factor)[0] >= ACCELERATION)
 
     def factor(self, factor: Any) -> Key:
         """Return what factors are sorted by."""
         base, exponent = factor.as_base_exp()
+        if given := given_function(base):
+            return (ACCELERATION, 1, base.derivative_count if base.is_Derivative else 0, 0, given)
         ranks = self.symbols(factor)
         if base.is_Add and exponent.is_Integer:
             highest = max((rank[0] for rank in ranks), default=PARAMETER)
@@ -129,6 +135,12 @@ class BookOrder:
         return _negative(min(total.args, key=self.term))
 
 
+def given_function(node: Any) -> str:
+    """Return the name of a function of time alone, or of its derivative; of anything else an empty text."""
+    function = node.expr if isinstance(node, Derivative) else node
+    return str(function.func.__name__) if isinstance(function, AppliedUndef) and function.args == (t,) else ""
+
+
 def _natural(parameter: Any) -> list[tuple[int, str]]:
     """Return what names are sorted by: m2 before m10."""
     head, parts = index_parts(parameter.name)
@@ -137,9 +149,3 @@ def _natural(parameter: Any) -> list[tuple[int, str]]:
 
 def _negative(term: Any) -> bool:
     return bool(term.as_coeff_Mul()[0].is_negative)
-
-
-def _add() -> Any:
-    from sympy import Add
-
-    return Add

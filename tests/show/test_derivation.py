@@ -248,6 +248,7 @@ def constrained(name: str = "rod", **more: Any) -> Derivation:
             kinetic=m * (x.dot**2 + y.dot**2) / 2,
             potential=m * g * y,
             constraints={name: x**2 + y**2 - l**2, "slide": x.dot - c * y.dot},
+            coordinates=[x, y],
             name="bob",
             **more,
         )

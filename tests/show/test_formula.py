@@ -96,6 +96,8 @@ def test_cases_and_functions_of_time() -> None:
     )
     pivot, u = Function("X")(t), Function("U")
     assert written(pivot.diff(t, 2) * m, UnicodeNotation) == "m Ẍ"
+    assert written(m * l * pivot.diff(t) * theta.dot * cos(theta), UnicodeNotation) == "m l θ̇ Ẋ cos θ"
+    assert written(m * pivot.diff(t) ** 2 / 2 + k * pivot / l, UnicodeNotation) == "½ m Ẋ² + (k/l) X"
     assert written(u(x), UnicodeNotation) == "U(x)"
     assert written(u(x).diff(x), UnicodeNotation) == "U'(x)"
 
