@@ -55,10 +55,11 @@ class SideWriter:
 
     def __init__(self, statement: Statement, notation: Callable[[Sequence[str]], Notation]) -> None:
         multipliers = [one.multiplier.name for one in statement.constraints]
-        names = [*statement.names, *(symbol.name for symbol in statement.parameters), *multipliers]
+        given = [str(function.func.__name__) for function in statement.given]
+        names = [*statement.names, *(symbol.name for symbol in statement.parameters), *multipliers, *given]
         self.notation = notation(names)
         self.setter = Typesetter(statement, self.notation)
-        self.taken = frozenset(self.setter.letters.values())
+        self.taken = frozenset((*self.setter.letters.values(), *map(self.notation.letter, given)))
 
     def side(self, side: Any) -> str:
         """Return one side of a formula in one line."""

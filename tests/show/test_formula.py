@@ -145,6 +145,12 @@ def test_our_letters_give_way_to_the_symbols_of_the_statement() -> None:
     assert not re.search(r"\n    [ETVLD] = ", text)
 
 
+def test_our_letters_give_way_to_given_functions_too() -> None:
+    field = lg.given("E")
+    page = lg.System(m * x.dot**2 / 2, -k * field * x).page("unicode")
+    assert "    ℰ = ½ m ẋ² − k x E\n" in page and "    m ẍ − k E = 0\n" in page
+
+
 @pytest.mark.parametrize(
     ("terminal", "encoding", "style"),
     [(True, "utf-8", "unicode"), (True, "latin-1", "text"), (False, "utf-8", "text")],
