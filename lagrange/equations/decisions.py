@@ -48,7 +48,7 @@ Values = dict[Node, Any]
 
 @dataclass(frozen=True, eq=False)
 class StatedLaws:
-    """The nodes that are decided about: `forces` are dL/dq + extra, `extra` Q - dD/dv."""
+    """The nodes that are decided about: `forces` are dL/dq + extra, `extra` Q - dD/dv, M a = bias."""
 
     q: tuple[Node, ...]
     v: tuple[Node, ...]
@@ -58,6 +58,7 @@ class StatedLaws:
     forces: Sequence[Node]
     momenta: Sequence[Node]
     extra: Sequence[Node]
+    bias: Sequence[Node]
     mass: tuple[tuple[Node, ...], ...]
     constraints: ConstraintEquations
 
@@ -114,6 +115,20 @@ class Decisions:
         return self._decided(
             absent, lambda point: self._changes(entries, point, velocities=True), self._proven_constant_mass
         )
+
+    @cached_property
+    def position_only(self) -> Verdict:
+        """Whether the mass matrix is constant and M a free of velocities, and so the accelerations.
+
+        Constraints are not decided about: their forces may depend on velocities.
+        """
+        laws = self.laws
+        if len(laws.constraints):
+            return None
+        if self.constant_mass is not True:
+            return self.constant_mass
+        absent = not any(_meets(h, laws.v) for h in laws.bias)
+        return self._decided(absent, self._pushes, self._proven_position_only)
 
     def _decided(
         self,
@@ -182,11 +197,20 @@ class Decisions:
         terms = [force * point[v] for force, v in zip(forces[0], laws.v, strict=True)]
         return bool(abs(CONTEXT.fsum([*terms, -slope[0]])) > ZERO_SHARE * max(forces[1], slope[1], *map(abs, terms)))
 
+    def _pushes(self, point: Values) -> bool | None:
+        """Return whether M a changes where velocities do."""
+        other = {**point, **{v: point[v] * CONTEXT.mpf("0.87") + CONTEXT.mpf("0.013") for v in self.laws.v}}
+        return self._differ(self.laws.bias, point, other)
+
     def _changes(self, nodes: Sequence[Node], point: Values, *, velocities: bool = False) -> bool | None:
         """Return whether nodes change where positions and time do, at the same parameters."""
         laws = self.laws
         moving = (*laws.q, laws.time, *(laws.v if velocities else ()))
         other = {**point, **{x: point[x] * CONTEXT.mpf("0.87") + CONTEXT.mpf("0.013") for x in moving}}
+        return self._differ(nodes, point, other)
+
+    def _differ(self, nodes: Sequence[Node], point: Values, other: Values) -> bool | None:
+        """Return whether nodes have other values at another point."""
         ends = [values(nodes, at, CONTEXT) for at in (point, other)]
         if ends[0] is None or ends[1] is None:
             return None
@@ -262,10 +286,23 @@ class Decisions:
         entries = [entry for row in page.mass for entry in row]
         return self._still(page, entries, (*page.q, *page.v, page.time))
 
+    def _proven_position_only(self, page: StatedAlgebra) -> bool:
+        algebra, drag = page.algebra, page.read(self.statement.dissipation)
+        sides = []
+        for i, p in enumerate(page.momenta):
+            moved = [
+                algebra.multiply(algebra.differentiate(p, q), page.symbol(v))
+                for q, v in zip(page.q, page.v, strict=True)
+            ]
+            slope = algebra.add(algebra.differentiate(page.lagrangian, page.q[i]), page.read(self.statement.forces[i]))
+            moved += [algebra.differentiate(p, page.time), algebra.differentiate(drag, page.v[i])]
+            sides.append(algebra.add(algebra.scale(slope, S.NegativeOne), *moved))
+        return self._still(page, sides, page.v)
+
     def _still(self, page: StatedAlgebra, parts: Sequence[MonomialSum], symbols: Sequence[Any]) -> bool:
         """Return whether parts are proven to depend on none of some symbols."""
         slopes = (page.algebra.differentiate(part, symbol) for part in parts for symbol in symbols)
-        return not page.jumps(*symbols) and all(_vanishes(page, slope) for slope in slopes)
+        return not page.jumps(*symbols, twice=True) and all(_vanishes(page, slope) for slope in slopes)
 
 
 CONTEXT = precise(DIGITS)

@@ -123,7 +123,7 @@ def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> E
     plan = plan_of(matrix, tuple(range(len(q), len(matrix))))
     accelerations, impulses = solve_motion(plan, matrix, motion.bias, solved)
     multipliers = least_norm(constraints, kept, impulses[: len(kept)])
-    laws = StatedLaws(q, v, time, parameters, lagrangian, forces, momenta, extra, mass, constraints)
+    laws = StatedLaws(q, v, time, parameters, lagrangian, forces, momenta, extra, bias, mass, constraints)
     structure = find_structure(statement, laws, accelerations, first_order)
     known = {leaf: translate(value) for leaf, value in statement.prescribed}
     known |= zip(map(acceleration_of, statement.coordinates), accelerations, strict=True)

@@ -73,10 +73,16 @@ class StatedAlgebra:
             plain = plain.xreplace({number: Rational(repr(float(number))) for number in decimals})
         return self.algebra.read(differentiable(plain))
 
-    def jumps(self, *symbols: Any) -> bool:
-        """Return whether one of the symbols stands in a choice in L, whose derivative says nothing of a jump."""
-        plain = self.statement.lagrangian.xreplace(self.plain)
-        return any(node.has(*symbols) for node in plain.atoms(*JUMPING))
+    def jumps(self, *symbols: Any, twice: bool = False) -> bool:
+        """Return whether a symbol stands in a choice, whose derivative says nothing of a jump.
+
+        With `twice` also where the second derivative says nothing of one of the first, as of |x|.
+        """
+        statement = self.statement
+        stated = (statement.lagrangian, statement.dissipation, *statement.forces)
+        kinds = (*JUMPING, sympy.Abs) if twice else JUMPING
+        plain = [given.xreplace(self.plain) for given in stated]
+        return any(any(node.has(*symbols) for node in given.atoms(*kinds)) for given in plain)
 
     def symbol(self, symbol: Any) -> MonomialSum:
         """Return one of the symbols as a sum."""

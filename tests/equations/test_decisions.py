@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from sympy import Max, Piecewise, cos, cosh, exp, sin, sinh, sqrt, tan
+from sympy import Abs, Max, Piecewise, cos, cosh, exp, sign, sin, sinh, sqrt, tan
 
 import lagrange as lg
 from lagrange.equations import decisions
@@ -100,6 +100,17 @@ def test_nothing_is_denied_that_may_hold(parts: dict[str, Any], verdict: bool | 
     structure = found(**parts)
     assert structure.energy_kept is verdict and not structure.conservative
     assert any(told in sentence for sentence in structure.sentences())
+
+
+def test_methods_that_split_take_what_separates_however_it_is_stated() -> None:
+    hoop = lg.System(**STATED_BY_POSITIONS["hoop"][0], parameters={m: 1, l: 1, g: 9.81, omega: 2}, initial={theta: 0.5})
+    exact, split = hoop.run(1.0, rtol=1e-12).final, hoop.run(1.0, method="yoshida6", step=0.005).final
+    assert split["theta"] == pytest.approx(exact["theta"], abs=1e-9)
+    assert not hoop.laws.structure.position_only and hoop.laws.structure.decisions.position_only is True
+    # The derivative of sign(v) is zero on either side: dry friction depends on velocities all the same.
+    for dry in ({"dissipation": k * Abs(x.dot)}, {"forces": {x: -k * sign(x.dot)}}):
+        assert found(kinetic=m * x.dot**2, **dry).decisions.position_only is None
+    assert found(kinetic=m * x.dot**2, dissipation=k * x.dot**2).decisions.position_only is False
 
 
 def test_a_jump_is_no_constant() -> None:

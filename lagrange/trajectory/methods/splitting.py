@@ -121,16 +121,17 @@ def check_splits(name: str, problem: Problem) -> None:
     """Refuse a system whose kinetic energy is not separable or whose forces depend on velocities."""
     check_problem(name, problem)
     structure = problem.model.equations.structure
-    if not structure.constant_mass:
+    position_only = structure.position_only or structure.decisions.position_only is True
+    if not structure.constant_mass and structure.decisions.constant_mass is not True:
         reason = "its mass matrix changes along the motion"
         remedy = "Use variational-midpoint or galerkin4, which are symplectic for any mass matrix, or rk4 or dop853"
     elif problem.model.equations.first_order:
         reason = "some of its equations are of first order"
         remedy = "Use taylor, dop853 or rk4"
-    elif not structure.position_only and len(problem.model.equations.constraints):
+    elif not position_only and len(problem.model.equations.constraints):
         reason = "the forces of its constraints depend on velocities"
         remedy = "Use rattle, which is symplectic for constraints on coordinates, or taylor or dop853"
-    elif not structure.position_only:
+    elif not position_only:
         reason = "its accelerations depend on velocities, as with friction or a magnetic field"
         remedy = "With friction use rk4 or dop853; without, variational-midpoint or galerkin4, which are symplectic"
     else:
