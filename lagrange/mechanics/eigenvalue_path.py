@@ -14,6 +14,7 @@ from lagrange.machine.model import Model
 from lagrange.mechanics.plain_form import number
 from lagrange.mechanics.point import StatedPoint, stated_point
 from lagrange.statement.number import real_array
+from lagrange.statement.parameters import label_of
 from lagrange.statement.statement import Statement
 
 STEPS = 30
@@ -45,7 +46,7 @@ class EigenvaluePath:
 def eigenvalue_path(statement: Statement, parameter: Any, values: Any, at: Any, model: Model) -> EigenvaluePath:
     """Return the eigenvalues along values of a parameter; see `Analysis.eigenvalues`."""
     by_name = {p.name: p for p in statement.parameters}
-    label = parameter if isinstance(parameter, str) else str(parameter)
+    label = label_of(parameter)
     if label not in by_name:
         raise StatementError(f"{shown(label)} is no parameter of this system; its parameters are {listing(by_name)}.")
     if statement.constraints:

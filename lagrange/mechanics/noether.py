@@ -20,8 +20,9 @@ from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.machine.model import Model
 from lagrange.mechanics.quantity_rates import check_constant, quantity_rates
 from lagrange.mechanics.symmetries import Symmetry, SymmetryEquation
-from lagrange.statement.coordinate import name_of, t
+from lagrange.statement.coordinate import t
 from lagrange.statement.expression import expression
+from lagrange.statement.parameters import label_of
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 
@@ -64,7 +65,7 @@ def _given(statement: Statement, generator: Mapping[Any, Any]) -> dict[Any, Any]
     by_name = {**dict(zip(statement.names, statement.coordinates, strict=True)), t.name: t}
     found: dict[Any, Any] = {}
     for key, value in generator.items():
-        label = key if isinstance(key, str) else name_of(key) if getattr(key, "args", ()) == (t,) else str(key)[:80]
+        label = label_of(key)
         if label not in by_name:
             raise StatementError(
                 f"{label!r} is no coordinate of this system and not t; its coordinates are {listing(statement.names)}."

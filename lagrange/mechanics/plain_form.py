@@ -12,10 +12,9 @@ import sympy
 from sympy.core.function import AppliedUndef
 
 from lagrange.equations.terms import differentiable, printable
-from lagrange.errors import shown
 from lagrange.evidence.sample import Point
 from lagrange.mechanics.simplification import simplest
-from lagrange.statement.coordinate import acceleration_of, name_of, t, velocity_of
+from lagrange.statement.coordinate import acceleration_of, t, velocity_of
 from lagrange.statement.motion import motion_of
 from lagrange.statement.statement import Statement
 
@@ -144,13 +143,6 @@ def numeric(matrix: Any, values: Any) -> Any:
     """Return a SymPy matrix as an array of doubles, complex where it is."""
     found = np.array([number(x, values) for x in matrix], dtype=complex).reshape(matrix.shape)
     return found.real if not found.imag.any() else found
-
-
-def label_of(given: Any) -> str:
-    """Return the name by which a user means a coordinate: as text, or as the coordinate; anything else as it looks."""
-    if isinstance(given, str):
-        return given
-    return name_of(given) if isinstance(given, AppliedUndef) and given.args == (t,) else shown(given)
 
 
 def fresh_name(name: str, taken: Iterable[str]) -> str:

@@ -11,10 +11,11 @@ import sympy
 
 from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.mechanics.identity import vanishes
-from lagrange.mechanics.plain_form import PlainForm, label_of
+from lagrange.mechanics.plain_form import PlainForm
 from lagrange.mechanics.rewriting import rewritten
 from lagrange.statement.coordinate import name_of, velocity_of
 from lagrange.statement.expression import entries, expression
+from lagrange.statement.parameters import label_of
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 
@@ -103,7 +104,7 @@ def stated_point(statement: Statement, at: Any, inputs: Any = ()) -> StatedPoint
     for key, value in (at or {}).items():
         known = [label for label in rows if isinstance(label, str)]
         if not isinstance(key, (str, sympy.Basic)) or key not in rows:
-            label = key if isinstance(key, str) else str(key)
+            label = label_of(key)
             raise StatementError(
                 f"at names {shown(label)}, which is no coordinate, velocity or input; they are {listing(known)}."
                 + suggestion(label, known)

@@ -19,11 +19,12 @@ from lagrange.machine.model import Model
 from lagrange.mechanics.identity import vanishes
 from lagrange.mechanics.legendre import half_square, inverse
 from lagrange.mechanics.number_check import compared
-from lagrange.mechanics.plain_form import PlainForm, fresh_name, label_of, names_of, number, without_points
+from lagrange.mechanics.plain_form import PlainForm, fresh_name, names_of, number, without_points
 from lagrange.mechanics.rewriting import with_origin
 from lagrange.mechanics.simplification import simplest
 from lagrange.statement.coordinate import t, velocity_of
 from lagrange.statement.declare import declare
+from lagrange.statement.parameters import label_of
 from lagrange.statement.statement import Statement
 
 

@@ -14,6 +14,7 @@ from lagrange.statement.choice import text
 from lagrange.statement.coordinate import name_of
 from lagrange.statement.expression import TEXTS, entries, expression
 from lagrange.statement.multiplier import constraint_of
+from lagrange.statement.parameters import label_of
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 from lagrange.statement.text import read_expression
@@ -84,7 +85,7 @@ def spelled(expression: Any) -> str:
 
 def name_of_coordinate(key: Any, statement: Statement) -> str:
     """Return the name of a coordinate that is given as itself or by name. Raises StatementError for anything else."""
-    name = key if isinstance(key, str) else name_of(key) if key in statement.coordinates else str(key)
+    name = label_of(key)
     if name not in statement.names:
         raise StatementError(
             f"{name[:60]!r} is no coordinate of this system; they are {listing(statement.names)}."

@@ -11,6 +11,7 @@ from lagrange.statement.coordinate import name_of, t
 from lagrange.statement.expression import expression
 from lagrange.statement.given import given as given_function
 from lagrange.statement.motion import motion_of
+from lagrange.statement.parameters import label_of
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 
@@ -28,7 +29,7 @@ def substituted(statement: Statement, given: Mapping[Any, Any]) -> Statement:
     functions = {name_of(function): function for function in statement.given}
     table: dict[Any, Any] = {}
     for key, value in given.items():
-        name = (key if isinstance(key, str) else str(key)).removesuffix("(t)")
+        name = label_of(key).removesuffix("(t)")
         if name in functions:
             table[functions[name]] = given_function(name, value)
             continue

@@ -19,13 +19,14 @@ from lagrange.equations.terms import differentiable, printable
 from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.machine.model import Model
 from lagrange.mechanics.number_check import compared
-from lagrange.mechanics.plain_form import PlainForm, label_of, number, prescribed, real
+from lagrange.mechanics.plain_form import PlainForm, number, prescribed, real
 from lagrange.mechanics.preimage import Preimage
 from lagrange.mechanics.rewriting import rewritten
 from lagrange.mechanics.simplification import simplest
 from lagrange.statement.coordinate import acceleration_of, name_of, t, velocity_of
 from lagrange.statement.declared_order import COORDINATES
 from lagrange.statement.expression import entries, expression
+from lagrange.statement.parameters import label_of
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 

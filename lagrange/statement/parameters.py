@@ -52,7 +52,7 @@ def label_of(key: Any) -> str:
         return f"{name_of(key.expr)}_dot"
     if isinstance(key, sympy.Symbol):
         return str(key.name)
-    return name_of(key) if key.args == (t,) else str(key)[:80]
+    return name_of(key) if key.args == (t,) else shown(key)
 
 
 def table_of(given: Any, what: str, entries: str) -> Mapping[Any, Any]:

@@ -157,7 +157,7 @@ def rod(**more: Any) -> lg.System:
         (lambda: cart().linearize(WRONG), "at is 3: give a dict such as {x: 0}."),
         (
             lambda: cart().linearize({z: 0}),
-            "at names 'z(t)', which is no coordinate, velocity or input; they are x, x_",
+            "at names 'z', which is no coordinate, velocity or input; they are x, x_",
         ),
         (
             lambda: cart().linearize({x: theta}),
@@ -200,6 +200,12 @@ def test_refusals(call: Any, words: str) -> None:
     with pytest.raises(StatementError) as refusal:
         call()
     assert str(refusal.value).startswith(words)
+
+
+@pytest.mark.parametrize("name", ["linearize", "substitute", "noether", "compare", "transform"])
+def test_a_key_of_thousands_of_digits_is_refused_in_a_sentence(name: str) -> None:
+    with pytest.raises(StatementError, match=r"is no (coordinate|parameter)|which is no coordinate"):
+        getattr(cart(u=0), name)({sympy.Integer(10) ** 5000: 1})
 
 
 @pytest.mark.parametrize("symbols", ["q", "inputs"])
