@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -26,11 +25,11 @@ def invariants(model: Model, t: FloatArray, y: FloatArray, parameters: Mapping[A
     """Return what the system conserves by name, (N,) each, at states y (2n, N) at the times t (N,)."""
     found = conserved_quantities(model)
     if not found:
-        return MappingProxyType({})
+        return {}
     nodes = tuple(model.equations.translate(one.expression) for one in found)
     with np.errstate(all="ignore"):  # a run that left the finite numbers says so itself
         values = model.function("invariants", nodes)(t, y, model.parameter_array(parameters))
-    return MappingProxyType({one.name: row for one, row in zip(found, values, strict=True)})
+    return {one.name: row for one, row in zip(found, values, strict=True)}
 
 
 def momentum_drifts(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 from sympy import cos, sin, sqrt
@@ -22,7 +24,7 @@ def spherical(**start: float) -> lg.Solution:
 
 def test_invariants_along_a_run() -> None:
     run = spherical()
-    assert list(run.invariants) == ["energy", "p_phi"]
+    assert list(run.invariants) == ["energy", "p_phi"] == list(pickle.loads(pickle.dumps(run)).invariants)
     np.testing.assert_allclose(run.invariants["energy"], run.energy, rtol=1e-12)
     momentum = 1.3 * 0.7**2 * np.sin(run[theta]) ** 2 * run[phi.dot]
     np.testing.assert_allclose(run.invariants["p_phi"], momentum, rtol=1e-12)
