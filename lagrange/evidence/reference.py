@@ -11,7 +11,7 @@ from __future__ import annotations
 import random
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, product
 from typing import Any
 
 from lagrange.evidence import laws
@@ -42,6 +42,12 @@ PERTURBATION = 1e-20
 
 VALUE_NOISE = "1e-89"
 """Random part added to each evaluation of a perturbed L, relative to the size of L: ten roundings."""
+
+MASS_NOISE = "1e-80"
+"""A second difference of L below this part of its size is left by rounding and `VALUE_NOISE`, which make 1e-88.
+
+With steps of `DIFFERENCE_STEP` that of an inertia 1e-40 of the largest is 1e-76.
+"""
 
 SAMPLES = 2
 """Perturbed copies. One sample of a sum with random signs may be accidentally small; two hardly are both."""
@@ -281,7 +287,8 @@ class Reference:
             for i, row, rate in zip(self.first_order, gradient(relations, q, v, t, steps), rates, strict=True):
                 matrix[i], right[i] = [*row, *(zero for _ in slopes)], -rate
         plain = nudge is laws.exactly or self.first_order
-        solver = matrix if plain else self._as_factored(matrix, nudge)
+        energy = abs(lagrangian) + sum(abs(x * y) for x, y in zip(p, v, strict=True))
+        solver = matrix if plain else self._as_factored(self._without_noise(matrix, energy, steps), nudge)
         solved = laws.solve(solver, [right], SINGULAR)[0]
         a, multipliers = solved[:n], [-x for x in solved[n:]]
 
@@ -328,6 +335,18 @@ class Reference:
             return [found[i] for i in self.first_order]
 
         return StatedConstraints(values, values, (False,) * len(self.first_order), source.nudge)
+
+    def _without_noise(self, matrix: Sequence[Numbers], energy: Any, steps: DifferenceSteps) -> list[Numbers]:
+        """Return a matrix of the motion with zeros for entries of M that differencing makes of the rounding of L.
+
+        A pivot of a coordinate without inertia would be trusted, and found to lose all digits.
+        """
+        noise, n = self.number(MASS_NOISE) * energy, len(steps.v)
+        rows = [list(row) for row in matrix]
+        for i, j in product(range(n), repeat=2):
+            if abs(rows[i][j]) * steps.v[i] * steps.v[j] <= noise:
+                rows[i][j] = self.number(0)
+        return rows
 
     def _as_factored(self, matrix: Sequence[Numbers], nudge: laws.Nudge) -> list[Numbers]:
         """Return the matrix of the motion as the solve sees it, perturbed by the errors of its factorization."""

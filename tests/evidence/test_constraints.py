@@ -155,6 +155,24 @@ def test_constraints_that_are_derived_wrong_are_found(fault: str, monkeypatch: p
             quick_check(model)
 
 
+@pytest.mark.parametrize(
+    "held",
+    [{"tie": z - sin(x)}, {"tie": z - x, "level": y - x**2}, {"area": z.dot - x * y.dot + y * x.dot}],
+)
+def test_coordinates_without_inertia_that_constraints_hold_are_checked(held: dict[str, Any]) -> None:
+    """What differencing leaves of their inertia is no pivot."""
+    system = lg.System(
+        kinetic=m * (x.dot**2 + y.dot**2) / 2,
+        potential=m * g * y,
+        coordinates=[x, y, z],
+        constraints=held,
+        parameters={m: 1.2, g: 9.81},
+    )
+    report = system.check(points=2)
+    assert report, str(report)
+    assert report.rows and len(report.points) == 2
+
+
 def test_some_points_are_on_the_constraints() -> None:
     report = pendulum().check(points=1)
     values = dict(part.split(" = ") for part in report.points[0].split(", "))
