@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from lagrange.statement.coordinate import t
-from lagrange.statement.dimension import Size, named
+from lagrange.statement.dimension import Dimension, named
 from lagrange.statement.statement import Statement
 
 
 def has_units(statement: Statement) -> bool:
     """Return whether any symbol was stated with a unit."""
-    return any(size.unit for size in statement.dimensions.values())
+    return any(dimension.unit for dimension in statement.dimensions.values())
 
 
 def unit_of(statement: Statement, name: str) -> str:
@@ -29,13 +29,13 @@ def length_unit(statement: Statement) -> str:
     return _unit(statement, named("length")) if has_units(statement) else ""
 
 
-def _unit(statement: Statement, size: Size | None) -> str:
-    """Return the unit of a size: its own, rad for an angle, or the first stated one that fits."""
-    if size is None or size.unit:
-        return "" if size is None else size.unit
-    if not size.exponents:
+def _unit(statement: Statement, dimension: Dimension | None) -> str:
+    """Return the unit of a dimension: that stated with it, rad for an angle, or the first stated one that fits."""
+    if dimension is None or dimension.unit:
+        return "" if dimension is None else dimension.unit
+    if not dimension.exponents:
         return "rad"
-    return next((one.unit for one in statement.dimensions.values() if one.unit and one.fits(size)), "")
+    return next((one.unit for one in statement.dimensions.values() if one.unit and one.fits(dimension)), "")
 
 
 def with_unit(label: str, unit: str) -> str:

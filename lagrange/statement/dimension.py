@@ -1,7 +1,7 @@
 """Dimensions and units of symbols, as stated: by name, as text, or from `sympy.physics.units`, which does the sums.
 
-A size is a vector of exponents of base dimensions, and the logarithm of a factor where units were given: the factors of
-units that fit together are equal, so that grams beside kilograms are found like a length beside a time.
+A dimension is a vector of exponents of base dimensions. Where units were given it has the logarithm of a factor, too.
+The factors of units that fit together are equal, so grams beside kilograms are found like a length beside a time.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ DERIVED: Mapping[str, str] = {
 """Dimensions of mechanics that SymPy has no name for."""
 
 NAMED_FIRST = ("length", "time", "velocity", "acceleration", "mass", "force", "energy", "power", "momentum", "action")
-"""The dimensions by whose names a size is told, where it has one."""
+"""The dimensions that a message calls by name."""
 
 BASE = ("mass", "length", "time")
 """The base dimensions of mechanics, in the order in which they are written."""
@@ -48,8 +48,8 @@ Exponents = tuple[tuple[str, Any], ...]
 
 
 @dataclass(frozen=True)
-class Size:
-    """A dimension: exponents of base dimensions, sorted and none zero, and the factor's logarithm or None.
+class Dimension:
+    """Exponents of base dimensions, sorted and none zero, and the logarithm of the factor of a unit, or None.
 
     `unit` is the text of the unit it was stated with, empty for a dimension.
     """
@@ -59,21 +59,21 @@ class Size:
     unit: str = ""
 
     @classmethod
-    def of(cls, exponents: Mapping[str, Any], factor: float | None = None) -> Size:
-        """Return the size with some exponents."""
+    def of(cls, exponents: Mapping[str, Any], factor: float | None = None) -> Dimension:
+        """Return the dimension of some exponents; zeros are left out."""
         return cls(tuple(sorted((name, power) for name, power in exponents.items() if power)), factor)
 
-    def __mul__(self, other: Size) -> Size:
+    def __mul__(self, other: Dimension) -> Dimension:
         names = dict(self.exponents)
         for name, power in other.exponents:
             names[name] = names.get(name, Fraction(0)) + power
-        return Size.of(names, None if self.factor is None or other.factor is None else self.factor + other.factor)
+        return Dimension.of(names, None if self.factor is None or other.factor is None else self.factor + other.factor)
 
-    def __pow__(self, power: Fraction) -> Size:
+    def __pow__(self, power: Fraction) -> Dimension:
         factor = None if self.factor is None else self.factor * float(power)
-        return Size.of({name: exponent * power for name, exponent in self.exponents}, factor)
+        return Dimension.of({name: exponent * power for name, exponent in self.exponents}, factor)
 
-    def fits(self, other: Size) -> bool:
+    def fits(self, other: Dimension) -> bool:
         """Return whether both may be added: the same dimension, and units with the same factor where both are known."""
         if self.exponents != other.exponents:
             return False
@@ -99,13 +99,13 @@ def _power(name: str, power: Any) -> str:
     return name if power == 1 else f"{name}**{power}" if power.denominator == 1 else f"{name}**({power})"
 
 
-NONE = Size((), 0.0)
-"""The size of a number and of an angle in radians."""
+DIMENSIONLESS = Dimension((), 0.0)
+"""That of a number, and of an angle in radians."""
 
 
 @cache
-def named(name: str) -> Size:
-    """Return the size of a dimension or a unit that is known by its name."""
+def named(name: str) -> Dimension:
+    """Return the dimension of that name, or that of the unit of that name."""
     found = known_names()[name]
     return read_dimension(found, name) if isinstance(found, str) else _measured(found)
 
@@ -125,8 +125,8 @@ def known_names() -> Mapping[str, Any]:
     return {**measures, "g": units.gram, **dimensions, **DERIVED}
 
 
-def _measured(one: Any) -> Size:
-    """Return the size of one of SymPy's dimensions or units."""
+def _measured(one: Any) -> Dimension:
+    """Return one of SymPy's dimensions, or that of one of its units."""
     from sympy.physics.units import Quantity
     from sympy.physics.units.systems.si import SI
 
@@ -135,21 +135,21 @@ def _measured(one: Any) -> Size:
     exponents = {str(base.name): Fraction(str(power)) for base, power in parts.items()}
     exponents.pop("angle", None)
     factor = math.log(float(SI.get_quantity_scale_factor(one))) if unit else None
-    return Size.of(exponents, factor)
+    return Dimension.of(exponents, factor)
 
 
-def read_dimension(given: Any, what: str) -> Size:
-    """Return the size that was stated: a name such as "mass", a text such as "kg*m/s**2", 1, or SymPy's.
+def read_dimension(given: Any, what: str) -> Dimension:
+    """Return the dimension that was stated: a name such as "mass", a text such as "kg*m/s**2", 1, or SymPy's.
 
     Raises StatementError for a name that is no dimension and no unit.
     """
     if isinstance(given, str):
-        return replace(_size(_from_text(given, what), what), unit=_unit_of(given))
+        return replace(_dimension_of(_from_text(given, what), what), unit=_unit_of(given))
     if isinstance(given, (int, float)) and not isinstance(given, bool) and given == 1:
-        return NONE
+        return DIMENSIONLESS
     if isinstance(given, sympy.Expr):
-        size = _size(given, what)
-        return replace(size, unit="" if size.factor is None else str(given))
+        dimension = _dimension_of(given, what)
+        return replace(dimension, unit="" if dimension.factor is None else str(given))
     raise StatementError(
         f"{what} is {shown(given)}: give a dimension or a unit, such as 'length', 'm/s**2' or "
         "sympy.physics.units.meter."
@@ -184,31 +184,31 @@ def _from_text(text: str, what: str) -> Any:
         ) from None
 
 
-def _size(expression: Any, what: str) -> Size:
-    """Return the size of a product of powers of dimensions and units."""
-    from sympy.physics.units import Dimension, Quantity
+def _dimension_of(expression: Any, what: str) -> Dimension:
+    """Return the dimension of a product of powers of dimensions and units."""
+    from sympy.physics import units
 
-    size = NONE
+    dimension = DIMENSIONLESS
     for base, power in sympy.Mul(expression, evaluate=True).as_powers_dict().items():
         if not power.is_Rational:
             raise StatementError(f"{what} is {str(expression)[:60]!r}: powers of dimensions are numbers.")
         if base.is_number and base.is_positive:
-            one = Size((), math.log(float(base)))
+            one = Dimension((), math.log(float(base)))
         elif isinstance(base, sympy.Symbol) and base.name in known_names():
             one = named(base.name)
-        elif isinstance(base, (Dimension, Quantity)):
+        elif isinstance(base, (units.Dimension, units.Quantity)):
             one = _measured(base)
         else:
             raise StatementError(
                 f"{what} is {str(expression)[:60]!r}, which is no product of powers of dimensions or units: give one, "
                 "such as 'mass*length/time**2' or 'N'."
             )
-        size = size * one ** Fraction(int(power.p), int(power.q))
-    return size
+        dimension = dimension * one ** Fraction(int(power.p), int(power.q))
+    return dimension
 
 
-def read_dimensions(given: Any, known: Mapping[str, Any]) -> dict[Any, Size]:
-    """Return {symbol: size} of what was stated, keyed by symbols or names; `known` are the symbols by name.
+def read_dimensions(given: Any, known: Mapping[str, Any]) -> dict[Any, Dimension]:
+    """Return {symbol: dimension} of what was stated, keyed by symbols or names; `known` are the symbols by name.
 
     What is stated of other symbols is read, too. Raises StatementError for what is no dimension.
     """
@@ -216,8 +216,8 @@ def read_dimensions(given: Any, known: Mapping[str, Any]) -> dict[Any, Size]:
         raise StatementError(
             f"dimensions is {shown(given)}: give a dict from symbols to dimensions, such as {{m: 'mass', l: 'length'}}."
         )
-    sizes = {_name(key): read_dimension(value, f"the dimension of {_name(key)}") for key, value in given.items()}
-    return {known[name]: size for name, size in sizes.items() if name in known}
+    dimensions = {_name(key): read_dimension(value, f"the dimension of {_name(key)}") for key, value in given.items()}
+    return {known[name]: dimension for name, dimension in dimensions.items() if name in known}
 
 
 def check_names(given: Mapping[Any, Any], known: Mapping[str, Any]) -> None:

@@ -1,8 +1,8 @@
 """Whether every term of a statement has the dimension that it must have; the first one that has not is named.
 
-Sizes that were not stated are found where they can be: all terms of a sum have one size, functions have arguments
-without one, energies are energies. Those are linear equations for exponents, solved as they come. Then every term is
-looked at again with all sizes known.
+Dimensions that were not stated are found where they can be. All terms of a sum have one dimension, functions have
+arguments without one, and energies are energies. These are linear equations for exponents, which are solved as they
+come. Then every term is checked with all dimensions known.
 """
 
 from __future__ import annotations
@@ -18,39 +18,39 @@ from sympy.core.function import AppliedUndef
 
 from lagrange.errors import StatementError
 from lagrange.statement.coordinate import name_of, t
-from lagrange.statement.dimension import NONE, Exponents, Size, check_names, named, read_dimensions
+from lagrange.statement.dimension import DIMENSIONLESS, Dimension, Exponents, check_names, named, read_dimensions
 from lagrange.statement.statement import Statement
 
-ONE_SIZE = (sympy.Abs, sympy.Min, sympy.Max)
-"""Functions whose value has the size of their arguments."""
+SAME_DIMENSION = (sympy.Abs, sympy.Min, sympy.Max)
+"""Functions whose value has the dimension of their arguments."""
 
 MOST_PASSES = 20
-"""Passes over a statement in which unknown sizes are found; each finds some, or is the last."""
+"""Passes over a statement in which unknown dimensions are found; each finds some, or is the last."""
 
 
 @dataclass(frozen=True)
 class CheckedPart:
-    """An expression of a statement, what it is called, and the size it must have, None for any.
+    """An expression of a statement, what it is called, and the dimension it must have, None for any.
 
-    With `per`, a coordinate, the size is that of the expression times the coordinate.
+    With `per`, a coordinate, the dimension is that of the expression times the coordinate.
     """
 
     what: str
     expression: Any
-    size: Size | None
+    dimension: Dimension | None
     per: Any = None
 
-    def wanted(self, known: Mapping[Any, Size]) -> Size | None:
-        """Return the size that the expression must have, None for any or where that of the coordinate is not known."""
-        if self.size is None or self.per is None:
-            return self.size
-        return self.size * known[self.per] ** Fraction(-1) if self.per in known else None
+    def wanted(self, known: Mapping[Any, Dimension]) -> Dimension | None:
+        """Return the dimension that the expression must have: None for any, and where the coordinate has none yet."""
+        if self.dimension is None or self.per is None:
+            return self.dimension
+        return self.dimension * known[self.per] ** Fraction(-1) if self.per in known else None
 
 
 class WrongTermError(Exception):
-    """A term whose size is not what it must be: as a "whole", in a "sum", under a "power", or in a "function"."""
+    """A term whose dimension is not what it must be: as a "whole", in a "sum", under a "power", or in a "function"."""
 
-    def __init__(self, term: Any, found: Size, wanted: Size, place: str, within: Any = None) -> None:
+    def __init__(self, term: Any, found: Dimension, wanted: Dimension, place: str, within: Any = None) -> None:
         super().__init__()
         self.term, self.found, self.wanted, self.place, self.within = term, found, wanted, place, within
 
@@ -61,13 +61,13 @@ def with_dimensions(statement: Statement, given: Mapping[Any, Any]) -> Statement
     known |= {symbol.name: symbol for symbol in statement.parameters}
     known |= {name_of(function): function for function in statement.given}
     stated = read_dimensions(given, known)
-    sizes = check_dimensions(_parts(statement, named("energy")), stated, statement.plain)
+    dimensions = check_dimensions(_parts(statement, named("energy")), stated, statement.plain)
     check_names(given, known)
-    return replace(statement, dimensions=MappingProxyType(sizes))
+    return replace(statement, dimensions=MappingProxyType(dimensions))
 
 
-def _parts(statement: Statement, energy: Size) -> list[CheckedPart]:
-    """Return every expression of a statement with the size that it must have; a force on q is energy over q."""
+def _parts(statement: Statement, energy: Dimension) -> list[CheckedPart]:
+    """Return every expression of a statement with the dimension that it must have; a force on q is energy over q."""
     alone = statement.potential == 0 and statement.kinetic == statement.lagrangian
     energies = {"the Lagrangian": statement.lagrangian}
     if not alone:
@@ -86,17 +86,17 @@ def _parts(statement: Statement, energy: Size) -> list[CheckedPart]:
 
 
 def check_dimensions(
-    parts: Sequence[CheckedPart], sizes: Mapping[Any, Size], plain: Mapping[Any, Any]
-) -> dict[Any, Size]:
-    """Return the sizes of all symbols that are known or can be found; `plain` are the symbols of messages.
+    parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], plain: Mapping[Any, Any]
+) -> dict[Any, Dimension]:
+    """Return the dimensions of all symbols that are known or can be found; `plain` are the symbols of messages.
 
     Raises StatementError with the wrong term.
     """
-    known = {t: named("second"), **sizes}
+    known = {t: named("second"), **dimensions}
     _find(parts, known, whole=False)
     _find(parts, known, whole=True)
-    # The units of the first part that has a size are those of the others with the same size.
-    chosen: dict[Exponents, Size] = {}
+    # The units of the first part that has a dimension are those of the others with the same dimension.
+    chosen: dict[Exponents, Dimension] = {}
     for part in parts:
         wanted = part.wanted(known)
         if wanted is not None:
@@ -110,8 +110,8 @@ def check_dimensions(
     return known
 
 
-def _find(parts: Sequence[CheckedPart], known: dict[Any, Size], *, whole: bool) -> None:
-    """Find sizes of symbols: from arguments of functions and sums alone, or also from what the parts must be."""
+def _find(parts: Sequence[CheckedPart], known: dict[Any, Dimension], *, whole: bool) -> None:
+    """Find dimensions of symbols: from arguments of functions and sums alone, or also from what the parts must be."""
     for _ in range(MOST_PASSES):
         before = len(known)
         for part in parts:
@@ -139,153 +139,157 @@ def _refusal(part: CheckedPart, wrong: WrongTermError, plain: Mapping[Any, Any])
     return f"{has}; {where}it should be {wrong.wanted}."
 
 
-class _Sizes:
-    """Sizes of expressions from those of their symbols; None where one is not known, and for zero."""
+class _Dimensions:
+    """Dimensions of expressions from those of their symbols; None where one is not known, and for zero."""
 
-    def __init__(self, known: dict[Any, Size]) -> None:
+    def __init__(self, known: dict[Any, Dimension]) -> None:
         self.known = known
 
-    def size(self, expression: Any) -> Size | None:
-        """Return the size of an expression, that of the first known term for a sum."""
+    def dimension(self, expression: Any) -> Dimension | None:
+        """Return the dimension of an expression, that of the first known term for a sum."""
         if expression in self.known:
             return self.known[expression]
         if expression.is_number:
-            return None if expression.is_zero else NONE
+            return None if expression.is_zero else DIMENSIONLESS
         if isinstance(expression, sympy.Derivative):
             return self._rate(expression)
         if expression.is_Mul:
             return self._product(expression.args)
         if expression.is_Pow:
             return self._power(*expression.args)
-        if expression.is_Add or isinstance(expression, ONE_SIZE):
+        if expression.is_Add or isinstance(expression, SAME_DIMENSION):
             return self._first(expression.args)
         if isinstance(expression, sympy.Piecewise):
             return self._first([pair.expr for pair in expression.args])
         if isinstance(expression, (sympy.Symbol, AppliedUndef, sympy.Subs)):
             return None
-        return NONE
+        return DIMENSIONLESS
 
-    def _first(self, terms: Sequence[Any]) -> Size | None:
-        return next((size for size in map(self.size, terms) if size is not None), None)
+    def _first(self, terms: Sequence[Any]) -> Dimension | None:
+        return next((dimension for dimension in map(self.dimension, terms) if dimension is not None), None)
 
-    def _rate(self, derivative: Any) -> Size | None:
-        base, by = self.size(derivative.expr), self._product(derivative.variables)
+    def _rate(self, derivative: Any) -> Dimension | None:
+        base, by = self.dimension(derivative.expr), self._product(derivative.variables)
         return None if base is None or by is None else base * by ** Fraction(-1)
 
-    def _product(self, factors: Sequence[Any]) -> Size | None:
-        total = NONE
+    def _product(self, factors: Sequence[Any]) -> Dimension | None:
+        total = DIMENSIONLESS
         for factor in factors:
-            size = self.size(factor)
-            if size is None:
+            dimension = self.dimension(factor)
+            if dimension is None:
                 return None
-            total = total * size
+            total = total * dimension
         return total
 
-    def _power(self, base: Any, exponent: Any) -> Size | None:
-        size, power = self.size(base), number_of(exponent)
-        if size is None or power is None:
-            return NONE if size is not None and not size.exponents else None
-        return size**power
+    def _power(self, base: Any, exponent: Any) -> Dimension | None:
+        dimension, power = self.dimension(base), number_of(exponent)
+        if dimension is None or power is None:
+            return DIMENSIONLESS if dimension is not None and not dimension.exponents else None
+        return dimension**power
 
 
-class _Finder(_Sizes):
-    """Finds sizes that were not stated, from what they stand beside."""
+class _Finder(_Dimensions):
+    """Finds dimensions that were not stated, from what they stand beside."""
 
-    def visit(self, expression: Any, size: Size | None) -> None:
-        """Go through an expression that has a size, or an unknown one."""
-        if size is None:
-            size = self.size(expression)
+    def visit(self, expression: Any, dimension: Dimension | None) -> None:
+        """Go through an expression that has a dimension, or an unknown one."""
+        if dimension is None:
+            dimension = self.dimension(expression)
         if isinstance(expression, (sympy.Symbol, AppliedUndef)):
-            if size is not None:
-                self.known.setdefault(expression, Size(size.exponents, None if size.exponents else 0.0))
+            if dimension is not None:
+                self.known.setdefault(expression, Dimension(dimension.exponents, None if dimension.exponents else 0.0))
         elif isinstance(expression, sympy.Derivative):
             by = self._product(expression.variables)
-            if size is not None and by is not None:
-                self.visit(expression.expr, size * by)
-        elif expression.is_Add or isinstance(expression, ONE_SIZE):
+            if dimension is not None and by is not None:
+                self.visit(expression.expr, dimension * by)
+        elif expression.is_Add or isinstance(expression, SAME_DIMENSION):
             for term in expression.args:
-                self.visit(term, size)
+                self.visit(term, dimension)
         elif expression.is_Mul:
-            self._factors(expression.args, size)
+            self._factors(expression.args, dimension)
         elif expression.is_Pow:
-            self._base(expression.base, expression.exp, size)
+            self._base(expression.base, expression.exp, dimension)
         else:
-            for argument, wanted in inner_parts(expression, size):
+            for argument, wanted in inner_parts(expression, dimension):
                 self.visit(argument, wanted)
 
-    def _factors(self, factors: Sequence[Any], size: Size | None) -> None:
-        """Find the size of the one factor whose size is not known, if there is just one."""
-        unknown = [factor for factor in factors if self.size(factor) is None]
+    def _factors(self, factors: Sequence[Any], dimension: Dimension | None) -> None:
+        """Find the dimension of the one factor whose dimension is not known, if there is just one."""
+        unknown = [factor for factor in factors if self.dimension(factor) is None]
         for factor in factors:
             if factor not in unknown:
                 self.visit(factor, None)
-        if size is None or len(unknown) != 1:
+        if dimension is None or len(unknown) != 1:
             for factor in unknown:
                 self.visit(factor, None)
             return
         others = self._product([factor for factor in factors if factor not in unknown])
-        self.visit(unknown[0], None if others is None else size * others ** Fraction(-1))
+        self.visit(unknown[0], None if others is None else dimension * others ** Fraction(-1))
 
-    def _base(self, base: Any, exponent: Any, size: Size | None) -> None:
+    def _base(self, base: Any, exponent: Any, dimension: Dimension | None) -> None:
         power = number_of(exponent)
-        self.visit(base, size ** (1 / power) if power and size is not None else None)
+        self.visit(base, dimension ** (1 / power) if power and dimension is not None else None)
         if power is None:
-            self.visit(exponent, NONE)
+            self.visit(exponent, DIMENSIONLESS)
 
 
-class _Checker(_Sizes):
-    """Finds the term whose size is not what it must be."""
+class _Checker(_Dimensions):
+    """Finds the term whose dimension is not what it must be."""
 
-    def check(self, expression: Any, wanted: Size | None) -> Size | None:
-        """Return the size of an expression. Raises WrongTermError for a part that does not fit."""
-        if expression.is_Add or isinstance(expression, ONE_SIZE):
+    def check(self, expression: Any, wanted: Dimension | None) -> Dimension | None:
+        """Return the dimension of an expression. Raises WrongTermError for a part that does not fit."""
+        if expression.is_Add or isinstance(expression, SAME_DIMENSION):
             return self._sum(expression, wanted)
-        size = self._single(expression, wanted)
-        if size is not None and wanted is not None and not size.fits(wanted):
-            raise WrongTermError(expression, size, wanted, "whole")
-        return size
+        dimension = self._single(expression, wanted)
+        if dimension is not None and wanted is not None and not dimension.fits(wanted):
+            raise WrongTermError(expression, dimension, wanted, "whole")
+        return dimension
 
-    def _sum(self, expression: Any, wanted: Size | None) -> Size | None:
-        """Return the size of a sum; of terms that differ, those that are not as wanted, or as most, are wrong."""
-        sizes = [(term, self._inside(term, wanted)) for term in expression.args]
-        found = [(term, size) for term, size in sizes if size is not None]
+    def _sum(self, expression: Any, wanted: Dimension | None) -> Dimension | None:
+        """Return the dimension of a sum; of terms that differ, those that are not as wanted, or as most, are wrong."""
+        dimensions = [(term, self._inside(term, wanted)) for term in expression.args]
+        found = [(term, dimension) for term, dimension in dimensions if dimension is not None]
         if not found:
             return None
-        if wanted is not None and any(size.fits(wanted) for _, size in found):
+        if wanted is not None and any(dimension.fits(wanted) for _, dimension in found):
             right = wanted
         else:
-            right = max((size for _, size in found), key=lambda size: sum(size.fits(other) for _, other in found))
-        for term, size in found:
-            if not size.fits(right):
-                raise WrongTermError(term, size, right, "sum")
+            right = max(
+                (dimension for _, dimension in found),
+                key=lambda dimension: sum(dimension.fits(other) for _, other in found),
+            )
+        for term, dimension in found:
+            if not dimension.fits(right):
+                raise WrongTermError(term, dimension, right, "sum")
         if wanted is not None and not right.fits(wanted):
             raise WrongTermError(found[0][0], right, wanted, "whole")
-        return next((size for _, size in found if size.factor is not None), right)
+        return next((dimension for _, dimension in found if dimension.factor is not None), right)
 
-    def _inside(self, term: Any, wanted: Size | None) -> Size | None:
-        """Return the size of a term, after its own parts; those are held to what is wanted only where they differ."""
-        return self._single(term, wanted) if not (term.is_Add or isinstance(term, ONE_SIZE)) else self.check(term, None)
+    def _inside(self, term: Any, wanted: Dimension | None) -> Dimension | None:
+        """Return the dimension of a term; a sum is checked by itself, without what is wanted."""
+        is_sum = term.is_Add or isinstance(term, SAME_DIMENSION)
+        return self.check(term, None) if is_sum else self._single(term, wanted)
 
-    def _single(self, expression: Any, wanted: Size | None) -> Size | None:
+    def _single(self, expression: Any, wanted: Dimension | None) -> Dimension | None:
         if expression.is_Mul:
             return self._checked_product(expression, wanted)
         if expression.is_Pow:
             self._powered(expression.base, expression.exp, wanted)
-            return self.size(expression)
-        for argument, size in inner_parts(expression, wanted):
-            self._argument(expression, argument, size)
-        return self.size(expression)
+            return self.dimension(expression)
+        for argument, dimension in inner_parts(expression, wanted):
+            self._argument(expression, argument, dimension)
+        return self.dimension(expression)
 
-    def _argument(self, expression: Any, argument: Any, size: Size | None) -> None:
+    def _argument(self, expression: Any, argument: Any, dimension: Dimension | None) -> None:
         try:
-            self.check(argument, size)
+            self.check(argument, dimension)
         except WrongTermError as wrong:
             if wrong.place != "whole":
                 raise
             raise WrongTermError(wrong.term, wrong.found, wrong.wanted, "function", expression) from None
 
-    def _checked_product(self, expression: Any, wanted: Size | None) -> Size | None:
-        """Return the size of a product; a sum in it is looked at with the size that the other factors leave for it."""
+    def _checked_product(self, expression: Any, wanted: Dimension | None) -> Dimension | None:
+        """Return the dimension of a product; a sum in it has to have what the other factors leave."""
         for factor in expression.args:
             others = self._product([one for one in expression.args if one is not factor])
             left = None if wanted is None or others is None else wanted * others ** Fraction(-1)
@@ -293,24 +297,24 @@ class _Checker(_Sizes):
                 self._powered(factor.base, factor.exp, left)
             else:
                 self.check(factor, left if self._differs(factor) else None)
-        return self.size(expression)
+        return self.dimension(expression)
 
-    def _powered(self, base: Any, exponent: Any, wanted: Size | None) -> None:
+    def _powered(self, base: Any, exponent: Any, wanted: Dimension | None) -> None:
         """Check a power: what is wanted of it decides only between terms of the base that differ."""
         power = number_of(exponent)
         if power is None:
-            self.check(exponent, NONE)
-            size = self.size(base)
-            if size is not None and size.exponents:
-                raise WrongTermError(base, size, NONE, "power")
+            self.check(exponent, DIMENSIONLESS)
+            dimension = self.dimension(base)
+            if dimension is not None and dimension.exponents:
+                raise WrongTermError(base, dimension, DIMENSIONLESS, "power")
         self.check(base, wanted ** (1 / power) if power and wanted is not None and self._differs(base) else None)
 
     def _differs(self, expression: Any) -> bool:
-        """Return whether an expression is a sum of terms with different sizes."""
+        """Return whether an expression is a sum of terms with different dimensions."""
         if not expression.is_Add:
             return False
-        known = [size for size in map(self.size, expression.args) if size is not None]
-        return any(not size.fits(known[0]) for size in known)
+        known = [dimension for dimension in map(self.dimension, expression.args) if dimension is not None]
+        return any(not dimension.fits(known[0]) for dimension in known)
 
 
 def number_of(exponent: Any) -> Fraction | None:
@@ -320,11 +324,11 @@ def number_of(exponent: Any) -> Fraction | None:
     return Fraction(float(exponent)).limit_denominator(1000) if exponent.is_Float else None
 
 
-def inner_parts(expression: Any, size: Size | None) -> Iterator[tuple[Any, Size | None]]:
-    """Yield the arguments of a function, or the branches of a Piecewise, with the sizes that they must have."""
+def inner_parts(expression: Any, dimension: Dimension | None) -> Iterator[tuple[Any, Dimension | None]]:
+    """Yield the arguments of a function, or the branches of a Piecewise, with the dimensions that they must have."""
     if isinstance(expression, sympy.Piecewise):
         for pair in expression.args:
-            yield pair.expr, size
+            yield pair.expr, dimension
             for condition in pair.cond.atoms(sympy.core.relational.Relational):
                 yield condition.lhs - condition.rhs, None
     elif isinstance(expression, sympy.atan2):
@@ -334,4 +338,4 @@ def inner_parts(expression: Any, size: Size | None) -> Iterator[tuple[Any, Size 
         yield expression.args[0], None
     elif not isinstance(expression, (sympy.Symbol, AppliedUndef, sympy.Derivative, sympy.Subs)):
         for argument in expression.args:
-            yield argument, NONE
+            yield argument, DIMENSIONLESS

@@ -13,7 +13,7 @@ from sympy import Expr, Symbol
 from lagrange.errors import listing
 from lagrange.statement.constraint import Constraint
 from lagrange.statement.coordinate import acceleration_of, name_of, velocity_of
-from lagrange.statement.dimension import Size
+from lagrange.statement.dimension import Dimension
 from lagrange.statement.motion import motion_of
 
 REFUSE, ALLOW = REDUNDANT = ("refuse", "allow")
@@ -42,7 +42,7 @@ class Statement:
     Expressions are SymPy, in the coordinates q(t), their velocities Derivative(q(t), t), the parameters and t.
     `forces` has one entry per coordinate, in the order of `coordinates`; `initial` holds (q, v), 2n numbers.
     `constraints` are expressions that stay zero; `redundant` says what is done with those that follow from others.
-    `defaults` lacks the parameters that were given no value. `dimensions` has the sizes of coordinates, parameters and
+    `defaults` lacks the parameters that were given no value. `dimensions` has those of coordinates, parameters and
     t that were stated or follow from those, empty where none were. `given` are given functions of time, `orders` the
     highest derivatives in which they stand, `unknown` undefined functions of coordinates, such as U(r). Where values
     were put in their places, `prescribed` has what each given function and derivative has become, and `open_form` is
@@ -67,7 +67,7 @@ class Statement:
     run: RunSettings = field(default_factory=RunSettings)
     constraints: tuple[Constraint, ...] = ()
     redundant: str = REFUSE
-    dimensions: Mapping[Any, Size] = field(default_factory=lambda: MappingProxyType({}))
+    dimensions: Mapping[Any, Dimension] = field(default_factory=lambda: MappingProxyType({}))
     given: tuple[Any, ...] = ()
     unknown: tuple[Any, ...] = ()
     orders: tuple[int, ...] = ()

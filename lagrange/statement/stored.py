@@ -16,7 +16,7 @@ from sympy.logic.boolalg import ITE
 from lagrange.errors import StatementError, shown
 from lagrange.statement.coordinate import coordinate, name_of, t
 from lagrange.statement.declare import declare
-from lagrange.statement.dimension import Size
+from lagrange.statement.dimension import Dimension
 from lagrange.statement.given import given
 from lagrange.statement.guard import Guard, RefusalError, check_arguments, check_power
 from lagrange.statement.motion import Table, motion_of
@@ -71,8 +71,8 @@ def stored(statement: Statement) -> dict[str, Any]:
         "initial": list(statement.initial),
         "run": [statement.run.t_end, statement.run.method, statement.run.rtol, statement.run.atol, statement.run.step],
         "dimensions": [
-            [writer.place(symbol), [[name, str(power)] for name, power in size.exponents], size.factor, size.unit]
-            for symbol, size in statement.dimensions.items()
+            [writer.place(symbol), [[name, str(power)] for name, power in one.exponents], one.factor, one.unit]
+            for symbol, one in statement.dimensions.items()
         ],
         "nodes": writer.nodes,
     }
@@ -154,8 +154,8 @@ def _read(data: Any) -> Statement:
     if data["lagrangian"]:
         energies = {"lagrangian": at(data["kinetic"])}
     pairs = [*coordinates.values(), *(q.dot for q in coordinates.values())]
-    sizes = {
-        at(place): Size(tuple((name, Fraction(power)) for name, power in exponents), factor, unit)
+    dimensions = {
+        at(place): Dimension(tuple((name, Fraction(power)) for name, power in exponents), factor, unit)
         for place, exponents, factor, unit in data["dimensions"]
     }
     made = declare(
@@ -174,7 +174,7 @@ def _read(data: Any) -> Statement:
         source=str(data["source"]),
         run=RunSettings(*data["run"]),
     )
-    return replace(made, dimensions=MappingProxyType(sizes))
+    return replace(made, dimensions=MappingProxyType(dimensions))
 
 
 def _symbol(name: str, positive: bool | None, nonnegative: bool | None, real: bool | None) -> Any:
