@@ -26,10 +26,11 @@ from lagrange.statement.statement import Statement
 
 BUDGET = 100_000
 """Monomials that all proofs about one system may make, 1 to 2 s of them."""
-DIGITS = 50
+CONTEXT = precise(50)
+"""Numbers of 50 digits, in which laws are evaluated."""
 STEP = "1e-15"
-"""Of the difference in time: its error is some 1e-30 of what is differentiated."""
-ZERO = "1e-20"
+"""Step of the central difference in time: its error is some 1e-30 of what is differentiated."""
+ZERO_SHARE = CONTEXT.mpf("1e-20")
 """A value above this part of the largest number that it is computed from is not zero."""
 SAMPLES = 3
 """States at which something is evaluated."""
@@ -74,18 +75,18 @@ class Decisions:
     def timeless(self) -> Verdict:
         """Whether dL/dt = 0."""
         return self._decided(
-            not _meets(self.laws.lagrangian, [self.laws.time]), self._time_slope, self._proven_timeless
+            not _depends_on(self.laws.lagrangian, [self.laws.time]), self._time_slope, self._proven_timeless
         )
 
     def absent(self, i: int) -> bool:
         """Whether q_i does not stand in the Lagrangian as it was stated."""
-        return not _meets(self.laws.lagrangian, [self.laws.q[i]])
+        return not _depends_on(self.laws.lagrangian, [self.laws.q[i]])
 
     def cyclic(self, i: int) -> Verdict:
         """Whether dL/dq_i = 0, of a coordinate without a force or dissipation."""
         slope = self.laws.forces[i]
         return self._decided(
-            self.absent(i), lambda point: _differs([slope], point), lambda page: self._proven_cyclic(page, i)
+            self.absent(i), lambda point: _differs([slope], point), lambda stated: self._proven_cyclic(stated, i)
         )
 
     @cached_property
@@ -103,7 +104,7 @@ class Decisions:
     def separable(self) -> Verdict:
         """Whether the momenta depend on velocities alone."""
         laws, moving = self.laws, [*self.laws.q, self.laws.time]
-        absent = not any(_meets(p, moving) for p in laws.momenta)
+        absent = not any(_depends_on(p, moving) for p in laws.momenta)
         return self._decided(absent, lambda point: self._changes(laws.momenta, point), self._proven_separable)
 
     @cached_property
@@ -111,7 +112,7 @@ class Decisions:
         """Whether the mass matrix is constant."""
         laws, entries = self.laws, [entry for row in self.laws.mass for entry in row]
         moving = [*laws.q, *laws.v, laws.time]
-        absent = not any(_meets(entry, moving) for entry in entries)
+        absent = not any(_depends_on(entry, moving) for entry in entries)
         return self._decided(
             absent, lambda point: self._changes(entries, point, velocities=True), self._proven_constant_mass
         )
@@ -127,7 +128,7 @@ class Decisions:
             return None
         if self.constant_mass is not True:
             return self.constant_mass
-        absent = not any(_meets(h, laws.v) for h in laws.bias)
+        absent = not any(_depends_on(h, laws.v) for h in laws.bias)
         return self._decided(absent, self._pushes, self._proven_position_only)
 
     def _decided(
@@ -142,7 +143,7 @@ class Decisions:
         if any(number(point) for point in self._points):
             return False
         try:
-            return proof(self._page) or None
+            return proof(self._stated) or None
         except (TooLargeError, RecursionError):
             return None
 
@@ -246,7 +247,7 @@ class Decisions:
             if found is None:
                 return None
             value = CONTEXT.matrix(found[0][: len(zeros)])
-            if CONTEXT.norm(value) <= CONTEXT.mpf(10) ** (5 - DIGITS) * found[1]:
+            if CONTEXT.norm(value) <= CONTEXT.mpf(10) ** (5 - CONTEXT.dps) * found[1]:
                 return point
             matrix = CONTEXT.matrix(len(zeros), len(symbols))
             for k, entry in enumerate(found[0][len(zeros) :]):
@@ -261,55 +262,57 @@ class Decisions:
     # --- proofs -----------------------------------------------------------------------------------------------
 
     @cached_property
-    def _page(self) -> StatedAlgebra:
+    def _stated(self) -> StatedAlgebra:
         return StatedAlgebra(self.statement, BUDGET)
 
-    def _proven_timeless(self, page: StatedAlgebra) -> bool:
-        return not page.jumps(page.time) and _vanishes(page, page.algebra.differentiate(page.lagrangian, page.time))
+    def _proven_timeless(self, stated: StatedAlgebra) -> bool:
+        return not stated.jumps(stated.time) and _vanishes(
+            stated, stated.algebra.differentiate(stated.lagrangian, stated.time)
+        )
 
-    def _proven_cyclic(self, page: StatedAlgebra, i: int) -> bool:
-        return not page.jumps(page.q[i]) and _vanishes(page, page.algebra.differentiate(page.lagrangian, page.q[i]))
+    def _proven_cyclic(self, stated: StatedAlgebra, i: int) -> bool:
+        return not stated.jumps(stated.q[i]) and _vanishes(
+            stated, stated.algebra.differentiate(stated.lagrangian, stated.q[i])
+        )
 
-    def _proven_powerless(self, page: StatedAlgebra) -> bool:
-        algebra, drag = page.algebra, page.read(self.statement.dissipation)
-        power = algebra.scale(algebra.differentiate(page.lagrangian, page.time), S.NegativeOne)
-        for stated, v in zip(self.statement.forces, page.v, strict=True):
+    def _proven_powerless(self, stated: StatedAlgebra) -> bool:
+        algebra, drag = stated.algebra, stated.read(self.statement.dissipation)
+        power = algebra.scale(algebra.differentiate(stated.lagrangian, stated.time), S.NegativeOne)
+        for force, v in zip(self.statement.forces, stated.v, strict=True):
             pull = algebra.scale(algebra.differentiate(drag, v), S.NegativeOne)
-            force = algebra.add(page.read(stated), pull)
-            power = algebra.add(power, algebra.multiply(force, page.symbol(v)))
-        return not page.jumps(page.time) and _vanishes(page, power)
+            applied = algebra.add(stated.read(force), pull)
+            power = algebra.add(power, algebra.multiply(applied, stated.symbol(v)))
+        return not stated.jumps(stated.time) and _vanishes(stated, power)
 
-    def _proven_separable(self, page: StatedAlgebra) -> bool:
-        return self._still(page, page.momenta, (*page.q, page.time))
+    def _proven_separable(self, stated: StatedAlgebra) -> bool:
+        return self._still(stated, stated.momenta, (*stated.q, stated.time))
 
-    def _proven_constant_mass(self, page: StatedAlgebra) -> bool:
-        entries = [entry for row in page.mass for entry in row]
-        return self._still(page, entries, (*page.q, *page.v, page.time))
+    def _proven_constant_mass(self, stated: StatedAlgebra) -> bool:
+        entries = [entry for row in stated.mass for entry in row]
+        return self._still(stated, entries, (*stated.q, *stated.v, stated.time))
 
-    def _proven_position_only(self, page: StatedAlgebra) -> bool:
-        algebra, drag = page.algebra, page.read(self.statement.dissipation)
+    def _proven_position_only(self, stated: StatedAlgebra) -> bool:
+        algebra, drag = stated.algebra, stated.read(self.statement.dissipation)
         sides = []
-        for i, p in enumerate(page.momenta):
+        for i, p in enumerate(stated.momenta):
             moved = [
-                algebra.multiply(algebra.differentiate(p, q), page.symbol(v))
-                for q, v in zip(page.q, page.v, strict=True)
+                algebra.multiply(algebra.differentiate(p, q), stated.symbol(v))
+                for q, v in zip(stated.q, stated.v, strict=True)
             ]
-            slope = algebra.add(algebra.differentiate(page.lagrangian, page.q[i]), page.read(self.statement.forces[i]))
-            moved += [algebra.differentiate(p, page.time), algebra.differentiate(drag, page.v[i])]
+            slope = algebra.add(
+                algebra.differentiate(stated.lagrangian, stated.q[i]), stated.read(self.statement.forces[i])
+            )
+            moved += [algebra.differentiate(p, stated.time), algebra.differentiate(drag, stated.v[i])]
             sides.append(algebra.add(algebra.scale(slope, S.NegativeOne), *moved))
-        return self._still(page, sides, page.v)
+        return self._still(stated, sides, stated.v)
 
-    def _still(self, page: StatedAlgebra, parts: Sequence[MonomialSum], symbols: Sequence[Any]) -> bool:
+    def _still(self, stated: StatedAlgebra, parts: Sequence[MonomialSum], symbols: Sequence[Any]) -> bool:
         """Return whether parts are proven to depend on none of some symbols."""
-        slopes = (page.algebra.differentiate(part, symbol) for part in parts for symbol in symbols)
-        return not page.jumps(*symbols, twice=True) and all(_vanishes(page, slope) for slope in slopes)
+        slopes = (stated.algebra.differentiate(part, symbol) for part in parts for symbol in symbols)
+        return not stated.jumps(*symbols, twice=True) and all(_vanishes(stated, slope) for slope in slopes)
 
 
-CONTEXT = precise(DIGITS)
-ZERO_SHARE = CONTEXT.mpf(ZERO)
-
-
-def _meets(node: Node, symbols: Sequence[Node]) -> bool:
+def _depends_on(node: Node, symbols: Sequence[Node]) -> bool:
     """Whether a node is computed from one of the symbols."""
     return any(node.depends & symbol.depends for symbol in symbols)
 
@@ -320,5 +323,5 @@ def _differs(nodes: Sequence[Node], point: Values) -> bool | None:
     return None if found is None else any(abs(value) > ZERO_SHARE * found[1] for value in found[0])
 
 
-def _vanishes(page: StatedAlgebra, terms: MonomialSum) -> bool:
-    return is_identity(page.algebra, terms)
+def _vanishes(stated: StatedAlgebra, terms: MonomialSum) -> bool:
+    return is_identity(stated.algebra, terms)

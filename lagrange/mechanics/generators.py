@@ -23,7 +23,6 @@ MOST_FIELDS = 420
 MOST_CURVED = 4
 """With more coordinates affine fields alone are tried: the others are too many."""
 
-
 MOST_RATIOS = 3
 """With more coordinates no ratios of lengths are tried: a rotation in cylindrical coordinates has z/r."""
 

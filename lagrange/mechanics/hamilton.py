@@ -35,7 +35,7 @@ class Hamiltonian:
 
     `momenta` maps each coordinate to its momentum p_q, a function of time; `velocities` maps it to dq/dt as a function
     of coordinates and momenta. `forces` are those that no potential has, Q - dD/dv, in the same. `statement` states the
-    system of coordinates and momenta, by the Lagrangian p.dq/dt - H.
+    system of coordinates and momenta, by the Lagrangian p.dq/dt - H; `made` makes a System of it.
     """
 
     expression: Any

@@ -12,7 +12,7 @@ from lagrange.mechanics.plain_form import DIGITS, PlainForm, number
 from lagrange.mechanics.simplification import is_zero
 
 STATES = 3
-"""Random states at which an expression is zero if it is taken to vanish: another one is zero there with no chance."""
+"""Random states at which an expression that vanishes has to be zero: any other is zero there with probability zero."""
 
 
 def vanishes(form: PlainForm, given: Any) -> bool:

@@ -13,7 +13,7 @@ from lagrange.machine.model import Model
 from lagrange.trajectory.constraints.consistent import consistent_state
 
 STEP = 1e-5
-"""Of the difference in time, whose error is then some 1e-10."""
+"""Step of the central difference in time, whose error is then some 1e-10."""
 
 
 CORRECTIONS = 40

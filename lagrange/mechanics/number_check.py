@@ -15,7 +15,7 @@ POINTS = 2
 """States at which a formula is compared: a wrong one is right at a random state with probability zero."""
 
 MOST_DRAWS = 16
-"""Random states that are tried, since a formula may have no value at one."""
+"""Random states that are tried: a formula may have no value at some."""
 
 LARGEST_ERROR = 1e-8
 """Relative to the largest number compared. Terms that cancel cost doubles some digits; a wrong term costs all."""

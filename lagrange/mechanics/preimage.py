@@ -28,6 +28,7 @@ CLOSE = 1e-12
 """Largest residual of a solution, relative to the values and to 1: a thousand roundings."""
 
 DIGITS = 20
+"""Digits in which the expressions are evaluated, so that residuals of 1e-12 have no rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,10 +112,10 @@ class Preimage:
                 f"no values of {listing(self._new)} were found at which {given}, from {STARTS} starts: give "
                 f"initial={{{self._new[0]}: ...}} in the new coordinates."
             )
-        return min(found, key=self._awkwardness)
+        return min(found, key=self._preference)
 
-    def _awkwardness(self, u: FloatArray) -> tuple[int, float]:
-        """Return the order in which solutions are preferred: lengths that are positive, then small values."""
+    def _preference(self, u: FloatArray) -> tuple[int, float]:
+        """Return a sort key of solutions: those with positive lengths first, then those with small values."""
         negative = sum(x < -CLOSE for x, angle in zip(u, self.angles, strict=True) if not angle)
         return negative, round(float(np.abs(u).sum()), 9) - 1e-10 * float(u.sum() > 0)
 

@@ -166,17 +166,20 @@ def _check_ignorable(form: PlainForm, i: int) -> None:
     if not vanishes(form, form.forces[i]):
         raise StatementError(
             f"{name} is not ignorable: the force {shown(str(form.written(simplest(form.forces[i]))))} changes its "
-            "momentum, which has to be a constant."
+            "momentum, which has to be a constant. Choose another coordinate."
         )
     q, v = statement.coordinates[i], statement.velocities[i]
     for one in statement.constraints:
         if one.expression.has(q, v):
             raise StatementError(
-                f"{name} is not ignorable: the constraint {one.name!r} acts on it. Eliminate one first."
+                f"{name} is not ignorable: the constraint {one.name!r} acts on it. eliminate(...) solves it for a "
+                "coordinate."
             )
     for other, force in zip(statement.names, form.forces, strict=True):
         if not vanishes(form, force.diff(form.q[i])):
-            raise StatementError(f"{name} is not ignorable: the force on {other} depends on it.")
+            raise StatementError(
+                f"{name} is not ignorable: the force on {other} depends on it. Choose another coordinate."
+            )
 
 
 def _momenta(routh: Routh) -> dict[Any, float | None]:

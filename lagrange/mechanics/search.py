@@ -25,7 +25,6 @@ CLOSE = 1e-9
 SAME = 1e-6
 """Distance of two ends that are one equilibrium, in the same measure."""
 
-
 DIFFERENCE = 1e-6
 """Step of central differences, relative to 1 and to the coordinates: Newton's method then gains nine digits a step."""
 

@@ -26,7 +26,6 @@ LONGEST_LINE = 20_000
 SIGN = re.compile(r"(?<![<>=!])={1,2}(?!=)")
 """The sign between the sides of an equation, = or ==."""
 
-
 MULTIPLIER = "lambda_"
 """What the name of a constraint has before it where its multiplier is meant."""
 

@@ -1,7 +1,7 @@
 """A program with fewer operations, for machines on which each one costs a call: the same value but for rounding.
 
-Signs are carried to where they cost nothing, a multiply-add is two operations, so that products can be shared, and
-where a sum has F*(u - v) and F*v, as the derivatives of an angle between two links give, it has F*u instead.
+Signs are carried to where they cost nothing. A multiply-add becomes two operations, so that products can be shared. A
+sum that has F*(u - v) and F*v, as derivatives of an angle between two links give, gets F*u in their place.
 """
 
 from __future__ import annotations

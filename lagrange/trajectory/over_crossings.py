@@ -3,9 +3,9 @@
 At a distance d before the crossing rounding e of a position leaves e/d of the motion that branches off there, and
 e/d**2 of its velocity. A method with error control takes that for an error of its steps, and shortens them towards the
 crossing, where it grows. But it does not last: behind the crossing the constraints determine the motion as well as
-before. So the run goes back to a state that is well determined, and equal steps lead from there to one as far behind,
-with the crossing inside of a step and on no stage. Steps of half the length must lead to the same state; a motion that
-is not smooth at the crossing does not, and the run ends as it did.
+before. So the run goes back to a state that is well determined. Equal steps lead from there over the crossing to a
+state as far behind it; the crossing lies inside a step, and on no stage. Steps of half the length must lead to the same
+state; a motion that is not smooth at the crossing does not, and the run ends as it did.
 """
 
 from __future__ import annotations

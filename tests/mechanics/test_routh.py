@@ -94,14 +94,19 @@ def plain(**more: Any) -> lg.System:
         (
             lambda: plain(dissipation=c * x.dot**2 / 2),
             (x,),
-            "x is not ignorable: the force '-c*Derivative(x(t), t)' changes its momentum, which has to be a constant.",
+            "x is not ignorable: the force '-c*Derivative(x(t), t)' changes its momentum, which has to be a constant. "
+            "Choose another coordinate.",
         ),
         (
             lambda: plain(constraints={"tie": x - y}),
             (x,),
-            "x is not ignorable: the constraint 'tie' acts on it. Eliminate one first.",
+            "x is not ignorable: the constraint 'tie' acts on it. eliminate(...) solves it for a coordinate.",
         ),
-        (lambda: plain(forces={y: -x}), (x,), "x is not ignorable: the force on y depends on it."),
+        (
+            lambda: plain(forces={y: -x}),
+            (x,),
+            "x is not ignorable: the force on y depends on it. Choose another coordinate.",
+        ),
         (
             lambda: lg.System(lagrangian=(x.dot + y.dot) ** 2 / 2 + x.dot * theta.dot + theta.dot**2 - theta**2),
             (x, y),

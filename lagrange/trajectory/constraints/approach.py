@@ -14,12 +14,13 @@ from lagrange.machine.singular import Singular, least_regular, matrices_at, scal
 from lagrange.machine.state import DriverState
 from lagrange.trajectory.constraints.residuals import residuals_of
 
-FIRST_LOOK = 2**18
-"""The number of steps at which a run is looked at first, and then at each double of it: a look takes 0.1 ms."""
+FIRST_TEST = 2**18
+"""Steps after which a run is tested first, and then at each double of that: a test takes 0.1 ms."""
 
 SLOWER, NEARER = 0.75, 0.75
-"""A run does not get there if it takes so much less time for the second half of its steps than for the quarter before
-it, and is so much nearer; with steps of equal time it takes twice as much."""
+"""Ratios of times and of distances at successive tests, each at twice the steps of the one before.
+
+A run does not get there where both are no larger. With steps of equal time the first is 2."""
 
 NEAR = 1e-2
 """Constraints are nearly dependent where their least singular value is this part of that at the start, or less."""
@@ -54,7 +55,7 @@ class Independence:
         self._first = self.at(*start) or 1.0
 
     def at(self, t: float, y: FloatArray) -> float:
-        """Return it at a state (2n,); infinity where it is not known."""
+        """Return that value at a state (2n,); infinity where it is not known."""
         rows = self._residuals.gradient(t, y, self._parameters)[self._rows] / self._lengths
         if not np.isfinite(rows).all():
             return np.inf
@@ -62,20 +63,20 @@ class Independence:
 
 
 class Approach:
-    """Looks at a run with constraints now and then."""
+    """Tests, now and then, whether a run with constraints comes ever nearer to a singular state."""
 
     def __init__(self, model: Model, parameters: FloatArray, start: State) -> None:
         self.model, self.parameters, self.start = model, parameters, start
-        self.next_look = FIRST_LOOK
+        self.next_test = FIRST_TEST
         self.times = [start[0]]
         self.nearness = [1.0]
 
     def ends(self, state: DriverState) -> tuple[float, Singular] | None:
         """Return how near a run is to a singular state that it will not get to, and what is singular there; or None."""
         steps = int(state.integers[DriverState.STEPS])
-        if steps < self.next_look:
+        if steps < self.next_test:
             return None
-        self.next_look = 2 * steps
+        self.next_test = 2 * steps
         here = regularity(self.model, self.parameters, self.start, (state.t, state.y))
         share = 1.0 if here is None else here[0]
         self.times.append(state.t)
