@@ -20,8 +20,14 @@ MOST_BRANCHES = 64
 LONGEST_EQUATION = 400
 """Operations of an equation that is factored."""
 
+LONGEST_SYSTEM = 500
+"""Operations of all equations together; those of seven attracting bodies are simplified for minutes, in vain."""
+
 HIGHEST_DEGREE = 8
 """Product of the degrees of polynomial equations that are solved together by Groebner bases."""
+
+LONGEST_VALUE = 100
+"""Operations of a root of polynomial equations: what has more, is simplified for minutes."""
 
 
 class GivenUpError(Exception):
@@ -37,6 +43,8 @@ class Branch:
 
 def solved(equations: Sequence[Any], unknowns: Sequence[Any]) -> list[Branch] | None:
     """Return all real solutions of equations that are zero, or None where they are not found in symbols."""
+    if sum(map(size, equations)) > LONGEST_SYSTEM:
+        return None
     try:
         found = _follow([e for e in equations if e != 0], tuple(unknowns), {}, [MOST_BRANCHES])
     except GivenUpError:
@@ -210,11 +218,24 @@ def _together(equations: Sequence[Any], unknowns: Sequence[Any], values: dict[An
     if not all(e.is_polynomial(*present) for e in equations) or len(equations) != len(present):
         raise GivenUpError
     degree = sympy.prod(sympy.Poly(e, *present).total_degree() for e in equations)
-    if degree > HIGHEST_DEGREE:
+    if degree > HIGHEST_DEGREE or (len(present) == 1 and not _is_binomial(equations[0], present[0])):
         raise GivenUpError
     found = []
     for solution in sympy.solve(list(equations), present, dict=True):
-        if len(solution) != len(present) or any(x.has(*present) for x in solution.values()):
+        if len(solution) != len(present) or any(x.has(*present) or _is_tangled(x) for x in solution.values()):
             raise GivenUpError
         found.append({**values, **{x: sympy.sqrtdenest(simplest(value)) for x, value in solution.items()}})
     return found
+
+
+def _is_binomial(equation: Any, x: Any) -> bool:
+    """Return whether every factor is a x^n + b: the roots of other cubics are real through complex numbers."""
+    factors = [sympy.Poly(factor, x) for factor, _ in sympy.factor_list(equation, x)[1] if factor.has(x)]
+    return all(len(factor.terms()) <= 2 or factor.degree() <= 2 for factor in factors)
+
+
+def _is_tangled(value: Any) -> bool:
+    """Return whether a value is long, or may be real although it contains I: nothing can be said of it in symbols."""
+    if size(value) > LONGEST_VALUE:
+        return True
+    return bool(value.has(sympy.I)) and not (value.is_number and _is_complex(value))

@@ -35,6 +35,10 @@ FORCE_LEFT_BY_SEARCH = 1e-6
 """Force left at an equilibrium in decimals, relative to its terms."""
 
 
+MOST_PLACES = 64
+"""Equilibria found by number that are listed, each of which takes some 0.2 s."""
+
+
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
     """A place where the system stays, or a steady motion with `velocities` of ignorable coordinates.
@@ -83,6 +87,8 @@ def equilibria(statement: Statement, rates: Any, model: Model) -> list[Equilibri
     branches = solved(problem.equations, (*problem.unknowns, *problem.multipliers))
     if branches is None:
         places = problem.searched(model)
+        if len(places) > MOST_PLACES:
+            raise StatementError(problem.too_many(len(places)))
         made = [problem.record(values, exact=False) for values in places]
     else:
         made = [problem.record(branch.values, exact=True) for branch in branches]
@@ -192,6 +198,14 @@ class _Problem:
             "parameters. Give an initial state near one, or other values."
         )
 
+    def too_many(self, count: int) -> str:
+        """Return the sentence for equilibria that fill a region."""
+        return (
+            f"{self.statement.name} has too many equilibria to list: {STARTS} starts of Newton's method ended at "
+            f"{count} different places, as they do where equilibria fill a curve or a surface. linearize(...) tells of "
+            "one place whether it is an equilibrium, modes(...) whether that is stable."
+        )
+
     def record(self, values: Mapping[Any, Any], *, exact: bool) -> Equilibrium:
         """Return the record of one solution."""
         statement, form = self.statement, self.form
@@ -210,12 +224,11 @@ class _Problem:
         if known is not None:
             found = [number(x, known) for x in q]
             exists = all(x == x and abs(x.imag) < 1e-12 for x in found)
-            self.check(values, known, exists=exists)
+            if exact:
+                self.check(values, known, exists=exists)
         decided, minors = Verdict(stable=None, reason="it does not exist at the values of the parameters."), ()
         if exists is not False:
-            lin = linearized_at(point)
-            decided = stability_of(lin, point)
-            minors = self.minors(lin)
+            decided, minors = self.decided(point)
         return Equilibrium(
             coordinates=MappingProxyType({key: form.written(x) for key, x in places.items()}),
             velocities=MappingProxyType(speeds),
@@ -227,6 +240,14 @@ class _Problem:
             criterion=minors,
             exact=exact,
         )
+
+    def decided(self, point: StatedPoint) -> tuple[Verdict, tuple[Any, ...]]:
+        """Return the verdict and the criterion; where there is no linearization, the verdict says why."""
+        try:
+            lin = linearized_at(point)
+        except StatementError as refusal:
+            return Verdict(stable=None, reason=str(refusal)), ()
+        return stability_of(lin, point), self.minors(lin)
 
     def minors(self, lin: Linearization) -> tuple[Any, ...]:
         """Return the criterion, where the matrices have symbols in them that it can be written in."""

@@ -22,6 +22,9 @@ from lagrange.mechanics.point import StatedPoint
 from lagrange.mechanics.simplification import simplest
 from lagrange.statement.coordinate import t
 
+INFINITE = (sympy.nan, sympy.zoo, sympy.oo, sympy.AccumBounds)
+"""What stands where an expression has no value."""
+
 
 @dataclass(frozen=True, eq=False)
 class Linearization:
@@ -91,15 +94,20 @@ def linearized_at(point: StatedPoint) -> Linearization:
     if point.form.statement.constraints:
         return _Held(point).linearization()
     form = point.form
-    rest = [simplest(r.xreplace(dict.fromkeys(form.a, sympy.S.Zero)).xreplace(point.table)) for r in form.residuals]
-    mass = _matrix(form, form.a, point)
+    rest = [simplest(r.xreplace(dict.fromkeys(form.a, sympy.S.Zero)).xreplace(point.table)) for r in point.residuals]
+    mass = _matrix(form.a, point)
     still = dict.fromkeys(form.a, sympy.S.Zero)
-    damping, stiffness = (_matrix(form, symbols, point, still) for symbols in (form.v, form.q))
+    damping, stiffness = (_matrix(symbols, point, still) for symbols in (form.v, form.q))
+    if any(x.has(*INFINITE) for x in (*rest, *mass, *damping, *stiffness)):
+        raise StatementError(
+            f"the forces of {form.statement.name}, or their derivatives, have no value at {point.where}: choose "
+            "another point, or coordinates that are regular at it."
+        )
     balanced = all(point.is_zero(r, stiffness) for r in rest)
     here = still
     if not balanced:
         here = dict(zip(form.a, _accelerations(form, mass, rest), strict=True))
-        damping, stiffness = (_matrix(form, symbols, point, here) for symbols in (form.v, form.q))
+        damping, stiffness = (_matrix(symbols, point, here) for symbols in (form.v, form.q))
     steady = all(
         speed == 0 or all(point.is_zero(x, ()) for x in (*stiffness[:, i], *stiffness[i, :]))
         for i, speed in enumerate(point.v)
@@ -112,7 +120,7 @@ def linearized_at(point: StatedPoint) -> Linearization:
         C=damping,
         K=stiffness,
         inputs=tuple(point.inputs),
-        input_matrix=-_matrix(form, tuple(point.inputs), point, here),
+        input_matrix=-_matrix(tuple(point.inputs), point, here),
         basis=eye,
         velocity_basis=eye,
         equilibrium=balanced and steady,
@@ -120,11 +128,11 @@ def linearized_at(point: StatedPoint) -> Linearization:
     )
 
 
-def _matrix(form: PlainForm, symbols: Sequence[Any], point: StatedPoint, here: Mapping[Any, Any] | None = None) -> Any:
+def _matrix(symbols: Sequence[Any], point: StatedPoint, here: Mapping[Any, Any] | None = None) -> Any:
     """Return the derivatives of the residuals by some symbols, at the point."""
     table = point.table
-    rows = [[simplest(r.diff(x).xreplace(dict(here or {})).xreplace(table)) for x in symbols] for r in form.residuals]
-    return sympy.Matrix(len(form.residuals), len(symbols), [x for row in rows for x in row])
+    rows = [[simplest(r.diff(x).xreplace(dict(here or {})).xreplace(table)) for x in symbols] for r in point.residuals]
+    return sympy.Matrix(len(rows), len(symbols), [x for row in rows for x in row])
 
 
 def _accelerations(form: PlainForm, mass: Any, rest: Sequence[Any]) -> tuple[Any, ...]:
@@ -209,7 +217,7 @@ class _Held:
         """Return the equations in independent coordinates."""
         form, gradient = self.form, self.gradient
         here = sympy.Matrix([[self.put(x) for x in row] for row in gradient])
-        rest = sympy.Matrix([self.put(r) for r in form.residuals])
+        rest = sympy.Matrix([self.put(r) for r in self.point.residuals])
         multipliers = ((here * here.T).inv() * here * rest).applyfunc(simplest)
         left = (rest - here.T * multipliers).applyfunc(simplest)
         if not all(self.point.is_zero(x, rest) for x in left):
@@ -219,7 +227,7 @@ class _Held:
             )
         pushes = [
             r - sympy.Add(*(multipliers[k] * row[i] for k, row in enumerate(gradient)))
-            for i, r in enumerate(form.residuals)
+            for i, r in enumerate(self.point.residuals)
         ]
 
         def slopes(symbols: Sequence[Any]) -> Any:

@@ -9,7 +9,9 @@ from typing import Any
 
 import sympy
 
+from lagrange.equations.terms import printable
 from lagrange.errors import StatementError, listing, shown, suggestion
+from lagrange.mechanics.corners import edges, on_side
 from lagrange.mechanics.identity import vanishes
 from lagrange.mechanics.plain_form import PlainForm
 from lagrange.mechanics.rewriting import rewritten
@@ -53,12 +55,48 @@ class StatedPoint:
         """Whether the point has decimals in it: then it is one of the parameters' values, and of no others."""
         return any(x.has(sympy.Float) for x in (*self.q, *self.v, *self.inputs.values()))
 
+    @property
+    def where(self) -> str:
+        """The point in words: every coordinate, and the velocities that are not zero."""
+        names = self.form.statement.names
+        still = [f"{name} = {shown(x)}" for name, x in zip(names, self.q, strict=True)]
+        return listing(still + [f"{name}_dot = {shown(x)}" for name, x in zip(names, self.v, strict=True) if x != 0])
+
+    @cached_property
+    def residuals(self) -> tuple[Any, ...]:
+        """The residuals of the equations of motion without corners at the point.
+
+        Quadratic drag -c v |v| has one that does not matter. Raises StatementError where derivatives on the two sides
+        of a corner differ, as for dry friction at rest.
+        """
+        return tuple(
+            self._smooth(r, name) for r, name in zip(self.form.residuals, self.form.statement.names, strict=True)
+        )
+
+    def _smooth(self, residual: Any, name: str) -> Any:
+        """Return a residual on one side of each of its corners at the point."""
+        symbols = (*self.form.q, *self.form.v, *self.form.a, *self.inputs)
+        for edge in edges(residual):
+            if not edge.has(*self.form.q, *self.form.v) or not self.is_zero(edge.xreplace(self.table), ()):
+                continue
+            sides = [on_side(residual, edge, sign) for sign in (1, -1)]
+            for x in (None, *symbols):
+                above, below = (side if x is None else side.diff(x) for side in sides)
+                if not self.is_zero((above - below).xreplace(self.table), ()):
+                    raise StatementError(
+                        f"the forces on {name} have a corner or a jump at {self.where}, where "
+                        f"{str(printable(edge))[:60]} is zero, so that they are not linear near it. Choose another "
+                        "point."
+                    )
+            residual = sides[0]
+        return residual
+
     def is_zero(self, given: Any, scale: Any) -> bool:
         """Return whether an expression vanishes at the point; of decimals, to eight digits of a size."""
         if not self.decimal or given.free_symbols:
             return vanishes(self.form, given)
-        size = max([1.0, *(abs(complex(x)) for x in scale if not x.free_symbols)])
-        return abs(complex(given)) <= CLOSE * size
+        size = max([1.0, *(abs(complex(printable(x))) for x in scale if not x.free_symbols)])
+        return abs(complex(printable(given))) <= CLOSE * size
 
 
 def with_inputs_as_parameters(statement: Statement, at: Any, inputs: Any) -> tuple[Statement, Any, Any]:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
 import sympy
 
-from lagrange.equations.terms import Direction, Magnitude, printable
+from lagrange.equations.terms import printable
 from lagrange.errors import StatementError, listing, shown
+from lagrange.mechanics.corners import edges
 from lagrange.mechanics.point import StatedPoint, stated_point
 from lagrange.mechanics.rewriting import rewritten
 from lagrange.mechanics.simplification import simplest
@@ -96,7 +96,7 @@ class _Expansion:
     def check_smooth(self, given: Any, what: str) -> None:
         """Refuse an expression with a corner or a jump at the point."""
         here = dict(zip(self.symbols, self.values, strict=True))
-        for edge in _edges(given):
+        for edge in edges(given):
             if edge.has(*self.symbols) and simplest(edge.xreplace({**self.point.table, **here})) == 0:
                 raise StatementError(
                     f"{what} has no expansion about {self.where}: it has a corner or a jump where "
@@ -164,12 +164,3 @@ class _Expansion:
             return all(self.point.is_zero(r, ()) for r in rest)
         held = sympy.Matrix(rows).T
         return bool(held.row_join(sympy.Matrix(rest)).rank(simplify=True) == held.rank(simplify=True))
-
-
-def _edges(given: Any) -> Sequence[Any]:
-    """Return what vanishes where an expression has a corner or jumps."""
-    edges = [node.args[0] for node in sorted(given.atoms(Magnitude, Direction, sympy.Heaviside), key=str)]
-    for node in sorted(given.atoms(sympy.Piecewise), key=str):
-        for _, when in node.args:
-            edges += [one.lhs - one.rhs for one in sorted(when.atoms(sympy.core.relational.Relational), key=str)]
-    return edges

@@ -9,7 +9,7 @@ Source: D. R. Merkin, Introduction to the Theory of Stability, 1997, chapters 3 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +22,7 @@ from lagrange.mechanics.linearization import Linearization
 from lagrange.mechanics.plain_form import PlainForm, numeric
 from lagrange.mechanics.point import StatedPoint
 from lagrange.mechanics.simplification import is_zero, simplest
+from lagrange.statement.coordinate import t
 
 REAL_PART = 1e-6
 """Real part of an eigenvalue that counts as zero, relative to the largest: double ones are found to 1e-8."""
@@ -83,18 +84,27 @@ def criterion(lin: Linearization, gone: tuple[int, ...]) -> tuple[Any, ...]:
 def _symbolic_verdict(lin: Linearization, form: PlainForm, gone: tuple[int, ...]) -> Verdict:
     """Return the verdict for all values of the parameters, where SymPy knows the signs."""
     minors = criterion(lin, gone)
-    drag = lin.C + lin.C.T
-    braked = drag.is_zero_matrix or all(drag[:k, :k].det().is_positive for k in range(1, drag.rows + 1))
-    if minors and braked and lin.K.is_symmetric(simplify=True) and has_energy(form):
-        if all(minor.is_positive for minor in minors):
-            return Verdict(stable=True, reason="the energy has a strict minimum there.")
+    if any(minor.is_nonpositive for minor in minors[:-1]):
+        return Verdict(None, "the energy has no minimum there, and eigenvalues need values of the parameters.")
+    if minors and _is_definite(lin.M) and lin.K.is_symmetric(simplify=True):
         if minors[-1].is_negative:
             return Verdict(
                 stable=False, reason="the determinant of K is negative, so that an eigenvalue is real and positive."
             )
+        if all(minor.is_positive for minor in minors):
+            drag = lin.C + lin.C.T
+            if (drag.is_zero_matrix or _is_definite(drag)) and has_energy(form):
+                return Verdict(stable=True, reason="the energy has a strict minimum there.")
+            return Verdict(None, "the energy has a strict minimum there, but it may be that forces feed energy in.")
     return Verdict(
         None, f"that depends on the parameters: the energy has a minimum if {listing(map(str, minors))} > 0."
     )
+
+
+def _is_definite(matrix: Any) -> bool:
+    """Return whether SymPy knows that a symmetric matrix is positive definite, by its leading minors."""
+    minors = (simplest(matrix[:k, :k].det(method="berkowitz")) for k in range(1, matrix.rows + 1))
+    return all(minor.is_positive for minor in minors)
 
 
 def ignorable(form: PlainForm) -> tuple[int, ...]:
@@ -138,8 +148,36 @@ def at_fixed_momenta(mass: Any, damping: Any, stiffness: Any, gone: tuple[int, .
 def has_energy(form: PlainForm) -> bool:
     """Return whether L is free of time, and no force acts but those of V and of Rayleigh's dissipation."""
     statement = form.statement
-    free = vanishes(form, form.lagrangian.diff(sympy.Symbol("t")))
-    return free and all(vanishes(form, form.read(force)) for force in statement.forces)
+    free = vanishes(form, form.lagrangian.diff(t))
+    return free and only_brakes(form) and all(vanishes(form, form.read(force)) for force in statement.forces)
+
+
+def only_brakes(form: PlainForm) -> bool:
+    """Return whether v . dD/dv is known to be nowhere negative, if the symmetric part of C is positive semidefinite.
+
+    That part decides alone where D is v C v/2 with a constant C. Any other D has to consist of terms that are
+    homogeneous in the velocities and not negative: it may be -v^4, or x v^2, of which C has nothing.
+    """
+    stated = form.statement.dissipation.xreplace(form.plain)
+    slopes = [form.read(form.statement.dissipation).diff(v) for v in form.v]
+    rates = [[slope.diff(v) for v in form.v] for slope in slopes]
+    linear = [
+        slope - sympy.Add(*(rate * v for rate, v in zip(row, form.v, strict=True)))
+        for slope, row in zip(slopes, rates, strict=True)
+    ]
+    moving = (*form.q, *form.v, t)
+    if all(vanishes(form, x) for x in (*linear, *(rate.diff(z) for row in rates for rate in row for z in moving))):
+        return True
+    return all(_is_drag(term, form.v) for term in sympy.Add.make_args(stated))
+
+
+def _is_drag(term: Any, v: Sequence[Any]) -> bool:
+    """Return whether a term of D is homogeneous in the velocities, of positive degree, and not negative."""
+    if not term.is_nonnegative:
+        return False
+    scale = sympy.Dummy("scale", positive=True)
+    grown = sympy.powsimp(sympy.simplify(term.xreplace({x: scale * x for x in v}) / term))
+    return bool(grown.as_base_exp()[0] == scale and grown.as_base_exp()[1].is_positive)
 
 
 def _numeric_verdict(mass: Any, damping: Any, stiffness: Any, *, energetic: bool) -> Verdict:
@@ -165,6 +203,10 @@ def _numeric_verdict(mass: Any, damping: Any, stiffness: Any, *, energetic: bool
     if smallest[2] < -DEFINITE * sizes[2]:
         return Verdict(
             stable=None, reason="no eigenvalue has a positive real part, and the energy has no minimum there."
+        )
+    if minimum and symmetric:
+        return Verdict(
+            stable=None, reason="eigenvalues on the imaginary axis decide nothing, and forces may feed energy in."
         )
     return Verdict(
         stable=None, reason="eigenvalues on the imaginary axis decide nothing, and the energy has no strict minimum."

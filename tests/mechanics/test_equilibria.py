@@ -255,3 +255,31 @@ def test_roots_that_are_never_real_are_no_equilibria() -> None:
     well = lg.System(x.dot**2 / 2, x**4 / 4 + k * x**2 / 2).equilibria()
     assert [one.coordinates[x] for one in well] == [0]
     assert sqrt(2) in {one.coordinates[x] for one in lg.System(x.dot**2 / 2, x**4 / 4 - x**2).equilibria()}
+
+
+def test_cubics_are_solved_by_number() -> None:
+    # Three real roots, which Cardano's formula writes with I; it takes minutes to simplify, and with a parameter its
+    # condition is that of another number of roots.
+    tilted = lg.System(x.dot**2 / 2, x**4 / 4 - x**2 / 2 + c * x, name="tilted")
+    with pytest.raises(StatementError, match=r"the equilibria of tilted are not found in symbols, and for a search by"):
+        tilted.equilibria()
+    found = tilted.substitute({c: sympy.Rational(1, 10)}).equilibria()
+    assert [one.stable for one in found] == [True, True, False]
+    assert all(abs(one.coordinates[x] ** 3 - one.coordinates[x] + 0.1) < 1e-12 for one in found)
+    pair = lg.System(x.dot**2 / 2, k * (x**-12 - 2 * x**-6)).equilibria()
+    assert {one.coordinates[x] for one in pair} == {1, -1}
+
+
+def test_corners_and_poles_leave_the_verdict_open() -> None:
+    (corner,) = lg.System(m * x.dot**2 / 2, k * abs(x), parameters={m: 1, k: 1}).equilibria()
+    assert (float(corner.coordinates[x]), corner.stable) == (0.0, None)
+    assert "the forces on x have a corner or a jump at x = 0" in corner.reason
+    curved = lg.System((x.dot**2 + y.dot**2) / y**2, initial={y: 1}, name="curved")
+    assert "the forces of curved, or their derivatives, have no value at" in curved.equilibria()[0].reason
+
+
+def test_flat_places_are_found_and_surfaces_are_not_listed() -> None:
+    flat = lg.System(m * x.dot**2 / 2, k * cos(x**2), parameters={m: 1, k: 1})
+    assert 0.0 in [float(one.coordinates[x]) for one in flat.equilibria()]
+    with pytest.raises(StatementError, match=r"free-flip has too many equilibria to list: 256 starts of Newton's met"):
+        lg.scene("free-flip").equilibria()

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy
-from sympy import Matrix, acos, cos, pi, sin
+from sympy import Matrix, Piecewise, acos, cos, pi, sign, sin
 
 import lagrange as lg
 from lagrange.errors import RunError, StatementError
@@ -131,6 +131,13 @@ def test_a_knife_edge_has_more_positions_than_velocities() -> None:
         sled.modes({})
 
 
+def test_corners_that_do_not_matter_leave_the_matrices() -> None:
+    drag = lg.System(m * x.dot**2 / 2, k * x**2 / 2, forces={x: -c * x.dot * abs(x.dot)}).linearize()
+    assert (drag.C[0], drag.K[0]) == (0, k)
+    beside = lg.System(m * x.dot**2 / 2, Piecewise((k * x**2, x < 1), (2 * k * x**2, True))).linearize({x: 2})
+    assert beside.K[0] == 4 * k
+
+
 def test_it_pickles_and_says_what_it_is() -> None:
     lin = cart().linearize({}, inputs=[u])
     again = pickle.loads(pickle.dumps(lin))
@@ -165,6 +172,22 @@ def rod(**more: Any) -> lg.System:
         ),
         (lambda: cart().linearize({x: "1"}), "the value of x(t) is the text '1': give a SymPy expression"),
         (lambda: cart().linearize({}, inputs=["v"]), "inputs contains 'v', which is no parameter of this system; its"),
+        (
+            lambda: lg.System(m * x.dot**2 / 2, k * abs(x)).linearize(),
+            "the forces on x have a corner or a jump at x = 0, where x is zero, so that they are not linear near it.",
+        ),
+        (
+            lambda: lg.System(m * x.dot**2 / 2, Piecewise((x**2, x > 0), (2 * x**2, True))).linearize(),
+            "the forces on x have a corner or a jump at x = 0, where x is zero,",
+        ),
+        (
+            lambda: lg.System(m * x.dot**2 / 2, k * x**2, forces={x: -sign(x.dot)}).linearize(),
+            "the forces on x have a corner or a jump at x = 0, where x_dot is zero,",
+        ),
+        (
+            lambda: lg.System(m * x.dot**2 / 2, k / x, initial={x: 1}, name="hill").modes(),
+            "the forces of hill, or their derivatives, have no value at x = 0: choose another point, or coordinates",
+        ),
         (lambda: rod().linearize({y: -l, x.dot: 1}), "rod has constraints and is linearised at rest only: leave the"),
         (lambda: rod().linearize({y: -2 * l}), "the point is not on the constraint 'rod', which is 3*l**2 there and"),
         (lambda: rod().linearize({x: l}), "rod has constraints and is linearised about equilibria only: at this point"),
@@ -212,9 +235,9 @@ def test_a_key_of_thousands_of_digits_is_refused_in_a_sentence(name: str) -> Non
 def test_a_wrong_linearization_is_found_by_number(monkeypatch: pytest.MonkeyPatch, symbols: str) -> None:
     right = linearization._matrix
 
-    def wrong(form: Any, given: Any, point: Any, here: Any = None) -> Any:
-        off = given == (form.q if symbols == "q" else tuple(point.inputs))
-        return right(form, given, point, here) * (1.001 if off else 1)
+    def wrong(given: Any, point: Any, here: Any = None) -> Any:
+        off = given == (point.form.q if symbols == "q" else tuple(point.inputs))
+        return right(given, point, here) * (1.001 if off else 1)
 
     monkeypatch.setattr(linearization, "_matrix", wrong)
     with pytest.raises(RunError, match=r"the linearization of cart is wrong: a formula gives .* is compiled, at "):

@@ -88,8 +88,22 @@ def test_gyroscopic_forces_decide_nothing_where_the_energy_has_no_minimum() -> N
     # Kelvin and Tait: friction destroys what gyroscopic forces hold.
     friction = c * (x.dot**2 + y.dot**2) / 2
     assert plane(hill, turn=M, dissipation=friction, parameters={**values, c: 0.01}).modes().stable is False
-    well = plane(k * (x**2 + y**2) / 2, turn=M, dissipation=c * x.dot**2 / 2, parameters={**values, c: 0.01})
-    assert well.modes().stable is True
+    bowl = plane(k * (x**2 + y**2) / 2, turn=M, dissipation=c * x.dot**2 / 2, parameters={**values, c: 0.01})
+    assert bowl.modes().stable is True
+
+
+def well(**more: Any) -> lg.System:
+    return lg.System(m * x.dot**2 / 2, k * x**2 / 2, **more)
+
+
+def test_reasons_say_what_is_not_known() -> None:
+    assert well(dissipation=-c * x.dot**4).modes().reason == (
+        "the energy has a strict minimum there, but it may be that forces feed energy in."
+    )
+    fed = well(forces={x: x.dot**3}, parameters={m: 1, k: 1})
+    assert fed.modes().reason == "eigenvalues on the imaginary axis decide nothing, and forces may feed energy in."
+    hill = plane(-k * (x**2 + y**2) / 2, turn=M)
+    assert hill.modes().reason == "the energy has no minimum there, and eigenvalues need values of the parameters."
 
 
 @pytest.mark.parametrize(
@@ -105,6 +119,17 @@ def test_gyroscopic_forces_decide_nothing_where_the_energy_has_no_minimum() -> N
         (lambda: plane(k * (x**2 + y**2), forces={x: c * y, y: -c * x}, parameters={m: 1, k: 1, c: 0.1}), False),
         (lambda: plane(k * (x**2 + y**2), forces={x: -c * x.dot**3}, parameters={m: 1, k: 1, c: 0.1}), None),
         (lambda: plane(k * (x**2 + y**2) * (2 + sin(lg.t)) - m * y, parameters={m: 1, k: 1}), "refused"),
+        # D that C has nothing of: some of these feed energy in, and their amplitudes grow.
+        (lambda: well(dissipation=-c * x.dot**4), None),
+        (lambda: well(dissipation=-c * x.dot**4, parameters={m: 1, k: 1, c: 1}), None),
+        (lambda: well(dissipation=c * x * x.dot**2), None),
+        (lambda: plane(k * (x**2 + y**2), dissipation=y**3 * x.dot - x**3 * y.dot, parameters={m: 1, k: 1}), None),
+        (lambda: well(dissipation=c * x.dot**4), True),
+        (lambda: well(dissipation=c * sympy.Abs(x.dot) ** 3), True),
+        (lambda: well(dissipation=c * (x * x.dot) ** 2), True),
+        # A negative mass turns what a minimum of the energy means.
+        (lambda: lg.System(-m * x.dot**2 / 2, k * x**2 / 2), None),
+        (lambda: lg.System(-m * x.dot**2 / 2, -k * x**2 / 2), None),
     ],
 )
 def test_verdicts(system: Any, stable: Any) -> None:

@@ -138,6 +138,11 @@ def test_constraints_are_expanded_with_their_curvature() -> None:
             "finite there. Choose another point, or coordinates that are regular at it.",
         ),
         (
+            lambda: lg.System(m * x.dot**2 / 2, k * x**2 * sympy.Heaviside(x)).small(),
+            "the potential energy has no expansion about x = 0: it has a corner or a jump where x is zero, which is "
+            "there. Choose a point beside it.",
+        ),
+        (
             lambda: lg.System(m * x.dot**2 / 2, k * Abs(x)).small(),
             "the potential energy has no expansion about x = 0: it has a corner or a jump where x is zero, which is "
             "there. Choose a point beside it.",
