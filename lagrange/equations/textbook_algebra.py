@@ -78,7 +78,7 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def right_sides(self) -> list[MonomialSum]:
-        """H = Q - remainder of M a = h + G^T lambda."""
+        """The right sides h = Q - remainder of M a = h + G^T lambda."""
         forces = [self.read(force) for force in self.statement.forces]
         return [
             self.algebra.merge_angles(self.algebra.add(force, self.algebra.scale(rest, S.NegativeOne)))

@@ -266,11 +266,11 @@ def _check(change: Transformation, made: Statement, model: Model) -> None:
     rates = [change.table[v].xreplace(same) for v in old.velocities]
     by_place, by_rate = (sympy.Matrix(part).jacobian(list(form.q)) for part in (whole, rates))
     found = [*form.momenta, *(form.lagrangian.diff(q) + force for q, force in zip(form.q, form.forces, strict=True))]
-    wary = [form.plain[q] for q in change.positive]
+    above_zero = [form.plain[q] for q in change.positive]
 
     def values(point: Any) -> tuple[list[float], list[Any]]:
         numbers = form.at(point)
-        if any(numbers[symbol] <= 0 for symbol in wary):
+        if any(numbers[symbol] <= 0 for symbol in above_zero):
             return [], [float("nan")]
         q, v = ([real(x, numbers) for x in part] for part in (whole, rates))
         if not np.isfinite([*q, *v]).all():

@@ -85,7 +85,7 @@ FIRST_LOOK = 4
 """Steps up to the first review where an event resets the state: what is taken beyond it is taken in vain."""
 
 AHEAD = 2.0
-"""After a reset an adaptive method starts with this part of the time since the last: flights come in like lengths."""
+"""After a reset an adaptive method starts with this part of the time since the last: such intervals are alike."""
 
 CLOSE = 256 * 2.0**-52
 """But with no less than this part of the time: below, it is for the events to say that time stands still."""

@@ -156,8 +156,8 @@ class _EventSteps:
         with p.when(~run.fixed.equals(0)) as ways:
             self.reals[number("start")] = t - p.real(steps) * self.reals[number("step")]
         with ways.otherwise():
-            flight = p.larger(AHEAD * abs(t - run.changed), CLOSE * abs(t))
-            size = p.smaller(abs(length), flight)
+            interval = p.larger(AHEAD * abs(t - run.changed), CLOSE * abs(t))
+            size = p.smaller(abs(length), interval)
             self.reals[number("h")] = p.operation("copysign", size, length)
         since: Whole = run.since + kept
         run.ahead = p.larger(1, p.smaller(since, LONGEST_LOOK))

@@ -37,7 +37,7 @@ class Cut:
 
 
 class Reviewer(Protocol):
-    """What looks at accepted steps."""
+    """What finds the events on accepted steps."""
 
     @property
     def shared(self) -> StepEventMemory:
@@ -63,7 +63,7 @@ class Reviewer(Protocol):
         """Return what takes steps and reviews them in machine code, where so many steps up to a time are worth it."""
 
     def review(self, times: FloatArray, states: FloatArray, begin: int, end: int, taken: int) -> Cut | None:
-        """Look at some steps, times (S+1,) and states (S+1, 2n), on arrays; return the first change of the motion."""
+        """Review some steps, times (S+1,) and states (S+1, 2n), on arrays; return the first change of the motion."""
 
     def write(self) -> None:
         """Leave where everything stands to machine code."""
@@ -87,7 +87,7 @@ class EventDriver:
         self._run.ahead = FIRST_LOOK if watch.resets else LONGEST_LOOK
         self._run.fixed = int(fixed)
         self._compiled: EventSteps | None = None
-        self._width, self._owed, self._looked = 1, 0, 0
+        self._next_left, self._left_to_arrays, self._reviewed = 1, 0, 0
         self._first = self._stale = True
 
     def adopt(self, state: DriverState) -> None:
@@ -100,7 +100,7 @@ class EventDriver:
         self._memory.keep(state)
         try:
             while True:
-                compiled = self._compiled is not None and not self._owed and self._watch.regular
+                compiled = self._compiled is not None and not self._left_to_arrays and self._watch.regular
                 outcome = (self._in_loop if compiled else self._on_arrays)(state, times, rows)
                 if outcome is not None:
                     return outcome
@@ -126,14 +126,14 @@ class EventDriver:
             return None
         if code != LOOK:
             return Outcome(code)
-        if self._memory.reviewed > self._looked:
-            self._width = 1
-        self._owe()
+        if self._memory.reviewed > self._reviewed:
+            self._next_left = 1
+        self._leave_to_arrays()
         return None
 
-    def _owe(self) -> None:
-        """Have steps looked at on arrays: one, and where it does not help twice as many each time."""
-        self._owed, self._width = self._width, min(2 * self._width, LONGEST_LOOK)
+    def _leave_to_arrays(self) -> None:
+        """Have steps reviewed on arrays: one, and where that does not help twice as many each time."""
+        self._left_to_arrays, self._next_left = self._next_left, min(2 * self._next_left, LONGEST_LOOK)
 
     def _on_arrays(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome | None:
         """Take steps if none waits, and review some on arrays; return an outcome, or None where the run goes on."""
@@ -146,11 +146,11 @@ class EventDriver:
                 return outcome
             if self._first and self._is_compiled(memory.times[run.count + 1], memory.taken + run.count):
                 return None
-        if self._compiled is not None and not self._owed and memory.waits:
-            self._owe()
+        if self._compiled is not None and not self._left_to_arrays and memory.waits:
+            self._leave_to_arrays()
         count = run.count - run.begin + 1
-        count = min(count, self._owed) if self._compiled is not None else count
-        self._owed = max(0, self._owed - count)
+        count = min(count, self._left_to_arrays) if self._compiled is not None else count
+        self._left_to_arrays = max(0, self._left_to_arrays - count)
         return self._look(state, run.begin + count - 1, times, rows)
 
     def _is_compiled(self, t: float, steps: int) -> bool:
@@ -220,7 +220,7 @@ class EventDriver:
             self._set_back(state, cut, cut.steps - 1 + shift, times, rows)
             return Outcome.WATCHED
         run.begin, run.starts = last + 1, 0
-        self._looked = self._memory.reviewed
+        self._reviewed = self._memory.reviewed
         return None if memory.waits else self._accept(state, times, rows)
 
     def _accept(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome | None:
@@ -258,10 +258,10 @@ class EventDriver:
         if self._fixed:
             reals[S.START] = cut.t - taken * reals[S.STEP]
         else:
-            flight = max(AHEAD * abs(cut.t - self._watch.changed), CLOSE * abs(cut.t))
-            reals[S.H] = math.copysign(min(abs(cut.length), flight), cut.length)
+            interval = max(AHEAD * abs(cut.t - self._watch.changed), CLOSE * abs(cut.t))
+            reals[S.H] = math.copysign(min(abs(cut.length), interval), cut.length)
         since = run.since + kept
         run.ahead, run.since = max(1, min(since, LONGEST_LOOK)), 0
         run.count, run.begin, run.before, run.starts = 0, 1, 0, 1
-        self._width, self._owed = 1, 0
+        self._next_left, self._left_to_arrays = 1, 0
         self._watch.set_back(cut)
