@@ -80,7 +80,9 @@ def _given(statement: Statement, generator: Mapping[Any, Any]) -> dict[Any, Any]
             raise StatementError(f"{what} is {shown(str(value))}: a point symmetry has an expression in {where}.")
         for leaf in (*survey.coordinates, *survey.parameters):
             if leaf not in known:
-                raise StatementError(f"{what} contains {leaf}, which this system does not have.")
+                raise StatementError(
+                    f"{what} contains {leaf}, which this system does not have; it has {listing(map(str, known))}."
+                )
     return found
 
 

@@ -201,9 +201,12 @@ def _checked(held: Sequence[Constraint], name: str, given: Any, statement: State
         raise StatementError(
             f"{what} is {shown(str(stated))}: give an expression in the other coordinates, parameters and t."
         )
+    known = (*statement.coordinates, *statement.parameters)
     for leaf in (*survey.coordinates, *survey.parameters):
-        if leaf not in (*statement.coordinates, *statement.parameters):
-            raise StatementError(f"{what} contains {leaf}, which this system does not have.")
+        if leaf not in known:
+            raise StatementError(
+                f"{what} contains {leaf}, which this system does not have; it has {listing(map(str, known))}."
+            )
     plain = statement.plain
     solved = stated.xreplace(plain)
     for one in held:

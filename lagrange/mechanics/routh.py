@@ -14,7 +14,7 @@ from typing import Any
 
 import sympy
 
-from lagrange.errors import StatementError, listing, shown, suggestion
+from lagrange.errors import StatementError, listing, shown
 from lagrange.machine.model import Model
 from lagrange.mechanics.identity import vanishes
 from lagrange.mechanics.legendre import half_square, inverse
@@ -24,7 +24,7 @@ from lagrange.mechanics.rewriting import with_origin
 from lagrange.mechanics.simplification import simplest
 from lagrange.statement.coordinate import t, velocity_of
 from lagrange.statement.declare import declare
-from lagrange.statement.parameters import label_of
+from lagrange.statement.parameters import coordinate_name
 from lagrange.statement.statement import Statement
 
 
@@ -89,15 +89,7 @@ def places_of(statement: Statement, wanted: Sequence[Any]) -> tuple[int, ...]:
     """Return where coordinates stand that are given as such or by name."""
     if not wanted:
         raise StatementError("routhian() names no coordinate: give one that is ignorable.")
-    found = []
-    for one in wanted:
-        name = label_of(one)
-        if name not in statement.names:
-            raise StatementError(
-                f"{name[:80]!r} is no coordinate of this system; they are {listing(statement.names)}."
-                + suggestion(name, statement.names)
-            )
-        found.append(statement.names.index(name))
+    found = [statement.names.index(coordinate_name(one, statement.names)) for one in wanted]
     if len(dict.fromkeys(found)) == len(statement.names):
         raise StatementError(
             f"every coordinate of {statement.name} would be ignored: without one nothing is left to move."

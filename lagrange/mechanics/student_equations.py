@@ -14,7 +14,7 @@ from lagrange.statement.choice import text
 from lagrange.statement.coordinate import name_of
 from lagrange.statement.expression import TEXTS, entries, expression
 from lagrange.statement.multiplier import constraint_of
-from lagrange.statement.parameters import label_of
+from lagrange.statement.parameters import coordinate_name
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 from lagrange.statement.text import read_expression
@@ -52,7 +52,7 @@ def read_equations(given: Any, statement: Statement) -> list[StudentEquation]:
     """
     reader = _EquationReader(statement)
     if isinstance(given, Mapping):
-        listed = [(f"the {name_of_coordinate(key, statement)} equation", value) for key, value in given.items()]
+        listed = [(f"the {coordinate_name(key, statement.names)} equation", value) for key, value in given.items()]
     else:
         single = isinstance(given, (*TEXTS, sympy.Basic)) and not isinstance(given, sympy.Tuple)
         found = None if single else entries(given, "the equations")
@@ -80,17 +80,6 @@ def spelled(expression: Any) -> str:
     named = {symbol: constraint_of(symbol) for symbol in expression.free_symbols}
     multipliers = {symbol: sympy.Symbol(f"{MULTIPLIER}{name}") for symbol, name in named.items() if name is not None}
     return str(sympy.sstr(expression.xreplace(multipliers)))
-
-
-def name_of_coordinate(key: Any, statement: Statement) -> str:
-    """Return the name of a coordinate that is given as itself or by name. Raises StatementError for anything else."""
-    name = label_of(key)
-    if name not in statement.names:
-        raise StatementError(
-            f"{name[:60]!r} is no coordinate of this system; they are {listing(statement.names)}."
-            + suggestion(name, statement.names)
-        )
-    return name
 
 
 class _EquationReader:
@@ -159,7 +148,7 @@ class _EquationReader:
         table: dict[Any, Any] = {}
         for q in survey.coordinates:
             if q not in self.plain:
-                name_of_coordinate(name_of(q), self.statement)
+                coordinate_name(name_of(q), self.statement.names)
         for symbol in survey.parameters:
             if symbol.name not in self.names:
                 raise StatementError(self.unknown(symbol.name, what))
@@ -167,7 +156,10 @@ class _EquationReader:
         known = [one.name for one in self.statement.constraints]
         for name in survey.multipliers:
             if name not in known:
-                raise StatementError(f"{what} contains the multiplier of {name!r}, which is no constraint here.")
+                raise StatementError(
+                    f"{what} contains the multiplier of {name!r}, which is no constraint here; the constraints are "
+                    f"{listing(known)}."
+                )
         for function in survey.given:
             if function not in self.given:
                 raise StatementError(self.unknown(name_of(function), what))

@@ -16,7 +16,7 @@ import numpy as np
 import sympy
 
 from lagrange.equations.terms import differentiable, printable
-from lagrange.errors import StatementError, listing, shown, suggestion
+from lagrange.errors import StatementError, listing, shown
 from lagrange.machine.model import Model
 from lagrange.mechanics.number_check import compared
 from lagrange.mechanics.plain_form import PlainForm, number, prescribed, real
@@ -26,7 +26,7 @@ from lagrange.mechanics.simplification import simplest
 from lagrange.statement.coordinate import acceleration_of, name_of, t, velocity_of
 from lagrange.statement.declared_order import COORDINATES
 from lagrange.statement.expression import entries, expression
-from lagrange.statement.parameters import label_of
+from lagrange.statement.parameters import coordinate_name, label_of
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 
@@ -179,12 +179,7 @@ def _transformation(statement: Statement, given: Mapping[Any, Any], positive: An
     by_name = dict(zip(statement.names, statement.coordinates, strict=True))
     table: dict[Any, Any] = {}
     for key, value in given.items():
-        name = label_of(key)
-        if name not in by_name:
-            raise StatementError(
-                f"{name[:80]!r} is no coordinate of this system; they are {listing(by_name)}."
-                + suggestion(name, by_name)
-            )
+        name = coordinate_name(key, statement.names)
         table[by_name[name]] = expression(value, f"the expression for {name}")
     survey = Survey()
     for q, value in table.items():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+from collections.abc import Container, Mapping, Sequence
 from typing import Any
 
 import sympy
@@ -53,6 +53,16 @@ def label_of(key: Any) -> str:
     if isinstance(key, sympy.Symbol):
         return str(key.name)
     return name_of(key) if key.args == (t,) else shown(key)
+
+
+def coordinate_name(key: Any, names: Sequence[str]) -> str:
+    """Return which of the coordinates' names a key means. Raises StatementError where it means none."""
+    name = label_of(key)
+    if name not in names:
+        raise StatementError(
+            f"{name!r} is no coordinate of this system; they are {listing(names)}.{suggestion(name, names)}"
+        )
+    return name
 
 
 def table_of(given: Any, what: str, entries: str) -> Mapping[Any, Any]:

@@ -244,7 +244,10 @@ def test_sympy_and_text_are_read_alike() -> None:
         (["theta_ddot + (g = 0"], "equation 1, column"),
         (["__import__('os')"], "equation 1"),
         ([True], "equation 1 is True: where == was meant, write sympy.Eq(left, right)."),
-        ([lg.multiplier("rod")], "equation 1 contains the multiplier of 'rod', which is no constraint here."),
+        (
+            [lg.multiplier("rod")],
+            "equation 1 contains the multiplier of 'rod', which is no constraint here; the constraints are none.",
+        ),
         (["x" * 30_000], "equation 1 has 30000 characters, and 20000 are the most of an equation."),
     ],
 )

@@ -222,7 +222,7 @@ def pair(**constraints: Any) -> lg.System:
             ({y: y + x},),
             "the value of y is 'x(t) + y(t)': give an expression in the other coordinates, parameters and t.",
         ),
-        ({"rod": ROD}, ({y: z},), "the value of y contains z(t), which this system does not have."),
+        ({"rod": ROD}, ({y: z},), "the value of y contains z(t), which this system does not have; it has x(t), y(t), "),
         ({"tie": y - x, "same": theta - x}, (y, theta, x), "x is the only coordinate left: without it nothing moves."),
     ],
 )
