@@ -20,6 +20,7 @@ from lagrange.statement.number import real_array, real_number
 from lagrange.trajectory.constraints.consistent import consistent_start
 from lagrange.trajectory.constraints.dependence import check_independent
 from lagrange.trajectory.constraints.discontinuities import may_be_discontinuous
+from lagrange.trajectory.constraints.passage import STEPS_PER_LOOK, StatesPassed
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.options import DEFAULT_OPTIONS, RunOptions
@@ -39,6 +40,7 @@ class _Prepared(threading.local):
     driver: Driver | None = None
     parameters: Mapping[Any, Any] | None = None
     state: DriverState
+    passed: StatesPassed
 
 
 class Flow:
@@ -72,6 +74,8 @@ class Flow:
         # With events or surfaces the driver returns on the way, which only a run handles, as it looks at constraints.
         handled = plan is None or plan.watched or may_be_discontinuous(model)
         self._plan: Plan | None = None if handled else plan
+        # Equal steps are not shortened towards a crossing of motions, and runs do not look for one either.
+        self._rtol = 0.0 if plan is None or not self._constrained else plan.tolerances.rtol
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Flow, (self._model, self._options)
@@ -106,6 +110,14 @@ class Flow:
             return self._by_run(start, t0, t1, parameters)
         driver, state = self._driver(self._plan, parameters)
         self._begin(self._plan, state, start, t0, t1)
+        if self._rtol:
+            known = self._over_no_crossing(driver, state, (t0, start), array)
+        else:
+            known = self._to_end(driver, state, parameters)
+        return state.y.copy() if known else self._by_run(start, t0, t1, parameters)
+
+    def _to_end(self, driver: Driver, state: DriverState, parameters: Mapping[Any, Any] | None) -> bool:
+        """Advance to the end of a run; return whether it was reached."""
         outcome = Outcome.PAUSED
         left = self._max_steps
         while outcome in _GOES_ON and left > 0:
@@ -113,9 +125,26 @@ class Flow:
             left -= MOST_STEPS_PER_CALL
             if outcome is Outcome.UNSCALED:
                 survey(self._model, self._model.parameter_array(parameters), state)
-        if outcome is not Outcome.DONE:
-            return self._by_run(start, t0, t1, parameters)
-        return state.y.copy()
+        return outcome is Outcome.DONE
+
+    def _over_no_crossing(
+        self, driver: Driver, state: DriverState, start: tuple[float, FloatArray], parameters: FloatArray
+    ) -> bool:
+        """Advance to the end of a run; return whether it was reached, and over no crossing of motions; see passage."""
+        passed, counts, model, rtol = self._local.passed, state.integers, self._model, self._rtol
+        passed.begin(start)
+        counts[DriverState.RECORD] = 1
+        outcome = Outcome.PAUSED
+        left = self._max_steps
+        while outcome in _GOES_ON and left > 0:
+            counts[DriverState.ROWS] = 0
+            outcome = driver.advance(state, min(left, STEPS_PER_LOOK), *passed.room())
+            left -= STEPS_PER_LOOK
+            if outcome is Outcome.UNSCALED:
+                survey(model, parameters, state)
+            if passed.lead_over(counts[DriverState.ROWS], model, start, parameters, rtol):
+                return False
+        return outcome is Outcome.DONE
 
     def _driver(self, plan: Plan, parameters: Mapping[Any, Any] | None) -> tuple[Driver, DriverState]:
         local, model = self._local, self._model
@@ -124,6 +153,8 @@ class Flow:
             local.parameters = None if parameters is None else dict(parameters)
             local.state = self._fresh(plan)
             local.driver.adopt(local.state)
+            if self._rtol:
+                local.passed = StatesPassed(self._dimension)
         return local.driver, local.state
 
     def _fresh(self, plan: Plan) -> DriverState:

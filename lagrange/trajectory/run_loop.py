@@ -106,8 +106,9 @@ def _driven(problem: Problem, kept: Prepared, name: str) -> Trajectory:
     rows.follow(last=True)
     accepted = rows.joined()
     found = _trajectory(problem, plan, state, rows, accepted, watch, (name, status, sentence, began))
-    looked_at = status.complete or status is Status.STEP_TOO_SMALL
-    if looked_at and len(problem.model.equations.constraints) and not rows.dropped:
+    # Who interrupts a run does not want it led over crossings.
+    looked_at = len(problem.model.equations.constraints) > 0 and status is not Status.INTERRUPTED
+    if looked_at and not rows.dropped:
         found = until_dependent(problem, plan.tolerances.rtol, found, accepted)
         status = found.status
     if rows.passed is not None:

@@ -29,7 +29,8 @@ def until_dependent(
 ) -> Trajectory:
     """Return a run as it is, or up to a configuration that it passed where rounding decides how the motion goes on."""
     times, states = accepted
-    passed = dependent_passage(problem.model, times, states, problem.parameter_array, rtol)
+    stopped = not found.status.complete and found.status is not Status.STEP_TOO_SMALL
+    passed = dependent_passage(problem.model, times, states, problem.parameter_array, rtol, stopped=stopped)
     if passed is None:
         return found
     row, dependent = passed

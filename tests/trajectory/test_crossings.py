@@ -12,7 +12,9 @@ from sympy import cos, sin
 import lagrange as lg
 from lagrange.compiler import machine, model_of
 from lagrange.machine.singular import Singular
+from lagrange.trajectory import flow as flow_module
 from lagrange.trajectory import shortened
+from lagrange.trajectory.constraints import passage
 from lagrange.trajectory.constraints.passage import dependent_passage
 from tests.series_systems import ladder
 from tests.trajectory.runs import ADAPTIVE, OUTSIDE
@@ -146,7 +148,7 @@ def test_short_steps_towards_a_crossing_are_seen(angle: float, rtol: float, foun
 def test_a_run_that_rounding_would_decide_ends_before(monkeypatch: pytest.MonkeyPatch, options: dict[str, Any]) -> None:
     seen: list[float] = []
 
-    def passed(model: Any, times: Any, states: Any, *_: Any) -> Any:
+    def passed(model: Any, times: Any, *_: Any, **__: Any) -> Any:
         if seen:
             return None
         seen.append(float(times[5]))
@@ -209,3 +211,66 @@ def test_an_arm_that_is_pulled_beyond_its_reach_is_not_led_on() -> None:
         run = arm.run(2.0, start, method=method, check=False)
         assert run.status is lg.Status.SINGULAR and run.t[-1] == pytest.approx(1.0, abs=1e-3)
         assert "'along'" in run.message and NOTE not in run.message
+
+
+ANGLE_AND_RATE = [0, 3]
+
+
+def linkage_at(time: float) -> np.ndarray:
+    """Return the state of the linkage as a parallelogram."""
+    angle, rate = reduced().at(np.array([time]))[:, 0]
+    return np.array([angle, 0.0, angle, rate, 0.0, rate])
+
+
+@pytest.mark.parametrize("rtol", [1e-8, 1e-10, 1e-12, 1e-13])
+@pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
+def test_flows_pass_crossings_as_runs_do(method: str, rtol: float) -> None:
+    model = lg.scene("four-bar-change-point").compile(check=False)
+    flow = lg.flow(model, method=method, rtol=rtol)
+    for begin, end in ((0.0, 1.0), (1.0, 0.0), (2.0, 0.0)):
+        start = flow(linkage_at(begin), begin, begin)
+        reached, named = flow(start, begin, end), dict(zip(model.layout.names(), start, strict=True))
+        run = lg.integrate(model, (begin, end), named, method=method, rtol=rtol)
+        assert run.status is lg.Status.SUCCESS and run.y[:, -1] == pytest.approx(reached, abs=1e4 * rtol + 1e-7)
+        # As for runs; a velocity behind two crossings has lost as much again.
+        wanted = linkage_at(end)[ANGLE_AND_RATE]
+        assert reached[ANGLE_AND_RATE] == pytest.approx(wanted, abs=1e5 * rtol + 1e-6)
+
+
+@pytest.mark.parametrize("rtol", [1e-6, 1e-9, 1e-12, 1e-13])
+@pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
+def test_a_start_beside_a_crossing_hides_it_from_nobody(method: str, rtol: float) -> None:
+    """There the constraints are nearly dependent at the start; rounding may leave no way to go back on."""
+    model = lg.scene("four-bar-change-point").compile(check=False)
+    flow = lg.flow(model, method=method, rtol=rtol)
+    wanted, way = linkage_at(0.9), lg.integrate(model, (0.0, 1.0), method="dop853", rtol=1e-10)
+    for before in (1e-2, 1e-3, 1e-4):
+        begin = 0.7220179 - before
+        ended, reached = "", wanted
+        try:
+            reached = flow(way.at(np.array([begin]))[:, 0], begin, 0.9)
+        except lg.RunError as error:
+            ended = str(error)
+        # Without a step that succeeds there is none that was short.
+        too_small = "the step that the tolerances ask for is below the spacing" in ended
+        assert not ended or too_small or ("'x'" in ended and "an error as small as the tolerance decides" in ended)
+        assert reached[ANGLE_AND_RATE] == pytest.approx(wanted[ANGLE_AND_RATE], abs=1e-2)
+
+
+def test_a_flow_of_many_steps_looks_at_all_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(passage, "STEPS_PER_LOOK", 24)
+    monkeypatch.setattr(flow_module, "STEPS_PER_LOOK", 24)
+    monkeypatch.setattr(passage, "MANY_STEPS", 20)
+    flow = lg.flow(lg.scene("four-bar-change-point").compile(check=False), method="radau5", rtol=1e-10)
+    reached = flow(linkage_at(0.0), 0.0, 1.0)
+    assert reached[ANGLE_AND_RATE] == pytest.approx(linkage_at(1.0)[ANGLE_AND_RATE], abs=1e-4)
+    kept = passage.StatesPassed(2)
+    kept.begin((0.0, np.zeros(2)))
+    for first in range(1, 100, 24):
+        times, states = kept.room()
+        assert len(times) >= 25 and len(states) >= 28
+        times[:24] = np.arange(first, first + 24)
+        states[:24] = times[:24, None]
+        kept.lead_over(24, CRANK.compile(check=False), (0.0, np.zeros(2)), np.empty(0), 0.0)
+    times, states = (rows[: -len(left)] for rows, left in zip((kept._times, kept._states), kept.room(), strict=True))
+    assert times.tolist() == list(range(96, 121)) and states[:, 0].tolist() == times.tolist()

@@ -25,6 +25,12 @@ FIRST_STEPS = 3
 SURELY_FAR = 1e2
 """Units change the least singular value of rows by less than this factor, once rows are as long as at the start."""
 
+ON_THE_WAY = 0.1
+"""The nearest of a series of steps is sought where the shortest is so near: it was a hundred times as far away."""
+
+ROWS_AT_ONCE = 32
+"""So many rows of a series are looked at, and again as many between the neighbours of the nearest."""
+
 MANY_STEPS = 10_000
 """From this many steps on the shortest is looked at in any case: it costs nothing beside them."""
 
@@ -35,47 +41,154 @@ root of rtol. Runs of four methods over crossings had 1e-6 to 5e-5 at rtol = 1e-
 MOST_PLACES = 16
 """So many places of short steps are looked at, those with the shortest: each costs some 50 us."""
 
+STEPS_PER_LOOK = 2**14
+"""States that nobody keeps are looked at after so many steps, with as many before: more than `MANY_STEPS`."""
+
+State = tuple[float, FloatArray]
+"""A time and a state (2n,)."""
+
+
+class StatesPassed:
+    """The last accepted states of a motion, at most two times `STEPS_PER_LOOK`, and the one before them."""
+
+    def __init__(self, dimension: int) -> None:
+        # Drivers write whole blocks.
+        rows = 2 * STEPS_PER_LOOK + 6
+        self._times, self._states = np.empty(rows), np.empty((rows, dimension))
+        self._count = 1
+        self._all = self._times[1:], self._states[1:]
+
+    def begin(self, start: State) -> None:
+        """Begin at a state."""
+        self._times[0], self._states[0] = start
+        self._count = 1
+
+    def room(self) -> tuple[FloatArray, FloatArray]:
+        """Return where a driver may write the times and states of `STEPS_PER_LOOK` steps; the oldest are dropped."""
+        if self._count == 1:
+            return self._all
+        dropped = self._count - STEPS_PER_LOOK - 1
+        if dropped > 0:
+            for kept in (self._times, self._states):
+                kept[: STEPS_PER_LOOK + 1] = kept[dropped : self._count].copy()
+            self._count -= dropped
+        return self._times[self._count :], self._states[self._count :]
+
+    def lead_over(self, written: int, model: Model, start: State, parameters: FloatArray, rtol: float) -> bool:
+        """Return whether rounding decided how the motion went on, with so many new states; see the module."""
+        self._count += written
+        if self._count <= FIRST_STEPS + 2:
+            return False
+        times, states = self._times[: self._count], self._states[: self._count]
+        return dependent_passage(model, times, states, parameters, rtol, start) is not None
+
 
 def dependent_passage(
-    model: Model, times: FloatArray, states: FloatArray, parameters: FloatArray, rtol: float
+    model: Model,
+    times: FloatArray,
+    states: FloatArray,
+    parameters: FloatArray,
+    rtol: float,
+    start: State | None = None,
+    *,
+    stopped: bool = False,
 ) -> tuple[int, Singular] | None:
     """Return the row of times (S+1,) and states (S+1, 2n) where constraints are dependent, and which of them.
 
-    It is the first row before short steps at which they are so. None if there is no such row.
+    It is the first row of short steps at which they are so. None if there is no such row. A `start` is that of the
+    motion, if it is not the first row. A motion that has `stopped` passed what it got away from: the last may be where
+    it ends.
     """
     count = len(times) - 1 - FIRST_STEPS
     if count < 2 or not rtol:
         return None
     # The last step is left out as well: it is as long as is left.
-    sizes = np.abs(np.diff(times[FIRST_STEPS:-1]))
+    sizes = np.abs(times[FIRST_STEPS + 1 : -1] - times[FIRST_STEPS:-2])
     if count < MANY_STEPS and sizes.min() * count > SHORT_STEP * abs(times[-1] - times[FIRST_STEPS]):
         return None
-    residuals, bound = residuals_of(model), CLOSE * math.sqrt(rtol)
-    independent = [residuals.names.index(name) for name in model.equations.constraints.names]
-    first = residuals.gradient(times[0], states[0], parameters)[independent]
-    near = SURELY_FAR * bound * _least(first, first)
-    for row in _short_steps(sizes):
-        here = residuals.gradient(times[row], states[row], parameters)[independent]
-        if _least(here, first) > near:
+    near, bound = _Nearness(model, parameters, times, states, start), CLOSE * math.sqrt(rtol)
+    for shortest, series in _short_steps(sizes):
+        if near.at(times, states, [shortest])[0] > max(SURELY_FAR * bound, ON_THE_WAY):
             continue
-        unit = np.eye(first.shape[1])
-        found = least_regular(unit, here, scales(unit, first))
+        row = near.nearest(times, states, series)
+        if near.at(times, states, [row])[0] > SURELY_FAR * bound:
+            continue
+        if stopped and near.at(times, states, _few(range(row, len(times)))).max() <= ON_THE_WAY:
+            continue
+        found = near.found(float(times[row]), states[row])
         if found is not None and found.motion is None and found.regularity <= bound:
             return row, found
     return None
 
 
-def _short_steps(sizes: FloatArray) -> list[int]:
-    """Return the rows before the shortest step of each series of short steps, in order; `sizes` lacks the first."""
+def _short_steps(sizes: FloatArray) -> list[tuple[int, range]]:
+    """Return the row before the shortest step of each series of short steps, in order, and the rows of the series.
+
+    `sizes` lacks the first.
+    """
     short = np.flatnonzero(sizes <= SHORT_STEP * sizes.mean())
     if not len(short):
-        return [FIRST_STEPS + int(np.argmin(sizes))]
+        short = np.array([np.argmin(sizes)])
     series = np.split(short, np.flatnonzero(np.diff(short) > 1) + 1)
-    least = [int(one[np.argmin(sizes[one])]) for one in series]
-    return [FIRST_STEPS + place for place in sorted(sorted(least, key=lambda place: float(sizes[place]))[:MOST_PLACES])]
+    least = [(int(one[np.argmin(sizes[one])]), int(one[0]), int(one[-1])) for one in series]
+    kept = sorted(sorted(least, key=lambda places: float(sizes[places[0]]))[:MOST_PLACES])
+    return [(FIRST_STEPS + row, range(FIRST_STEPS + first, FIRST_STEPS + last + 2)) for row, first, last in kept]
 
 
-def _least(rows: FloatArray, first: FloatArray) -> float:
-    """Return the least singular value of rows, in units of the lengths of those at the start."""
-    sizes = np.sqrt((first**2).sum(axis=1))
-    return float(np.linalg.svd(rows / np.where(sizes > 0, sizes, 1.0)[:, None], compute_uv=False)[-1])
+def _few(rows: range) -> list[int]:
+    """Return the rows, or some of many."""
+    return list(rows[:: -(-len(rows) // ROWS_AT_ONCE)])
+
+
+class _Nearness:
+    """How near constraints are to being dependent: the least singular value of G, relative to that of the motion.
+
+    It is compared with the largest at the start, in the middle and at the end, and the rows of G are in units of their
+    largest lengths there: a motion may begin, or end, beside where constraints are dependent.
+    """
+
+    def __init__(
+        self, model: Model, parameters: FloatArray, times: FloatArray, states: FloatArray, start: State | None
+    ) -> None:
+        self._residuals, self._parameters = residuals_of(model), parameters
+        self._rows = [self._residuals.names.index(name) for name in model.equations.constraints.names]
+        t, y = times[[0, len(times) // 2, -1]], states[[0, len(times) // 2, -1]]
+        if start is not None:
+            t[0], y[0] = start
+        rows = self._gradients(t, y)
+        sizes = np.nan_to_num(np.linalg.norm(rows, axis=2), nan=0.0, posinf=0.0)
+        self._longest = rows[sizes.argmax(axis=0), np.arange(len(self._rows))]
+        lengths = sizes.max(axis=0)
+        self._lengths, self._unit = np.where(lengths > 0, lengths, 1.0)[:, None], 1.0
+        values = self.at(t, y, [0, 1, 2])
+        self._unit = float(values[np.isfinite(values)].max(initial=0.0))
+
+    def _gradients(self, times: FloatArray, states: FloatArray) -> FloatArray:
+        """Return G (k, m, n) at times (k,) and states (k, 2n)."""
+        with np.errstate(all="ignore"):
+            return np.moveaxis(self._residuals.gradients(times, states.T, self._parameters)[self._rows], 2, 0)
+
+    def at(self, times: FloatArray, states: FloatArray, rows: list[int]) -> FloatArray:
+        """Return it at some rows of times (S+1,) and states (S+1, 2n); infinity where it is not known."""
+        matrices = self._gradients(times[rows], states[rows]) / self._lengths
+        known = np.isfinite(matrices).all(axis=(1, 2))
+        values = np.full(len(rows), np.inf)
+        # A motion along which constraints stay dependent is no measure.
+        if self._unit:
+            values[known] = np.linalg.svd(matrices[known], compute_uv=False)[:, -1] / self._unit
+        return values
+
+    def nearest(self, times: FloatArray, states: FloatArray, series: range) -> int:
+        """Return the row of a series at which it is least: it falls towards a crossing, and grows behind it."""
+        while True:
+            rows = _few(series)
+            place = int(np.argmin(self.at(times, states, rows)))
+            if len(rows) == len(series):
+                return rows[place]
+            series = range(rows[max(place - 1, 0)], (rows[place + 1] if place + 1 < len(rows) else series[-1]) + 1)
+
+    def found(self, t: float, y: FloatArray) -> Singular | None:
+        """Return what is nearest to being dependent at a state (2n,), with rows in those units."""
+        unit = np.eye(self._longest.shape[1])
+        here = self._residuals.gradient(t, y, self._parameters)[self._rows]
+        return least_regular(unit, here, scales(unit, self._longest))
