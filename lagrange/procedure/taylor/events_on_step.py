@@ -73,7 +73,7 @@ class _Inspection:
 
     def build(self) -> Procedure:
         p, watched, kept = self.p, self.watched, self.watched.kept
-        self.wary: Flag = (~watched.record.wary.equals(0)).called("wary")
+        self.hides_growth: Flag = (~watched.record.hides_growth.equals(0)).called("hides_growth")
         self.steep: Flag = (~watched.record.steep.equals(0)).called("steep")
         self.columns, self.noise, self.counts = kept.reals("columns"), kept.reals("noise"), kept.wholes("counts")
         self.size, self.values = self.layout.watched, kept.reals("values")
@@ -135,7 +135,7 @@ class _Inspection:
             late, early = sums[LATE], p.magnitude(c[0], c[1])
             with p.when(~(late <= p.fma(tolerance, early, noise)), likely=False):
                 s.value = p.smaller(s.value, p.call(reach(), self.column(i), self.count, self.s, tolerance, noise))
-            with p.when(self.wary, likely=False):
+            with p.when(self.hides_growth, likely=False):
                 s.value = p.smaller(s.value, p.call(safe_step(), self.column(i), self.count))
         with p.when(ends, likely=False):
             # What is balanced on a step is so on a shorter one.
@@ -278,7 +278,7 @@ class _Inspection:
         p, watched, size = self.p, self.watched, self.size
         kept = watched.sides.at(size * SIDES)
         sign, near, starting, counted = (watched.side(block) for block in (SIGN, NEAR, STARTING, COUNT))
-        inspect = p.variable(again | self.wary | self.steep, "inspect")
+        inspect = p.variable(again | self.hides_growth | self.steep, "inspect")
         with p.loop(0, size) as i:
             before = {SIGN: self.signs[i], NEAR: self.nears[i], STARTING: starting[i], COUNT: counted[i]}
             for block, value in before.items():

@@ -24,7 +24,7 @@ WATCH = Record.of(
     "Watch",
     enabled=WHOLE,
     fresh=WHOLE,
-    wary=WHOLE,
+    hides_growth=WHOLE,
     steep=WHOLE,
     surfaces=WHOLE,
     changing=WHOLE,
@@ -46,7 +46,7 @@ WATCH = Record.of(
 """What a run knows of what it watches.
 
     enabled      1 where steps are inspected here, 0 where the driver is to come back for each
-    wary         1 where series hide what they grow to: every step is inspected, and no longer than they show to be safe
+    hides_growth 1 where series hide what they grow to: every step is inspected, and no longer than they show to be safe
     steep        1 where powers above the order are watched: every step is inspected, and its series are compared with
                  what is watched at its end
     fresh        1 where a motion begins whose sides are not known

@@ -14,6 +14,7 @@ from lagrange.machine.state import DriverState
 from lagrange.procedure.events.constants import NOISE
 from lagrange.procedure.step.constants import RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.procedure.taylor.constants import RADIUS_FRACTION, ROW_DISTANCE
+from lagrange.procedure.taylor.steep_series import MOST_HALVINGS
 from lagrange.trajectory.events.roots import Side
 from lagrange.trajectory.trajectory import FloatArray
 
@@ -59,14 +60,14 @@ class EventSeries:
             noise = np.abs(moved - watched[0]) * (NOISE / RELATIVE_PERTURBATION)
         return cls(scale, unit(t, scale), rtol, rows, watched, np.where(noise < math.inf, noise, 0.0))
 
-    def trusted(self, s: float, *, wary: bool = False) -> tuple[float, int]:
+    def trusted(self, s: float, *, hides_growth: bool = False) -> tuple[float, int]:
         """Return how much of a step the watched series reach with their accuracy, and which of them reaches least.
 
         The step is as long as the series of the state allow. That of an expression such as log(x) may end earlier.
-        Of a series that hides what it grows to, a `wary` look trusts no more than half of the radius that it shows.
+        Of a series that `hides_growth` no more than half of the radius that it shows is trusted.
         """
         far = reach(self.watched, s, self.rtol, self.noise)
-        if wary:
+        if hides_growth:
             with np.errstate(all="ignore"):
                 far = np.minimum(far, 2.0 ** (shown_radius(np.log2(np.abs(self.watched))) + RADIUS_FRACTION))
         least = int(np.argmin(far))
@@ -81,7 +82,7 @@ class EventSeries:
         At x = 0 the series of x**40 is zero up to order 39, and nothing in it says that it rises.
         """
         order = len(self.rows) - 1
-        for _ in range(60):
+        for _ in range(MOST_HALVINGS):
             end, moved = t + s * self.scale, state_at(y, self.rows, s)
             try:
                 there = series.rows(order, end, moved, self.scale, values)[0, len(y) :]

@@ -53,8 +53,8 @@ class Watch(SharedWatch):
         continuations: Continuations,
         memory: EventMemory | None = None,
     ) -> None:
-        self.steep, self.hidden = series.program.watched_degree > order, series.program.hides_growth
-        super().__init__(series, driver, parameters, impacts, memory, wary=self.hidden, steep=self.steep)
+        self.steep, self.hides_growth = series.program.watched_degree > order, series.program.hides_growth
+        super().__init__(series, driver, parameters, impacts, memory, hides_growth=self.hides_growth, steep=self.steep)
         self.order, self.names, self.continuations = order, names, continuations
         self._last: tuple[object, EventSeries] | None = None
 
@@ -96,7 +96,7 @@ class Watch(SharedWatch):
             # On a surface rounding may leave the state where a branch that begins there has no value.
             return replace(result, smooth=result.smooth or self._switches(look, 0.0))
         h, left = float(state.reals[S.H]), float(state.reals[S.END] - state.t - state.taylor.low)
-        s, limiting = look.trusted(h / look.scale, wary=self.hidden)
+        s, limiting = look.trusted(h / look.scale, hides_growth=self.hides_growth)
         if self.steep:
             s, limiting = look.verified(s, limiting, self.series, state.t, state.y, self.values)
         whole = s == h / look.scale
@@ -114,7 +114,9 @@ class Watch(SharedWatch):
         self._record(found, look, state)
         self.zero_sides, self.starting = after, frozenset()
         state.taylor.next_limit = abs(h if whole else s * look.scale)
-        state.taylor.inspect = int(self.steep or self.hidden or look.ends or not all(side.settled for side in after))
+        state.taylor.inspect = int(
+            self.steep or self.hides_growth or look.ends or not all(side.settled for side in after)
+        )
         return EventResult()
 
     def end(self, state: DriverState) -> EventResult:

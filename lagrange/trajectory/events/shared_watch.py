@@ -32,7 +32,7 @@ class SharedWatch(EventLog):
         impacts: Sequence[Impact],
         memory: EventMemory | None,
         *,
-        wary: bool,
+        hides_growth: bool,
         steep: bool,
     ) -> None:
         super().__init__(len(impacts), 2 * series.program.dimension)
@@ -48,7 +48,7 @@ class SharedWatch(EventLog):
         self._values: dict[int, FloatArray] = {}
         if memory is None:
             memory = self._made(series, parameters)
-            memory.record.wary, memory.record.steep = int(wary), int(steep)
+            memory.record.hides_growth, memory.record.steep = int(hides_growth), int(steep)
             memory.record.checked = int(any(one.constrained for one in self.impacts))
             driver.watch(memory)
             memory.keep_start()
