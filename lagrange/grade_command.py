@@ -41,7 +41,7 @@ def _text(name: str) -> str:
     try:
         if path.stat().st_size > LARGEST_FILE:
             raise StatementError(f"{name}: the file has more than {LARGEST_FILE} bytes, the most for equations.")
-        return path.read_text("utf-8")
+        return path.read_text("utf-8-sig")
     except OSError as error:
         raise StatementError(f"{name}: the file cannot be read ({error.strerror}).") from None
     except UnicodeDecodeError:

@@ -36,6 +36,12 @@ class EquationRow:
     zero: Any
     slopes: Mapping[Any, Any]
     rest: Any
+    moved: bool = False
+
+    @property
+    def place(self) -> str:
+        """The equation as a sentence speaks of it."""
+        return f"{self.label}, with all terms on the left," if self.moved else self.label
 
     @cached_property
     def _tape(self) -> Precise:
@@ -84,7 +90,7 @@ def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
         )
     slopes = {symbol: sympy.simplify(s) if found and s.has(*found) else s for symbol, s in slopes.items()}
     rest = equation.zero.xreplace(dict.fromkeys(found, sympy.S.Zero))
-    return EquationRow(statement, equation.label, equation.zero, slopes, rest)
+    return EquationRow(statement, equation.label, equation.zero, slopes, rest, equation.moved)
 
 
 def tape(expressions: Sequence[Any], statement: Statement) -> Precise:

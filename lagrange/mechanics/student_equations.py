@@ -29,6 +29,9 @@ SIGN = re.compile(r"(?<![<>=!])={1,2}(?!=)")
 MULTIPLIER = "lambda_"
 """What the name of a constraint has before it where its multiplier is meant."""
 
+TYPED = str.maketrans("\u2212\u00b7\u22c5\u00d7", "-***")
+"""Signs that a printed formula has: a minus and three of multiplication."""
+
 NAME = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
 """A name in the text of an equation; the e of 1e-3 is none."""
 
@@ -42,6 +45,8 @@ class StudentEquation:
 
     label: str
     zero: Any
+    moved: bool = False
+    """Whether terms of a right side were moved to the left one."""
 
 
 def read_equations(given: Any, statement: Statement) -> list[StudentEquation]:
@@ -59,7 +64,7 @@ def read_equations(given: Any, statement: Statement) -> list[StudentEquation]:
         listed = [(f"equation {k}", value) for k, value in enumerate([given] if found is None else found, 1)]
     if not listed:
         raise StatementError("no equation is given: give a list with one for each coordinate.")
-    return [StudentEquation(label, reader.read(value, label)) for label, value in listed]
+    return [StudentEquation(label, *reader.read(value, label)) for label, value in listed]
 
 
 def equations_of_text(given: str, statement: Statement) -> list[StudentEquation]:
@@ -69,7 +74,7 @@ def equations_of_text(given: str, statement: Statement) -> list[StudentEquation]
     for number, whole in enumerate(text(given, "the text of the equations").splitlines(), 1):
         line = whole.partition("#")[0].rstrip()
         if line.strip():
-            found.append(StudentEquation(f"equation {len(found) + 1}", reader.text(line, f"line {number}")))
+            found.append(StudentEquation(f"equation {len(found) + 1}", *reader.text(line, f"line {number}")))
     if not found:
         raise StatementError("the file has no equation: write one a line, such as  theta_ddot + g/l*sin(theta) = 0.")
     return found
@@ -95,19 +100,20 @@ class _EquationReader:
         multipliers = {f"{MULTIPLIER}{one.name}": one.multiplier for one in statement.constraints}
         self.names = multipliers | self.names
 
-    def read(self, given: Any, what: str) -> Any:
-        """Return what one equation says is zero, in plain symbols."""
+    def read(self, given: Any, what: str) -> tuple[Any, bool]:
+        """Return what one equation says is zero, in plain symbols, and whether it has a right side."""
         if isinstance(given, str):
             return self.text(given, what)
         if isinstance(given, sympy.Eq):
-            sides = [self.symbols(expression(side, what), what) for side in given.args]
-            return sides[0] - sides[1]
+            left, right = (self.symbols(expression(side, what), what) for side in given.args)
+            return left - right, bool(right != 0)
         if isinstance(given, bool) or given in (sympy.true, sympy.false):
             raise StatementError(f"{what} is {given}: where == was meant, write sympy.Eq(left, right).")
-        return self.symbols(expression(given, what), what)
+        return self.symbols(expression(given, what), what), False
 
-    def text(self, line: str, what: str) -> Any:
-        """Return what a text says is zero."""
+    def text(self, line: str, what: str) -> tuple[Any, bool]:
+        """Return what a text says is zero, and whether it has a right side."""
+        line = line.translate(TYPED)
         if len(line) > LONGEST_LINE:
             raise StatementError(f"{what} has {len(line)} characters, and {LONGEST_LINE} are the most of an equation.")
         signs = list(SIGN.finditer(line))
@@ -115,7 +121,7 @@ class _EquationReader:
             raise StatementError(f"{what} has {len(signs)} signs of equality: write one equation with two sides.")
         bounds = [(0, signs[0].start()), (signs[0].end(), len(line))] if signs else [(0, len(line))]
         sides = [self.side(line, *bound, what) for bound in bounds]
-        return sides[0] - sides[1] if signs else sides[0]
+        return sympy.Add(sides[0], *(-side for side in sides[1:])), any(side != 0 for side in sides[1:])
 
     def side(self, line: str, begin: int, end: int, what: str) -> Any:
         """Return one side of an equation. Raises SceneError with the column in the whole line."""

@@ -36,6 +36,9 @@ NEAR = 0.5
 LONGEST_FORMULA = 3_000
 """Operations of a solved acceleration above which it is not compared: expanding it would take seconds."""
 
+BENT = 2
+"""A factor that depends on the state counts as so many terms that differ."""
+
 SINGULAR = 1e-12
 """Pivot, relative to its row, from which a mass matrix is not solved."""
 
@@ -46,6 +49,8 @@ LARGEST_FACTOR = 1000
 def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample]) -> str:
     """Return a sentence that names the first wrong term of an equation that does not hold."""
     label = f"{row.label[0].upper()}{row.label[1:]}"
+    if not any(row.slopes.values()):
+        return f"{label} does not hold, and contains no acceleration: it is no equation of motion."
     given = _Sorted.of(row.zero, row.statement, samples)
     if given is None:
         return f"{label} does not hold."
@@ -56,7 +61,7 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
         meant = min(found, key=_rank, default=None)
     if meant is None or not meant.agreeing:
         return f"{label} does not hold, and no term of it is that of an equation of motion."
-    return meant.sentence(row.label)
+    return meant.sentence(row)
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,6 +211,14 @@ class _Meant:
         self.agreeing = len(products) - len(self.differing)
         self.differing_terms = sum(map(self._terms, self.differing))
 
+    @property
+    def bent(self) -> bool:
+        """Whether the factor depends on the state: equations are seldom multiplied by such a factor."""
+        if self.factor.constant is not None:
+            return False
+        rows, places = (self.given, self.expected), list(self.given.statement.plain.values())[::3]
+        return any(row.coefficients[self.factor.product].has(*places) for row in rows)
+
     def _terms(self, product: Any) -> int:
         """Return how many terms before a product are not those that are expected."""
         factor, left = self.factor.values, list(self.given.terms.get(product, []))
@@ -236,12 +249,17 @@ class _Meant:
         product = self.factor.product
         return sympy.cancel(self.given.coefficients[product] / self.expected.coefficients[product])
 
-    def sentence(self, label: str) -> str:
+    def sentence(self, row: EquationRow) -> str:
         """Return what is wrong with the first product that differs."""
         product = self.differing[0]
         there = self.given.coefficients.get(product, sympy.S.Zero)
         wanted = sympy.expand(self.multiple * self.expected.coefficients.get(product, sympy.S.Zero))
-        where = f"In {label}" if self.name in label else f"In {label}, that of {self.name},"
+        of = "" if self.name in row.label else f", that of {self.name}"
+        where = f"In {row.label}{of}" + (", with all terms on the left," if row.moved else "," if of else "")
+        extra = [one for one in self.differing if one not in self.expected.coefficients]
+        if there == 0 and len(extra) == 1:
+            instead = spelled(self.given.coefficients[extra[0]] * extra[0])
+            return f"{where} the term {instead} is wrong: it should be {spelled(wanted * product)}."
         return f"{where} {_difference(product, there, wanted, self.given.numbers)}"
 
 
@@ -250,7 +268,7 @@ def _rank(meant: _Meant) -> tuple[Any, ...]:
     constant = meant.factor.constant
     simple = (1, -1).index(int(constant)) if constant in (1, -1) else 2 if constant is not None else 3
     accelerates = 0 if meant.factor.product in unknowns_of(meant.given.statement) else 1
-    return meant.differing_terms, -meant.agreeing, simple, accelerates
+    return meant.differing_terms + BENT * meant.bent, -meant.agreeing, simple, accelerates
 
 
 def _difference(product: Any, there: Any, wanted: Any, numbers: Callable[[Any], Numbers | None]) -> str:

@@ -81,6 +81,11 @@ class Dimension:
             return True
         return abs(self.factor - other.factor) <= SAME_FACTOR
 
+    @property
+    def whole(self) -> bool:
+        """Whether all exponents are whole numbers."""
+        return all(power.denominator == 1 for _, power in self.exponents)
+
     def __str__(self) -> str:
         listed = sorted(
             self.exponents, key=lambda entry: (BASE.index(entry[0]) if entry[0] in BASE else len(BASE), entry)

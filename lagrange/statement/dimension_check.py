@@ -95,6 +95,9 @@ def check_dimensions(
     known = {t: named("second"), **dimensions}
     _find(parts, known, whole=False)
     _find(parts, known, whole=True)
+    # No quantity of mechanics has a root of a length: such a symbol is an angle in a term that is wrong.
+    roots = [symbol for symbol, found in known.items() if symbol not in dimensions and not found.whole]
+    known |= dict.fromkeys(roots, DIMENSIONLESS)
     # The units of the first part that has a dimension are those of the others with the same dimension.
     chosen: dict[Exponents, Dimension] = {}
     for part in parts:

@@ -158,14 +158,34 @@ PENDULUM = "theta_ddot + g/l*sin(theta)"
             {"theta": "l*theta_ddot + g*cos(theta)"},
             "In the theta equation the term g*cos(theta) is wrong: it should be g*sin(theta). At theta = ",
         ),
+        (
+            "theta_ddot = g/l*sin(theta)",
+            "In equation 1, that of theta, with all terms on the left, the term -g*sin(theta)/l has the wrong sign: it "
+            "is -g*sin(theta)/l, and should be g*sin(theta)/l. At theta = ",
+        ),
+        (
+            "theta_ddot = \u2212g/l\u00b7(theta - theta**3/6)",
+            "In equation 1, that of theta, with all terms on the left, the term -g*theta**3/(6*l) + g*theta/l is ",
+        ),
+        ("theta_dot**2*l/2 - g*cos(theta) = 0", "Equation 1 does not hold, and contains no acceleration: it is no"),
         ("l*theta_ddot", "In equation 1, that of theta, the term g*sin(theta) is missing. At "),
         (f"{PENDULUM} - theta_dot", "In equation 1, that of theta, the term -theta_dot should not be there. At "),
-        ([PENDULUM, "theta_dot = 0"], "Equation 2 does not hold, and no term of it is that of an equation of motion. "),
+        ([PENDULUM, "theta_dot = 0"], "Equation 2 does not hold, and contains no acceleration: it is no equation of"),
     ],
 )
 def test_messages(given: Any, message: str) -> None:
     result = system("pendulum").compare(given)
     assert not result and str(result).startswith(message)
+
+
+def test_a_term_that_stands_for_another_is_named_with_it() -> None:
+    one, two = rows("double-pendulum")
+    v = sp.Symbol("theta1_dot", real=True)
+    result = system("double-pendulum").compare([one, two.subs(v**2, v)])
+    assert (
+        " the term -l1*l2*m2*theta1_dot*sin(theta1 - theta2) is wrong: it should be -l1*l2*m2*theta1_dot**2*sin("
+        in str(result)
+    )
 
 
 def test_all_wrong_equations_are_told() -> None:

@@ -140,6 +140,19 @@ def test_the_wrong_term_is_named(case: int) -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("given", "term"),
+    [
+        ({"kinetic": m * (r.dot**2 + r * theta.dot**2) / 2, "potential": -k / r}, "r*theta_dot**2"),
+        ({"kinetic": m * l * theta.dot**2 / 2}, "l*m*theta_dot**2/2"),
+        ({"kinetic": m * (x.dot + l * theta.dot**2) ** 2 / 2}, "l*theta_dot**2"),
+    ],
+)
+def test_an_angle_that_was_not_stated_has_no_root_of_a_length(given: dict[str, Any], term: str) -> None:
+    with pytest.raises(StatementError, match=rf"has the term {re.escape(term)}(, in .*)?, whose dimension"):
+        stated(given, {m: "mass", r: "length", l: "length", x: "length"})
+
+
 def test_messages_have_what_it_is_and_what_it_should_be() -> None:
     with pytest.raises(StatementError) as refusal:
         stated({**PENDULUM, "potential": -m * g * cos(theta)})
