@@ -42,10 +42,10 @@ SMALL = 1e-7
 class Modes:
     """The modes about an equilibrium, n of them: `frequencies` and `shapes`, column vectors in `coordinates`.
 
-    A frequency is real where the mode oscillates, and imaginary where it moves away without oscillating. Of a damped
-    mode it is that of the oscillation, and `decay` the rate at which it decays. They are symbolic, or else numbers
-    (then `symbolic` is false) at the values of the parameters. `eigenvalues` are numbers, 2n of them, none where a
-    parameter has no value. `stable` is True, False or None, and `reason` says why.
+    A mode has the eigenvalues -decay + i frequency and -decay - i frequency. A frequency is real where the mode
+    oscillates, and imaginary where it does not: then it moves away if the frequency is larger than `decay`. They are
+    symbolic, or else numbers (then `symbolic` is false) at the values of the parameters. `eigenvalues` are numbers, 2n
+    of them, none where a parameter has no value. `stable` is True, False or None, and `reason` says why.
     """
 
     coordinates: tuple[Any, ...]
@@ -281,31 +281,32 @@ def _numbers(lin: Linearization, values: Mapping[Any, Any]) -> tuple[list[_Root]
     n = mass.shape[0]
     found, vectors = np.linalg.eig(first_order_matrix(mass, damping, stiffness))
     largest = max(1e-300, float(np.abs(found).max()))
-    order = sorted(range(2 * n), key=lambda i: (abs(found[i].imag), abs(found[i].real), found[i].imag < 0))
-    roots: list[_Root] = []
-    shapes: list[Any] = []
-    for i in order:
-        if found[i].imag < -SMALL * largest or len(roots) == n:
-            continue  # the other of a pair
-        if abs(found[i].imag) <= SMALL * largest and _has_partner(found[i], [r.value for r in roots], largest):
-            continue
-        roots.append(_root_of_number(found[i], largest))
-        shapes.append(_column(vectors[:n, i]))
-    return roots, shapes
+    turning = [i for i in range(2 * n) if found[i].imag > SMALL * largest]
+    still = sorted((i for i in range(2 * n) if abs(found[i].imag) <= SMALL * largest), key=lambda i: found[i].real)
+    pairs = [(found[i].conjugate(), i) for i in turning]
+    pairs += [(found[still[k]], still[-1 - k]) for k in range(len(still) // 2)]
+    _, sizes, rows = np.linalg.svd(stiffness)
+    rigid = list(rows[sizes <= SMALL * max(1e-300, sizes.max())])  # zero is a multiple eigenvalue with few eigenvectors
+    made = []
+    for other, i in pairs:
+        vector = rigid.pop() if rigid and abs(found[i]) <= SMALL * largest else vectors[:n, i]
+        made.append((_root_of_numbers(other, found[i], largest), _column(vector)))
+    made.sort(key=lambda one: tuple(abs(float(part)) for part in one[0].frequency.as_real_imag()))
+    return [root for root, _ in made], [shape for _, shape in made]
 
 
-def _has_partner(value: complex, taken: Sequence[complex], largest: float) -> bool:
-    """Return whether a real eigenvalue is the negative of one that stands for both, in a pair that is not left over."""
-    alike = sum(abs(value + other) <= SMALL * largest * 10 for other in taken)
-    equal = sum(abs(value - other) <= SMALL * largest * 10 for other in taken)
-    return alike > equal if abs(value) > SMALL * largest * 10 else alike % 2 == 1
+def _root_of_numbers(other: complex, value: complex, largest: float) -> _Root:
+    """Return the mode of two eigenvalues, -decay + i frequency being one: conjugates, or two real ones.
 
-
-def _root_of_number(value: complex, largest: float) -> _Root:
-    real = value.real if abs(value.real) > SMALL * largest else 0.0
-    if abs(value.imag) <= SMALL * largest:
-        return _Root(sympy.I * sympy.Float(abs(real)) if real else sympy.S.Zero, sympy.S.Zero, value)
-    return _Root(sympy.Float(abs(value.imag)), sympy.Float(-real) if real else sympy.S.Zero, value)
+    Of real ones the lowest belongs to the highest, the next to the next: they are opposite without damping.
+    """
+    decay, frequency = -(value + other).real / 2, (value - other) / 2j
+    shown = sympy.Float(frequency.real) if value.imag > SMALL * largest else sympy.I * sympy.Float(-frequency.imag)
+    return _Root(
+        shown if abs(frequency) > SMALL * largest else sympy.S.Zero,
+        sympy.Float(decay) if abs(decay) > SMALL * largest else sympy.S.Zero,
+        value,
+    )
 
 
 def _column(vector: Any) -> Any:

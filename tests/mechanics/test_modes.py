@@ -92,6 +92,23 @@ def test_gyroscopic_forces_decide_nothing_where_the_energy_has_no_minimum() -> N
     assert bowl.modes().stable is True
 
 
+def test_numbers_lose_no_mode_and_give_every_eigenvalue() -> None:
+    """Several motions without a force, and damping without oscillation, have two real eigenvalues a mode."""
+    kinetic = sum(q.dot**2 for q in MANY) / 2
+    free = lg.System(kinetic, (MANY[0] - MANY[1]) ** 2 / 2 + MANY[2] ** 2 / 2, coordinates=MANY)
+    drag = 2 * (MANY[0].dot - MANY[4].dot) ** 2 + 3 * MANY[1].dot ** 2
+    slow = lg.System(kinetic, sum(q**2 for q in MANY[:3]) / 2, dissipation=drag, coordinates=MANY)
+    saddle = lg.System(kinetic, -sum(q**2 for q in MANY[1:]), dissipation=drag, coordinates=MANY)
+    for system in (free, slow, saddle):
+        found = system.modes()
+        pairs = [complex(-d + s * I * f) for f, d in zip(found.frequencies, found.decay, strict=True) for s in (1, -1)]
+        apart = np.abs(np.array(pairs)[:, None] - np.array(found.eigenvalues))
+        assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < 1e-7
+    shapes = np.array([[complex(x) for x in shape] for shape in free.modes().shapes])
+    assert np.linalg.matrix_rank(shapes) == 5
+    assert np.allclose(np.array(free.modes().frequencies, complex), (0, 0, 0, 1, 2**0.5), atol=1e-7)
+
+
 def well(**more: Any) -> lg.System:
     return lg.System(m * x.dot**2 / 2, k * x**2 / 2, **more)
 
