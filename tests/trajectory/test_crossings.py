@@ -274,3 +274,33 @@ def test_a_flow_of_many_steps_looks_at_all_of_them(monkeypatch: pytest.MonkeyPat
         kept.lead_over(24, CRANK.compile(check=False), (0.0, np.zeros(2)), np.empty(0), 0.0)
     times, states = (rows[: -len(left)] for rows, left in zip((kept._times, kept._states), kept.room(), strict=True))
     assert times.tolist() == list(range(96, 121)) and states[:, 0].tolist() == times.tolist()
+
+
+def test_what_a_run_passed_before_it_stopped_is_looked_at() -> None:
+    """Where it ends itself is no passage: constraints must have been independent again."""
+    model = CRANK.compile(check=False)
+    times, states = short_steps(np.pi / 2 - 1e-6)
+    near, values = states[10], model.parameter_array()
+    away, staying = states.copy(), states.copy()
+    away[-2:], staying[10:] = near, near
+    for rows, passed in ((away, True), (staying, False)):
+        assert (dependent_passage(model, times, rows, values, 1e-9, stopped=True) is not None) == passed
+        assert dependent_passage(model, times, rows, values, 1e-9) is not None
+
+
+def test_runs_that_end_as_singular_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[bool] = []
+
+    def passed(*given: Any, stopped: bool) -> Any:
+        seen.append(stopped)
+        return dependent_passage(*given, stopped=stopped)
+
+    monkeypatch.setattr(shortened, "dependent_passage", passed)
+    arm = lg.System(
+        kinetic=(a.dot**2 + b.dot**2) / 2,
+        coordinates=[a, b],
+        constraints={"reach": cos(a) + cos(b) - 1 - lg.t},
+        initial={a: 1.0, b: -1.0},
+    )
+    run = arm.run(3.0, arm.consistent().initial, check=False)
+    assert run.status is lg.Status.SINGULAR and seen and all(seen)
