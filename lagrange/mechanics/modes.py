@@ -18,7 +18,7 @@ from lagrange.errors import RunError, StatementError, listing
 from lagrange.mechanics.linearization import Linearization
 from lagrange.mechanics.plain_form import number, numeric
 from lagrange.mechanics.point import StatedPoint
-from lagrange.mechanics.simplification import simplest, size
+from lagrange.mechanics.simplification import rational_below, simplest, size
 from lagrange.mechanics.stability import REAL_PART, first_order_matrix, has_inertia, matrix_values, stability_of
 from lagrange.statement.coordinate import t
 
@@ -29,7 +29,7 @@ LONGEST_POLYNOMIAL = 3000
 """Operations of a characteristic polynomial up to which it is factored."""
 
 LONGEST_SIMPLIFIED = 60
-"""Operations of an entry of a shape up to which SymPy simplifies it, in some 0.1 s."""
+"""Operations up to which SymPy simplifies a formula with roots, in some 0.1 s: a longer one may take it hours."""
 
 ZERO = 1e-18
 """Entries of a null vector that are zero, in 30 digits."""
@@ -241,12 +241,15 @@ def _oscillation(root: Any, plain: bool) -> _Root:
 
 def _root_of(given: Any) -> Any:
     """Return a square root, what is a square taken out of it."""
-    return sympy.sqrtdenest(sympy.sqrt(_neat(given)))
+    root = sympy.sqrt(_neat(given))
+    return sympy.sqrtdenest(root) if size(root) <= LONGEST_SIMPLIFIED else root
 
 
 def _neat(given: Any) -> Any:
-    """Return an expression with roots in its shortest form."""
-    candidates = [given, sympy.factor(given), sympy.radsimp(given), simplest(given), sympy.factor_terms(given)]
+    """Return an expression with roots in the shortest of a few forms."""
+    candidates = [given, simplest(given), sympy.factor_terms(given)]
+    if size(given) <= LONGEST_SIMPLIFIED:
+        candidates += [sympy.factor(given), sympy.radsimp(given)]
     return min(candidates, key=size)
 
 
@@ -271,8 +274,9 @@ def _scaled(column: Any) -> Any:
 
 def _shortest(given: Any) -> Any:
     """Return an entry of a shape with its root out of the denominator."""
-    short = sympy.simplify(given) if size(given) <= LONGEST_SIMPLIFIED else given
-    return _neat(sympy.radsimp(short))
+    if size(given) <= LONGEST_SIMPLIFIED:
+        return _neat(sympy.radsimp(sympy.simplify(given)))
+    return _neat(rational_below(sympy.together(given)))
 
 
 def _numbers(lin: Linearization, values: Mapping[Any, Any]) -> tuple[list[_Root], list[Any]]:

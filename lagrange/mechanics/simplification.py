@@ -44,6 +44,27 @@ def simplest(given: Any) -> Any:
     return best
 
 
+def rational_below(given: Any) -> Any:
+    """Return an expression with square roots out of its denominator; as it is where that is long or roots are nested.
+
+    A root r of a base b is a symbol with r^2 = b, and the fraction is multiplied by the conjugate of its denominator.
+    """
+    powers = [x for x in sorted(given.atoms(sympy.Pow), key=str) if x.exp.is_Rational and x.exp.q == 2]
+    roots = {base: sympy.Dummy("r") for base in dict.fromkeys(x.base for x in powers)}
+    nested = any(base.has(*powers) for base in roots) if powers else True
+    if nested or size(given) > LONGEST_FACTORED or _generators(given) > MOST_SYMBOLS:
+        return given
+    put = given.xreplace({x: roots[x.base] ** x.exp.p for x in powers})
+    above, below = sympy.fraction(sympy.together(put))
+    for base, root in roots.items():
+        if below.has(root):
+            conjugate = below.xreplace({root: -root})
+            above, below = above * conjugate, below * conjugate
+        above, below = (sympy.rem(sympy.expand(x), root**2 - base, root) for x in (above, below))
+    short = sympy.factor(sympy.cancel(above / below))
+    return short.xreplace({root: sympy.sqrt(base) for base, root in roots.items()})
+
+
 def in_fractions(given: Any) -> Any:
     """Return an expression with its decimals as the fractions that they are written as: 0.1 is one tenth."""
     decimals = sorted(given.atoms(sympy.Float), key=str)

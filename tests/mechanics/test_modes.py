@@ -157,6 +157,23 @@ def test_verdicts(system: Any, stable: Any) -> None:
         assert system().modes().stable is stable
 
 
+@pytest.mark.parametrize("values", [{}, {"m1": 1, "m2": 2, "l1": 1, "l2": 0.5, "g": 9.81}])
+def test_the_general_double_pendulum_has_short_shapes(values: dict[str, float]) -> None:
+    """SymPy simplifies fractions of such roots for hours: they are rationalised as polynomials in the roots."""
+    m1, m2, l1, l2 = lg.parameters("m1 m2 l1 l2")
+    one, two = lg.coordinates("one two")
+    kinetic = (m1 + m2) * l1**2 * one.dot**2 / 2 + m2 * l2**2 * two.dot**2 / 2
+    kinetic += m2 * l1 * l2 * one.dot * two.dot * cos(one - two)
+    potential = -(m1 + m2) * g * l1 * cos(one) - m2 * g * l2 * cos(two)
+    found = lg.System(kinetic, potential, parameters=values).modes({})
+    assert found.symbolic and found.stable is True
+    root = sqrt((m1 + m2) * (m1 * (l1 - l2) ** 2 + m2 * (l1 + l2) ** 2))
+    for shape, sign in zip(found.shapes, (1, -1), strict=True):
+        difference = shape[1] - ((m1 + m2) * (l2 - l1) + sign * root) / (2 * l2 * m2)
+        assert sympy.expand(difference.subs({l1: 3, l2: 2, m1: 5, m2: 7})).equals(0)
+        assert sympy.count_ops(shape[1]) < 60  # with the root in the denominator 64
+
+
 def test_refusals() -> None:
     pendulum = lg.System(m * l**2 * theta.dot**2 / 2, -m * g * l * cos(theta))
     with pytest.raises(StatementError, match=r"there are no modes at this point\. Away from equilibrium: the force"):
