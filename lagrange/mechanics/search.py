@@ -24,6 +24,12 @@ CLOSE = 1e-9
 
 SAME = 1e-6
 """Distance of two ends that are one equilibrium, in the same measure."""
+FLAT = 1e-6
+"""The least slope of the forces, relative to the largest, at which an end is flat: as that of y^3 is near zero."""
+
+SAME_FLAT = 1e-3
+"""Distance of two flat ends that are one equilibrium: forces like y^3 leave 1e-4 of y open. The one of least force
+stands for them."""
 
 DIFFERENCE = 1e-6
 """Step of central differences, relative to 1 and to the coordinates: Newton's method then gains nine digits a step."""
@@ -55,14 +61,22 @@ class Search:
         ends: list[FloatArray] = []
         with np.errstate(all="ignore"):
             q, good = self._newton(self._starts())
-        for end in q.T[good]:
-            here = self._wrapped(end)
-            if not any(self._same(here, other) for other in ends):
+            left, slopes = np.abs(self._residuals(q)).max(axis=0), self._slopes(q)
+        flat: list[bool] = []
+        for i in sorted(np.flatnonzero(good), key=lambda i: float(left[i])):
+            here, sizes = self._wrapped(q[:, i]), np.linalg.svd(slopes[i], compute_uv=False)
+            level = bool(sizes[-1] <= FLAT * sizes[0])
+            same = (
+                self._same(here, end, SAME_FLAT if level and other else SAME)
+                for end, other in zip(ends, flat, strict=True)
+            )
+            if not any(same):
                 ends.append(here)
+                flat.append(level)
         return sorted(ends, key=lambda end: [round(float(x), 6) for x in end])
 
-    def _same(self, one: FloatArray, other: FloatArray) -> bool:
-        return bool(np.abs(self._wrapped(one - other)).max() <= SAME * (1 + np.abs(other).max()))
+    def _same(self, one: FloatArray, other: FloatArray, close: float) -> bool:
+        return bool(np.abs(self._wrapped(one - other)).max() <= close * (1 + np.abs(other).max()))
 
     def _wrapped(self, q: FloatArray) -> FloatArray:
         """Return angles between -pi and pi, the upper end included, and zeros without round-off."""

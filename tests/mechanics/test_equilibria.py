@@ -281,5 +281,7 @@ def test_corners_and_poles_leave_the_verdict_open() -> None:
 def test_flat_places_are_found_and_surfaces_are_not_listed() -> None:
     flat = lg.System(m * x.dot**2 / 2, k * cos(x**2), parameters={m: 1, k: 1})
     assert 0.0 in [float(one.coordinates[x]) for one in flat.equilibria()]
+    (bowl,) = lg.System((x.dot**2 + y.dot**2) / 2, cosh(x) + y**4 / 4, coordinates=[x, y]).equilibria()
+    assert abs(bowl.coordinates[y]) < 1e-3
     with pytest.raises(StatementError, match=r"free-flip has too many equilibria to list: 256 starts of Newton's met"):
         lg.scene("free-flip").equilibria()
