@@ -71,6 +71,10 @@ class Decisions:
     statement: Statement
     laws: StatedLaws
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # What was decided is decided again: numbers of a context of mpmath's own do not pickle.
+        return Decisions, (self.statement, self.laws)
+
     @cached_property
     def timeless(self) -> Verdict:
         """Whether dL/dt = 0."""
