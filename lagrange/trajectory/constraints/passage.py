@@ -31,6 +31,9 @@ ON_THE_WAY = 0.1
 ROWS_AT_ONCE = 32
 """So many rows of a series are looked at, and again as many between the neighbours of the nearest."""
 
+ONE_BY_ONE = 4
+"""Up to so many gradients take less time one by one than together."""
+
 MANY_STEPS = 10_000
 """From this many steps on the shortest is looked at in any case: it costs nothing beside them."""
 
@@ -156,7 +159,8 @@ class _Nearness:
         if start is not None:
             t[0], y[0] = start
         rows = self._gradients(t, y)
-        sizes = np.nan_to_num(np.linalg.norm(rows, axis=2), nan=0.0, posinf=0.0)
+        sizes = np.sqrt((rows**2).sum(axis=2))
+        sizes[~np.isfinite(sizes)] = 0.0
         self._longest = rows[sizes.argmax(axis=0), np.arange(len(self._rows))]
         lengths = sizes.max(axis=0)
         self._lengths, self._unit = np.where(lengths > 0, lengths, 1.0)[:, None], 1.0
@@ -165,6 +169,9 @@ class _Nearness:
 
     def _gradients(self, times: FloatArray, states: FloatArray) -> FloatArray:
         """Return G (k, m, n) at times (k,) and states (k, 2n)."""
+        if len(times) <= ONE_BY_ONE:
+            pairs = zip(times.tolist(), states, strict=True)
+            return np.array([self._residuals.gradient(t, y, self._parameters)[self._rows] for t, y in pairs])
         with np.errstate(all="ignore"):
             return np.moveaxis(self._residuals.gradients(times, states.T, self._parameters)[self._rows], 2, 0)
 
