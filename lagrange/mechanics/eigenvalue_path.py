@@ -38,7 +38,7 @@ class EigenvaluePath:
 
     @property
     def stable(self) -> Any:
-        """Whether no eigenvalue has a positive real part, (k,)."""
+        """Whether no eigenvalue has a positive real part, (k,): that is necessary for stability and not sufficient."""
         size = np.abs(self.eigenvalues).max(axis=1)
         return self.eigenvalues.real.max(axis=1) <= 1e-6 * size
 

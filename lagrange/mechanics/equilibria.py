@@ -19,6 +19,7 @@ import sympy
 from lagrange.errors import RunError, StatementError, listing, shown
 from lagrange.machine.model import Model
 from lagrange.mechanics.branches import solved
+from lagrange.mechanics.identity import size_of_terms
 from lagrange.mechanics.linearization import Linearization, linearized_at
 from lagrange.mechanics.plain_form import PlainForm, number
 from lagrange.mechanics.point import StatedPoint, stated_point
@@ -34,6 +35,8 @@ FORCE_LEFT = 1e-15
 FORCE_LEFT_BY_SEARCH = 1e-6
 """Force left at an equilibrium in decimals, relative to its terms."""
 
+ROUNDING = 1e-15
+"""Error of a coordinate in decimals, relative to it: pi as a double leaves sin(pi) = 1.2e-16, of which all is error."""
 
 MOST_PLACES = 64
 """Equilibria found by number that are listed, each of which takes some 0.2 s."""
@@ -267,13 +270,19 @@ class _Problem:
         if not exists or not all(m in values for m in self.multipliers):
             return  # what was found by number is tested by the search
         free = {q: sympy.Rational(3, 10) for q in self.unknowns}
-        limit = FORCE_LEFT if not any(x.has(sympy.Float) for x in values.values()) else FORCE_LEFT_BY_SEARCH
+        decimals = {x: value for x, value in values.items() if value.has(sympy.Float)}
+        limit = FORCE_LEFT_BY_SEARCH if decimals else FORCE_LEFT
+
+        def size(given: Any) -> float:
+            return size_of_terms(given.xreplace(dict(values)).xreplace(free), known)
+
         for equation in self.equations:
-            terms = [term.xreplace(dict(values)).xreplace(free) for term in sympy.Add.make_args(sympy.expand(equation))]
-            found = [number(term, known) for term in terms]
-            if abs(sum(found)) > limit * max(map(abs, found)):
+            whole = sympy.expand(equation)
+            left = abs(number(whole.xreplace(dict(values)).xreplace(free), known))
+            rounding = sum(ROUNDING * abs(number(x, known)) * size(whole.diff(q)) for q, x in decimals.items())
+            if left > limit * size(whole) + rounding:
                 raise RunError(
-                    f"an equilibrium of {self.statement.name} is wrong: a force of {abs(sum(found)):.3g} is left. This "
+                    f"an equilibrium of {self.statement.name} is wrong: a force of {left:.3g} is left. This "
                     "is a fault of lagrange, please report it with this message."
                 )
 

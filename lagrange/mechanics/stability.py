@@ -84,8 +84,13 @@ def criterion(lin: Linearization, gone: tuple[int, ...]) -> tuple[Any, ...]:
 def _symbolic_verdict(lin: Linearization, form: PlainForm, gone: tuple[int, ...]) -> Verdict:
     """Return the verdict for all values of the parameters, where SymPy knows the signs."""
     minors = criterion(lin, gone)
-    if any(minor.is_nonpositive for minor in minors[:-1]):
+    if any(minor.is_negative for minor in minors[:-1]):
         return Verdict(None, "the energy has no minimum there, and eigenvalues need values of the parameters.")
+    if any(minor.is_nonpositive for minor in minors[:-1]) or (minors and minors[-1].is_zero):
+        return Verdict(
+            None,
+            "the energy has no strict minimum to second order there, and eigenvalues need values of the parameters.",
+        )
     if minors and _is_definite(lin.M) and lin.K.is_symmetric(simplify=True):
         if minors[-1].is_negative:
             return Verdict(
@@ -209,5 +214,7 @@ def _numeric_verdict(mass: Any, damping: Any, stiffness: Any, *, energetic: bool
             stable=None, reason="eigenvalues on the imaginary axis decide nothing, and forces may feed energy in."
         )
     return Verdict(
-        stable=None, reason="eigenvalues on the imaginary axis decide nothing, and the energy has no strict minimum."
+        stable=None,
+        reason="eigenvalues on the imaginary axis decide nothing, and the energy has no strict minimum "
+        "to second order.",
     )

@@ -199,6 +199,23 @@ def test_a_wrong_equilibrium_is_found_by_number(monkeypatch: pytest.MonkeyPatch)
         hoop(m=1, g=9.81, R=1, w=5).equilibria()
 
 
+def test_an_equilibrium_in_decimals_may_be_rounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All of the force that is left at pi as a double is rounding: it is tested against its slope."""
+    place = {"angle": sympy.Float(float(pi))}
+
+    def rounded(equations: Any, unknowns: Any) -> list[Branch]:
+        return [Branch(dict.fromkeys(unknowns, place["angle"]))]
+
+    monkeypatch.setattr(equilibria_module, "solved", rounded)
+    kinetic = m * R**2 * (theta.dot**2 + phi.dot**2) / 2
+    potential = -m * g * R * (cos(theta) + cos(phi)) + k * R**2 * (sin(theta) - sin(phi)) ** 2 / 2
+    system = lg.System(kinetic, potential, parameters={m: 1, g: 9.81, R: 1, k: 5})
+    assert system.equilibria()[0].stable is False
+    place["angle"] += 1e-12
+    with pytest.raises(RunError, match=r"an equilibrium of system is wrong: a force of 9.81e-12 is left\."):
+        system.equilibria()
+
+
 # --- along a parameter -------------------------------------------------------------------------------------------
 
 

@@ -174,6 +174,26 @@ def test_the_general_double_pendulum_has_short_shapes(values: dict[str, float]) 
         assert sympy.count_ops(shape[1]) < 60  # with the root in the denominator 64
 
 
+def test_a_minimum_of_order_four_is_not_denied() -> None:
+    """x^4 has a strict minimum, which second derivatives do not show."""
+    found = [lg.System(m * x.dot**2 / 2, x**4, parameters=values).modes() for values in ({m: 1.0}, {})]
+    flat = plane(x**4 + y**2).modes()
+    assert [one.stable for one in (*found, flat)] == [None] * 3
+    assert all("no strict minimum to second order" in one.reason for one in (*found, flat))
+
+
+def test_time_that_cancels_from_the_energy_is_no_time() -> None:
+    """A hoop that turns, stated by the positions of its bead, has the energy of the one stated in its angle."""
+    turning = (l * sin(theta) * cos(w * lg.t), l * sin(theta) * sin(w * lg.t), -l * cos(theta))
+    values = {m: 1, g: 9.81, l: 1, w: 2}
+    found = lg.System(lg.kinetic_energy(m, turning), m * g * turning[2], parameters=values).modes()
+    assert (found.stable, found.reason) == (True, "the energy has a strict minimum there.")
+    pushed = lg.System(
+        m * l**2 * theta.dot**2 / 2, m * g * l * (1 + theta**4 * cos(w * lg.t)) * theta**2, parameters=values
+    )
+    assert pushed.modes().stable is None
+
+
 def test_refusals() -> None:
     pendulum = lg.System(m * l**2 * theta.dot**2 / 2, -m * g * l * cos(theta))
     with pytest.raises(StatementError, match=r"there are no modes at this point\. Away from equilibrium: the force"):
