@@ -20,6 +20,13 @@ from lagrange.equations.identities import is_identity
 from lagrange.equations.monomials import MonomialSum
 from lagrange.equations.stated_algebra import StatedAlgebra
 from lagrange.equations.terms import TooLargeError
+from lagrange.equations.velocity_degrees import (
+    has_all_degrees,
+    proven_homogeneous,
+    seen_mixed,
+    stated_alone,
+    visibly_homogeneous,
+)
 from lagrange.graph.evaluate import precise, values
 from lagrange.graph.node import Node
 from lagrange.statement.statement import Statement
@@ -103,6 +110,28 @@ class Decisions:
             return self._decided(absent, self._power, self._proven_powerless)
         found = self._decided(absent, self._power, self._proven_powerless)
         return found if found or not laws.constraints.workless else self._powerless_on_constraints()
+
+    @property
+    def stated_alone(self) -> bool:
+        """Whether the Lagrangian was stated without a potential."""
+        return stated_alone(self.statement)
+
+    @cached_property
+    def homogeneous(self) -> Verdict:
+        """Whether T is homogeneous of second degree in the velocities, so that v.p - L is T + V.
+
+        Of a Lagrangian that is stated alone it is not, where it has parts of degree 0, 1 and 2, as in a turning frame.
+        """
+        if visibly_homogeneous(self.statement):
+            return True
+        try:
+            if stated_alone(self.statement):
+                return False if has_all_degrees(self._stated) else None
+            if seen_mixed(self.statement):
+                return False
+            return proven_homogeneous(self._stated) or None
+        except (TooLargeError, RecursionError):
+            return None
 
     @cached_property
     def separable(self) -> Verdict:

@@ -125,7 +125,9 @@ class Structure:
 
     def _energy(self) -> str:
         if self.conservative:
-            return f"{self.energy_reason()}: the energy is conserved."
+            kept = "energy" if self.energy_name == "energy" else "Jacobi integral v.p - L"
+            other = " (T + V is not this integral)" if kept != "energy" and not self.decisions.stated_alone else ""
+            return f"{self.energy_reason()}: the {kept} is conserved{other}."
         verdict = "is not" if self.energy_kept is False else "was not found to be"
         time = "depends" if self.autonomous is False else "may depend"
         causes = [] if self.autonomous else [f"the Lagrangian {time} on time"]
@@ -134,6 +136,11 @@ class Structure:
             not self.workless
         )
         return f"The energy {verdict} conserved: {listing(causes)}."
+
+    @property
+    def energy_name(self) -> str:
+        """The name of v.p - L: "Jacobi integral" where T is not homogeneous of second degree, as in a turning frame."""
+        return "Jacobi integral" if self.decisions.homogeneous is False else "energy"
 
     def energy_reason(self) -> str:
         """Return why the energy is conserved, where it is."""

@@ -18,7 +18,6 @@ from lagrange.mechanics.quantity_rates import check_constant
 from lagrange.mechanics.runge_lenz import runge_lenz
 from lagrange.mechanics.symmetries import SymmetryEquation, point_symmetries
 from lagrange.mechanics.symmetry_names import described, oriented, untaken
-from lagrange.statement.statement import Statement
 
 MOST_SEARCHED = 24
 """With more coordinates no symmetry is sought beside the ignorable coordinates: a chain of 20 bodies takes 1 s."""
@@ -52,12 +51,11 @@ def conserved_quantities(model: Model) -> list[Conserved]:
 
 
 def _found(model: Model) -> Iterator[Conserved]:
-    statement, structure = model.statement, model.equations.structure
-    stated = TextbookAlgebra(statement)
+    structure, stated = model.equations.structure, TextbookAlgebra(model.statement)
     shifts = {_unit(len(stated.q), i): i for i in structure.cyclic}
     taken = [f"p_{structure.names[i]}" for i in structure.cyclic]
     if structure.conservative:
-        taken.append(energy_name(statement))
+        taken.append(structure.energy_name)
         yield Conserved(taken[-1], stated.show(stated.energy), f"{structure.energy_reason()}.")
     for name, i in zip(taken, structure.cyclic, strict=False):
         how = "is not in" if structure.decisions.absent(i) else "drops out of"
@@ -67,22 +65,18 @@ def _found(model: Model) -> Iterator[Conserved]:
     equation, body = SymmetryEquation(stated), place(stated)
     for one in point_symmetries(model, equation):
         if (any(one.xi) or not structure.conservative) and (one.tau != 0 or one.xi not in shifts):
-            symmetry, name = oriented(stated, one, body)
+            symmetry, name = oriented(stated, one, body, structure.energy_name)
             taken.append(untaken(name, taken))
-            yield Conserved(taken[-1], stated.show(equation.quantity(symmetry)), described(stated, symmetry))
+            yield Conserved(
+                taken[-1],
+                stated.show(equation.quantity(symmetry)),
+                described(stated, one if one.tau != 0 else symmetry),
+            )
     for name, terms in runge_lenz(stated, body) if body is not None else ():
         yield Conserved(name, stated.show(terms), RUNGE_LENZ)
 
 
 RUNGE_LENZ = "The force falls with the square of the distance, so the axis of the orbit does not turn."
-
-
-def energy_name(statement: Statement) -> str:
-    """Return "energy", or "Jacobi integral" where T has a part without velocities, as in a turning frame."""
-    if statement.kinetic == statement.lagrangian:
-        return "energy"
-    rest = statement.kinetic.xreplace(dict.fromkeys(statement.velocities, sympy.S.Zero))
-    return "energy" if sympy.expand(rest) == 0 else "Jacobi integral"
 
 
 def _unit(n: int, i: int) -> tuple[Any, ...]:

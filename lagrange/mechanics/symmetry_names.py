@@ -19,13 +19,18 @@ AXES = {"xy": ("z", 1), "yz": ("x", 1), "zx": ("y", 1), "yx": ("z", -1), "zy": (
 """The axis of the rotation that moves the second of two axes along the first, and its sense."""
 
 
-def oriented(stated: StatedAlgebra, symmetry: Symmetry, place: Place | None) -> tuple[Symmetry, str]:
-    """Return a symmetry, or the one in the other direction where it turns from y to x, and a name of its momentum."""
+def oriented(
+    stated: StatedAlgebra, symmetry: Symmetry, place: Place | None, energy: str = "energy"
+) -> tuple[Symmetry, str]:
+    """Return a symmetry, or the one in the other direction, and a name of its quantity.
+
+    The direction is the one from x to y, and back in time: its quantity is +(v.p - L). `energy` is the name of v.p - L.
+    """
     found = _axis(stated, symmetry)
     if found is None and place is not None and symmetry.tau == 0:
         found = _motion(stated, symmetry, place)
     if found is None:
-        return symmetry, _name(stated, symmetry)
+        found = _name(stated, symmetry, energy), -1 if symmetry.tau.is_positive else 1
     name, sense = found
     if sense > 0:
         return symmetry, name
@@ -59,13 +64,14 @@ def untaken(name: str, taken: Sequence[str]) -> str:
     return next(one for one in names if one not in taken)
 
 
-def _name(stated: StatedAlgebra, symmetry: Symmetry) -> str:
+def _name(stated: StatedAlgebra, symmetry: Symmetry, energy: str) -> str:
+    """Return a name; only the conjugate momentum dL/dv itself is p_x, of a shift with F = 0."""
     names, moved = stated.statement.names, [i for i, xi in enumerate(symmetry.xi) if xi != 0]
     if symmetry.tau != 0:
-        return "energy in a moving frame" if moved else "energy"
+        return f"{energy} in a moving frame" if moved else energy
     if all(symmetry.xi[i] == 1 for i in moved):
         if len(moved) == 1:
-            return f"p_{names[moved[0]]}"
+            return f"{'p_' if symmetry.gauge == 0 else 'momentum '}{names[moved[0]]}"
         shared = dict.fromkeys(_letter(names[i]) for i in moved)
         return (
             f"momentum {next(iter(shared))}" if len(shared) == 1 else f"momentum of {listing(names[i] for i in moved)}"

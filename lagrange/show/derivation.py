@@ -193,6 +193,7 @@ class LatexPage(Page):
             "\\usepackage[margin=2cm]{geometry}",
             "\\allowdisplaybreaks",
             f"\\title{{{latex_text(self.statement.name)}}}",
+            "\\author{}",
             "\\date{}",
             "\\begin{document}",
             "\\maketitle",

@@ -154,8 +154,10 @@ class LineWriter:
         rest = [(base, exponent) for base, exponent in above if base is not longest or exponent != 1]
         behind, one = "", self.notation.number("1")
         if self.notation.in_one_line:
-            divisor = self.setter.quotient(below, [], sympy.Integer(number.q if number.is_Rational else 1))
-            number = sympy.Integer(number.p) if number.is_Rational else number
+            # A vulgar fraction behind the parenthesis would read as an exponent: with such, numbers stay in front.
+            split = number.is_Rational and not self.notation.fractions_in_front
+            divisor = self.setter.quotient(below, [], sympy.Integer(number.q if split else 1))
+            number = sympy.Integer(number.p) if split else number
             behind = self.notation.fraction(one, divisor).text.removeprefix(one.text) if divisor != one else ""
             below = []
         front = self.setter.quotient(rest, below, number)

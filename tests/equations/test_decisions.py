@@ -60,7 +60,9 @@ def test_what_cancels_is_not_there(name: str) -> None:
     assert structure.conservative and structure.autonomous is True
     assert sorted(structure.names[i] for i in structure.cyclic) == ignorable.split()
     told = " ".join(structure.sentences())
-    assert "no force acts beside the potential: the energy is conserved." in told
+    turning = "Jacobi integral v.p - L is conserved (T + V is not this integral)."
+    kept = turning if name == "hoop" else "energy is conserved."
+    assert f"no force acts beside the potential: the {kept}" in told
     assert all(f"{one} d" in told for one in ignorable.split()) and "not conserved" not in told
 
 
@@ -69,6 +71,16 @@ def test_a_bead_on_a_turning_hoop_separates() -> None:
         "The mass matrix is diagonal and constant.",
         "The momenta depend on velocities alone: all else in the Lagrangian acts as a potential.",
     ]
+
+
+def test_an_integral_that_is_not_the_sum_of_the_energies_is_named() -> None:
+    turning = m * ((x.dot - c * y) ** 2 + (y.dot + c * x) ** 2) / 2
+    assert found(kinetic=turning).sentences()[2].endswith("the Jacobi integral v.p - L is conserved.")
+    mixed = found(kinetic=turning, potential=k * x**2)
+    assert mixed.sentences()[2].endswith("the Jacobi integral v.p - L is conserved (T + V is not this integral).")
+    # Homogeneous once its angles have cancelled, and not with its expressions as they stand.
+    hidden = m * x.dot**2 + k * (sin(x) ** 2 + cos(x) ** 2 - 1)
+    assert found(kinetic=hidden, potential=k * x**2).sentences()[2].endswith(": the energy is conserved.")
 
 
 def test_forces_that_do_no_work_keep_the_energy() -> None:

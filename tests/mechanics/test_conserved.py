@@ -91,6 +91,29 @@ def test_names_and_reasons() -> None:
     assert names(kinetic=T((u, w)), potential=(u - w) ** 2) == ["energy", "momentum of u and w"]
 
 
+def test_an_energy_has_a_positive_kinetic_part_and_p_is_a_conjugate_momentum() -> None:
+    dropped = {one.name: one for one in lg.System(m * x.dot**2 / 2, 0, forces={x: -m * g}).conserved()}
+    assert dropped["energy"].expression == m * x.dot**2 / 2 + g * m * x
+    assert dropped["energy"].reason.startswith("The symmetry delta t = 1 changes")
+    assert dropped["momentum x"].expression == m * x.dot + g * m * lg.t
+    turning = lg.System(T(FLAT), k * (x * cos(omega * lg.t) + y * sin(omega * lg.t))).conserved()[0]
+    assert turning.expression.coeff(x.dot**2) == m / 2
+    for potential, canonical in ((-c * x * y.dot, ["p_y"]), (c * (y * x.dot - x * y.dot) / 2, [])):
+        charge = lg.System(T(FLAT), potential)
+        found = {one.name: one.expression for one in charge.conserved()}
+        assert [name for name in found if name.startswith("p_")] == canonical
+        assert found["momentum x"] == m * x.dot - c * y and found["energy"] == T(FLAT).expand()
+
+
+def test_the_jacobi_integral_is_named_with_and_without_a_potential() -> None:
+    turning = m * ((x.dot - omega * y) ** 2 + (y.dot + omega * x) ** 2) / 2
+    hoop = m * (phi.dot**2 + omega**2 * sin(phi) ** 2) / 2
+    for kinetic, potential in ((turning, 0), (turning, k * x**2), (hoop, m * g * cos(phi))):
+        assert names(kinetic=kinetic, potential=potential)[0] == "Jacobi integral"
+    assert names(lagrangian=T(FLAT) - c * x * y.dot)[0] == "energy"
+    assert names(lagrangian=-m * c**2 * sqrt(1 - x.dot**2 / c**2) - k * x**2)[0] == "energy"
+
+
 def test_several_bodies_turn_together() -> None:
     names = [one.name for one in lg.scene("sun-earth-moon").conserved()]
     assert {*(f"{what} {axis}" for what in ("momentum", "angular momentum") for axis in "xyz"), "energy"} <= set(names)

@@ -232,3 +232,24 @@ def test_the_double_pendulum_fits_on_two_pages() -> None:
     page = lg.scene("double-pendulum").page("latex")
     assert len(page.encode()) < 6000
     assert r"\[ (m_1 + m_2) l_1^2 \ddot\theta_1 + m_2 l_1 l_2 \ddot\theta_2 \cos(\theta_1 - \theta_2) " in page
+
+
+@pytest.mark.parametrize(
+    ("factor", "ends"),
+    [
+        (m / 2, ("½ m (", ")", "m*(", ")/2")),
+        (m * Rational(2, 7), ("(2/7) m (", ")", "2*m*(", ")/7")),
+        (m / (2 * l), ("½ m (", ")/l", "m*(", ")/(2*l)")),
+    ],
+)
+def test_a_number_stands_before_a_parenthesis_on_several_lines(factor: Any, ends: tuple[str, ...]) -> None:
+    total = sum((x.dot * cos(theta + k * n) + y.dot * sin(phi + k * n)) ** 2 for n in range(1, 6))
+    whole = sympy.Mul(factor, total, evaluate=False)
+    book, text = (LineWriter(STATED, notation).broken(whole, 80) for notation in (UnicodeNotation, AsciiNotation))
+    assert len(book) > 1 and book[0].startswith(ends[0]) and book[-1].endswith(ends[1])
+    assert len(text) > 1 and text[0].startswith(ends[2]) and text[-1].endswith(ends[3])
+
+
+def test_latex_has_an_author_as_its_title_asks_for() -> None:
+    page = lg.scene("pendulum").page("latex")
+    assert page.index(r"\author{}") < page.index(r"\maketitle")
