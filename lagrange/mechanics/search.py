@@ -30,6 +30,8 @@ FLAT = 1e-6
 SAME_FLAT = 1e-3
 """Distance of two flat ends that are one equilibrium: forces like y^3 leave 1e-4 of y open. The one of least force
 stands for them."""
+WITHIN = 1e-3
+"""How far off, in the same measure, forces and slopes may put the end: far out a force may be small and never zero."""
 
 DIFFERENCE = 1e-6
 """Step of central differences, relative to 1 and to the coordinates: Newton's method then gains nine digits a step."""
@@ -62,8 +64,9 @@ class Search:
         with np.errstate(all="ignore"):
             q, good = self._newton(self._starts())
             left, slopes = np.abs(self._residuals(q)).max(axis=0), self._slopes(q)
+            near = left < WITHIN * np.abs(slopes).max(axis=(1, 2)) * (1 + np.abs(q).max(axis=0))
         flat: list[bool] = []
-        for i in sorted(np.flatnonzero(good), key=lambda i: float(left[i])):
+        for i in sorted(np.flatnonzero(good & near), key=lambda i: float(left[i])):
             here, sizes = self._wrapped(q[:, i]), np.linalg.svd(slopes[i], compute_uv=False)
             level = bool(sizes[-1] <= FLAT * sizes[0])
             same = (

@@ -300,5 +300,7 @@ def test_flat_places_are_found_and_surfaces_are_not_listed() -> None:
     assert 0.0 in [float(one.coordinates[x]) for one in flat.equilibria()]
     (bowl,) = lg.System((x.dot**2 + y.dot**2) / 2, cosh(x) + y**4 / 4, coordinates=[x, y]).equilibria()
     assert abs(bowl.coordinates[y]) < 1e-3
+    with pytest.raises(StatementError, match=r"no equilibrium of tail was found"):  # the force is small far out alone
+        lg.System(x.dot**2 / 2, 2 * sympy.tanh(x), name="tail").equilibria()
     with pytest.raises(StatementError, match=r"free-flip has too many equilibria to list: 256 starts of Newton's met"):
         lg.scene("free-flip").equilibria()
