@@ -5,11 +5,13 @@ from __future__ import annotations
 import gc
 import os
 import signal
+from collections.abc import Generator
 
 import hypothesis
 import matplotlib as mpl
 import pytest
 
+from lagrange.statement.declared_order import COORDINATES, PARAMETERS
 from tests import covering
 
 mpl.use("Agg")
@@ -59,6 +61,29 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 def pytest_collection() -> None:
     """Collect tests without looking for garbage: nearly all that is made then is kept."""
     gc.disable()
+
+
+DECLARED: dict[str, tuple[list[str], list[str]]] = {}
+"""The orders of declared names behind the import of each test file."""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(
+    collector: pytest.Collector,
+) -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
+    """Remember what was declared when a file was imported."""
+    report = yield
+    if isinstance(collector, pytest.Module):
+        DECLARED[collector.nodeid] = COORDINATES.names, PARAMETERS.names
+    return report
+
+
+@pytest.fixture(autouse=True)
+def _declared(request: pytest.FixtureRequest) -> None:
+    """Give each test the order of states that its file declared, whatever other tests declared in this process."""
+    module = request.node.getparent(pytest.Module)
+    if module is not None and module.nodeid in DECLARED:
+        COORDINATES.names, PARAMETERS.names = DECLARED[module.nodeid]
 
 
 def pytest_collection_finish() -> None:

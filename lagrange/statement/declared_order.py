@@ -16,26 +16,27 @@ class DeclaredOrder:
     """
 
     def __init__(self) -> None:
-        self._names: list[str] = []
+        self.names: list[str] = []
+        """The names in their order; the list is never changed, but replaced."""
         self._lock = Lock()
 
     def declare(self, names: Sequence[str]) -> None:
         """Enter the names of one call."""
         names = list(dict.fromkeys(names))
         with self._lock:
-            known = iter(sorted(self._names.index(name) for name in names if name in self._names))
-            old = [name for name in names if name in self._names]
-            ordered = list(self._names)
+            known = iter(sorted(self.names.index(name) for name in names if name in self.names))
+            old = [name for name in names if name in self.names]
+            ordered = list(self.names)
             for name, place in zip(old, known, strict=True):
                 ordered[place] = name
             for k, name in enumerate(names):
                 if name not in ordered:
                     ordered.insert(_place(ordered, names[:k], names[k + 1 :]), name)
-            self._names = ordered
+            self.names = ordered
 
     def of(self, leaves: Iterable[tuple[str, Any]]) -> list[Any]:
         """Return what is given with its names in the order of declaration, then the others as they come."""
-        places = {name: place for place, name in enumerate(self._names)}
+        places = {name: place for place, name in enumerate(self.names)}
         return [leaf for _, leaf in sorted(leaves, key=lambda pair: places.get(pair[0], len(places)))]
 
 
