@@ -5,13 +5,12 @@ from __future__ import annotations
 import gc
 import os
 import signal
-from collections.abc import Generator
 
 import hypothesis
 import matplotlib as mpl
 import pytest
 
-from lagrange.statement.declared_order import COORDINATES, PARAMETERS
+from lagrange.statement.declared_order import COORDINATES, PARAMETERS, DeclaredOrder
 from tests import covering
 
 mpl.use("Agg")
@@ -63,27 +62,15 @@ def pytest_collection() -> None:
     gc.disable()
 
 
-DECLARED: dict[str, tuple[list[str], list[str]]] = {}
-"""The orders of declared names behind the import of each test file."""
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_make_collect_report(
-    collector: pytest.Collector,
-) -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
-    """Remember what was declared when a file was imported."""
-    report = yield
-    if isinstance(collector, pytest.Module):
-        DECLARED[collector.nodeid] = COORDINATES.names, PARAMETERS.names
-    return report
+DECLARED: list[tuple[DeclaredOrder, list[str]]] = []
+"""The orders of declared names when all files of tests have been imported."""
 
 
 @pytest.fixture(autouse=True)
-def _declared(request: pytest.FixtureRequest) -> None:
-    """Give each test the order of states that its file declared, whatever other tests declared in this process."""
-    module = request.node.getparent(pytest.Module)
-    if module is not None and module.nodeid in DECLARED:
-        COORDINATES.names, PARAMETERS.names = DECLARED[module.nodeid]
+def _declared() -> None:
+    """Give each test the same order of states, whatever other tests declared in this process: models are shared."""
+    for order, names in DECLARED:
+        order.names = names
 
 
 def pytest_collection_finish() -> None:
