@@ -41,6 +41,7 @@ def four_bar_ladder(loops: int) -> Statement:
     return lg.System(
         kinetic=kinetic,
         potential=m * g * height,
+        coordinates=[place for pin in pins for place in pin],
         constraints=constraints,
         parameters={m: 1.0, l: 1.0, g: GRAVITY},
         initial=initial,
