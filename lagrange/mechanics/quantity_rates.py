@@ -23,6 +23,10 @@ LARGEST_RATE = 1e-8
 """Relative to the largest part of the rate. The accelerations are those of doubles, good to 1e-12 as a rule."""
 
 
+REST = 1e-4
+"""Parts of a rate below this share of the largest of all quantities are known to fewer digits."""
+
+
 @dataclass(frozen=True, eq=False)
 class QuantityRates:
     """The rate of a quantity at states of a model, (K,), and the size of what it is formed from."""
@@ -66,7 +70,9 @@ def quantity_rates(model: Model, expressions: Sequence[Any], seed: int = 17) -> 
         moved = values[done : done + len(parts)]
         found.append(QuantityRates(rates, moved.sum(axis=0), np.abs(moved).sum(axis=0)))
         done += len(parts)
-    return found
+    # Where all parts of one rate are rounding, what the other quantities are formed from tells how large that may be.
+    largest = REST * np.max([one.sizes for one in found], axis=0)
+    return [QuantityRates(one.rates, one.values, np.maximum(one.sizes, largest)) for one in found]
 
 
 def _terms(model: Model, expression: Any) -> list[Any]:

@@ -57,6 +57,8 @@ def _values(what: str, values: Any) -> Any:
 
 
 def _table(what: str, columns: Sequence[Any] | Any) -> Table:
+    if isinstance(columns, np.ndarray) and columns.ndim == 0:
+        raise StatementError(f"{what} is an array without entries: give (times, values), two lists of one length.")
     if len(columns) != 2:
         raise StatementError(f"{what} has {len(columns)} columns: give (times, values), two lists of one length.")
     times, values = real_array(columns[0], f"the times of {what}"), real_array(columns[1], f"the values of {what}")

@@ -65,7 +65,7 @@ def names(**statement: Any) -> list[str]:
 
 
 def test_names_and_reasons() -> None:
-    kepler = lg.System(T((x, y, z)), -k / sqrt(x**2 + y**2 + z**2)).conserved()
+    kepler = lg.System(T((x, y, z)), -k / sqrt(x**2 + y**2 + z**2), coordinates=[x, y, z]).conserved()
     assert sorted(one.name for one in kepler) == [
         *(f"Runge-Lenz vector {axis}" for axis in "xyz"),
         *(f"angular momentum {axis}" for axis in "xyz"),
@@ -77,7 +77,7 @@ def test_names_and_reasons() -> None:
         "The symmetry delta x = -y and delta y = x leaves the Lagrangian as it is."
     )
     assert str(about["energy"]).endswith("and no force acts beside the potential.")
-    thrown = lg.System(T(FLAT), m * g * y).conserved()
+    thrown = lg.System(T(FLAT), m * g * y, coordinates=list(FLAT)).conserved()
     assert {one.name: one.expression for one in thrown}["momentum y"] == m * y.dot + g * m * lg.t
     polar = lg.System(POLAR_T, -k / r).conserved()
     assert [one.name for one in polar][:2] == ["energy", "p_phi"] and polar[1].reason == "phi is not in the Lagrangian."
@@ -88,7 +88,7 @@ def test_names_and_reasons() -> None:
     chained = names(kinetic=x1.dot**2 + 2 * x2.dot**2, potential=(x1 - x2) ** 2)
     assert chained == ["energy", "momentum x"]
     assert "angular momentum z" in names(kinetic=T((x1, y1)) + T((x2, y2)), potential=(x1 - x2) ** 2 + (y1 - y2) ** 2)
-    assert names(kinetic=T((u, w)), potential=(u - w) ** 2) == ["energy", "momentum of u and w"]
+    assert names(coordinates=[u, w], kinetic=T((u, w)), potential=(u - w) ** 2) == ["energy", "momentum of u and w"]
 
 
 def test_an_energy_has_a_positive_kinetic_part_and_p_is_a_conjugate_momentum() -> None:

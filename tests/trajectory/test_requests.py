@@ -115,7 +115,7 @@ def test_a_model_is_asked_for(pendulum: lg.System) -> None:
 
 def test_a_missing_parameter_is_named() -> None:
     system = lg.System(kinetic=m * l**2 * theta.dot**2 / 2, potential=-m * g * l * sympy.cos(theta), parameters={m: 1})
-    with pytest.raises(lg.StatementError, match="no value for parameters (l and g|g and l): give one"):
+    with pytest.raises(lg.StatementError, match=r"no value for parameters (l and g|g and l): give one"):
         system.run(1.0)
     assert system.run(1.0, parameters={l: 1.0, "g": 9.81}).status is lg.Status.SUCCESS
 
