@@ -66,6 +66,10 @@ def suggestion(given: str, known: Iterable[str]) -> str:
     return f" Did you mean {match[0]!r}?" if match else ""
 
 
+FAULT = "This is a fault of lagrange, please report it with this message."
+"""How a message ends where two ways to compute the same thing disagree."""
+
+
 def listing(names: Iterable[str]) -> str:
     """Return the names as ``a, b and c`` for a sentence."""
     words = list(names)

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.errors import RunError
+from lagrange.errors import FAULT, RunError
 from lagrange.evidence.compare import LIMIT, TINY, relative_error
 from lagrange.evidence.constraint_laws import StatedConstraints, acceleration_level
 from lagrange.evidence.independent import solved_statement
@@ -120,7 +120,7 @@ def _confirm(model: Model, statement: Statement, point: Point, a: Sequence[float
             raise RunError(
                 f"the compiled accelerations of {statement.name} are wrong: {name}_ddot is {value:.17g} where the "
                 f"energies as stated give {float(expected):.17g} (relative error {off:.1e}), at "
-                f"{point.describe(statement.names)}. This is a fault of lagrange, please report it with this message."
+                f"{point.describe(statement.names)}. {FAULT}"
             )
     return True
 

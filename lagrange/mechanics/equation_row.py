@@ -38,11 +38,6 @@ class EquationRow:
     rest: Any
     moved: bool = False
 
-    @property
-    def place(self) -> str:
-        """The equation as a sentence speaks of it."""
-        return f"{self.label}, with all terms on the left," if self.moved else self.label
-
     @cached_property
     def _tape(self) -> Precise:
         return tape([*self.slopes.values(), self.rest], self.statement)
@@ -82,13 +77,13 @@ def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
     unknowns = unknowns_of(statement)
     found = [symbol for symbol in unknowns if equation.zero.has(symbol)]
     slopes = {symbol: sympy.diff(equation.zero, symbol) if symbol in found else sympy.S.Zero for symbol in unknowns}
-    bent = [symbol for symbol in found if slopes[symbol].has(*found) and sympy.simplify(slopes[symbol]).has(*found)]
+    slopes = {symbol: sympy.simplify(s) if found and s.has(*found) else s for symbol, s in slopes.items()}
+    bent = [symbol for symbol in found if slopes[symbol].has(*found)]
     if bent:
         raise StatementError(
             f"{equation.label} is not linear in {listing(map(str, bent))}: equations of motion are compared as linear "
             "equations for the accelerations. Solve it for them, or clear what stands around them."
         )
-    slopes = {symbol: sympy.simplify(s) if found and s.has(*found) else s for symbol, s in slopes.items()}
     rest = equation.zero.xreplace(dict.fromkeys(found, sympy.S.Zero))
     return EquationRow(statement, equation.label, equation.zero, slopes, rest, equation.moved)
 

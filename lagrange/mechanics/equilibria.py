@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import sympy
 
-from lagrange.errors import RunError, StatementError, listing, shown
+from lagrange.errors import FAULT, RunError, StatementError, listing, shown
 from lagrange.machine.model import Model
 from lagrange.mechanics.branches import solved
 from lagrange.mechanics.identity import size_of_terms
@@ -282,8 +282,7 @@ class _Problem:
             rounding = sum(ROUNDING * abs(number(x, known)) * size(whole.diff(q)) for q, x in decimals.items())
             if left > limit * size(whole) + rounding:
                 raise RunError(
-                    f"an equilibrium of {self.statement.name} is wrong: a force of {left:.3g} is left. This "
-                    "is a fault of lagrange, please report it with this message."
+                    f"an equilibrium of {self.statement.name} is wrong: a force of {left:.3g} is left. {FAULT}"
                 )
 
     def energy(self, point: StatedPoint) -> Any:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import sympy
 
-from lagrange.errors import RunError, StatementError, listing
+from lagrange.errors import FAULT, RunError, StatementError, listing
 from lagrange.mechanics.linearization import Linearization
 from lagrange.mechanics.plain_form import number, numeric
 from lagrange.mechanics.point import StatedPoint
@@ -133,8 +133,8 @@ def _check(roots: Sequence[_Root], lin: Linearization, values: Mapping[Any, Any]
         # A double eigenvalue is found to the square root of round-off.
         if cmath.isfinite(found) and np.abs(known - found).min() > REAL_PART * max(1e-300, np.abs(known).max()):
             raise RunError(
-                f"the frequency {root.frequency} is wrong: {found:.12g} is no eigenvalue of the linear equations. This "
-                "is a fault of lagrange, please report it with this message."
+                f"the frequency {root.frequency} is wrong: {found:.12g} is no eigenvalue of the linear equations. "
+                + FAULT
             )
 
 

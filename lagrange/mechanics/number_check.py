@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from lagrange.errors import RunError
+from lagrange.errors import FAULT, RunError
 from lagrange.evidence.sample import SAMPLE_KINDS, Point, Sampler
 from lagrange.statement.statement import Statement
 
@@ -55,7 +55,6 @@ def agrees(
         worst = int(off.argmax())
         raise RunError(
             f"{what} of {statement.name} is wrong: a formula gives {formulas[worst]:.15g} where {compiled[worst]:.15g} "
-            f"is compiled, at {point.describe(statement.names)}. This is a fault of lagrange, please report it with "
-            "this message."
+            f"is compiled, at {point.describe(statement.names)}. {FAULT}"
         )
     return True

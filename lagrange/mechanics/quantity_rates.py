@@ -10,7 +10,7 @@ import numpy as np
 import sympy
 
 from lagrange.equations.terms import differentiable, printable
-from lagrange.errors import RunError
+from lagrange.errors import FAULT, RunError
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.mechanics.motion_rates import MotionRates, random_rates
@@ -95,6 +95,5 @@ def check_constant(model: Model, quantities: Mapping[str, Any]) -> None:
         if worst is not None:
             raise RunError(
                 f"{name} of {model.statement.name} is proven to be conserved, but changes at the rate "
-                f"{found.values[worst]:.6g} at {found.described(worst)}. This is a fault of lagrange, please report it "
-                "with this message."
+                f"{found.values[worst]:.6g} at {found.described(worst)}. {FAULT}"
             )

@@ -16,7 +16,7 @@ from typing import Any
 import sympy
 
 from lagrange.errors import SceneError, StatementError, listing, shown, suggestion
-from lagrange.statement.coordinate import name_of, t
+from lagrange.statement.parameters import label_of
 from lagrange.statement.text import read_expression
 
 SAME_FACTOR = 1e-9
@@ -149,7 +149,8 @@ def read_dimension(given: Any, what: str) -> Dimension:
     Raises StatementError for a name that is no dimension and no unit.
     """
     if isinstance(given, str):
-        return replace(_dimension_of(_from_text(given, what), what), unit=_unit_of(given))
+        stated = _from_text(given, what)
+        return replace(_dimension_of(stated, what), unit=given.strip() if _is_unit(stated) else "")
     if isinstance(given, (int, float)) and not isinstance(given, bool) and given == 1:
         return DIMENSIONLESS
     if isinstance(given, sympy.Expr):
@@ -161,13 +162,12 @@ def read_dimension(given: Any, what: str) -> Dimension:
     )
 
 
-def _unit_of(text: str) -> str:
-    """Return a text that names units alone, and an empty one for dimensions."""
+def _is_unit(stated: Any) -> bool:
+    """Return whether a product of powers names units alone."""
     from sympy.physics.units import Quantity
 
-    names = [str(symbol) for symbol in _from_text(text, "a unit").free_symbols]
-    units = [name for name in names if isinstance(known_names()[name], Quantity)]
-    return text.strip() if names and units == names else ""
+    names = [symbol.name for symbol in stated.free_symbols]
+    return bool(names) and all(isinstance(known_names()[name], Quantity) for name in names)
 
 
 def _from_text(text: str, what: str) -> Any:
@@ -221,7 +221,8 @@ def read_dimensions(given: Any, known: Mapping[str, Any]) -> dict[Any, Dimension
         raise StatementError(
             f"dimensions is {shown(given)}: give a dict from symbols to dimensions, such as {{m: 'mass', l: 'length'}}."
         )
-    dimensions = {_name(key): read_dimension(value, f"the dimension of {_name(key)}") for key, value in given.items()}
+    named_by = {label_of(key): value for key, value in given.items()}
+    dimensions = {name: read_dimension(value, f"the dimension of {name}") for name, value in named_by.items()}
     return {known[name]: dimension for name, dimension in dimensions.items() if name in known}
 
 
@@ -231,11 +232,6 @@ def check_names(given: Mapping[Any, Any], known: Mapping[str, Any]) -> None:
         if isinstance(key, sympy.Basic) or key in known:
             continue
         raise StatementError(
-            f"dimensions names {_name(key)[:60]!r}, which this system does not have; its symbols are {listing(known)}."
-            + suggestion(_name(key), list(known))
+            f"dimensions names {label_of(key)!r}, which this system does not have; its symbols are {listing(known)}."
+            + suggestion(label_of(key), list(known))
         )
-
-
-def _name(key: Any) -> str:
-    """Return the name of a symbol, of a coordinate, or what is given instead."""
-    return key if isinstance(key, str) else name_of(key) if getattr(key, "args", ()) == (t,) else shown(key).strip("'")

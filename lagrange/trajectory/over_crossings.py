@@ -26,7 +26,7 @@ from lagrange.trajectory.messages import number
 from lagrange.trajectory.methods.explicit import RK4
 from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.paths.piecewise import PiecewisePath
-from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
+from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory, run_until
 
 FAR = 0.03
 """Equal steps begin where the least singular value of the constraints is this part of that at the start.
@@ -84,7 +84,7 @@ def run_over_crossings(integrator: Integrator, problem: Problem) -> Trajectory:
         if over is None:
             break
         crossings.append(crossing)
-        parts = [*parts[:-1], _until(parts[-1], crossing.begin), over]
+        parts = [*parts[:-1], run_until(parts[-1], crossing.begin), over]
         if over.status is Status.SUCCESS and over.span[1] != problem.t1:
             parts.append(run_by(integrator, _rest(problem, parts, over.span[1], _last_state(over))))
     return _joined(problem, parts, crossings) if crossings else found
@@ -180,21 +180,6 @@ def _rest(problem: Problem, parts: Sequence[Trajectory], begin: float, y: FloatA
 def _counted(event: Event, count: int) -> Event:
     """Return an event that has happened so often."""
     return replace(event, terminal=max(event.terminal - count, 1)) if event.terminal else event
-
-
-def _until(part: Trajectory, end: float) -> Trajectory:
-    """Return a run up to a time."""
-    forward = 1.0 if part.span[1] >= part.span[0] else -1.0
-    kept = forward * (part.t - end) <= 0
-    events = [forward * (times - end) <= 0 for times in part.t_events]
-    return replace(
-        part,
-        t=part.t[kept],
-        y=part.y[:, kept],
-        span=(part.span[0], end),
-        t_events=tuple(times[few] for times, few in zip(part.t_events, events, strict=True)),
-        y_events=tuple(states[few] for states, few in zip(part.y_events, events, strict=True)),
-    )
 
 
 def _told(crossings: Sequence[_Crossing]) -> str:

@@ -14,7 +14,7 @@ from lagrange.trajectory.constraints.passage import dependent_passage
 from lagrange.trajectory.inertia import crossing
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.messages import message
-from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
+from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory, run_until
 
 AT_THE_END = 1e-6
 """A place within this last part of a step is its end: there steps of series end on surfaces that they know."""
@@ -78,17 +78,5 @@ def _shortened(
 ) -> Trajectory:
     """Return a run up to a time and a state, as singular there."""
     t, y = end
-    forwards = 1 if problem.t1 >= problem.t0 else -1
-    before = (found.t - t) * forwards <= 0
-    events = [(times - t) * forwards <= 0 for times in found.t_events]
-    return replace(
-        found,
-        t=found.t[before],
-        y=found.y[:, before],
-        status=Status.SINGULAR,
-        message=message(Status.SINGULAR, problem, t, y, found.method, detail=detail),
-        steps=steps,
-        span=(found.span[0], t),
-        t_events=tuple(times[kept] for times, kept in zip(found.t_events, events, strict=True)),
-        y_events=tuple(states[kept] for states, kept in zip(found.y_events, events, strict=True)),
-    )
+    told = message(Status.SINGULAR, problem, t, y, found.method, detail=detail)
+    return replace(run_until(found, t), status=Status.SINGULAR, message=told, steps=steps)

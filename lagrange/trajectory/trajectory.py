@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -104,3 +104,18 @@ class Trajectory:
         """Put what was checked in the place of what was given, if it is another object."""
         if value is not getattr(self, name):
             object.__setattr__(self, name, value)
+
+
+def run_until(run: Trajectory, end: float) -> Trajectory:
+    """Return the outputs and events of a run up to a time that it reached."""
+    forward = 1.0 if run.span[1] >= run.span[0] else -1.0
+    kept = forward * (run.t - end) <= 0
+    events = [forward * (times - end) <= 0 for times in run.t_events]
+    return replace(
+        run,
+        t=run.t[kept],
+        y=run.y[:, kept],
+        span=(run.span[0], end),
+        t_events=tuple(times[few] for times, few in zip(run.t_events, events, strict=True)),
+        y_events=tuple(states[few] for states, few in zip(run.y_events, events, strict=True)),
+    )
