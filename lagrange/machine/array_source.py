@@ -13,8 +13,9 @@ import numpy as np
 
 from lagrange.errors import LagrangeError
 from lagrange.machine.python_source import Printer, defined
-from lagrange.procedure.form import CONSTANT, Each, Let, Load, Procedure, Read, Store, Write
+from lagrange.procedure.form import CONSTANT, REAL, Each, Let, Load, Procedure, Read, Store, Write
 from lagrange.procedure.interpreter import OPERATIONS
+from lagrange.procedure.syntax import ATOM
 
 AT_ONCE: Mapping[str, Callable[..., Any]] = {
     "select": np.where,
@@ -71,6 +72,7 @@ class _ArrayPrinter(Printer):
         for fold in each.folds:
             if fold.op != "magnitude":
                 raise LagrangeError(f"{fold.op} has no form for all iterations at once.")
+            self.types[fold.ref] = REAL
             self.write(f"{self.name(fold.ref)} = _largest({self.text(fold.value)})")
         self.waiting.clear()
         self.each_of = None
@@ -79,7 +81,7 @@ class _ArrayPrinter(Printer):
         if self.each_of is None or let.op == CONSTANT or let.op in AS_WRITTEN:
             super().let(let)
         elif let.op in AT_ONCE:
-            self.made(let.ref, 9, f"_all_{let.op}({', '.join(self.text(arg) for arg in let.args)})")
+            self.made(let.ref, let.kind, ATOM, f"_all_{let.op}({', '.join(self.text(arg) for arg in let.args)})")
         else:
             raise LagrangeError(f"{let.op} has no form for all iterations at once.")
 
@@ -90,6 +92,6 @@ class _ArrayPrinter(Printer):
         elif isinstance(statement, Load):
             # A view would change with what is stored.
             copied = ".copy()" if statement.array in self.stored else ""
-            self.made(statement.ref, 10, f"{self.text(statement.array)}[:{self.count}]{copied}")
+            self.made(statement.ref, statement.kind, ATOM, f"{self.text(statement.array)}[:{self.count}]{copied}")
         else:
             self.write(f"{self.text(statement.array)}[:{self.count}] = {self.text(statement.value)}")

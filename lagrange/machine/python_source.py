@@ -9,43 +9,15 @@ from __future__ import annotations
 
 import keyword
 import math
-import re
 from array import array
 from collections.abc import Callable, Mapping, Sequence
+from types import SimpleNamespace
 from typing import Any
 
-from lagrange.procedure.form import (
-    CONSTANT,
-    PARTIAL,
-    REAL,
-    SUMS,
-    Array,
-    Block,
-    Call,
-    Declare,
-    Each,
-    Fold,
-    Get,
-    Kind,
-    Leave,
-    Let,
-    Load,
-    Loop,
-    Note,
-    Part,
-    Procedure,
-    Read,
-    Record,
-    Repeat,
-    Reserve,
-    Set,
-    Statement,
-    Store,
-    When,
-    Write,
-    inner,
-)
+from lagrange.procedure.form import PARTIAL, REAL, Array, Call, Kind, Part, Procedure, Record
 from lagrange.procedure.interpreter import OPERATIONS, Span
+from lagrange.procedure.source_printer import SourcePrinter, results_of
+from lagrange.procedure.syntax import ATOM
 
 SPELLED: Mapping[str, tuple[int, str]] = {
     "select": (1, "{1} if {0} else {2}"),
@@ -82,21 +54,10 @@ OPERANDS: Mapping[str, tuple[int, ...]] = {
 }
 """The least precedence of each operand that needs no parentheses."""
 
-TURNED = {"less": ">", "less_equal": ">="}
-"""Comparisons with the operands exchanged, for a constant that comes first."""
-
-ATOM = 10
-
-INDICES = ("i", "j", "k", "l", "i5", "i6", "i7", "i8")
-"""Names of loop indices, from the outermost on."""
-
-LONGEST_VALUE = 60
-"""A value of this many characters gets a name."""
-
 
 def source(procedure: Procedure) -> str:
     """Return Python source of a procedure and of all that it calls: one function each, callees first."""
-    return "\n\n".join(Printer(one).function() for one in (*procedure.callees, procedure))
+    return "\n\n".join(_PythonPrinter(one).function() for one in (*procedure.callees, procedure))
 
 
 def loaded(procedure: Procedure) -> Callable[..., Any]:
@@ -106,7 +67,11 @@ def loaded(procedure: Procedure) -> Callable[..., Any]:
     value or a tuple of values.
     """
     names: dict[str, Any] = {f"_{op}": function for op, function in OPERATIONS.items() if op not in SPELLED}
-    names |= {"_part": part_of, "_reals": _reals, "_wholes": _wholes, "nan": math.nan, "inf": math.inf}
+    names |= {"_part": part_of, "_reals": _reals, "_wholes": _wholes, "_record": SimpleNamespace}
+    names |= {
+        "nan": math.nan,
+        "inf": math.inf,
+    }
     made = defined(source(procedure), procedure.name, names)
     arrays = [isinstance(parameter.type, Array) for parameter in procedure.parameters]
 
@@ -142,210 +107,91 @@ def _wholes(count: int) -> memoryview:
     return memoryview(array("q", [0]) * count)
 
 
-class Printer:
-    """Prints one procedure. A value that is used once stands where it is used, unless what it reads changes before."""
+class _PythonPrinter(SourcePrinter):
+    """Prints one procedure as Python."""
 
-    def __init__(self, procedure: Procedure) -> None:
-        self.procedure = procedure
-        self.lines: list[str] = []
-        self.texts: dict[int, tuple[int, str]] = {}
-        """The text of each value, and how tightly it binds."""
-        self.taken: dict[str, None] = {}
-        self.uses = _uses(procedure.body)
-        self.waiting: dict[int, None] = {}
-        """The values that have been printed nowhere yet."""
-        self.constants: dict[int, None] = {}
-        self.depth = 1
-        self.loops = 0
-        self.taken |= dict.fromkeys((*INDICES, *(callee.name for callee in procedure.callees)))
+    spelled = SPELLED
+    operands = OPERANDS
 
-    def function(self) -> str:
-        """Return the function."""
-        given = []
-        for parameter in self.procedure.parameters:
-            self.name(parameter.ref, parameter.name)
-            given.append(self.texts[parameter.ref][1])
-        self.block(self.procedure.body)
-        head = [f"def {self.procedure.name}({', '.join(given)}):", f'    """{self.procedure.about}"""']
-        return "\n".join([*head, *self.lines, ""])
+    def head(self) -> list[str]:
+        given = ", ".join(self.text(parameter.ref) for parameter in self.procedure.parameters)
+        return [f"def {self.function_name(self.procedure)}({given}):", f'    """{self.procedure.about}"""']
 
-    def name(self, ref: int, stem: str = "") -> str:
-        """Choose an unused name for a value."""
-        wanted = re.sub(r"\W", "_", stem or self.procedure.names.get(ref, f"x{ref}"))
-        while wanted in self.taken or keyword.iskeyword(wanted) or wanted.startswith("_"):
-            wanted = f"{wanted.strip('_')}{ref}"
-        self.taken[wanted] = None
-        self.texts[ref] = ATOM, wanted
-        return wanted
+    def legal(self, stem: str) -> str:
+        return f"{stem.strip('_')}_" if keyword.iskeyword(stem) or stem.startswith("_") else stem
 
-    def write(self, line: str) -> None:
-        """Print a statement, and before it the values that it might change."""
-        self.settle()
-        self.lines.append("    " * self.depth + line)
+    def literal(self, kind: Kind, data: Any) -> tuple[int, str]:
+        return literal(kind, data)
 
-    def settle(self) -> None:
-        """Assign every pending value to a name here."""
-        for ref in list(self.waiting):
-            _, text = self.texts[ref]
-            self.lines.append("    " * self.depth + f"{self.name(ref)} = {text}")
-        self.waiting.clear()
+    def function_of(self, op: str) -> str:
+        return f"_{op}"
 
-    def text(self, ref: int, least: int = 0) -> str:
-        """Return a value as an operand, in parentheses where it binds less tightly than it must."""
-        self.waiting.pop(ref, None)
-        level, found = self.texts[ref]
-        return found if level >= least else f"({found})"
+    def define(self, name: str, kind: Kind, text: str) -> str:
+        return f"{name} = {text}"
 
-    def block(self, block: Block) -> None:
-        """Print statements."""
-        before = len(self.lines)
-        for statement in block:
-            self.statement(statement)
-        self.waiting.clear()
-        if all(line.lstrip().startswith("#") for line in self.lines[before:]):
-            self.write("pass")
+    def assign(self, target: str, text: str) -> str:
+        return f"{target} = {text}"
 
-    def inside(self, block: Block) -> None:
-        """Print statements one level deeper."""
-        self.depth += 1
-        self.block(block)
-        self.depth -= 1
+    def element(self, array: int, place: int) -> str:
+        return f"{self.text(array)}[{self.text(place)}]"
 
-    def statement(self, statement: Statement) -> None:
-        """Print a statement."""
-        match statement:
-            case Let():
-                self.let(statement)
-            case Reserve(ref=ref, array=held):
-                kind = "reals" if held.kind is REAL else "wholes"
-                self.write(f"{self.name(ref)} = _{kind}({(held.size or 0) + held.room})")
-            case Part(ref=ref, array=array, start=start):
-                self.write(f"{self.name(ref)} = _part({self.text(array)}, {self.text(start)})")
-            case Load() | Store() | Read() | Write():
-                self.memory(statement)
-            case Declare(ref=ref, value=value):
-                self.write(f"{self.name(ref)} = {self.text(value)}")
-            case Get(ref=ref, variable=variable):
-                self.made(ref, ATOM, self.text(variable))
-            case Set(variable=variable, value=value):
-                self.write(f"{self.text(variable)} = {self.text(value)}")
-            case Call():
-                self.call(statement)
-            case Leave(values=values):
-                self.write(f"return {', '.join(self.text(value) for value in values)}".rstrip())
-            case Note(text=text):
-                self.write(f"# {text}")
-            case When() | Loop() | Repeat() | Each():
-                self.control(statement)
+    def reserve(self, ref: int, array: Array) -> None:
+        kind = "reals" if array.kind is REAL else "wholes"
+        self.put(f"{self.name(ref)} = _{kind}({(array.size or 0) + array.room})")
 
-    def let(self, let: Let) -> None:
-        """Print or keep an operation."""
-        if let.op == CONSTANT:
-            self.constants[let.ref] = None
-            self.texts[let.ref] = literal(let.kind, let.data)
-            return
-        level, spelled = SPELLED.get(let.op, (9, f"_{let.op}({', '.join(f'{{{i}}}' for i in range(len(let.args)))})"))
-        least = OPERANDS.get(let.op, (0,) * len(let.args))
-        args = [self.text(arg, one) for arg, one in zip(let.args, least, strict=True)]
-        if let.op in TURNED and let.args[0] in self.constants:
-            spelled = f"{{1}} {TURNED[let.op]} {{0}}"
-        found = spelled.format(*args)
-        self.made(let.ref, level, found)
+    def reserve_record(self, ref: int, record: Record) -> None:
+        zeros = ", ".join(f"{name}={'0.0' if kind is REAL else '0'}" for name, kind in record.fields)
+        self.put(f"{self.name(ref)} = _record({zeros})")
 
-    def made(self, ref: int, level: int, text: str) -> None:
-        """Keep a value for the place where it is used, or print it here: where it has a name, or is used more."""
-        if self.uses.get(ref, 0) == 1 and len(text) < LONGEST_VALUE and ref not in self.procedure.names:
-            self.texts[ref], self.waiting[ref] = (level, text), None
-        elif ref in self.uses:
-            self.lines.append("    " * self.depth + f"{self.name(ref)} = {text}")
-
-    def memory(self, statement: Load | Store | Read | Write) -> None:
-        """Print what is read or written."""
-        match statement:
-            case Load(ref=ref, array=array, place=index):
-                self.made(ref, ATOM, f"{self.text(array)}[{self.text(index)}]")
-            case Store(array=array, place=index, value=value):
-                self.write(f"{self.text(array)}[{self.text(index)}] = {self.text(value)}")
-            case Read(ref=ref, record=record, field=field):
-                self.made(ref, ATOM, f"{self.text(record)}.{field}")
-            case Write(record=record, field=field, value=value):
-                self.write(f"{self.text(record)}.{field} = {self.text(value)}")
+    def part(self, part: Part) -> None:
+        self.write(f"{self.name(part.ref)} = _part({self.text(part.array)}, {self.text(part.start)})")
 
     def call(self, call: Call) -> None:
-        """Print a call and name its results."""
-        target = call.callee.name if isinstance(call.callee, Procedure) else self.text(call.callee)
+        target = self.function_name(call.callee) if isinstance(call.callee, Procedure) else self.text(call.callee)
         made = f"{target}({', '.join(self.text(arg) for arg in call.args)})"
-        names = ", ".join(self.name(ref) for ref in call.refs)
+        kinds = results_of(self, call)
+        names = ", ".join(self.named(ref, kind) for ref, kind in zip(call.refs, kinds, strict=True))
         self.write(f"{names} = {made}" if names else made)
 
-    def control(self, statement: When | Loop | Repeat | Each) -> None:
-        """Print a branch or a loop."""
-        match statement:
-            case When(condition=condition, then=then, otherwise=otherwise):
-                self.write(f"if {self.text(condition)}:")
-                self.inside(then)
-                if otherwise:
-                    self.write("else:")
-                    self.inside(otherwise)
-            case Loop(place=index, start=start, stop=stop, step=step, body=body):
-                places = [self.text(start), self.text(stop), *([str(step)] if step != 1 else [])]
-                shown = places if places[0] != "0" or step != 1 else places[1:]
-                self.iterations(index, ", ".join(shown), body)
-            case Repeat(test=test, condition=condition, body=body):
-                self.repeat(test, condition)
-                self.inside(body)
-            case Each():
-                self.each(statement)
+    def named(self, ref: int, kind: Kind) -> str:
+        """Return the new name of a result."""
+        self.types[ref] = kind
+        return self.name(ref)
 
-    def repeat(self, test: Block, condition: int) -> None:
-        """Print the head of a loop under a condition, which stands inside where it takes more than a line."""
-        self.settle()
-        before = len(self.lines)
-        self.depth += 1
-        for statement in test:
-            self.statement(statement)
-        if len(self.lines) > before:
-            self.write(f"if not {self.text(condition, 4)}:")
-            self.lines += ["    " * (self.depth + 1) + "break"]
-        self.depth -= 1
-        head = "while True:" if len(self.lines) > before else f"while {self.text(condition)}:"
-        self.lines.insert(before, "    " * self.depth + head)
+    def leave(self, values: Sequence[int]) -> None:
+        self.write(f"return {', '.join(self.text(value) for value in values)}".rstrip())
 
-    def iterations(self, index: int, places: str, body: Block) -> None:
-        """Print a loop over places."""
-        self.texts[index] = ATOM, INDICES[self.loops]
-        self.write(f"for {INDICES[self.loops]} in range({places}):")
-        self.loops += 1
-        self.inside(body)
-        self.loops -= 1
+    def comment(self, text: str) -> str:
+        return f"# {text}"
 
-    def each(self, each: Each) -> None:
-        """Print an `each` as a loop."""
-        for fold in each.folds:
-            start = {"add": f"[0.0] * {PARTIAL}", "dot": f"[0.0] * {PARTIAL}", "magnitude": "0.0"}.get(fold.op, "-inf")
-            self.write(f"{self.name(fold.ref)} = {start}")
-        self.iterations(each.place, self.text(each.iterations), each.body)
-        self.depth += 1
-        for fold in each.folds:
-            self.write(self.folded(fold, self.text(each.place)))
-        self.depth -= 1
-        for fold in each.folds:
-            name = self.text(fold.ref)
-            if fold.op in SUMS:
-                self.write(f"{name} = ({name}[0] + {name}[1]) + ({name}[2] + {name}[3])")
+    def opening(self, kind: str, *texts: str) -> str:
+        match kind, texts:
+            case "for", (index, start, stop, step):
+                places = f"{start}, {stop}" if start != "0" or step != "1" else stop
+                return f"for {index} in range({places}{'' if step == '1' else f', {step}'}):"
+            case _:
+                return " ".join([{"forever": "while True"}.get(kind, kind), *texts]) + ":"
 
-    def folded(self, fold: Fold, index: str) -> str:
-        """Return the line that takes one more value of a fold."""
-        name = self.text(fold.ref)
-        if fold.op in ("max", "magnitude"):
-            return f"{name} = _{fold.op}({name}, {self.text(fold.value)})"
-        if fold.op == "most":
-            value = self.text(fold.value)
-            return f"{name} = {value} if {value} > {name} else {name}"
-        factors = [self.text(fold.value)]
-        if fold.factor is not None:
-            factors = [self.text(fold.value, 7), self.text(fold.factor, 8)]
-        return f"{name}[{index} % {PARTIAL}] += {' * '.join(factors)}"
+    def closing(self, kind: str) -> str:
+        return ""
+
+    def leaving_loop(self) -> str:
+        return "break"
+
+    def empty(self) -> str:
+        return "pass"
+
+    def partial_sums(self, ref: int) -> None:
+        self.put(f"{self.name(ref)} = [0.0] * {PARTIAL}")
+
+    def partial(self, ref: int, place: str) -> str:
+        return f"{self.text(ref)}[{place}]"
+
+    def modulo(self, index: str) -> str:
+        return f"{index} % {PARTIAL}"
+
+
+Printer = _PythonPrinter
 
 
 def literal(kind: Kind, data: Any) -> tuple[int, str]:
@@ -353,43 +199,3 @@ def literal(kind: Kind, data: Any) -> tuple[int, str]:
     if kind is not REAL or math.isfinite(data):
         return (8 if not isinstance(data, bool) and data < 0 else ATOM), repr(data)
     return (8, "-inf") if data < 0 else (ATOM, "inf" if data > 0 else "nan")
-
-
-def _uses(block: Block) -> dict[int, int]:
-    """Count how often each value is used; what is used inside of a loop that does not make it counts as often."""
-    found: dict[int, int] = {}
-
-    def use(refs: Sequence[int]) -> None:
-        for ref in refs:
-            found[ref] = found.get(ref, 0) + 1
-
-    for statement in block:
-        match statement:
-            case Let(args=args) | Call(args=args) | Leave(values=args):
-                use(args)
-            case Part(start=one) | Load(place=one) | Write(value=one) | Declare(value=one) | Set(value=one):
-                use([one])
-            case Store(place=index, value=value):
-                use([index, value])
-            case When(condition=one):
-                use([one])
-            case Loop(start=start, stop=stop):
-                use([start, stop])
-            case Each(iterations=count, folds=folds):
-                use([count, *(ref for fold in folds for ref in (fold.value, fold.factor) if ref is not None)])
-            case Repeat(condition=condition):
-                use([condition])
-            case Record() | Read() | Get() | Reserve() | Note():
-                continue
-        loops = isinstance(statement, (Loop, Repeat, Each))
-        for body in inner(statement):
-            made = _defined(body)
-            for ref, count in _uses(body).items():
-                found[ref] = found.get(ref, 0) + (count if ref in made or not loops else 2 * count)
-    return found
-
-
-def _defined(block: Block) -> frozenset[int]:
-    """Return the values that a block defines."""
-    here = (one.ref for one in block if isinstance(one, (Let, Load, Read, Get)))
-    return frozenset(here).union(*(_defined(body) for one in block for body in inner(one)))

@@ -40,10 +40,11 @@ from lagrange.procedure.form import (
     Record,
     Repeat,
     Reserve,
+    ReserveRecord,
     Statement,
     When,
-    result_kind,
 )
+from lagrange.procedure.operations import result_kind
 from lagrange.procedure.values import VALUES, Fields, Flag, Memory, Real, Value, Variable, Whole
 from lagrange.procedure.verify import verify
 
@@ -239,6 +240,13 @@ class Builder:
         if name:
             self.names[ref] = name
         return Memory(self, ref, array)
+
+    def reserve_record(self, record: Record, name: str = "") -> Any:
+        """Return a local record; its fields are zero at first."""
+        ref = self._fresh()
+        self.add(ReserveRecord(ref, record))
+        self.names[ref] = name or record.name.lower()
+        return Fields(self, ref, record)
 
     def part(self, memory: Memory, start: Any) -> Memory:
         """Return the part of an array from an index on."""

@@ -36,6 +36,7 @@ from lagrange.procedure.form import (
     Read,
     Repeat,
     Reserve,
+    ReserveRecord,
     Set,
     Store,
     When,
@@ -90,6 +91,10 @@ def _let(let: Let, known: Environment) -> None:
 def _reserve(reserve: Reserve, known: Environment) -> None:
     size = (reserve.array.size or 0) + reserve.array.room
     known[reserve.ref] = Span([math.nan if reserve.array.kind is REAL else 0] * size)
+
+
+def _reserve_record(reserve: ReserveRecord, known: Environment) -> None:
+    known[reserve.ref] = reserve.record.structure()
 
 
 def _part(part: Part, known: Environment) -> None:
@@ -190,6 +195,7 @@ def _leave(leave: Leave, known: Environment) -> Results:
 _STATEMENTS: Mapping[type, Callable[[Any, Environment], Results | None]] = {
     Let: _let,
     Reserve: _reserve,
+    ReserveRecord: _reserve_record,
     Part: _part,
     Load: _load,
     Store: _store,

@@ -34,14 +34,15 @@ from lagrange.procedure.form import (
     Record,
     Repeat,
     Reserve,
+    ReserveRecord,
     Set,
     Statement,
     Store,
     Type,
     When,
     Write,
-    result_kind,
 )
+from lagrange.procedure.operations import result_kind
 
 IN_ITERATIONS = (Let, Load, Store, Part, Declare, Get, Set, Loop, Note)
 """Statements that an iteration of an `each` may have. Its loops have the same count in every iteration."""
@@ -145,6 +146,8 @@ class _Check:
                 if array.size is None:
                     raise self.error(f"the array %{ref} of its own has no size")
                 self.define(ref, array)
+            case ReserveRecord(ref=ref, record=record):
+                self.define(ref, record)
             case Part(ref=ref, array=array, start=start):
                 held = self.array(array)
                 self.kind(start, WHOLE)

@@ -21,8 +21,8 @@ from lagrange.machine.llvm.address import address, workspace
 from lagrange.machine.llvm.called import compiled
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.engine import Module
-from lagrange.machine.llvm.operations import declarations
-from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA, argument_type, function, module
+from lagrange.machine.llvm.operations import argument_type, declarations
+from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA, function, module
 from lagrange.procedure.dense.block import LANES, POLYNOMIAL, StepPolynomial, block_size
 from lagrange.procedure.dense.evaluate import outputs, polynomials
 from lagrange.procedure.dense.series import series_polynomial

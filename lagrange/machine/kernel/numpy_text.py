@@ -20,8 +20,8 @@ from lagrange.machine.kernel.python_text import (
     products_of,
     rows_of,
 )
-from lagrange.machine.python_source import ATOM
 from lagrange.procedure.linear.ldl import RESIDUAL, least_pivot
+from lagrange.procedure.syntax import ATOM
 from lagrange.program.program import Instruction, Program
 
 UFUNCS = {op: function.__name__ for op, function in OPERATIONS.items() if isinstance(function, np.ufunc)}

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from lagrange.machine.python_source import ATOM, LONGEST_VALUE, OPERANDS, SPELLED, literal
+from lagrange.machine.python_source import OPERANDS, SPELLED, literal
 from lagrange.procedure.form import REAL
 from lagrange.procedure.linear.ldl import RESIDUAL, least_pivot
+from lagrange.procedure.source_printer import LONGEST_VALUE
+from lagrange.procedure.syntax import ATOM
 from lagrange.program.program import Instruction, Program
 
 WRITTEN_OUT = 12

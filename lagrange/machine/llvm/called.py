@@ -17,8 +17,8 @@ from lagrange.machine.copies import Shared
 from lagrange.machine.llvm.address import address
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.engine import Module
-from lagrange.machine.llvm.operations import KINDS, declarations
-from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA, argument_type, function, result_type
+from lagrange.machine.llvm.operations import KINDS, argument_type, declarations, result_type
+from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA, function
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
 
 _CALL = ctypes.CFUNCTYPE(None, ctypes.c_void_p)

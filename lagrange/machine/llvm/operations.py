@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from lagrange.machine.llvm.emitter import Emitter, literal, suffix
-from lagrange.procedure.form import FLAG, OPERATIONS, REAL, WHOLE, WIDTHS, Kind, Let
+from lagrange.procedure.form import FLAG, REAL, WHOLE, WIDTHS, Kind, Let, Type
+from lagrange.procedure.operations import OPERATIONS
 
 KINDS = {REAL: "double", WHOLE: "i64", FLAG: "i1"}
 """LLVM's type of each kind."""
@@ -175,3 +176,18 @@ def _mantissa(e: Emitter, x: str) -> str:
 
 
 _BITS = {"two_to": _two_to, "exponent": _exponent, "mantissa": _mantissa}
+
+
+def result_type(results: Sequence[Kind]) -> str:
+    """Return LLVM's type of some results."""
+    return together([KINDS[kind] for kind in results])
+
+
+def together(types: Sequence[str]) -> str:
+    """Return the type of several values as one."""
+    return types[0] if len(types) == 1 else "{" + ", ".join(types) + "}" if types else "void"
+
+
+def argument_type(kind: Type) -> str:
+    """Return LLVM's type of an argument."""
+    return KINDS[kind] if isinstance(kind, Kind) else "ptr"

@@ -9,10 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.iterations import IterationBlock, Lanes, accesses, base_arrays, eaches, number
-from lagrange.machine.llvm.operations import KINDS, constant, declarations, spell, splat, type_of
+from lagrange.machine.llvm.operations import (
+    KINDS,
+    argument_type,
+    constant,
+    declarations,
+    result_type,
+    spell,
+    splat,
+    together,
+    type_of,
+)
 from lagrange.procedure.form import (
     CONSTANT,
     FLAG,
@@ -39,6 +50,7 @@ from lagrange.procedure.form import (
     Record,
     Repeat,
     Reserve,
+    ReserveRecord,
     Set,
     Statement,
     Store,
@@ -62,11 +74,10 @@ leave the width to LLVM: else it copies blocks of four in pairs, which wait for 
 
 def module(procedures: Sequence[Procedure], *, elsewhere: Sequence[Procedure] = ()) -> str:
     """Return the IR of procedures and of all that they call, but for those that stand in another module."""
-    outside = dict.fromkeys(elsewhere)
     wanted: dict[Procedure, None] = {}
     for procedure in procedures:
         wanted |= dict.fromkeys(one for one in (*procedure.callees, procedure) if one not in hidden_by(elsewhere))
-    declared = [declaration(one) for one in outside]
+    declared = [declaration(one) for one in dict.fromkeys(elsewhere)]
     made = [function(one, hidden=one not in dict.fromkeys(procedures)) for one in wanted]
     return "\n".join([declarations(), *declared, *made, METADATA, ATTRIBUTES])
 
@@ -88,21 +99,6 @@ def declaration(procedure: Procedure) -> str:
 def function(procedure: Procedure, *, hidden: bool = False, merged: bool = False) -> str:
     """Return the IR of one procedure; a `hidden` one may be merged into its callers, and `merged` says that it is."""
     return Printer(procedure).function("internal " if hidden else "", "alwaysinline " if merged else "")
-
-
-def result_type(results: Sequence[Kind]) -> str:
-    """Return LLVM's type of some results."""
-    return _together([KINDS[kind] for kind in results])
-
-
-def _together(types: Sequence[str]) -> str:
-    """Return the type of several values as one."""
-    return types[0] if len(types) == 1 else "{" + ", ".join(types) + "}" if types else "void"
-
-
-def argument_type(kind: Type) -> str:
-    """Return LLVM's type of an argument."""
-    return KINDS[kind] if isinstance(kind, Kind) else "ptr"
 
 
 class Printer:
@@ -180,40 +176,44 @@ class Printer:
 
     def statement(self, statement: Statement) -> None:
         """Print a statement."""
-        if isinstance(statement, Let):
-            self.let(statement)
-            return
-        e = self.e
         match statement:
+            case Let():
+                self.let(statement)
             case Load() | Store() | Read() | Write():
                 self.memory(statement)
             case Declare() | Get() | Set():
                 self.variable(statement)
             case Reserve(ref=ref, array=array):
                 room = (array.size or 0) + (array.room if array.room > 1 else 0)
-                self.define(ref, e.reserve(KINDS[array.kind], room), array)
-            case Part(ref=ref, array=array, start=start):
-                held = self.array(array)
-                place = e.address(self.values[array], self.values[start], KINDS[held.kind])
-                self.define(ref, place, Array(held.kind, None, held.read, held.room))
+                self.define(ref, self.e.reserve(KINDS[array.kind], room), array)
+            case ReserveRecord() | Part():
+                self.place(statement)
             case Call():
                 self.call(statement)
             case Leave(values=values):
                 self.leave(values)
             case Note():
-                e.lines += [f"  ; {line}" for line in statement.text.splitlines()]
+                self.e.lines += [f"  ; {line}" for line in statement.text.splitlines()]
             case When() | Loop() | Repeat() | Each():
                 self.control(statement)
+
+    def place(self, one: ReserveRecord | Part) -> None:
+        """Print the address of a record of zeros, or of a part of an array."""
+        if isinstance(one, ReserveRecord):
+            self.define(one.ref, self.e.reserve(numbers := f"[{len(one.record.fields)} x i64]"), one.record)
+            return self.e.store("zeroinitializer", self.values[one.ref], numbers)
+        held = self.array(one.array)
+        place = self.e.address(self.values[one.array], self.values[one.start], KINDS[held.kind])
+        return self.define(one.ref, place, replace(held, size=None))
 
     def let(self, let: Let) -> None:
         """Print an operation, on vectors where an operand is one."""
         if let.op == CONSTANT:
-            self.define(let.ref, constant(let), let.kind)
-            return
+            return self.define(let.ref, constant(let), let.kind)
         lanes = max(self.lanes(arg) for arg in let.args)
         kinds = tuple(self.kinds[arg] for arg in let.args)
         made = spell(self.e, let.op, kinds, [self.operand(arg, lanes) for arg in let.args], lanes)
-        self.define(let.ref, made, let.kind, wide=lanes > 1)
+        return self.define(let.ref, made, let.kind, wide=lanes > 1)
 
     def memory(self, statement: Load | Store | Read | Write) -> None:
         """Print what is read or written."""
@@ -282,7 +282,7 @@ class Printer:
         """Print a call and name its results; flags of a `foreign` function are C's ints."""
         e = self.e
         types = ["i32" if foreign and kind is FLAG else KINDS[kind] for kind in results]
-        whole = _together(types)
+        whole = together(types)
         made = f"call {'swiftcc ' if foreign and len(results) > 1 else ''}{whole} {what}"
         if not results:
             e.do(made)

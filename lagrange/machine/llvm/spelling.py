@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from lagrange.machine.llvm import operations
 from lagrange.machine.llvm.emitter import Emitter, literal, suffix
 from lagrange.machine.llvm.operations import INTRINSICS, LIBRARY, declaration, type_of
-from lagrange.procedure.form import FLAG, OPERATIONS, REAL
+from lagrange.procedure.form import FLAG, REAL
+from lagrange.procedure.operations import OPERATIONS
 from lagrange.program.program import ARITY
 
 BOOLEAN = frozenset(op for op, signatures in OPERATIONS.items() if signatures[0][1] is FLAG)

@@ -15,8 +15,8 @@ import llvmlite.binding as llvm
 
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.engine import Module
-from lagrange.machine.llvm.operations import declarations
-from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA, argument_type, declaration, function, result_type
+from lagrange.machine.llvm.operations import argument_type, declarations, result_type
+from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA, declaration, function
 from lagrange.machine.llvm.tiers import TieredModule
 from lagrange.procedure.form import Procedure, calls
 from lagrange.procedure.taylor.crossing import cross_surface

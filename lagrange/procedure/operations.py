@@ -1,0 +1,51 @@
+"""The operations of procedures: what each takes and gives."""
+
+from __future__ import annotations
+
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Kind
+
+Signature = tuple[tuple[Kind, ...], Kind]
+
+
+def _functions(names: str, *signatures: Signature) -> dict[str, tuple[Signature, ...]]:
+    return dict.fromkeys(names.split(), signatures)
+
+
+_UNARY: Signature = ((REAL,), REAL)
+_BINARY: Signature = ((REAL, REAL), REAL)
+_WHOLES: Signature = ((WHOLE, WHOLE), WHOLE)
+_COMPARED: tuple[Signature, Signature] = ((REAL, REAL), FLAG), ((WHOLE, WHOLE), FLAG)
+
+OPERATIONS: dict[str, tuple[Signature, ...]] = {
+    **_functions("add sub mul min max", _BINARY, _WHOLES),
+    **_functions("div power atan2 copysign magnitude", _BINARY),
+    **_functions("neg", _UNARY, ((WHOLE,), WHOLE)),
+    **_functions("quotient", _WHOLES),
+    **_functions("abs sqrt sign sin cos tan asin acos atan exp log sinh cosh tanh asinh acosh atanh erf round", _UNARY),
+    **_functions("fma", ((REAL, REAL, REAL), REAL)),
+    **_functions("less less_equal equal", *_COMPARED),
+    **_functions("and or", ((FLAG, FLAG), FLAG)),
+    **_functions("not", ((FLAG,), FLAG)),
+    **_functions("select", *(((FLAG, kind, kind), kind) for kind in Kind)),
+    **_functions("real", ((WHOLE,), REAL), ((FLAG,), REAL)),
+    **_functions("whole", ((REAL,), WHOLE), ((FLAG,), WHOLE)),
+    **_functions("two_to", ((WHOLE,), REAL)),
+    **_functions("exponent", ((REAL,), WHOLE)),
+    **_functions("mantissa", ((REAL,), REAL)),
+}
+"""Every operation with the kinds that it takes and gives.
+
+Comparisons are false where an operand is NaN; `min` and `max` are NaN there, and so is `magnitude`, the larger of |a|
+and |b|, which costs processors less than `max`. `fma` is a*b + c rounded once. `round` goes to the nearest whole
+number, ties to even. `quotient` rounds towards zero, and so does `whole` of a real within the range of wholes. A normal
+|x| is mantissa * 2**exponent with 1 <= mantissa < 2; the exponent of infinity and NaN is 1024, that of zero and what is
+below the normals -1023. `two_to` k is 2**k, a normal.
+"""
+
+
+_RESULTS = {(op, taken): result for op, signatures in OPERATIONS.items() for taken, result in signatures}
+
+
+def result_kind(op: str, kinds: tuple[Kind, ...]) -> Kind | None:
+    """Return the kind of an operation's result for operand kinds, or None if it does not take them."""
+    return _RESULTS.get((op, kinds))

@@ -1,0 +1,328 @@
+"""Print a procedure as source text: what all languages share.
+
+A value that is used once stands where it is used, unless what it reads changes before; the others get names. A language
+says how operations, literals, arrays, records, branches and loops look.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from lagrange.procedure.form import (
+    CONSTANT,
+    PARTIAL,
+    REAL,
+    SUMS,
+    WHOLE,
+    Array,
+    Block,
+    Call,
+    Callee,
+    Declare,
+    Each,
+    Fold,
+    Get,
+    Kind,
+    Leave,
+    Let,
+    Load,
+    Loop,
+    Note,
+    Part,
+    Procedure,
+    Read,
+    Repeat,
+    Reserve,
+    ReserveRecord,
+    Set,
+    Statement,
+    Store,
+    Type,
+    When,
+    Write,
+)
+from lagrange.procedure.syntax import ATOM, Syntax
+from lagrange.procedure.uses import uses_of
+
+INDICES = ("i", "j", "k", "l", "i5", "i6", "i7", "i8")
+"""Names of loop indices, from the outermost on."""
+
+LONGEST_VALUE = 60
+"""A value of this many characters gets a name."""
+
+
+class SourcePrinter(Syntax):
+    """Prints one procedure in a language; a subclass says how its statements look."""
+
+    def __init__(self, procedure: Procedure, taken: Iterable[str] = ()) -> None:
+        self.procedure = procedure
+        self.lines: list[str] = []
+        self.texts: dict[int, tuple[int, str]] = {}
+        """The text of each value, and how tightly it binds."""
+        self.types: dict[int, Type] = {}
+        """The types of arrays, records and functions, and the kinds of values."""
+        called = (self.function_name(callee) for callee in procedure.callees)
+        self.taken: dict[str, None] = dict.fromkeys((*INDICES, *called, *taken))
+        self.uses = uses_of(procedure.body)
+        self.waiting: dict[int, None] = {}
+        """The values that have been printed nowhere yet."""
+        self.constants: dict[int, Any] = {}
+        self.depth = 1
+        self.loops = 0
+
+    # --- what languages share
+
+    def function(self) -> str:
+        """Return the function."""
+        for parameter in self.procedure.parameters:
+            self.types[parameter.ref] = parameter.type
+            self.name(parameter.ref, parameter.name)
+        self.block(self.procedure.body)
+        return "\n".join([*self.head(), *self.lines, *self.tail(), ""])
+
+    def function_name(self, procedure: Procedure) -> str:
+        """Return the name of a procedure."""
+        return procedure.name
+
+    def name(self, ref: int, stem: str = "") -> str:
+        """Choose an unused name for a value."""
+        wanted = self.legal(re.sub(r"\W", "_", stem or self.procedure.names.get(ref, f"x{ref}")))
+        while self.key(wanted) in self.taken:
+            wanted = self.legal(f"{wanted.strip('_')}_{ref}" if wanted[-1:].isdigit() else f"{wanted.strip('_')}{ref}")
+        self.taken[self.key(wanted)] = None
+        self.texts[ref] = ATOM, wanted
+        return wanted
+
+    def key(self, name: str) -> str:
+        """Return what two names that are the same to the language have in common."""
+        return name
+
+    def put(self, line: str) -> None:
+        """Print a line as it stands."""
+        if line:
+            self.lines.append(self.indent * self.depth + line)
+
+    def write(self, line: str) -> None:
+        """Print a statement, and before it the values that it might change."""
+        self.settle()
+        self.put(line)
+
+    def settle(self) -> None:
+        """Assign every pending value to a name here."""
+        for ref in list(self.waiting):
+            _, text = self.texts[ref]
+            self.put(self.define(self.name(ref), self.kind(ref), text))
+        self.waiting.clear()
+
+    def kind(self, ref: int) -> Kind:
+        """Return the kind of a value."""
+        found = self.types[ref]
+        assert isinstance(found, Kind)
+        return found
+
+    def array(self, ref: int) -> Array:
+        """Return the type of an array."""
+        found = self.types[ref]
+        assert isinstance(found, Array)
+        return found
+
+    def text(self, ref: int, least: int = 0) -> str:
+        """Return a value as an operand, in parentheses where it binds less tightly than it must."""
+        self.waiting.pop(ref, None)
+        level, found = self.texts[ref]
+        return found if level >= least else f"({found})"
+
+    def block(self, block: Block) -> None:
+        """Print statements."""
+        before = len(self.lines)
+        for statement in block:
+            self.statement(statement)
+        self.waiting.clear()
+        mark = self.comment("").strip()
+        if all(line.lstrip().startswith(mark) for line in self.lines[before:]):
+            self.put(self.empty())
+
+    def inside(self, block: Block) -> None:
+        """Print statements one level deeper."""
+        self.depth += 1
+        self.block(block)
+        self.depth -= 1
+
+    def statement(self, statement: Statement) -> None:
+        """Print a statement."""
+        match statement:
+            case Let():
+                self.let(statement)
+            case Reserve(ref=ref, array=held):
+                self.types[ref] = held
+                self.settle()
+                self.reserve(ref, held)
+            case ReserveRecord(ref=ref, record=record):
+                self.types[ref] = record
+                self.settle()
+                self.reserve_record(ref, record)
+            case Part(ref=ref, array=array):
+                held = self.array(array)
+                self.types[ref] = Array(held.kind, None, held.read, held.room)
+                self.part(statement)
+            case Load() | Store() | Read() | Write():
+                self.memory(statement)
+            case Declare(ref=ref, kind=kind, value=value):
+                self.types[ref] = kind
+                text = self.text(value)
+                self.settle()
+                self.put(self.declare(self.name(ref), kind, text))
+            case Get(ref=ref, kind=kind, variable=variable):
+                self.made(ref, kind, ATOM, self.text(variable))
+            case Set(variable=variable, value=value):
+                self.write(self.assign(self.text(variable), self.text(value)))
+            case Call():
+                self.call(statement)
+            case Leave(values=values):
+                self.leave(values)
+            case Note(text=text):
+                self.settle()
+                self.put(self.comment(text))
+            case When() | Loop() | Repeat() | Each():
+                self.control(statement)
+
+    def let(self, let: Let) -> None:
+        """Print or keep an operation."""
+        if let.op == CONSTANT:
+            self.constants[let.ref] = let.data
+            self.types[let.ref] = let.kind
+            self.texts[let.ref] = self.literal(let.kind, let.data)
+            return
+        self.made(let.ref, let.kind, *self.operation(let))
+
+    def operation(self, let: Let) -> tuple[int, str]:
+        """Return the text of an operation and how tightly it binds."""
+        places = ", ".join(f"{{{i}}}" for i in range(len(let.args)))
+        level, spelled = self.spelled.get(let.op) or (ATOM, f"{self.function_of(let.op)}({places})")
+        least = self.operands.get(let.op, (0,) * len(let.args))
+        args = [self.text(arg, one) for arg, one in zip(let.args, least, strict=True)]
+        if let.op in self.greater and let.op in self.spelled and let.args[0] in self.constants:
+            spelled = self.greater[let.op]
+        return level, spelled.format(*args)
+
+    def made(self, ref: int, kind: Kind, level: int, text: str) -> None:
+        """Keep a value for the place where it is used, or print it here: where it has a name, or is used more."""
+        self.types[ref] = kind
+        if self.uses.get(ref, 0) == 1 and len(text) < LONGEST_VALUE and ref not in self.procedure.names:
+            self.texts[ref], self.waiting[ref] = (level, text), None
+        elif ref in self.uses:
+            self.put(self.define(self.name(ref), kind, text))
+
+    def memory(self, statement: Load | Store | Read | Write) -> None:
+        """Print what is read or written."""
+        match statement:
+            case Load(ref=ref, kind=kind, array=array, place=index):
+                self.made(ref, kind, ATOM, self.element(array, index))
+            case Store(array=array, place=index, value=value):
+                self.write(self.assign(self.element(array, index), self.text(value)))
+            case Read(ref=ref, kind=kind, record=record, field=field):
+                self.made(ref, kind, ATOM, self.member(record, field))
+            case Write(record=record, field=field, value=value):
+                self.write(self.assign(self.member(record, field), self.text(value)))
+
+    def control(self, statement: When | Loop | Repeat | Each) -> None:
+        """Print a branch or a loop."""
+        match statement:
+            case When(condition=condition, then=then, otherwise=otherwise):
+                self.write(self.opening("if", self.text(condition)))
+                self.inside(then)
+                if otherwise:
+                    self.put(self.opening("else"))
+                    self.inside(otherwise)
+                self.put(self.closing("if"))
+            case Loop(place=index, start=start, stop=stop, step=step, body=body):
+                self.iterations(index, (self.text(start), self.text(stop), str(step)), body, ())
+            case Repeat(test=test, condition=condition, body=body):
+                self.repeat(test, condition, body)
+            case Each():
+                self.each(statement)
+
+    def repeat(self, test: Block, condition: int, body: Block) -> None:
+        """Print a loop under a condition, which stands inside where it takes more than a line."""
+        self.settle()
+        before = len(self.lines)
+        self.depth += 1
+        for statement in test:
+            self.statement(statement)
+        lines = len(self.lines) > before
+        if lines:
+            _, text = self.operation(Let(-1, Kind.FLAG, "not", (condition,)))
+            self.write(self.opening("if", text))
+            self.depth += 1
+            self.put(self.leaving_loop())
+            self.depth -= 1
+            self.put(self.closing("if"))
+        self.depth -= 1
+        head = self.opening("forever") if lines else self.opening("while", self.text(condition))
+        self.lines.insert(before, self.indent * self.depth + head)
+        self.inside(body)
+        self.put(self.closing("while"))
+
+    def iterations(self, index: int, places: tuple[str, str, str], body: Block, folds: Sequence[Fold]) -> None:
+        """Print a loop over places."""
+        self.texts[index], self.types[index] = (ATOM, INDICES[self.loops]), WHOLE
+        self.write(self.opening("for", INDICES[self.loops], *places))
+        self.loops += 1
+        self.inside(body)
+        self.depth += 1
+        for fold in folds:
+            self.put(self.assign(*self.folded(fold, index)))
+        self.depth -= 1
+        self.loops -= 1
+        self.put(self.closing("for"))
+
+    def each(self, each: Each) -> None:
+        """Print an `each` as a loop, with partial sums in an array of four."""
+        count = self.text(each.iterations)
+        for fold in each.folds:
+            self.settle()
+            self.types[fold.ref] = REAL
+            if fold.op in SUMS:
+                self.partial_sums(fold.ref)
+            else:
+                start = self.literal(REAL, 0.0 if fold.op == "magnitude" else float("-inf"))[1]
+                self.put(self.declare(self.name(fold.ref), REAL, start))
+        self.iterations(each.place, (self.literal(WHOLE, 0)[1], count, "1"), each.body, each.folds)
+        for fold in each.folds:
+            if fold.op in SUMS:
+                held = [self.partial(fold.ref, str(k)) for k in range(PARTIAL)]
+                total = f"({held[0]} + {held[1]}) + ({held[2]} + {held[3]})"
+                self.put(self.define(self.name(fold.ref, f"sum{fold.ref}"), REAL, total))
+
+    def partial_sums(self, ref: int) -> None:
+        """Print the four partial sums of a fold, zeros at first."""
+        self.reserve(ref, Array(REAL, PARTIAL))
+        for k in range(PARTIAL):
+            self.put(self.assign(self.partial(ref, str(k)), self.literal(REAL, 0.0)[1]))
+
+    def folded(self, fold: Fold, index: int) -> tuple[str, str]:
+        """Return the target and the text of the assignment that takes one more value of a fold."""
+        if fold.op in SUMS:
+            target = self.partial(fold.ref, self.modulo(self.text(index)))
+            product = self.spelled["mul"][0]
+            if fold.factor is None:
+                return target, f"{target} + {self.text(fold.value, product)}"
+            left, right = self.text(fold.value, product), self.text(fold.factor, product + 1)
+            return target, f"{target} + {left} * {right}"
+        name, value = self.text(fold.ref), self.text(fold.value)
+        if fold.op == "most":
+            greater = f"{self.text(fold.value, self.spelled['less'][0] + 1)} > {name}"
+            chosen = self.text(fold.value, self.operands["select"][1])
+            return name, self.spelled["select"][1].format(greater, chosen, name)
+        return name, f"{self.function_of(fold.op)}({name}, {value})"
+
+
+def results_of(printer: SourcePrinter, call: Call) -> tuple[Kind, ...]:
+    """Return the kinds of the results of a call."""
+    if isinstance(call.callee, Procedure):
+        return call.callee.results
+    found = printer.types[call.callee]
+    assert isinstance(found, Callee)
+    return found.results

@@ -1,0 +1,124 @@
+"""How a language spells the statements of a procedure."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+from lagrange.procedure.form import Array, Call, Kind, Part, Record
+
+ATOM = 10
+"""How tightly a name or a call binds; operators bind less."""
+
+
+class Syntax(ABC):
+    """How a language spells a procedure.
+
+    `spelled` has the operations that are operators: how tightly each binds, and its text; `operands` how tightly each
+    operand must bind to stand without parentheses. The other operations are functions. `greater` are the comparisons
+    with the operands exchanged, for a constant that comes first.
+    """
+
+    spelled: ClassVar[Mapping[str, tuple[int, str]]]
+    operands: ClassVar[Mapping[str, tuple[int, ...]]]
+    greater: ClassVar[Mapping[str, str]] = {"less": "{1} > {0}", "less_equal": "{1} >= {0}"}
+    indent: ClassVar[str] = "    "
+    widest: ClassVar[int] = 118
+    """Longest line, where a language breaks lines."""
+
+    @abstractmethod
+    def head(self) -> list[str]:
+        """Return the lines before the body; parameters have their names."""
+
+    def tail(self) -> list[str]:
+        """Return the lines behind the body."""
+        return []
+
+    @abstractmethod
+    def legal(self, stem: str) -> str:
+        """Return a name of the language made of a stem; it may be taken."""
+
+    @abstractmethod
+    def literal(self, kind: Kind, data: Any) -> tuple[int, str]:
+        """Return a constant and how tightly it binds."""
+
+    @abstractmethod
+    def function_of(self, op: str) -> str:
+        """Return the name of the function of an operation that is no operator."""
+
+    @abstractmethod
+    def define(self, name: str, kind: Kind, text: str) -> str:
+        """Return the statement that names a value."""
+
+    def declare(self, name: str, kind: Kind, text: str) -> str:
+        """Return the statement that declares a variable with its first value."""
+        return self.define(name, kind, text)
+
+    @abstractmethod
+    def assign(self, target: str, text: str) -> str:
+        """Return an assignment."""
+
+    @abstractmethod
+    def element(self, array: int, place: int) -> str:
+        """Return an element of an array."""
+
+    @abstractmethod
+    def reserve(self, ref: int, array: Array) -> None:
+        """Print a local array, whose name is to be chosen."""
+
+    @abstractmethod
+    def reserve_record(self, ref: int, record: Record) -> None:
+        """Print a local record of zeros."""
+
+    @abstractmethod
+    def part(self, part: Part) -> None:
+        """Print or keep the part of an array from an index on."""
+
+    def member(self, record: int, field: str) -> str:
+        """Return a field of a record."""
+        return f"{self.text(record, ATOM)}.{field}"
+
+    @abstractmethod
+    def call(self, call: Call) -> None:
+        """Print a call and name its results."""
+
+    @abstractmethod
+    def leave(self, values: Sequence[int]) -> None:
+        """Print the end of the procedure."""
+
+    @abstractmethod
+    def comment(self, text: str) -> str:
+        """Return a comment of one line."""
+
+    @abstractmethod
+    def opening(self, kind: str, *texts: str) -> str:
+        """Return the line that opens a block.
+
+        Its kind is `if` (a condition), `else`, `while` (a condition), `forever`, or `for` (an index, its first value,
+        the value that it stays below, its step).
+        """
+
+    @abstractmethod
+    def closing(self, kind: str) -> str:
+        """Return the line that closes a block, empty if there is none; `else` follows an `if` without it."""
+
+    @abstractmethod
+    def leaving_loop(self) -> str:
+        """Return the statement that leaves a loop."""
+
+    def empty(self) -> str:
+        """Return what stands in a block without statements."""
+        return ""
+
+    @abstractmethod
+    def partial(self, ref: int, place: str) -> str:
+        """Return a partial sum, the place of which is a number or the text of an index below four."""
+
+    @abstractmethod
+    def modulo(self, index: str) -> str:
+        """Return an index modulo four."""
+
+    @abstractmethod
+    def text(self, ref: int, least: int = 0) -> str:
+        """Return a value as an operand, in parentheses where it binds less tightly than it must."""
