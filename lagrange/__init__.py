@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from lagrange.errors import LagrangeError, RunError, SceneError, StatementError
     from lagrange.evidence.trust import TrustHorizon, trust_horizon
     from lagrange.loading import load
-    from lagrange.machine.model import Model
     from lagrange.racing import race
+    from lagrange.recipes.model import Model
     from lagrange.run import flow, integrate
     from lagrange.show.race import Race
     from lagrange.show.solution import Solution
@@ -37,8 +37,8 @@ _HOMES = {
     "lagrange.errors": ("LagrangeError", "RunError", "SceneError", "StatementError"),
     "lagrange.evidence.trust": ("TrustHorizon", "trust_horizon"),
     "lagrange.loading": ("load",),
-    "lagrange.machine.model": ("Model",),
     "lagrange.racing": ("race",),
+    "lagrange.recipes.model": ("Model",),
     "lagrange.run": ("flow", "integrate"),
     "lagrange.show.race": ("Race",),
     "lagrange.show.solution": ("Solution",),

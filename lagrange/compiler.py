@@ -26,10 +26,10 @@ from lagrange.evidence.regularity import check_regularity, independent_constrain
 from lagrange.graph.node import Node
 from lagrange.machine.backend import Kernel, Machine, Series
 from lagrange.machine.kernel.interpreted import InterpretedKernel
-from lagrange.machine.model import Model
 from lagrange.program.catalogue import lower_nodes, program_of
 from lagrange.program.switching import Switched
 from lagrange.program.taylor import series_program
+from lagrange.recipes.model import Model
 from lagrange.statement.choice import one_of
 from lagrange.statement.declare import declare
 from lagrange.statement.given import require_values, with_values

@@ -17,7 +17,7 @@ from lagrange.errors import StatementError, listing, shown
 from lagrange.evidence.check import check
 from lagrange.evidence.independent import solved_statement
 from lagrange.evidence.report import Report
-from lagrange.machine.model import Model
+from lagrange.recipes.model import Model
 from lagrange.run import integrate_since
 from lagrange.show.derivation import ShownDerivation, equations_latex, render, written_derivation
 from lagrange.show.progress import compiling

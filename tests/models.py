@@ -12,7 +12,7 @@ from sympy import cos, exp, sin, sqrt
 
 from lagrange.compiler import machine, model_of
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange
-from lagrange.machine.model import Model
+from lagrange.recipes.model import Model
 from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
 from lagrange.statement.declare import declare
 from lagrange.statement.scene import load

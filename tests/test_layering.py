@@ -25,6 +25,8 @@ STAGES = (
     "evidence",
     "mechanics",
     "show",
+    "export",
+    "recipes",
 )
 TOP = len(STAGES)
 """Where lagrange itself and the modules beside it stand: compiler, system, run, cli and the like."""

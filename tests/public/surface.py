@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache, partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -157,7 +158,7 @@ def surface() -> list[Public]:
             if (not name.startswith("_") or name in SPECIAL) and not isinstance(member, type) and is_ours(kind, name):
                 get = partial(method, kind, name)
                 found.append(Public(f"{kind.__name__}.{name}", get, parameters(get())))
-    return found
+    return [public for public in found if public.name not in NEEDS or find_spec(NEEDS[public.name])]
 
 
 def itself(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -279,14 +280,28 @@ def numbers(folder: Path) -> dict[str, Any]:
     }
 
 
+def in_double_precision() -> lg.Model:
+    """Return the model, and let JAX compute in double precision."""
+    import jax
+
+    jax.config.update("jax_enable_x64", val=True)
+    return model()
+
+
+NEEDS = {"Model.as_casadi": "casadi", "Model.as_jax": "jax", "Model.as_numba": "numba"}
+"""The packages of methods that are refused without them; see `tests/recipes`."""
+
 HELD: dict[str, Callable[[], Any]] = {
+    "Model.as_jax": in_double_precision,
+    "Model.as_numba": lambda: system().compile("llvm"),
     "Model.multipliers": lambda: held().compile("numpy"),
     "Solution.constraint_force": lambda: held().run(0.1, method="rk4", step=0.05, target="numpy"),
 }
-"""Instances for methods of systems with constraints."""
+"""Instances for methods that need another model: with constraints, or in machine code."""
 
 OWN: dict[str, dict[str, Any]] = {
     "System.from_scene": {"path": LIBRARY / "pendulum.toml"},
+    "Model.as_casadi": {"status": True},
     "Solution.constraint_force": {"name": "rod", "at": "bob"},
     "System.transform": {"coordinates": {"x": lg.coordinate("u") ** 3 + 1}, "positive": (), "initial": {"u": 1.0}},
     "System.small": {"about": {}, "order": 2},

@@ -75,6 +75,16 @@ class LlvmKernel(Shared):
         return self._address
 
     @property
+    def prepare_address(self) -> int:
+        """Address of ``int32_t f(double *prepared)``, which fills what begins with the parameters; see `address`."""
+        return self._module.address(f"{self._program.name}_prepare")
+
+    @property
+    def prepared_size(self) -> int:
+        """The number of doubles of `prepared`."""
+        return self._size
+
+    @property
     def law_address(self) -> int:
         """Address of the kernel that steps call: in registers where it is small, else that of `address`."""
         name = self._program.name

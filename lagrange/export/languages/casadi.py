@@ -1,0 +1,111 @@
+"""Print a program for CasADi: a function that makes a `casadi.Function` of symbols of either kind, SX or MX."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping, Sequence
+
+from lagrange.export.languages.straight_line import (
+    ELIMINATION,
+    OPERATORS,
+    Library,
+    StraightLinePrinter,
+    described,
+)
+from lagrange.machine.python_source import ATOM
+from lagrange.program.program import Program
+
+OPERATIONS: Mapping[str, tuple[int, str]] = {
+    **OPERATORS,
+    **{op: (ATOM, f"ca.{op}({{0}})") for op in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "exp", "log")},
+    **{op: (ATOM, f"ca.{op}({{0}})") for op in ("sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "erf", "sign")},
+    "abs": (ATOM, "ca.fabs({0})"),
+    "power": (ATOM, "ca.power({0}, {1})"),
+    "atan2": (ATOM, "ca.atan2({0}, {1})"),
+    "min": (ATOM, "_min({0}, {1})"),
+    "max": (ATOM, "_max({0}, {1})"),
+    "and": (ATOM, "ca.logic_and({0}, {1})"),
+    "or": (ATOM, "ca.logic_or({0}, {1})"),
+    "not": (ATOM, "ca.logic_not({0})"),
+    "select": (ATOM, "ca.if_else({0}, {1}, {2})"),
+}
+"""What CasADi calls each operation."""
+
+HELPERS = {
+    "min": '''\
+def _min(a, b):
+    """Return the smaller of two; NaN if either is, which ca.fmin passes over."""
+    return ca.if_else(a <= b, a, ca.if_else(b <= a, b, a + b))''',
+    "max": '''\
+def _max(a, b):
+    """Return the larger of two; NaN if either is, which ca.fmax passes over."""
+    return ca.if_else(a >= b, a, ca.if_else(b >= a, b, a + b))''',
+}
+
+SYSTEMS = f"""
+_where, _sqrt, _most = ca.if_else, ca.sqrt, ca.fmax
+_both, _either = ca.logic_and, ca.logic_or
+
+
+def _fixed(x):
+    return x
+
+{ELIMINATION}
+
+def _factored(n, *lower):
+    \"\"\"Return the factors of a symmetric matrix, given by its lower triangle, and whether it is singular.\"\"\"
+    rows, units = _rows(n, lower)
+    eliminated, singular = _eliminated(n, rows)
+    return (units, eliminated), singular
+
+
+def _solved(factors, *right):
+    \"\"\"Return the solution of a linear system, a list.\"\"\"
+    units, eliminated = factors
+    scaled = [unit * b for unit, b in zip(units, right)]
+    return [unit * x for unit, x in zip(units, _substituted(eliminated, scaled))]
+"""
+
+LIBRARY = Library("CasADi", "import casadi as ca", OPERATIONS, HELPERS, SYSTEMS)
+
+
+def source(program: Program, name: str, about: Sequence[str] = ()) -> str:
+    """Return a file that defines `name(kind=ca.SX)` and `name_checked(kind=ca.SX)`, which return a `casadi.Function`.
+
+    That is a function of t, y and p; the second has the status as a result more. `about` are lines of its docstring.
+    Where a mass matrix is singular, the result of the first is NaN throughout. Raises StatementError for mathematics
+    that CasADi does not have.
+    """
+    printer = StraightLinePrinter(program, LIBRARY)
+    body = textwrap.indent("\n".join(printer.body()), "    ")
+    results = "ca.vertcat(*results)"
+    if len(program.shape) > 1:
+        rows, columns = program.shape
+        results = f"ca.reshape({results}, {columns}, {rows}).T"
+    lines = "".join(f"{line}\n" for line in ("", *about)) if about else ""
+    return f'''\
+"""{name}(t, y, p) for CasADi: {described(program)}.
+
+{name}() makes a casadi.Function of SX symbols, {name}(ca.MX) one of MX symbols. The result is NaN throughout where a
+mass matrix is singular; {name}_checked() makes one with a second result, 1 where it is singular and 0 elsewhere.
+{lines}"""
+
+{LIBRARY.text_before(program)}
+
+
+def {name}_checked(kind=ca.SX):
+    """Return a Function of t, y, p with {described(program)}, and whether a mass matrix is singular."""
+    inputs = t, *vectors = kind.sym("t"), kind.sym("y", {program.states}), kind.sym("p", {program.parameters})
+    y, p = map(ca.vertsplit, vectors)
+{body}
+    result, singular = kind({results}), kind({printer.status()})
+    return ca.Function("{name}_checked", list(inputs), [result, singular], ["t", "y", "p"], ["{name}", "singular"])
+
+
+def {name}(kind=ca.SX):
+    """Return a Function of t, y, p with {described(program)}; NaN where a mass matrix is singular."""
+    inputs = kind.sym("t"), kind.sym("y", {program.states}), kind.sym("p", {program.parameters})
+    result, singular = {name}_checked(kind)(*inputs)
+    result = ca.if_else(singular, float("nan"), result)
+    return ca.Function("{name}", list(inputs), [result], ["t", "y", "p"], ["{name}"])
+'''

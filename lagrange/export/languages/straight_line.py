@@ -1,0 +1,261 @@
+"""Print a program as one Python function without loops, for libraries that trace what a function does.
+
+Names are made here and literals are exact, so nothing of a user's text is run. A library gives the spelling of every
+operation, and the text of `_factored(order, *lower)` and `_solved(factors, *right)`, which return the factors of a
+symmetric matrix, whether it is singular, and the solution of a linear system, a list.
+"""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lagrange.errors import StatementError
+from lagrange.machine.kernel.python_text import FLAG_OPERATIONS, GIVEN, uses_of
+from lagrange.machine.python_source import ATOM, LONGEST_VALUE, OPERANDS, SPELLED
+from lagrange.procedure.linear.ldl import PIVOT
+from lagrange.program.program import Instruction, Program, ProgramBlock
+
+OPERATORS: Mapping[str, tuple[int, str]] = {
+    **{op: SPELLED[op] for op in ("neg", "add", "sub", "mul", "fma", "less", "less_equal", "equal")},
+    "div": (SPELLED["mul"][0], "{0} / {1}"),
+}
+"""The operations that are operators of Python, whatever the library: how tightly they bind, and their text."""
+
+LEAST: Mapping[str, tuple[int, ...]] = {**{op: OPERANDS[op] for op in OPERATORS if op != "div"}, "div": OPERANDS["mul"]}
+"""How tightly each operand of an operator must bind to stand without parentheses."""
+
+WIDTH = 110
+"""Characters of a line, but for single operations on long operands."""
+
+STRUCTURE = (*GIVEN, "factor", "solve", "component")
+"""Operations that are no mathematics: what is given, and linear systems."""
+
+CONDITIONS: Mapping[str, tuple[int, ...]] = {"select": (0,), "and": (0, 1), "or": (0, 1), "not": (0,)}
+"""The operands that are conditions."""
+
+ELIMINATION = f'''
+PIVOT = {PIVOT!r}  # a matrix is singular where a pivot is at most this part of its row's largest entry
+
+
+def _is_zero(x):
+    return isinstance(x, float) and x == 0.0
+
+
+def _rows(n, lower):
+    """Return the matrix, its rows, the units in which its rows are alike: a diagonal of one if it is positive."""
+    a = [[lower[max(i, j) * (max(i, j) + 1) // 2 + min(i, j)] for j in range(n)] for i in range(n)]
+    positive = a[0][0] > 0.0
+    for i in range(1, n):
+        positive = _both(positive, a[i][i] > 0.0)
+    units = [_where(positive, 1.0 / _sqrt(_where(positive, a[i][i], 1.0)), 1.0) for i in range(n)]
+    units = [_fixed(unit) for unit in units]
+    rows = [[0.0 if _is_zero(x) else units[i] * x * units[j] for j, x in enumerate(a[i])] for i in range(n)]
+    return rows, units
+
+
+def _eliminated(n, rows):
+    """Return P A = L U with scaled row exchanges, and whether a pivot vanishes; entries known to be zero are left."""
+    a, exchanges, largest = [list(row) for row in rows], [], []
+    for row in a:
+        size = 0.0
+        for x in row:
+            size = size if _is_zero(x) else _most(size, abs(x))
+        largest.append(_fixed(size))
+    singular, finite = False, sum(x * 0.0 for row in a for x in row) == 0.0
+    for j in range(n):
+        for i in range(j + 1, n):
+            if not _is_zero(a[i][j]):
+                swap = abs(a[i][j]) * largest[j] > abs(a[j][j]) * largest[i]
+                pairs = [_exchanged(swap, x, y) for x, y in zip(a[j], a[i])]
+                a[j], a[i] = [x for x, _ in pairs], [y for _, y in pairs]
+                largest[j], largest[i] = _exchanged(swap, largest[j], largest[i])
+                exchanges.append((j, i, swap))
+        vanishes = _either(abs(a[j][j]) <= PIVOT * largest[j], a[j][j] == 0.0)
+        singular = _either(singular, vanishes)
+        for i in range(j + 1, n):
+            if not _is_zero(a[i][j]):
+                a[i][j] = a[i][j] / a[j][j]
+                for k in range(j + 1, n):
+                    if not _is_zero(a[j][k]):
+                        a[i][k] = a[i][k] - a[i][j] * a[j][k]
+    return (a, exchanges), _both(singular, finite)
+
+
+def _exchanged(swap, x, y):
+    return (x, y) if _is_zero(x) and _is_zero(y) else (_where(swap, y, x), _where(swap, x, y))
+
+
+def _substituted(eliminated, right):
+    """Return the solution of an eliminated system."""
+    (a, exchanges), b = eliminated, list(right)
+    for j, i, swap in exchanges:
+        b[j], b[i] = _exchanged(swap, b[j], b[i])
+    for i in range(len(b)):
+        for k in range(i):
+            if not _is_zero(a[i][k]):
+                b[i] = b[i] - a[i][k] * b[k]
+    for i in reversed(range(len(b))):
+        for k in range(i + 1, len(b)):
+            if not _is_zero(a[i][k]):
+                b[i] = b[i] - a[i][k] * b[k]
+        b[i] = b[i] / a[i][i]
+    return b
+'''
+"""Elimination with row exchanges in place of loops that a library cannot trace. It needs `_where`, `_both`, `_either`,
+`_most`, `_sqrt` and `_fixed`, which keeps a factor out of derivatives that it has no part in."""
+
+
+@dataclass(frozen=True)
+class Library:
+    """How a library is written: its name for people, the `number` that must stand for each operation, and helpers.
+
+    `head` are the lines that a file begins with; `helpers` the text of functions that operations need; `systems` that
+    of linear systems.
+    """
+
+    name: str
+    head: str
+    operations: Mapping[str, tuple[int, str]]
+    helpers: Mapping[str, str]
+    systems: str
+
+    def text_before(self, program: Program) -> str:
+        """Return what stands before the function of a program: imports and the helpers that it needs."""
+        used = dict.fromkeys(one.op for one in program.instructions)
+        parts = [self.head, *(self.helpers[op] for op in used if op in self.helpers)]
+        return "\n\n\n".join([*parts, *([self.systems.strip()] if "factor" in used else [])])
+
+
+class StraightLinePrinter:
+    """Prints the instructions of a program, each value that is read more than once under a name."""
+
+    def __init__(self, program: Program, library: Library) -> None:
+        self.program, self.library = program, library
+        self.lines: list[str] = []
+        self.texts: dict[int, tuple[int, str]] = {}
+        self.vectors: dict[int, str] = {}
+        self.singular: list[str] = []
+        """The names of conditions that say that a matrix is singular."""
+        self.uses = uses_of(program)
+        self._refuse()
+
+    def _refuse(self) -> None:
+        """Raise StatementError for mathematics that the library does not have, by name."""
+        for one in self.program.instructions:
+            if one.op not in STRUCTURE and one.op not in self.library.operations:
+                raise StatementError(
+                    f"{self.program.name} contains {one.op}, which {self.library.name} does not have: state the system "
+                    "without it, or choose another target."
+                )
+
+    def body(self) -> list[str]:
+        """Return the lines that compute every result and list them in `results`, without indentation."""
+        given = {"parameter": "p", "state": "y"}
+        for letter, count in (("y", self.program.states), ("p", self.program.parameters)):
+            if count:
+                names = [f"{letter}{i}" for i in range(count)]
+                self.lines += bracketed("(", names, f"{',' * (count == 1)}) = {letter}")
+        for i, one in enumerate(self.program.instructions):
+            if one.op in given:
+                self.texts[i] = ATOM, f"{given[one.op]}{one.place}"
+            elif one.op == "time":
+                self.texts[i] = ATOM, "t"
+            elif one.op == "constant":
+                self.texts[i] = constant(one.value)
+            elif one.op in ("factor", "solve", "component"):
+                self.system(i, one)
+            else:
+                self.operation(i, one)
+        return [*self.lines, *self.results()]
+
+    def results(self) -> list[str]:
+        """Return the lines that list the outputs."""
+        return bracketed("results = [", [self.text(ref) for ref in self.program.outputs], "]")
+
+    def status(self) -> str:
+        """Return the condition that a mass matrix is singular."""
+        found = "False"
+        for k, name in enumerate(self.singular):
+            found = f"_either({found}, {name})" if k else name
+        return found
+
+    def text(self, ref: int, least: int = 0) -> str:
+        """Return a value as an operand, in parentheses where it binds less tightly than it must."""
+        level, found = self.texts[ref]
+        return found if level >= least else f"({found})"
+
+    def system(self, i: int, one: Instruction) -> None:
+        """Print the factors of a matrix, a solution, or an entry of one."""
+        if one.op == "component":
+            self.texts[i] = ATOM, f"{self.vectors[one.args[0]]}[{one.place}]"
+        elif one.op == "factor":
+            self.vectors[i], status = f"f{i}", f"singular{i}"
+            entries = [str(one.order), *(self.text(ref) for ref in one.args)]
+            self.lines += bracketed(f"f{i}, {status} = _factored(", entries, ")")
+            self.singular.append(status)
+        else:
+            self.vectors[i] = f"s{i}"
+            right = [self.vectors[one.args[0]], *(self.text(ref) for ref in one.args[1:])]
+            self.lines += bracketed(f"s{i} = _solved(", right, ")")
+
+    def operation(self, i: int, one: Instruction) -> None:
+        """Print an operation, or keep it for the one place where it is read."""
+        level, form = self.library.operations[one.op]
+        least = LEAST.get(one.op, (0,) * len(one.args)) if one.op in OPERATORS else (0,) * len(one.args)
+        conditions = CONDITIONS.get(one.op, ())
+        args = [
+            self.condition(arg) if k in conditions else self.text(arg, need)
+            for k, (arg, need) in enumerate(zip(one.args, least, strict=True))
+        ]
+        found = form.format(*args)
+        if one.op == "div" and all(self.program.instructions[arg].op == "constant" for arg in one.args):
+            level, found = constant(self.quotient(one))
+        if self.uses[i] > 1 or len(found) >= LONGEST_VALUE:
+            self.lines.append(f"x{i} = {found}")
+            level, found = ATOM, f"x{i}"
+        self.texts[i] = level, found
+
+    def quotient(self, one: Instruction) -> float:
+        """Return the quotient of two constants, which Python refuses to divide by zero."""
+        over, under = (self.program.instructions[arg].value for arg in one.args)
+        with np.errstate(all="ignore"):
+            return float(np.divide(over, under))
+
+    def condition(self, ref: int) -> str:
+        """Return a condition; a number is one unless it is zero."""
+        if self.program.instructions[ref].op in FLAG_OPERATIONS:
+            return self.text(ref)
+        return f"{self.text(ref, LEAST['equal'][0])} != 0.0"
+
+
+def bracketed(before: str, items: Sequence[str], after: str) -> list[str]:
+    """Return the lines of a list or a call, broken between its items, and inside of them, where it is long."""
+    line = f"{before}{', '.join(items)}{after}"
+    if len(line) <= WIDTH:
+        return [line]
+    inside = textwrap.wrap(", ".join(items), WIDTH - 4, break_long_words=False, break_on_hyphens=False)
+    return [before, *(f"    {one}" for one in inside), after]
+
+
+def constant(value: float) -> tuple[int, str]:
+    """Return a literal that is read back as the same double, and how tightly it binds."""
+    if not math.isfinite(value):
+        return ATOM, f'float("{value}")'
+    return (OPERATORS["neg"][0] if math.copysign(1.0, value) < 0 else ATOM), repr(value)
+
+
+def described(program: Program) -> str:
+    """Return what a program computes, as a line of a docstring."""
+    inputs = ", ".join(map(block, program.inputs))
+    shape = f" as {list(program.shape)}" if len(program.shape) > 1 else ""
+    return f"[{', '.join(map(block, program.results))}]{shape}, of y = [{inputs}] and p[{program.parameters}]"
+
+
+def block(named: ProgramBlock) -> str:
+    """Return a block of numbers, as its name with their count."""
+    return f"{named.name}[{named.size}]"

@@ -1,0 +1,32 @@
+"""A quantity of a model as a function for JAX, loaded from the text that files have."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from lagrange.errors import StatementError
+from lagrange.export.languages.jax import source
+from lagrange.machine.model import Model
+from lagrange.machine.python_source import defined
+from lagrange.recipes.missing import missing
+from lagrange.recipes.text import entries, quantity_program
+
+
+def jax_function(model: Model, quantity: str) -> Callable[[Any, Any, Any], Any]:
+    """Return a quantity as a function; see `Model.as_jax`."""
+    program = quantity_program(model, quantity)
+    try:
+        import jax
+    except ImportError as error:
+        raise missing("as_jax", "pip install jax", error) from error
+    if not jax.config.jax_enable_x64:
+        raise StatementError(
+            "JAX computes in single precision, which has 7 digits: say jax.config.update('jax_enable_x64', True) "
+            "before arrays are made, then model.as_jax()."
+        )
+    text = source(program, quantity, entries(model))
+    names: dict[str, Any] = {}
+    function = defined(text, quantity, names)
+    vars(function).update(source=text, checked=function.__globals__[f"{quantity}_checked"])
+    return function

@@ -1,0 +1,67 @@
+"""A model with what hands it to other libraries: SciPy, Numba, JAX, CasADi and SymPy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from lagrange.machine import model as compiled
+from lagrange.machine.parameters import Parameters
+from lagrange.recipes.casadi import casadi_function
+from lagrange.recipes.jax import jax_function
+from lagrange.recipes.numba import NumbaFunction, numba_function
+from lagrange.recipes.scipy import ScipyProblem
+from lagrange.recipes.sympy import SympyForm, sympy_form
+from lagrange.statement.event import declare_events
+
+
+class Model(compiled.Model):
+    """A system compiled for one machine. Kernels are made when they are first asked for.
+
+    Coordinates and velocities are arrays (n,), or (n, batch) for many states at once; a state y is [q, v],
+    (2n,) or (2n, batch). Units are those of the statement. `parameters` is a dict, by symbol or name, over the
+    statement's defaults. Every method raises StatementError for wrong shapes, a missing or unknown parameter,
+    and RunError where the mass matrix is singular. The methods as_... hand it to other libraries.
+    """
+
+    def as_scipy(self, parameters: Parameters = None, events: Any = None) -> ScipyProblem:
+        """Return `fun(t, y)`, `jac(t, y)` and event functions for scipy.integrate.
+
+        `solve_ivp(**problem.arguments((0, 10), {theta: 2}, method="Radau"))` has all of them. `events` are those of a
+        run, without resets. `parameters` are fixed. Raises StatementError for what cannot be meant; the functions
+        raise RunError where the mass matrix is singular.
+        """
+        found = declare_events(events, self.statement)
+        return ScipyProblem(self, self.parameter_array(parameters).copy(), found)
+
+    def as_numba(self, quantity: str = "rhs") -> NumbaFunction:
+        """Return a quantity for Numba's compiled functions: `prepare(p)`, `rhs(t, y, prepared)` and `fill`.
+
+        They call the machine code of this model. Raises StatementError without Numba, and on the numpy target.
+        """
+        return numba_function(self, quantity)
+
+    def as_jax(self, quantity: str = "rhs") -> Callable[[Any, Any, Any], Any]:
+        """Return a quantity as a function of (t, y, p) that jax.jit, jax.grad and jax.vmap take, in double precision.
+
+        y has shape (2n,), p is `parameter_array()`. The result is NaN throughout where a mass matrix is singular;
+        `.checked(t, y, p)` returns (result, whether it is singular), and `.source` is the text. Raises StatementError
+        without JAX, and where JAX computes in single precision.
+        """
+        return jax_function(self, quantity)
+
+    def as_casadi(self, quantity: str = "rhs", symbols: str = "SX", *, status: bool = False) -> Any:
+        """Return a quantity as a casadi.Function of (t, y, p), made of "SX" or "MX" symbols.
+
+        y has 2n entries, p is `parameter_array()`. The result is NaN throughout where a mass matrix is singular; with
+        `status` there is a second result, 1 where it is singular and 0 elsewhere. Raises StatementError without CasADi.
+        """
+        return casadi_function(self, quantity, symbols, status=status)
+
+    def as_sympy(self, quantity: str = "rhs") -> SympyForm:
+        """Return a quantity in plain SymPy symbols, with its common subexpressions, for any printer of SymPy's.
+
+        Linear systems are eliminated in the order of the coordinates: where a pivot vanishes, so does what is divided
+        by.
+        """
+        return sympy_form(self, quantity)

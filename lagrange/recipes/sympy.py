@@ -1,0 +1,196 @@
+"""A quantity of a model in plain SymPy symbols, one for each value that is read more than once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import sympy
+
+from lagrange.errors import StatementError
+from lagrange.machine.kernel.python_text import FLAG_OPERATIONS, uses_of
+from lagrange.machine.model import Model
+from lagrange.program.program import Instruction, Program
+from lagrange.recipes.text import quantity_program
+
+OPERATIONS: Mapping[str, Callable[..., Any]] = {
+    "neg": lambda a: -a,
+    "add": lambda a, b: a + b,
+    "sub": lambda a, b: a - b,
+    "mul": lambda a, b: a * b,
+    "div": lambda a, b: a / b,
+    "fma": lambda a, b, c: a * b + c,
+    "sqrt": sympy.sqrt,
+    "power": lambda a, b: a**b,
+    **{op: getattr(sympy, op) for op in ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log")},
+    **{op: getattr(sympy, op) for op in ("sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "erf", "sign")},
+    "abs": sympy.Abs,
+    "min": sympy.Min,
+    "max": sympy.Max,
+    "less": sympy.Lt,
+    "less_equal": sympy.Le,
+    "equal": sympy.Eq,
+    "and": sympy.And,
+    "or": sympy.Or,
+    "not": sympy.Not,
+    "select": lambda condition, a, b: sympy.Piecewise((a, condition), (b, True)),
+}
+"""Each operation on SymPy's expressions."""
+
+MOST_DENOMINATOR = 64
+"""A double with such a denominator, a power of two, is written as a fraction, any other as a Float that is exact."""
+
+DIGITS = 17
+"""Decimal digits from which every double is read back."""
+
+
+@dataclass(frozen=True, eq=False)
+class SympyForm:
+    """A quantity in plain symbols: of time `t`, of `q` and `v`, named x and x_dot, and of the parameters `p`.
+
+    `replacements` are pairs (symbol, expression), each of which may contain those before, and `results` the entries in
+    C order, which fill `shape`: as from sympy.cse.
+    """
+
+    t: Any
+    q: tuple[Any, ...]
+    v: tuple[Any, ...]
+    p: tuple[Any, ...]
+    replacements: tuple[tuple[Any, Any], ...]
+    results: tuple[Any, ...]
+    shape: tuple[int, ...]
+
+    @property
+    def arguments(self) -> tuple[Any, ...]:
+        """All symbols that the results depend on: t, then q, v and p."""
+        return (self.t, *self.q, *self.v, *self.p)
+
+    def common(self, _: Any = None) -> tuple[list[tuple[Any, Any]], list[Any]]:
+        """Return replacements and results, as sympy.lambdify(..., cse=form.common) asks for them."""
+        return list(self.replacements), list(self.results)
+
+    def expanded(self) -> list[Any]:
+        """Return the results without replacements; they may be very long."""
+        known: dict[Any, Any] = {}
+        for symbol, expression in self.replacements:
+            known[symbol] = expression.xreplace(known)
+        return [result.xreplace(known) for result in self.results]
+
+
+def sympy_form(model: Model, quantity: str) -> SympyForm:
+    """Return a quantity in plain symbols; see `Model.as_sympy`."""
+    program = quantity_program(model, quantity)
+    parameters = model.statement.parameters
+    taken = [symbol.name for symbol in parameters]
+    state = [_unused(name, taken) for name in model.layout.names()]
+    t = _unused("t", taken)
+    writer = _Writer(program, t, state, parameters, _numbered(taken))
+    results = tuple(writer.results())
+    q, v = model.layout.split(tuple(state))
+    return SympyForm(t, q, v, parameters, tuple(writer.replacements), results, program.shape)
+
+
+def _unused(name: str, taken: list[str]) -> Any:
+    """Return a real symbol of a name that no other has."""
+    while name in taken:
+        name += "_"
+    taken.append(name)
+    return sympy.Symbol(name, real=True)
+
+
+def _numbered(taken: Sequence[str]) -> Iterator[Any]:
+    """Return real symbols x0, x1, ... without the names that are taken."""
+    names = (f"x{i}" for i in range(10**9))
+    return (sympy.Symbol(name, real=True) for name in names if name not in taken)
+
+
+def number(value: float) -> Any:
+    """Return a double as an exact number of SymPy."""
+    if not math.isfinite(value):
+        return sympy.nan if math.isnan(value) else sympy.oo if value > 0 else -sympy.oo
+    exact = Fraction(value)
+    if exact.denominator <= MOST_DENOMINATOR and abs(value) < 2**53:
+        return sympy.Rational(exact.numerator, exact.denominator)
+    return sympy.Float(value, DIGITS)
+
+
+class _Writer:
+    """Writes the instructions of a program as expressions; see `SympyForm`."""
+
+    def __init__(
+        self, program: Program, t: Any, state: Sequence[Any], parameters: Sequence[Any], symbols: Iterator[Any]
+    ) -> None:
+        self.program, self.symbols = program, symbols
+        self.given = {"time": (t,), "state": state, "parameter": parameters}
+        self.replacements: list[tuple[Any, Any]] = []
+        self.uses = uses_of(program)
+        self.values: dict[int, Any] = {}
+        self.matrices: dict[int, tuple[list[list[Any]], list[int]]] = {}
+
+    def results(self) -> list[Any]:
+        """Return the outputs."""
+        for i, one in enumerate(self.program.instructions):
+            self.values[i] = self.value(i, one)
+        return [self.values[ref] for ref in self.program.outputs]
+
+    def named(self, expression: Any) -> Any:
+        """Return a symbol for an expression that is more than a symbol or a number."""
+        if expression.is_Symbol or expression.is_number:
+            return expression
+        symbol = next(self.symbols)
+        self.replacements.append((symbol, expression))
+        return symbol
+
+    def value(self, i: int, one: Instruction) -> Any:
+        """Return what an instruction computes."""
+        args = [self.values[arg] for arg in one.args]
+        if one.op in self.given:
+            return self.given[one.op][one.place]
+        if one.op == "constant":
+            return number(one.value)
+        if one.op == "factor":
+            return self.factored(one.order, args)
+        if one.op == "solve":
+            return self.solved(args[0], args[1:])
+        if one.op == "component":
+            return args[0][one.place]
+        if one.op == "select" and self.program.instructions[one.args[0]].op not in FLAG_OPERATIONS:
+            args[0] = sympy.Ne(args[0], 0)
+        found = OPERATIONS[one.op](*args)
+        return self.named(found) if self.uses[i] > 1 and one.op not in FLAG_OPERATIONS else found
+
+    def factored(self, n: int, lower: Sequence[Any]) -> tuple[list[list[Any]], list[int]]:
+        """Return L U of a symmetric matrix and the order of its rows; a row moves where a pivot is known to be zero."""
+        a = [[lower[max(i, j) * (max(i, j) + 1) // 2 + min(i, j)] for j in range(n)] for i in range(n)]
+        order, symmetric = list(range(n)), True
+        for j in range(n):
+            pick = next((i for i in range(j, n) if a[i][j] != 0), None)
+            if pick is None:
+                raise StatementError("the mass matrix is singular at every state, and has no inverse to be written.")
+            if pick != j:
+                a[j], a[pick], order[j], order[pick] = a[pick], a[j], order[pick], order[j]
+                symmetric = False
+            for i in range(j + 1, n):
+                if a[i][j] == 0:
+                    continue
+                factor = self.named(a[i][j] / a[j][j])
+                for k in range(i if symmetric else j + 1, n):
+                    if a[j][k] != 0:
+                        a[i][k] = self.named(a[i][k] - factor * a[j][k])
+                        if symmetric:
+                            a[k][i] = a[i][k]
+                a[i][j] = factor
+        return a, order
+
+    def solved(self, factors: tuple[list[list[Any]], list[int]], right: Sequence[Any]) -> list[Any]:
+        """Return the solution of a system."""
+        (a, order), n = factors, len(right)
+        x = [right[i] for i in order]
+        for i in range(n):
+            x[i] = self.named(x[i] - sum(a[i][k] * x[k] for k in range(i)))
+        for i in reversed(range(n)):
+            x[i] = self.named((x[i] - sum(a[i][k] * x[k] for k in range(i + 1, n))) / a[i][i])
+        return x

@@ -1,0 +1,158 @@
+"""Programs as text for JAX and CasADi: every operation against NumPy's, literals, refusals, and the text itself."""
+
+from __future__ import annotations
+
+import ast
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lagrange.errors import StatementError
+from lagrange.export.languages import casadi, jax
+from lagrange.export.languages.straight_line import STRUCTURE, StraightLinePrinter, constant
+from lagrange.machine.kernel.interpreted import InterpretedKernel
+from lagrange.machine.kernel.python_text import FLAG_OPERATIONS
+from lagrange.machine.python_source import defined
+from lagrange.program.program import ARITY, Instruction, Program, ProgramBlock
+from lagrange.recipes import sympy as sympy_recipe
+from tests.models import SYSTEMS, model
+
+SOURCES: dict[str, Callable[..., str]] = {"jax": jax.source, "casadi": casadi.source}
+MATHEMATICS = [op for op in ARITY if op not in STRUCTURE]
+
+VALUES = (
+    *(0.0, -0.0, 1.0, -1.0, 0.3, -0.7, 0.999999, 1.01, 2.5, -3.75, 7.3, 1e-9, -1e-9, 30.0, -30.0, 600.3, -699.0),
+    *(1e17, -1e17, 1e300, math.inf, -math.inf, math.nan),
+)
+NORMAL = float(np.finfo(float).tiny)
+"""The least normal double; JAX takes what is smaller for zero."""
+
+
+def program_of(code: Sequence[Instruction], states: int, outputs: Sequence[int] = ()) -> Program:
+    """Return a program with the last value as its result, unless others are named."""
+    results = tuple(outputs) or (len(code) - 1,)
+    values = (ProgramBlock("values", len(results)),)
+    return Program("f", (ProgramBlock("y", states),), 0, tuple(code), 0, results, values, (len(results),))
+
+
+def operations(names: Sequence[str], count: int) -> Program:
+    """Return operations on so many numbers, 2 or 3 for a condition that holds or not, and y < 0.5 for one given."""
+    code = [Instruction("state", place=i) for i in range(count)]
+    code += [Instruction("constant", value=value) for value in (0.5, 2.0, 3.0)]
+    code += [Instruction("less", (i, count)) for i in range(count)]
+    found = []
+    for op in names:
+        conditions = {"select": 1, "and": 2, "or": 2, "not": 1}.get(op, 0)
+        args = [i + count + 3 if i < conditions else i for i in range(count)]
+        code.append(Instruction(op, tuple(args)))
+        if op in FLAG_OPERATIONS:
+            code.append(Instruction("select", (len(code) - 1, count + 1, count + 2)))
+        found.append(len(code) - 1)
+    return program_of(code, count, found)
+
+
+def values_of(package: str, program: Program, y: Any, p: Any = ()) -> Any:
+    """Return the result of a program for columns of states, by the text that is printed for a package."""
+    module: Any = pytest.importorskip(package, reason=f"{package} is not installed")
+    text = SOURCES[package](program, "f")
+    if package == "jax":
+        module.config.update("jax_enable_x64", val=True)
+        return np.asarray(module.jit(module.vmap(defined(text, "f", {}), (None, 1, None), 1))(0.0, y, np.array(p)))
+    found = [
+        defined(text, "f", {})(kind).map(y.shape[1])(0.0, y, np.array(p)).full() for kind in (module.SX, module.MX)
+    ]
+    np.testing.assert_array_equal(found[0], found[1])
+    return found[0]
+
+
+@pytest.mark.parametrize("package", SOURCES)
+def test_every_operation_is_that_of_numpy(package: str) -> None:
+    """Check each operation to 4 ulp, with NaN and infinities where NumPy has them; fma is rounded twice by all."""
+    for count in (1, 2, 3):
+        names = [op for op in MATHEMATICS if ARITY[op] == count]
+        program = operations(names, count)
+        y = np.array(list(itertools.product(VALUES if count < 3 else (*VALUES[::3], math.nan), repeat=count))).T
+        for op, exact, found in zip(
+            names, InterpretedKernel(program)(0.0, y, np.zeros(0)), values_of(package, program, y), strict=True
+        ):
+            with np.errstate(all="ignore"):
+                size = np.abs(y[0] * y[1]) + np.abs(y[2]) if op == "fma" else np.abs(exact)
+                off = np.abs(found - exact) / np.spacing(np.maximum(size, NORMAL))
+            same = (found == exact) | (np.isnan(found) & np.isnan(exact))
+            tiny = (np.abs(exact) < NORMAL) & (found == 0.0) & (package == "jax")
+            bad = ~(same | tiny | (np.isfinite(exact) & np.isfinite(found) & (off <= 4)))
+            assert not bad.any(), (op, y[:, bad][:, 0], exact[bad][0], found[bad][0])
+
+
+@pytest.mark.parametrize("table", [jax.OPERATIONS, casadi.OPERATIONS, sympy_recipe.OPERATIONS], ids=["jax", "ca", "sp"])
+def test_every_table_is_complete(table: dict[str, Any]) -> None:
+    assert set(table) == set(MATHEMATICS)
+
+
+def test_mathematics_that_a_library_does_not_have_is_refused_by_name() -> None:
+    poorer = replace(casadi.LIBRARY, operations={op: one for op, one in casadi.OPERATIONS.items() if op != "erf"})
+    with pytest.raises(StatementError, match="f contains erf, which CasADi does not have: state the system without it"):
+        StraightLinePrinter(operations(["erf"], 1), poorer)
+
+
+@pytest.mark.parametrize("value", [0.1, -0.1, 1e-320, -0.0, 1 / 3, math.pi, math.inf, -math.inf, math.nan, 2.0**70])
+def test_literals_are_read_back_as_the_same_double(value: float) -> None:
+    found = defined(f"def f():\n    return {constant(value)[1]}\n", "f", {})()
+    assert np.float64(found).tobytes() == np.float64(value).tobytes() or (math.isnan(found) and math.isnan(value))
+
+
+@pytest.mark.parametrize("package", SOURCES)
+def test_constants_are_divided_as_doubles_and_numbers_are_conditions(package: str) -> None:
+    numbers = [Instruction("constant", value=value) for value in (1.0, 0.0)]
+    by_zero = [*numbers, Instruction("div", (0, 1)), Instruction("state"), Instruction("mul", (2, 3))]
+    y = np.array([[1.0, -1.0]])
+    assert values_of(package, program_of(by_zero, 1), y)[0].tolist() == [math.inf, -math.inf]
+    chosen = [*numbers, Instruction("state"), Instruction("select", (2, 0, 1))]
+    assert values_of(package, program_of(chosen, 1), np.array([[0.0, 0.5]]))[0].tolist() == [0.0, 1.0]
+
+
+@pytest.mark.parametrize("package", SOURCES)
+def test_the_text_is_plain_and_ends_with_one_newline(package: str) -> None:
+    for name in SYSTEMS:
+        text = SOURCES[package](model(name, "numpy").interpreted("rhs").program, "rhs", ["y = [x]"])
+        ast.parse(text)
+        assert text.isascii() and text.endswith("\n") and not text.endswith("\n\n")
+        assert all(len(line) == len(line.rstrip()) for line in text.splitlines())
+
+
+PENDULUM = '''\
+"""rhs(t, y, p) for JAX: [rate[1], acceleration[1]], of y = [q[1], v[1]] and p[3].
+
+It is in double precision: jax.config.update("jax_enable_x64", True) comes first. The result is NaN throughout where a
+mass matrix is singular; rhs_checked returns (result, whether it is singular).
+
+y = [theta, theta_dot]
+"""
+
+import jax
+import jax.numpy as jnp
+
+
+def rhs_checked(t, y, p):
+    """Return [rate[1], acceleration[1]], of y = [q[1], v[1]] and p[3], and whether a mass matrix is singular."""
+    t, y, p = (jnp.asarray(x, jnp.float64) for x in (t, y, p))
+    if t.shape or y.shape != (2,) or p.shape != (3,):
+        raise ValueError(f"t, y, p have the shapes {t.shape}, {y.shape}, {p.shape}: give (), (2,), (3,) (see jax.vmap)")
+'''
+
+
+def test_the_text_of_the_pendulum() -> None:
+    text = jax.source(model("pendulum", "numpy").interpreted("rhs").program, "rhs", ["y = [theta, theta_dot]"])
+    assert text.startswith(PENDULUM)
+    lines = text.removeprefix(PENDULUM).splitlines()
+    assert lines[:2] == ["    (y0, y1) = y", "    (p0, p1, p2) = p"]
+    assert lines[-5:-3] == ["", "def rhs(t, y, p):"]
+    assert lines[-2:] == [
+        "    result, singular = rhs_checked(t, y, p)",
+        "    return jnp.where(singular, jnp.nan, result)",
+    ]

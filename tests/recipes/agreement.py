@@ -1,0 +1,59 @@
+"""Systems and states at which recipes are compared with the model, and how far they may be apart."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lagrange.compiler import machine, model_of
+from lagrange.recipes.model import Model
+from lagrange.statement.scene import library
+from tests.models import SYSTEMS, loaded, model
+
+EPS = float(np.finfo(float).eps)
+Array = NDArray[np.float64]
+
+SCENES = [scene.name for scene in library()]
+OWN = ["cart and pole", "chain of 7", "8 carried masses", "saddle", "blocks", "friction", "spherical pendulum"]
+"""Time and friction, matrices too large to be written out, moving and constant, indefinite, in blocks; conditions."""
+
+
+@cache
+def named(name: str) -> Model:
+    """Return the model of a scene, or of a system of `tests.models`."""
+    if name in SYSTEMS:
+        return model(name, "numpy")
+    return model_of(loaded(name), machine("numpy"))
+
+
+def states(of: Model, count: int = 3) -> Iterator[tuple[float, Array]]:
+    """Return times and states around the initial one, which is the first."""
+    draw, start = np.random.default_rng(5), np.array(of.statement.initial)
+    for k in range(count):
+        yield 0.37 * k, start + 0.1 * k * draw.normal(size=len(start))
+
+
+def sensitivity(of: Model, quantity: str, t: float, y: Array) -> float:
+    """Return how far a quantity moves where each entry of the state and each parameter moves by one rounding error."""
+    draw, p, n = np.random.default_rng(6), of.parameter_array(), len(y)
+    kernel, found = of.interpreted(quantity), []
+    for _ in range(4):
+        by = 1 + EPS * draw.choice([-1.0, 1.0], size=n + len(p))
+        found.append(np.abs(kernel(t, y * by[:n], p * by[n:]) - kernel(t, y, p)).max())
+    return float(max(found))
+
+
+def apart(of: Model, quantity: str, t: float, y: Array, found: Any) -> float:
+    """Return the distance of a result from the model's, where 1 is what rounding may do.
+
+    That is 4 roundings of the largest entry, and 4 times what one rounding of the inputs does: elimination in another
+    order is as good as that, and no better.
+    """
+    exact = of.interpreted(quantity)(t, y, of.parameter_array())
+    bound = 4 * EPS * np.abs(exact).max() + 4 * sensitivity(of, quantity, t, y)
+    difference = np.abs(np.asarray(found, dtype=float).reshape(exact.shape) - exact).max()
+    return float(difference / bound) if bound else float(difference != 0)
