@@ -12,7 +12,7 @@ from lagrange.export.languages.straight_line import (
     StraightLinePrinter,
     described,
 )
-from lagrange.machine.python_source import ATOM
+from lagrange.procedure.syntax import ATOM
 from lagrange.program.program import Program
 
 OPERATIONS: Mapping[str, tuple[int, str]] = {

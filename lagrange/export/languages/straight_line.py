@@ -16,8 +16,10 @@ import numpy as np
 
 from lagrange.errors import StatementError
 from lagrange.machine.kernel.python_text import FLAG_OPERATIONS, GIVEN, uses_of
-from lagrange.machine.python_source import ATOM, LONGEST_VALUE, OPERANDS, SPELLED
+from lagrange.machine.python_source import OPERANDS, SPELLED
 from lagrange.procedure.linear.ldl import PIVOT
+from lagrange.procedure.source_printer import LONGEST_VALUE
+from lagrange.procedure.syntax import ATOM
 from lagrange.program.program import Instruction, Program, ProgramBlock
 
 OPERATORS: Mapping[str, tuple[int, str]] = {
