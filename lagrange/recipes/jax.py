@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from lagrange.errors import StatementError
@@ -13,7 +14,23 @@ from lagrange.recipes.missing import missing
 from lagrange.recipes.text import entries, quantity_program
 
 
-def jax_function(model: Model, quantity: str) -> Callable[[Any, Any, Any], Any]:
+@dataclass(frozen=True, eq=False)
+class JaxFunction:
+    """A quantity as a function of t, y (2n,) and p, for jax.jit, jax.grad and jax.vmap.
+
+    `checked` returns (result, whether a mass matrix is singular), and `source` is the text that defines both.
+    """
+
+    function: Callable[[Any, Any, Any], Any]
+    checked: Callable[[Any, Any, Any], Any]
+    source: str
+
+    def __call__(self, t: Any, y: Any, p: Any) -> Any:
+        """Return the quantity, NaN throughout where a mass matrix is singular."""
+        return self.function(t, y, p)
+
+
+def jax_function(model: Model, quantity: str) -> JaxFunction:
     """Return a quantity as a function; see `Model.as_jax`."""
     program = quantity_program(model, quantity)
     try:
@@ -26,7 +43,5 @@ def jax_function(model: Model, quantity: str) -> Callable[[Any, Any, Any], Any]:
             "before arrays are made, then model.as_jax()."
         )
     text = source(program, quantity, entries(model))
-    names: dict[str, Any] = {}
-    function = defined(text, quantity, names)
-    vars(function).update(source=text, checked=function.__globals__[f"{quantity}_checked"])
-    return function
+    function: Any = defined(text, quantity, {})
+    return JaxFunction(function, function.__globals__[f"{quantity}_checked"], text)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from lagrange.machine import model as compiled
 from lagrange.machine.parameters import Parameters
 from lagrange.recipes.casadi import casadi_function
-from lagrange.recipes.jax import jax_function
+from lagrange.recipes.jax import JaxFunction, jax_function
 from lagrange.recipes.numba import NumbaFunction, numba_function
 from lagrange.recipes.scipy import ScipyProblem
 from lagrange.recipes.sympy import SympyForm, sympy_form
@@ -41,7 +40,7 @@ class Model(compiled.Model):
         """
         return numba_function(self, quantity)
 
-    def as_jax(self, quantity: str = "rhs") -> Callable[[Any, Any, Any], Any]:
+    def as_jax(self, quantity: str = "rhs") -> JaxFunction:
         """Return a quantity as a function of (t, y, p) that jax.jit, jax.grad and jax.vmap take, in double precision.
 
         y has shape (2n,), p is `parameter_array()`. The result is NaN throughout where a mass matrix is singular;

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import count
 from typing import Any
 
 import sympy
@@ -84,27 +85,17 @@ def sympy_form(model: Model, quantity: str) -> SympyForm:
     """Return a quantity in plain symbols; see `Model.as_sympy`."""
     program = quantity_program(model, quantity)
     parameters = model.statement.parameters
-    taken = [symbol.name for symbol in parameters]
-    state = [_unused(name, taken) for name in model.layout.names()]
-    t = _unused("t", taken)
-    writer = _Writer(program, t, state, parameters, _numbered(taken))
+    t, *state = (sympy.Symbol(name, real=True) for name in ("t", *model.layout.names()))
+    writer = _Writer(program, t, state, parameters, _numbered((t, *state, *parameters)))
     results = tuple(writer.results())
     q, v = model.layout.split(tuple(state))
     return SympyForm(t, q, v, parameters, tuple(writer.replacements), results, program.shape)
 
 
-def _unused(name: str, taken: list[str]) -> Any:
-    """Return a real symbol of a name that no other has."""
-    while name in taken:
-        name += "_"
-    taken.append(name)
-    return sympy.Symbol(name, real=True)
-
-
-def _numbered(taken: Sequence[str]) -> Iterator[Any]:
-    """Return real symbols x0, x1, ... without the names that are taken."""
-    names = (f"x{i}" for i in range(10**9))
-    return (sympy.Symbol(name, real=True) for name in names if name not in taken)
+def _numbered(taken: Sequence[Any]) -> Iterator[Any]:
+    """Return real symbols x0, x1, ... without the names that others have."""
+    names = [symbol.name for symbol in taken]
+    return (sympy.Symbol(f"x{i}", real=True) for i in count() if f"x{i}" not in names)
 
 
 def number(value: float) -> Any:

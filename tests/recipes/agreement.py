@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from lagrange.compiler import machine, model_of
 from lagrange.recipes.model import Model
+from lagrange.statement.coordinate import coordinate
 from lagrange.statement.scene import library
-from tests.models import SYSTEMS, loaded, model
+from tests.models import SYSTEMS, build, loaded, model
 
 EPS = float(np.finfo(float).eps)
 Array = NDArray[np.float64]
@@ -57,3 +58,10 @@ def apart(of: Model, quantity: str, t: float, y: Array, found: Any) -> float:
     bound = 4 * EPS * np.abs(exact).max() + 4 * sensitivity(of, quantity, t, y)
     difference = np.abs(np.asarray(found, dtype=float).reshape(exact.shape) - exact).max()
     return float(difference / bound) if bound else float(difference != 0)
+
+
+def singular(n: int, target: str = "numpy") -> Model:
+    """Return a system of n coupled coordinates whose mass matrix is singular where two of them are zero."""
+    xs = [coordinate(f"x{i}") for i in range(n)]
+    kinetic = sum((q.dot for q in xs), start=0) ** 2 / 2 + sum(q**2 * q.dot**2 for q in xs) / 2
+    return build(target, kinetic=kinetic, potential=sum(xs), coordinates=xs, initial=dict.fromkeys(xs, 1.0))
