@@ -73,6 +73,24 @@ def _declared() -> None:
         order.names = names
 
 
+OLDEST = 2
+"""The last generation of the collector: looking at it is looking at all that is kept."""
+LOOKS = [0]
+"""How often the collector had looked at everything when a test began."""
+
+
+@pytest.fixture(autouse=True)
+def _spared() -> None:
+    """Spare the collector what has outlived a look at everything: shared models, which are never given up.
+
+    It happens between tests, so that what a test makes and gives up is found in it.
+    """
+    looks = gc.get_stats()[OLDEST]["collections"]
+    if looks != LOOKS[0]:
+        LOOKS[0] = looks
+        gc.freeze()
+
+
 def pytest_collection_finish() -> None:
     """Spare the collector what is there before the tests and stays: it would walk all of it again and again.
 

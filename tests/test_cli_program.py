@@ -58,9 +58,6 @@ def test_a_run_without_out_imports_no_plotting(scene: str) -> None:
 def test_as_a_program(scene: str) -> None:
     done = command("run", scene)
     assert (done.returncode, done.stderr) == (0, "")
-    wrong = command("run", scene, "--set", "k=1")
-    assert wrong.returncode == 2
-    assert wrong.stderr == "lagrange: 'k' is no parameter of this system; its parameters are m and g.\n"
     assert command("--version").stdout == f"lagrange {lg.__version__}\n"
 
 
@@ -127,7 +124,13 @@ def test_a_signal_keeps_the_partial_result(tmp_path: Path, number: signal.Signal
     program = [sys.executable, "-m", "lagrange", "run", "double-pendulum", *options, str(tmp_path)]
     # Whatever becomes of this process, the run ends with its minutes of the processor.
     program = ["sh", "-c", 'ulimit -t 180 && exec "$@"', "sh", *program]
-    for pause in (3.0, 6.0, 12.0, 24.0):  # on a busy machine it may still be compiling, and has nothing to keep yet
+    for pause in (
+        2.0,
+        4.0,
+        8.0,
+        16.0,
+        32.0,
+    ):  # on a busy machine it may still be compiling, and has nothing to keep yet
         with subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
             try:
                 time.sleep(pause)

@@ -32,15 +32,17 @@ ALL = STAGES.index("all")
 def compiled(n: int, *, relative: bool) -> tuple[float, ...]:
     """Return processor seconds of each stage and of all, from nothing said to a checked model, and the seconds passed.
 
-    SymPy starts with empty caches.
+    SymPy starts with empty caches, and LLVM without object code.
     """
     from sympy.core.cache import clear_cache
     from systems import chain
 
     import lagrange as lg
     from lagrange.evidence.quick import quick_check
+    from lagrange.machine.llvm.engine import COMPILED
 
     clear_cache()
+    COMPILED.forget()
     gc.collect()
     began = perf_counter()
     marks = [process_time()]

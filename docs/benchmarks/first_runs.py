@@ -60,6 +60,7 @@ def systems() -> dict[str, Callable[[], Any]]:
 def measured(system: str, run: str) -> dict[str, float]:
     """Return the processor seconds of first runs beside their steps, and of all tolerances."""
     import lagrange as lg
+    from lagrange.machine.llvm.engine import COMPILED
 
     options = dict(RUNS[run])
     watching, before = options.pop("event", False), options.pop("before", False)
@@ -74,6 +75,7 @@ def measured(system: str, run: str) -> dict[str, float]:
 
     def costs(tolerances: list[float]) -> list[float]:
         stated = made[system]()
+        COMPILED.forget()
         model, first = stated.compile(check=False), stated.coordinates[0]
         gc.collect()
         found = [taken(model, first, rtol) for rtol in tolerances]

@@ -1,7 +1,7 @@
 """A program for tests: stop a change of files at each of its operations in turn, and print what was left as JSON.
 
-Its arguments are a folder, what happens (kill, full, dead, SIGINT, SIGTERM, and full+3 for killed
-three operations after the disk was full), and what is written (together, single).
+Its arguments are an empty folder, what is written (together, single), and one or more things that happen: kill, full,
+dead, SIGINT, SIGTERM, and full+3 for killed three operations after the disk was full. Each has a folder of its own.
 """
 
 from __future__ import annotations
@@ -55,11 +55,17 @@ def stop(how: str, folder: Path, number: int) -> Callable[[], None]:
 
     mock.patch.object(os, "fsync", fsync).start()
     sys.addaudithook(hook)
-    return lambda: sys.exit(0 if count <= number else 9)
+    return lambda: leave(0 if count <= number else 9)
+
+
+def leave(code: int) -> None:
+    """End this process at once: a copy of a process has nothing to clear away."""
+    sys.stderr.flush()
+    os._exit(code)
 
 
 def child(how: str, what: str, folder: Path, number: int) -> None:
-    """Write, stopped at an operation; exit with 0 if that never came."""
+    """Write, stopped at an operation; end with 0 if that never came."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     over = stop(how, folder, number)
     try:
@@ -69,9 +75,9 @@ def child(how: str, what: str, folder: Path, number: int) -> None:
             write_atomically(folder / "a.csv", new)
     except LagrangeError as error:
         sys.stderr.write(f"{error}\n")
-        sys.exit(8)
+        leave(8)
     except KeyboardInterrupt:
-        sys.exit(7)
+        leave(7)
     over()
 
 
@@ -101,5 +107,12 @@ def main(folder: Path, how: str, what: str) -> list[dict[str, Any]]:
     raise SystemExit("it never gets through")
 
 
+def all_of(folder: Path, what: str, ways: list[str]) -> dict[str, list[dict[str, Any]]]:
+    """Return what was left for each thing that happens."""
+    for how in ways:
+        (folder / how).mkdir()
+    return {how: main(folder / how, how, what) for how in ways}
+
+
 if __name__ == "__main__":
-    sys.stdout.write(json.dumps(main(Path(sys.argv[1]).resolve(), *sys.argv[2:])))
+    sys.stdout.write(json.dumps(all_of(Path(sys.argv[1]).resolve(), sys.argv[2], sys.argv[3:])))

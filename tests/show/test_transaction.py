@@ -6,7 +6,9 @@ import json
 import os
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO
 
 import pytest
@@ -31,14 +33,24 @@ def contents(folder: Path) -> dict[str, str]:
     return {path.name: path.read_text() for path in sorted(folder.iterdir())}
 
 
-def stopped(folder: Path, how: str, what: str) -> list[dict[str, Any]]:
-    """What each operation leaves behind when it is stopped; see broken_writes.py."""
+TOGETHER = ("kill", "full", "dead", "SIGINT", "SIGTERM", *(f"full+{k}" for k in range(1, 1 + share(6))))
+SINGLE = ("kill", "full", "SIGINT", "SIGTERM")
+
+
+@cache
+def all_stopped(what: str, ways: tuple[str, ...]) -> dict[str, list[dict[str, Any]]]:
+    """Return what each operation leaves behind when it is stopped in some ways; see broken_writes.py."""
     program = Path(__file__).with_name("broken_writes.py")
-    done = subprocess.run(
-        [sys.executable, str(program), str(folder), how, what], capture_output=True, text=True, timeout=300, check=False
-    )
+    with TemporaryDirectory() as folder:
+        command = [sys.executable, str(program), folder, what, *ways]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert "Traceback" not in done.stderr and done.returncode == 0, done.stderr
-    found: list[dict[str, Any]] = json.loads(done.stdout)
+    found: dict[str, list[dict[str, Any]]] = json.loads(done.stdout)
+    return found
+
+
+def stopped(how: str, what: str, ways: tuple[str, ...]) -> list[dict[str, Any]]:
+    found = all_stopped(what, ways)[how]
     assert len(found) > 5 and found[-1]["code"] == 0, "every operation is reached, and one run goes through"
     return found
 
@@ -65,11 +77,9 @@ def test_a_writer_that_fails_leaves_what_was_there(tmp_path: Path, failure: Base
 
 
 @posix
-@pytest.mark.parametrize(
-    "how", ["kill", "full", "dead", "SIGINT", "SIGTERM", *(f"full+{k}" for k in range(1, 1 + share(6)))]
-)
-def test_stopped_anywhere_it_is_one_run(tmp_path: Path, how: str) -> None:
-    for found in stopped(tmp_path, how, "together"):
+@pytest.mark.parametrize("how", TOGETHER)
+def test_stopped_anywhere_it_is_one_run(how: str) -> None:
+    for found in stopped(how, "together", TOGETHER):
         seen = {name: words for name, words in found["left"].items() if not name.startswith(".")}
         hidden = sorted(found["left"].keys() - seen.keys())
         assert seen.pop("mine.txt") == "old"
@@ -85,9 +95,9 @@ def test_stopped_anywhere_it_is_one_run(tmp_path: Path, how: str) -> None:
 
 
 @posix
-@pytest.mark.parametrize("how", ["kill", "full", "SIGINT", "SIGTERM"])
-def test_a_single_file_stopped_anywhere_is_whole(tmp_path: Path, how: str) -> None:
-    for found in stopped(tmp_path, how, "single"):
+@pytest.mark.parametrize("how", SINGLE)
+def test_a_single_file_stopped_anywhere_is_whole(how: str) -> None:
+    for found in stopped(how, "single", SINGLE):
         assert found["left"]["a.csv"] in ("old", "new")
         assert how == "kill" or how == "SIGTERM" or set(found["left"]) == {*OLD, *MINE}
         assert found["then"] == {**OLD, **MINE, "a.csv": "next"}, "nothing of a killed process is left"

@@ -40,7 +40,6 @@ FIELDS: dict[str, Callable[[str], dict[str, Any]]] = {
 @pytest.fixture(autouse=True)
 def still() -> Iterator[None]:
     """Keep the garbage of other tests out of the times."""
-    gc.collect()
     gc.disable()
     yield
     gc.enable()

@@ -5,12 +5,14 @@ from __future__ import annotations
 import ctypes
 import ctypes.util
 import threading
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
 import llvmlite.binding as llvm
 
 from lagrange.machine.copies import Shared
+from lagrange.machine.llvm.object_code import ObjectCode
 from lagrange.machine.llvm.operations import LIBRARY
 from lagrange.machine.llvm.procedures import module
 from lagrange.procedure.form import Procedure
@@ -19,6 +21,8 @@ from lagrange.procedure.linear.ldl import factor_dense, invert_dense, solve_colu
 from lagrange.program.program import ARITY
 
 _LOADING = threading.Lock()
+
+COMPILED = ObjectCode()
 
 LARGE_MODULE = 1_000_000
 """Characters of IR beyond which code is compiled without optimization: some 12,000 operations.
@@ -41,15 +45,12 @@ class Module(Shared):
 
         To `merge` is to put procedures that say so into their callers and their own arrays into registers, no more.
         """
-        parsed = llvm.parse_assembly(text)
-        parsed.verify()
-        machine = _target_machine(0 if quickly or len(text) > LARGE_MODULE else 2)
-        if optimize:
-            _optimize(parsed, machine)
-        elif merge:
-            _merge(parsed, machine)
+        start()
+        effort = 0 if quickly or len(text) > LARGE_MODULE else 2
+        passes = _optimize if optimize else _merge if merge else None
+        how = f"{effort} {passes.__name__ if passes else ''}"
         self.ir = text
-        self._engine = _loaded(machine.emit_object(parsed))
+        self._engine = _loaded(COMPILED.of(text, how, lambda: _compiled(text, effort, passes)))
         self._addresses: dict[str, int] = {}
 
     def address(self, name: str) -> int:
@@ -57,6 +58,16 @@ class Module(Shared):
         if name not in self._addresses:
             self._addresses[name] = int(self._engine.get_function_address(name))
         return self._addresses[name]
+
+
+def _compiled(text: str, effort: int, passes: Callable[[Any, Any], None] | None) -> bytes:
+    """Return the object code of a text, after some passes over it."""
+    parsed = llvm.parse_assembly(text)
+    parsed.verify()
+    machine = _target_machine(effort)
+    if passes is not None:
+        passes(parsed, machine)
+    return bytes(machine.emit_object(parsed))
 
 
 def _loaded(code: bytes) -> Any:

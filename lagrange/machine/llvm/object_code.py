@@ -1,0 +1,46 @@
+"""Object code by the text that it was compiled from: the same text is compiled once in a process."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+
+ROOM = 32_000_000
+"""Bytes of object code that are kept; the code that was asked for longest ago goes first.
+
+A right-hand side takes some 5 kB, a loop over steps of an implicit method 50 kB.
+"""
+
+
+class ObjectCode:
+    """Keeps object code. A system that is stated again, or changed and changed back, is not compiled again."""
+
+    def __init__(self, room: int = ROOM) -> None:
+        self._room, self._taken = room, 0
+        self._codes: OrderedDict[bytes, bytes] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def forget(self) -> None:
+        """Keep nothing of what was compiled so far: measurements of compile times begin with it."""
+        with self._lock:
+            self._codes.clear()
+            self._taken = 0
+
+    def of(self, text: str, how: str, compiled: Callable[[], bytes]) -> bytes:
+        """Return the object code of a text and a way of compiling it; it is `compiled` where it is not kept."""
+        key = hashlib.sha256(f"{how}\n{text}".encode()).digest()
+        with self._lock:
+            if key in self._codes:
+                self._codes.move_to_end(key)
+                return self._codes[key]
+        code = compiled()  # other threads go on: two that compile the same text at once get the same code
+        with self._lock:
+            if key not in self._codes:
+                self._codes[key] = code
+                self._taken += len(code)
+            while self._taken > self._room:
+                _, oldest = self._codes.popitem(last=False)
+                self._taken -= len(oldest)
+        return code
