@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import gc
+from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 
 from lagrange.errors import RunError, StatementError
+from lagrange.recipes.numba import NumbaFunction
 from tests.models import build, c, l, m, model, x, y
 from tests.recipes.agreement import singular, states
 
 numba: Any = pytest.importorskip("numba", reason="numba is not installed")
 
 
+@cache
+def double_pendulum() -> NumbaFunction:
+    return model("double pendulum").as_numba()
+
+
 def test_compiled_loops_call_it_with_any_parameters() -> None:
-    of = model("double pendulum")
-    made = of.as_numba()
+    of, made = model("double pendulum"), double_pendulum()
     prepare, rhs = made.prepare, made.function
 
     def walk(y: Any, p: Any, steps: int) -> Any:
@@ -67,8 +73,7 @@ def test_a_singular_constant_matrix_is_nan() -> None:
 
 
 def test_wrong_sizes_and_types_are_refused() -> None:
-    of = model("double pendulum")
-    made = of.as_numba()
+    of, made = model("double pendulum"), double_pendulum()
     prepared = made.prepare(of.parameter_array())
     with pytest.raises(ValueError, match="another number of entries than the model"):
         made.prepare(np.ones(1))

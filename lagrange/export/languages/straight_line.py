@@ -61,7 +61,10 @@ def _rows(n, lower):
 
 
 def _eliminated(n, rows):
-    """Return P A = L U with scaled row exchanges, and whether a pivot vanishes; entries known to be zero are left."""
+    """Return P A = L U with scaled row exchanges, and whether a pivot vanishes; entries known to be zero are left.
+
+    Of two rows the determinant takes the place of the exchanges.
+    """
     a, exchanges, largest = [list(row) for row in rows], [], []
     for row in a:
         size = 0.0
@@ -69,6 +72,11 @@ def _eliminated(n, rows):
             size = size if _is_zero(x) else _most(size, abs(x))
         largest.append(_fixed(size))
     singular, finite = False, sum(x * 0.0 for row in a for x in row) == 0.0
+    if n == 2:
+        determinant = a[0][0] * a[1][1] - a[0][1] * a[1][0]
+        pivot = _most(abs(a[0][0]) * largest[1], abs(a[1][0]) * largest[0])
+        singular = _either(abs(determinant) <= PIVOT * pivot, pivot <= PIVOT * largest[0] * largest[1])
+        return (a, determinant), _both(singular, finite)
     for j in range(n):
         for i in range(j + 1, n):
             if not _is_zero(a[i][j]):
@@ -95,6 +103,9 @@ def _exchanged(swap, x, y):
 def _substituted(eliminated, right):
     """Return the solution of an eliminated system."""
     (a, exchanges), b = eliminated, list(right)
+    if len(b) == 2:
+        determinant = exchanges
+        return [(a[1][1] * b[0] - a[0][1] * b[1]) / determinant, (a[0][0] * b[1] - a[1][0] * b[0]) / determinant]
     for j, i, swap in exchanges:
         b[j], b[i] = _exchanged(swap, b[j], b[i])
     for i in range(len(b)):
