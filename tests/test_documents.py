@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import runpy
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -17,12 +19,35 @@ LINK = re.compile(r"!?\[[^\]]*\]\(([^)#\s]+)[^)]*\)")
 NAMED = re.compile(r"`((?:lagrange|tests|examples|docs)/[\w./-]+)`")
 
 
+RECIPES = ("casadi", "cffi", "jax", "numba")
+"""Packages that a page may import and that need not be installed."""
+
+
 def snippets() -> list[tuple[str, str]]:
     """The Python blocks that stand alone, because they import what they use."""
     blocks = (
         (page, body) for page in PAGES for kind, body in FENCE.findall(page.read_text("utf-8")) if kind == "python"
     )
     return [(page.relative_to(ROOT).as_posix(), body) for page, body in blocks if "import lagrange" in body]
+
+
+def missing(body: str) -> list[str]:
+    """Return the packages of extras that a block imports and that are not installed."""
+    taken = [name for node in ast.walk(ast.parse(body)) if isinstance(node, ast.Import) for name in node.names]
+    return [name.name for name in taken if name.name in RECIPES and find_spec(name.name) is None]
+
+
+def test_a_block_whose_package_is_missing_is_skipped_with_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(f"{__name__}.find_spec", lambda name: None)
+    assert missing("import jax\nimport numpy as np\nimport lagrange as lg\n") == ["jax"]
+
+
+def test_every_recipe_has_a_page_with_a_block_that_runs() -> None:
+    pages = [page for page, _ in snippets()]
+    assert [name for name in (*RECIPES, "scipy", "sympy") if not any(f"recipes/{name}." in page for page in pages)] == [
+        "cffi"
+    ]
+    assert pages.count("docs/recipes/c.md") == 2
 
 
 def test_the_readme_has_a_first_result_in_six_lines() -> None:
@@ -32,6 +57,8 @@ def test_the_readme_has_a_first_result_in_six_lines() -> None:
 
 @pytest.mark.parametrize("body", [pytest.param(body, id=page) for page, body in snippets()])
 def test_the_python_on_the_page_runs(body: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if lacking := missing(body):
+        pytest.skip(f"not installed: {', '.join(lacking)}")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(registry, "_registered", {})  # what a page registers is not there for the next
     script = tmp_path / "snippet.py"
