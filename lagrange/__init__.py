@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from lagrange import methods as methods
     from lagrange.errors import LagrangeError, RunError, SceneError, StatementError
     from lagrange.evidence.trust import TrustHorizon, trust_horizon
+    from lagrange.export.registry import targets
     from lagrange.loading import load
     from lagrange.racing import race
     from lagrange.recipes.model import Model
@@ -36,6 +37,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "lagrange.errors": ("LagrangeError", "RunError", "SceneError", "StatementError"),
     "lagrange.evidence.trust": ("TrustHorizon", "trust_horizon"),
+    "lagrange.export.registry": ("targets",),
     "lagrange.loading": ("load",),
     "lagrange.racing": ("race",),
     "lagrange.recipes.model": ("Model",),
@@ -91,6 +93,7 @@ __all__ = [
     "scenes",
     "spring",
     "t",
+    "targets",
     "trust_horizon",
 ]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -17,6 +18,7 @@ from lagrange.errors import StatementError, listing, shown
 from lagrange.evidence.check import check
 from lagrange.evidence.independent import solved_statement
 from lagrange.evidence.report import Report
+from lagrange.export.write import Exported, export
 from lagrange.recipes.model import Model
 from lagrange.run import integrate_since
 from lagrange.show.derivation import ShownDerivation, equations_latex, render, written_derivation
@@ -247,6 +249,26 @@ class System(Analysis):
             RunOptions(chosen, rtol, atol, step, t_eval, events, max_steps, max_wall, max_memory, parameters),
             progress=progress,
         )
+
+    def export(
+        self,
+        target: str,
+        path: str | os.PathLike[str],
+        contents: Sequence[str] | None = None,
+        *,
+        events: Any = None,
+        parameters: Mapping[Any, Any] | None = None,
+    ) -> Exported:
+        """Write the model as source files of a target into a folder, with a self-test; `lagrange.targets()` lists them.
+
+        `contents` are names of quantities ("rhs", "accelerations", "energy", "jacobian", "mass_matrix", "momenta",
+        "multipliers", "events"), of explicit methods ("rk4": a step, "dop853": a run with error control), "main" (a
+        program that runs the initial state and writes CSV) and, for some targets, "taylor"; the default is rhs and
+        energy. `events` are expressions as for a run. `parameters` overlay the default values, which stand in the file.
+        The result has `.files`, and `.commands` that build and run the self-test in that folder. All files are written
+        or none. Raises StatementError for what a target cannot express, and for a parameter without a value.
+        """
+        return export(self.compile("numpy", check=False), target, path, contents, events, parameters)
 
     def consistent(
         self,

@@ -1,1 +1,1 @@
-"""Text of models in other languages."""
+"""Code for other solvers: whole models as source text, each with a test of its own."""

@@ -300,6 +300,7 @@ HELD: dict[str, Callable[[], Any]] = {
 """Instances for methods that need another model: with constraints, or in machine code."""
 
 OWN: dict[str, dict[str, Any]] = {
+    "System.export": {"target": "c", "contents": ["rhs", "events"]},
     "System.from_scene": {"path": LIBRARY / "pendulum.toml"},
     "Model.as_casadi": {"status": True},
     "Solution.constraint_force": {"name": "rod", "at": "bob"},

@@ -15,6 +15,7 @@ from itertools import groupby, pairwise
 from typing import Any
 
 from lagrange.errors import StatementError, shown
+from lagrange.machine.model import Model
 from lagrange.program.step import StepProgram, trace
 from lagrange.statement.choice import text
 from lagrange.statement.expression import entries
@@ -120,15 +121,20 @@ def _pairs(name: str, stages: Any) -> SplittingStages:
 def check_splits(name: str, problem: Problem) -> None:
     """Refuse a system whose kinetic energy is not separable or whose forces depend on velocities."""
     check_problem(name, problem)
-    structure = problem.model.equations.structure
+    check_separable(name, problem.model)
+
+
+def check_separable(name: str, model: Model) -> None:
+    """Refuse a model whose kinetic energy is not separable or whose forces depend on velocities."""
+    structure = model.equations.structure
     position_only = structure.position_only or structure.decisions.position_only is True
     if not structure.constant_mass and structure.decisions.constant_mass is not True:
         reason = "its mass matrix changes along the motion"
         remedy = "Use variational-midpoint or galerkin4, which are symplectic for any mass matrix, or rk4 or dop853"
-    elif problem.model.equations.first_order:
+    elif model.equations.first_order:
         reason = "some of its equations are of first order"
         remedy = "Use taylor, dop853 or rk4"
-    elif not position_only and len(problem.model.equations.constraints):
+    elif not position_only and len(model.equations.constraints):
         reason = "the forces of its constraints depend on velocities"
         remedy = "Use rattle, which is symplectic for constraints on coordinates, or taylor or dop853"
     elif not position_only:
@@ -138,7 +144,7 @@ def check_splits(name: str, problem: Problem) -> None:
         return
     raise StatementError(
         f"{name} moves coordinates and velocities in turn, which is not symplectic, and not of its order, for "
-        f"{problem.model.statement.name}: {reason}. {remedy}."
+        f"{model.statement.name}: {reason}. {remedy}."
     )
 
 

@@ -1,0 +1,107 @@
+"""Evaluate a straight-line program with mpmath, to as many digits as asked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import Any
+
+from mpmath import MPContext
+
+from lagrange.program.program import Instruction, Program
+
+Numbers = list[Any]
+
+
+class NoValue(ArithmeticError):
+    """An operation without a real, finite value."""
+
+
+@cache
+def _context(digits: int) -> Any:
+    context = MPContext()
+    context.dps = digits
+    return context
+
+
+def evaluate(program: Program, t: float, y: Sequence[float], parameters: Sequence[float], digits: int = 40) -> Numbers:
+    """Return the outputs at a time, a state and parameters, which are taken as the exact doubles that they are.
+
+    Raises NoValue where an operation has no real, finite value, or a matrix is singular.
+    """
+    return _Evaluation(program, _context(digits)).run(t, y, parameters)
+
+
+class _Evaluation:
+    """One evaluation: numbers, conditions, and lists of numbers for factors and solutions."""
+
+    def __init__(self, program: Program, context: Any) -> None:
+        self.program, self.context = program, context
+        self.operations = _operations(context)
+
+    def run(self, t: float, y: Sequence[float], parameters: Sequence[float]) -> Numbers:
+        values: list[Any] = []
+        number = self.context.mpf
+        given = {"state": [number(x) for x in y], "parameter": [number(x) for x in parameters], "time": [number(t)]}
+        for one in self.program.instructions:
+            if one.op in given:
+                values.append(given[one.op][one.place])
+            elif one.op == "constant":
+                values.append(number(one.value))
+            else:
+                values.append(self.computed(one, [values[arg] for arg in one.args]))
+        found = [values[ref] for ref in self.program.outputs]
+        if any(not self.context.isfinite(value) for value in found):
+            raise NoValue("a result is not finite")
+        return found
+
+    def computed(self, one: Instruction, args: list[Any]) -> Any:
+        if one.op == "factor":
+            return self.inverse(one.order, args)
+        if one.op == "solve":
+            return list(args[0] * self.context.matrix(args[1:]))
+        if one.op == "component":
+            return args[0][one.place]
+        try:
+            found = self.operations[one.op](*args)
+        except (ZeroDivisionError, ValueError, OverflowError) as error:
+            raise NoValue(f"{one.op} has no value") from error
+        if isinstance(found, self.context.mpc):
+            raise NoValue(f"{one.op} has no real value")
+        return found
+
+    def inverse(self, n: int, lower: Sequence[Any]) -> Any:
+        """Return the inverse of a symmetric matrix."""
+        matrix = self.context.zeros(n)
+        for i in range(n):
+            for j in range(i + 1):
+                matrix[i, j] = matrix[j, i] = lower[i * (i + 1) // 2 + j]
+        try:
+            return self.context.inverse(matrix)
+        except ZeroDivisionError as error:
+            raise NoValue("a matrix is singular") from error
+
+
+@cache
+def _operations(context: Any) -> dict[str, Callable[..., Any]]:
+    """Return every operation of a program on numbers of a context."""
+    named = "sqrt sin cos tan asin acos atan exp log sinh cosh tanh asinh acosh atanh erf sign atan2 power"
+    return {
+        **{name: getattr(context, name) for name in named.split()},
+        "neg": lambda a: -a,
+        "add": lambda a, b: a + b,
+        "sub": lambda a, b: a - b,
+        "mul": lambda a, b: a * b,
+        "div": lambda a, b: a / b,
+        "fma": lambda a, b, c: a * b + c,
+        "abs": abs,
+        "min": min,
+        "max": max,
+        "less": lambda a, b: a < b,
+        "less_equal": lambda a, b: a <= b,
+        "equal": lambda a, b: a == b,
+        "and": lambda a, b: a and b,
+        "or": lambda a, b: a or b,
+        "not": lambda a: not a,
+        "select": lambda c, a, b: a if c else b,
+    }

@@ -1,0 +1,21 @@
+"""Text for comments: plain ASCII, in lines of a width."""
+
+from __future__ import annotations
+
+import textwrap
+import unicodedata
+
+from lagrange.statement.letters import GREEK
+
+
+def plain(text: str) -> str:
+    """Return a text in ASCII without what could end a comment: Greek letters by name, others as they look alike."""
+    spelled = "".join(GREEK.get(letter, letter) for letter in text)
+    ascii_only = unicodedata.normalize("NFKD", spelled).encode("ascii", "replace").decode("ascii")
+    printable = "".join(letter if letter.isprintable() else " " for letter in ascii_only)
+    return printable.replace("*/", "* /").replace("/*", "/ *").replace("\\", "/")
+
+
+def wrapped(text: str, width: int) -> list[str]:
+    """Return a text in lines of a width, at least one; a line that goes on is indented."""
+    return textwrap.wrap(plain(text), width, subsequent_indent="  ", break_long_words=False) or [""]

@@ -1,0 +1,235 @@
+"""What of a system is exported: quantities, integrators and a run, as a module in no language."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from lagrange.errors import StatementError, listing, suggestion
+from lagrange.export.identifiers import ascii_name
+from lagrange.export.module import Integrator, Quantity, Run, SourceModule
+from lagrange.export.self_test import check_of, in_python, prepared_numbers, step_check
+from lagrange.export.statement_lines import statement_lines
+from lagrange.export.target import QUANTITIES, Target
+from lagrange.machine.model import Model
+from lagrange.procedure.bind import bound
+from lagrange.procedure.form import Procedure
+from lagrange.procedure.kernel.kernels import kernel, prepare
+from lagrange.procedure.kernel.prepared import Prepared
+from lagrange.procedure.prune import Pruner
+from lagrange.procedure.step.integrate import adaptive_run, one_step
+from lagrange.program.program import Program
+from lagrange.program.step import StepProgram
+from lagrange.show.units import unit_of
+from lagrange.statement.event import Event
+from lagrange.statement.number import real_number
+from lagrange.trajectory.methods import registry
+from lagrange.trajectory.methods.splitting import check_separable
+
+DEFAULT = ("rhs", "energy")
+"""What is exported unless something else is asked for."""
+
+STEP, MAIN, TAYLOR = "step", "main", "taylor"
+STEP_METHOD, ADAPTIVE_METHOD = "rk4", "dop853"
+"""The methods of the contents `step` and `main`."""
+
+INTERVALS = 1000
+"""Intervals between the rows that `main` writes, unless it is called with another number."""
+
+MAIN_RTOL = 1e-10
+"""Tolerance of `main` unless the scene has one."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """The contents of an export, in order: quantities, methods with their steps, and whether there is a run."""
+
+    quantities: tuple[str, ...]
+    methods: tuple[tuple[str, StepProgram], ...]
+    main: bool
+    taylor: bool
+
+
+def wanted(target: Target, model: Model, contents: Sequence[str] | None, events: Sequence[Event]) -> Wanted:
+    """Return the contents that were asked for. Raises StatementError for what system or target do not have."""
+    names = _names(contents, events)
+    quantities = [name for name in QUANTITIES if name in names]
+    methods = [name for name in names if name not in (*QUANTITIES, STEP, MAIN, TAYLOR)]
+    methods += [STEP_METHOD] * (STEP in names)
+    if MAIN in names and not any(_adaptive(name) for name in methods):
+        methods.append(ADAPTIVE_METHOD)
+    _refuse(target, model, names, methods, events)
+    steps = tuple((name, step_of(name)) for name in dict.fromkeys(methods))
+    if steps and "rhs" not in quantities:
+        quantities.insert(0, "rhs")
+    return Wanted(tuple(quantities), steps, MAIN in names, TAYLOR in names)
+
+
+def _names(contents: Any, events: Sequence[Event]) -> list[str]:
+    if contents is None:
+        return [*DEFAULT, *(["events"] if events else [])]
+    if isinstance(contents, str) or not all(isinstance(one, str) for one in contents):
+        raise StatementError(f"contents is {contents!r}: give a list of names, such as ['rhs', 'energy'].")
+    if not contents:
+        raise StatementError("contents is empty: give names, such as ['rhs', 'energy'].")
+    return [*dict.fromkeys(contents)]
+
+
+def _adaptive(name: str) -> bool:
+    return registry.find(name).claims.adaptive if name in registry.names() else False
+
+
+def _refuse(
+    target: Target, model: Model, names: Sequence[str], methods: Sequence[str], events: Sequence[Event]
+) -> None:
+    """Raise StatementError for contents that cannot be."""
+    known = [*QUANTITIES, STEP, MAIN, TAYLOR]
+    for name in methods:
+        if name not in registry.names():
+            raise StatementError(
+                f"there are no contents {name!r}; they are {listing(known)}, and the names of explicit methods, such "
+                f"as 'dop853'.{suggestion(name, [*known, *registry.names()])}"
+            )
+        if step_of(name).law == "accelerations":
+            check_separable(name, model)
+    title = model.statement.name
+    if "multipliers" in names and not len(model.equations.constraints):
+        raise StatementError(f"{title} has no constraints, and so no multipliers: leave them out of contents.")
+    if "events" in names and not events:
+        raise StatementError(
+            f"{title} has no events to export: give them, as in system.export(..., events=[theta.dot]), or leave "
+            "'events' out of contents."
+        )
+    if events and "events" not in names:
+        raise StatementError("events are given, but contents has no 'events': add it, or leave out events.")
+    for kind, asked in (("steps", bool(methods)), ("main", MAIN in names), ("taylor", TAYLOR in names)):
+        if asked and kind not in target.contents:
+            what = {"steps": listing(methods), "main": "main", "taylor": "taylor"}[kind]
+            raise StatementError(f"target {target.name!r} has no {what}: leave it out of contents, or take target 'c'.")
+
+
+def step_of(name: str) -> StepProgram:
+    """Return the step of an explicit method. Raises StatementError for any other."""
+    program = getattr(registry.find(name), "program", None)
+    if isinstance(program, StepProgram) and not program.solves and program.starter is None:
+        return program
+    raise StatementError(
+        f"the method {name!r} has no step that is exported: give an explicit method, such as 'rk4', 'verlet' or "
+        "'dop853'."
+    )
+
+
+def module_of(
+    model: Model, asked: Wanted, events: Sequence[Event], parameters: Mapping[Any, Any] | None = None
+) -> SourceModule:
+    """Return a model as it is exported. Raises StatementError for a parameter without a value."""
+    statement, equations = model.statement, model.equations
+    values = tuple(float(value) for value in model.parameter_array(parameters))
+    state = (*statement.names, *(f"{name}_dot" for name in statement.names))
+    programs = {name: _program(name, model, events) for name in asked.quantities}
+    projected = bool(asked.methods) and len(equations.constraints) > 0
+    every = [*programs.values()]
+    if projected:
+        every.append(model.law("projection").program)
+    prepared = Prepared.of(every)
+    given = {"state_names": state, "parameter_names": tuple(p.name for p in statement.parameters)}
+    about = "Write the parameters into p, and behind them what depends on them alone."
+    procedures = {name: kernel(one, prepared, name, _about(name), **given) for name, one in programs.items()}
+    laws = {"law": procedures["rhs"], "jacobian": procedures["rhs"]} if asked.methods else {}
+    if projected:
+        laws["projection"] = kernel(every[-1], prepared, "projection", "Corrections onto the constraints.", **given)
+    prune = Pruner().pruned
+    integrators = tuple(_integrator(name, step, len(state), laws, prune) for name, step in asked.methods)
+    preparing = prune(prepare(prepared, about, parameter_names=given["parameter_names"]))
+    p = prepared_numbers(preparing, prepared.size, values)
+    quantities = tuple(
+        Quantity(name, _about(name), one, prune(procedures[name]), _results(name, model, one), one.shape)
+        for name, one in programs.items()
+    )
+    return SourceModule(
+        name=ascii_name(statement.name).lower(),
+        statement=tuple(statement_lines(statement)),
+        state=state,
+        parameters=given["parameter_names"],
+        values=values,
+        units={name: unit for name in (*state, *given["parameter_names"]) if (unit := unit_of(statement, name))},
+        prepare=preparing,
+        prepared=prepared.size,
+        quantities=quantities,
+        integrators=integrators,
+        checks=tuple(
+            check_of(one.name, one.program, in_python(one.procedure, p, len(one.results)), statement, values)
+            for one in quantities
+        ),
+        step_checks=tuple(step_check(one, p, statement) for one in integrators),
+        run=_run(model) if asked.main else None,
+        contents=(*asked.quantities, *(name for name, _ in asked.methods)),
+    )
+
+
+def _program(name: str, model: Model, events: Sequence[Event]) -> Program:
+    if name != "events":
+        return model.law(name).program
+    nodes = tuple(model.equations.translate(event.expression) for event in events)
+    return model.function("events", nodes).program
+
+
+def _integrator(
+    name: str,
+    step: StepProgram,
+    dimension: int,
+    laws: Mapping[str, Procedure],
+    prune: Callable[[Procedure], Procedure],
+) -> Integrator:
+    """Return a step, or a run with error control, with its laws bound."""
+    adaptive, own = step.control is not None, name.replace("-", "_")
+    make: Callable[..., Procedure] = adaptive_run if adaptive else one_step
+    made = bound(make(step, dimension, own, projected="projection" in laws), laws, prefix=f"{own}_")
+    return Integrator(own, made.about, prune(replace(made, name=own)), adaptive)
+
+
+ABOUT = {
+    "rhs": "The right-hand side of y' = f(t, y).",
+    "accelerations": "The accelerations.",
+    "energy": "The energy v.p - L, which is T + V where T is quadratic in the velocities.",
+    "jacobian": "The derivative of the right-hand side by the state, by rows.",
+    "mass_matrix": "The mass matrix, by rows.",
+    "momenta": "The conjugate momenta dL/dv.",
+    "multipliers": "The multipliers of the constraints.",
+    "events": "The event functions, each zero where its event is.",
+}
+
+
+def _about(name: str) -> str:
+    return ABOUT[name]
+
+
+def _results(name: str, model: Model, program: Program) -> tuple[str, ...]:
+    """Return the names of the results of a quantity."""
+    names = model.statement.names
+    rates = [*(f"{one}_dot" for one in names), *(f"{one}_ddot" for one in names)]
+    state = [*names, *(f"{one}_dot" for one in names)]
+    match name:
+        case "rhs":
+            return tuple(rates)
+        case "accelerations":
+            return tuple(rates[len(names) :])
+        case "jacobian":
+            return tuple(f"d{rate}/d{entry}" for rate in rates for entry in state)
+        case "mass_matrix":
+            return tuple(f"M[{a},{b}]" for a in names for b in names)
+        case "momenta":
+            return tuple(f"p_{one}" for one in names)
+        case "multipliers":
+            return tuple(f"lambda_{one}" for one in model.equations.stated.names)
+        case "energy":
+            return ("energy",)
+        case _:
+            return tuple(f"event{k}" for k in range(len(program.outputs)))
+
+
+def _run(model: Model) -> Run:
+    settings = model.statement.run
+    rtol = MAIN_RTOL if settings.rtol is None else real_number(settings.rtol, "rtol")
+    return Run(model.statement.initial, settings.t_end, INTERVALS, rtol)

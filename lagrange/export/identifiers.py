@@ -1,0 +1,40 @@
+"""Names of a statement as names in a program: ASCII letters, digits and underscores."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+from typing import TypeVar
+
+from lagrange.statement.letters import GREEK
+
+LONGEST = 63
+"""Characters of a name: what C and Fortran distinguish."""
+
+Name = TypeVar("Name", bound=str)
+
+
+def ascii_name(name: str) -> str:
+    """Return a name of ASCII letters, digits and underscores that begins with a letter: "θ1" becomes "theta1"."""
+    spelled = "".join(GREEK.get(letter, letter) for letter in name)
+    plain = re.sub(r"[^A-Za-z0-9]+", "_", spelled).strip("_")
+    return (plain if plain[:1].isalpha() else f"x{plain}")[:LONGEST]
+
+
+def distinct(
+    names: Sequence[str], reserved: Iterable[str] = (), *, key: Callable[[str], str] = lambda name: name
+) -> tuple[str, ...]:
+    """Return legal names in order, each its own: what is taken or reserved gets a number behind it.
+
+    `key` is what two names that are the same to a language have in common.
+    """
+    taken, found = {key(word) for word in reserved}, []
+    for name in names:
+        plain = ascii_name(name)
+        wanted, count = plain, 2
+        while key(wanted) in taken:
+            tail = f"_{count}"
+            wanted, count = plain[: LONGEST - len(tail)] + tail, count + 1
+        taken.add(key(wanted))
+        found.append(wanted)
+    return tuple(found)

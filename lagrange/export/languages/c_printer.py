@@ -1,0 +1,221 @@
+"""Print procedures as functions of C or C++."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+from lagrange.errors import LagrangeError
+from lagrange.export.comments import wrapped
+from lagrange.export.identifiers import ascii_name
+from lagrange.export.languages.c_spelling import FUNCTIONS, HELPERS, KINDS, OPERANDS, RESERVED, SPELLED, literal
+from lagrange.procedure.bind import reads
+from lagrange.procedure.form import PARTIAL, Array, Call, Kind, Part, Procedure, Record, Type
+from lagrange.procedure.source_printer import SourcePrinter, results_of
+from lagrange.procedure.syntax import ATOM
+
+WIDTH = 110
+"""Characters of a line of comment or of a head."""
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """What differs between C and C++, and between modules.
+
+    `prefix` begins the names of functions, `library` calls a function of the library, `zeros` initializes a record, and
+    `restrict` says that arrays do not overlap. `helpers` collects the operations whose definitions the file needs.
+    """
+
+    prefix: str
+    library: Callable[[str], str] = str
+    zeros: str = "{0}"
+    restrict: str = "restrict "
+    helpers: dict[str, None] = field(default_factory=dict)
+
+    def helper(self, op: str) -> str:
+        """Return the name of a function that is defined in the file."""
+        if op not in HELPERS:
+            raise LagrangeError(f"C has no function for {op}.")
+        self.helpers[op] = None
+        return HELPERS[op][0]
+
+    def record(self, record: Record) -> str:
+        """Return the type of a record."""
+        return f"{self.prefix}{record.name.lower()}"
+
+    def type_of(self, kind: Type, name: str, *, qualified: bool = True) -> str:
+        """Return the declaration of a parameter."""
+        if isinstance(kind, Kind):
+            return f"{KINDS[kind]} {name}"
+        restrict = self.restrict if qualified else ""
+        if isinstance(kind, Array):
+            return f"{'const ' if kind.read else ''}{KINDS[kind.kind]} *{restrict}{name}"
+        assert isinstance(kind, Record)
+        return f"{self.record(kind)} *{restrict}{name}"
+
+    def result(self, procedure: Procedure) -> str:
+        """Return the type of the results of a procedure."""
+        if len(procedure.results) > 1:
+            return f"{self.prefix}{procedure.name}_results"
+        return KINDS[procedure.results[0]] if procedure.results else "void"
+
+    def signature(self, procedure: Procedure, names: Sequence[str], *, qualified: bool = True) -> list[str]:
+        """Return the head of a function, broken where it is long."""
+        given = [
+            self.type_of(one.type, name, qualified=qualified)
+            for one, name in zip(procedure.parameters, names, strict=True)
+        ]
+        head = f"{self.result(procedure)} {self.prefix}{procedure.name}("
+        line = f"{head}{', '.join(given) or 'void'})"
+        return [line] if len(line) <= WIDTH else [head, *broken(given, "    ", WIDTH)]
+
+
+def broken(parts: Sequence[str], indent: str, width: int) -> list[str]:
+    """Return the parts of a list on lines of a width, with its closing parenthesis."""
+    lines, line = [], indent
+    for part in [*(f"{part}," for part in parts[:-1]), f"{parts[-1]})"]:
+        if len(line) + len(part) > width and line.strip():
+            lines.append(line.rstrip())
+            line = indent
+        line += f"{part} "
+    return [*lines, line.rstrip()]
+
+
+def comment(text: str) -> list[str]:
+    """Return a comment, broken where it is long."""
+    first, *rest = wrapped(text, WIDTH - 6)
+    lines = [f"/* {first}", *(f"   {line}" for line in rest)]
+    return [*lines[:-1], f"{lines[-1]} */"]
+
+
+def function(procedure: Procedure, dialect: Dialect) -> str:
+    """Return a procedure as a function; what it needs of the file is noted in the dialect."""
+    return _CPrinter(procedure, dialect).function()
+
+
+class _CPrinter(SourcePrinter):
+    """Prints one procedure."""
+
+    spelled = SPELLED
+    operands = OPERANDS
+
+    def __init__(self, procedure: Procedure, dialect: Dialect) -> None:
+        self.dialect = dialect
+        own = [one.name for one in procedure.parameters]
+        words = (*RESERVED, *FUNCTIONS.values(), *(name for name, _ in HELPERS.values()))
+        super().__init__(procedure, [word for word in words if word not in own])
+
+    @cached_property
+    def _read(self) -> frozenset[int]:
+        return reads(self.procedure.body)
+
+    def function_name(self, procedure: Procedure) -> str:
+        return f"{self.dialect.prefix}{procedure.name}"
+
+    def head(self) -> list[str]:
+        names = [self.text(one.ref) for one in self.procedure.parameters]
+        *lines, last = self.dialect.signature(self.procedure, names)
+        unused = [one for one in self.procedure.parameters if one.ref not in self._read]
+        ignored = [f"{self.indent}(void){self.text(one.ref)};" for one in unused]
+        return [*comment(self.procedure.about), *lines, f"{last} {{", *ignored]
+
+    def tail(self) -> list[str]:
+        return ["}"]
+
+    def legal(self, stem: str) -> str:
+        return ascii_name(stem)
+
+    def literal(self, kind: Kind, data: Any) -> tuple[int, str]:
+        return literal(kind, data)
+
+    def function_of(self, op: str) -> str:
+        if op in FUNCTIONS:
+            return self.dialect.library(FUNCTIONS[op])
+        return self.dialect.helper(op)
+
+    def define(self, name: str, kind: Kind, text: str) -> str:
+        return f"const {KINDS[kind]} {name} = {text};"
+
+    def declare(self, name: str, kind: Kind, text: str) -> str:
+        return f"{KINDS[kind]} {name} = {text};"
+
+    def assign(self, target: str, text: str) -> str:
+        return f"{target} = {text};"
+
+    def element(self, array: int, place: int) -> str:
+        return f"{self.text(array)}[{self.text(place)}]"
+
+    def reserve(self, ref: int, array: Array) -> None:
+        self.put(f"{KINDS[array.kind]} {self.name(ref)}[{(array.size or 0) + max(array.room - 1, 0) or 1}];")
+
+    def reserve_record(self, ref: int, record: Record) -> None:
+        name = self.name(ref)
+        self.put(f"{self.dialect.record(record)} {name}_record = {self.dialect.zeros};")
+        self.put(f"{self.dialect.record(record)} *const {name} = &{name}_record;")
+
+    def member(self, record: int, field: str) -> str:
+        return f"{self.text(record)}->{field}"
+
+    def part(self, part: Part) -> None:
+        held = self.array(part.array)
+        const = "const " if held.read else ""
+        kind = KINDS[held.kind]
+        self.write(
+            f"{const}{kind} *const {self.name(part.ref)} = {self.text(part.array)} + {self.text(part.start, 7)};"
+        )
+
+    def call(self, call: Call) -> None:
+        target = self.function_name(call.callee) if isinstance(call.callee, Procedure) else self.text(call.callee)
+        made = f"{target}({', '.join(self.text(arg) for arg in call.args)})"
+        kinds = results_of(self, call)
+        if len(kinds) > 1:
+            whole = f"found{call.refs[0]}"
+            self.write(f"const {target}_results {whole} = {made};")
+            for k, (ref, kind) in enumerate(zip(call.refs, kinds, strict=True)):
+                self.types[ref], self.texts[ref] = kind, (ATOM, f"{whole}.r{k}")
+        elif not kinds:
+            self.write(f"{made};")
+        elif call.refs[0] in self.uses:
+            self.types[call.refs[0]] = kinds[0]
+            self.settle()
+            self.put(self.define(self.name(call.refs[0]), kinds[0], made))
+        else:
+            self.write(f"(void){made};")
+
+    def leave(self, values: Sequence[int]) -> None:
+        if len(values) < 2:
+            self.write(f"return {self.text(values[0])};" if values else "return;")
+            return
+        self.write(f"{self.dialect.result(self.procedure)} results;")
+        for k, value in enumerate(values):
+            self.put(f"results.r{k} = {self.text(value)};")
+        self.put("return results;")
+
+    def comment(self, text: str) -> str:
+        return f"/* {text} */"
+
+    def opening(self, kind: str, *texts: str) -> str:
+        match kind, texts:
+            case "for", (index, start, stop, step):
+                moved = f"{index}++" if step == "1" else f"{index} += {step}"
+                return f"for (int64_t {index} = {start}; {index} < {stop}; {moved}) {{"
+            case "forever", _:
+                return "for (;;) {"
+            case "else", _:
+                return "} else {"
+            case _:
+                return f"{kind} ({texts[0]}) {{"
+
+    def closing(self, kind: str) -> str:
+        return "}"
+
+    def leaving_loop(self) -> str:
+        return "break;"
+
+    def partial(self, ref: int, place: str) -> str:
+        return f"{self.text(ref)}[{place}]"
+
+    def modulo(self, index: str) -> str:
+        return f"{index} & {PARTIAL - 1}"

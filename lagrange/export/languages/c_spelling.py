@@ -1,0 +1,170 @@
+"""How C spells operations, literals and words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Kind
+from lagrange.procedure.syntax import ATOM
+
+KINDS: Mapping[Kind, str] = {REAL: "double", WHOLE: "int64_t", FLAG: "int"}
+
+SPELLED: Mapping[str, tuple[int, str]] = {
+    "select": (1, "{0} ? {1} : {2}"),
+    "or": (2, "{0} || {1}"),
+    "and": (3, "{0} && {1}"),
+    "equal": (4, "{0} == {1}"),
+    "less": (5, "{0} < {1}"),
+    "less_equal": (5, "{0} <= {1}"),
+    "add": (6, "{0} + {1}"),
+    "sub": (6, "{0} - {1}"),
+    "fma": (6, "{0} * {1} + {2}"),
+    "mul": (7, "{0} * {1}"),
+    "div": (7, "{0} / {1}"),
+    "quotient": (7, "{0} / {1}"),
+    "neg": (8, "-{0}"),
+    "not": (8, "!{0}"),
+    "real": (8, "(double){0}"),
+    "whole": (8, "(int64_t){0}"),
+}
+
+OPERANDS: Mapping[str, tuple[int, ...]] = {
+    "select": (4, 2, 2),
+    "or": (4, 4),
+    "and": (4, 4),
+    "equal": (6, 6),
+    "less": (6, 6),
+    "less_equal": (6, 6),
+    "add": (6, 7),
+    "sub": (6, 7),
+    "fma": (7, 8, 7),
+    "mul": (7, 8),
+    "div": (7, 8),
+    "quotient": (7, 8),
+    "neg": (9,),
+    "not": (9,),
+    "real": (9,),
+    "whole": (9,),
+}
+"""A compiler warns of || and && without parentheses, so these ask for more than they need."""
+
+FUNCTIONS: Mapping[str, str] = {
+    **{name: name for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "erf")},
+    **{name: name for name in ("sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "copysign")},
+    "abs": "fabs",
+    "power": "pow",
+    "round": "rint",
+}
+"""Functions of the C library."""
+
+HELPERS: Mapping[str, tuple[str, str]] = {
+    "min": ("smaller", "double smaller(double a, double b) {\n    return a < b || a != a ? a : b;\n}"),
+    "max": ("larger", "double larger(double a, double b) {\n    return a > b || a != a ? a : b;\n}"),
+    "magnitude": (
+        "magnitude",
+        "double magnitude(double a, double b) {\n    const double x = fabs(a), y = fabs(b);\n"
+        "    return x > y || x != x ? x : y;\n}",
+    ),
+    "sign": ("sign", "double sign(double x) {\n    return x > 0.0 ? 1.0 : x < 0.0 ? -1.0 : x;\n}"),
+    "two_to": ("two_to", "double two_to(int64_t k) {\n    return ldexp(1.0, (int)k);\n}"),
+    "exponent": (
+        "exponent",
+        "int64_t exponent(double x) {\n    int k;\n    if (!(fabs(x) < INFINITY)) {\n        return 1024;\n    }\n"
+        "    if (fabs(x) < 0x1p-1022) {\n        return -1023;\n    }\n    frexp(x, &k);\n    return k - 1;\n}",
+    ),
+    "mantissa": (
+        "mantissa",
+        "double mantissa(double x) {\n    int k;\n    return 2.0 * frexp(fabs(x), &k);\n}",
+    ),
+}
+"""Operations that C has no function for: a name, and its definition. NaN stays NaN in all."""
+
+RESERVED = (
+    "auto",
+    "break",
+    "case",
+    "char",
+    "const",
+    "continue",
+    "default",
+    "do",
+    "double",
+    "else",
+    "enum",
+    "extern",
+    "float",
+    "for",
+    "goto",
+    "if",
+    "inline",
+    "int",
+    "long",
+    "register",
+    "restrict",
+    "return",
+    "short",
+    "signed",
+    "sizeof",
+    "static",
+    "struct",
+    "switch",
+    "typedef",
+    "union",
+    "unsigned",
+    "void",
+    "volatile",
+    "while",
+    "_Bool",
+    "bool",
+    "true",
+    "false",
+    "asm",
+    "typeof",
+    "linux",
+    "unix",
+    "near",
+    "far",
+    "main",
+    "errno",
+    "stdin",
+    "stdout",
+    "stderr",
+    "NULL",
+    "EOF",
+    "NAN",
+    "INFINITY",
+    "HUGE_VAL",
+    "I",
+    "int64_t",
+    "int32_t",
+    "size_t",
+    "complex",
+    "imaginary",
+    "y",
+    "p",
+    "out",
+    "t",
+    "h",
+    "parameters",
+)
+"""Words that are not names of values: keywords, macros, and what parameters of functions are called."""
+
+
+def literal(kind: Kind, data: Any) -> tuple[int, str]:
+    """Return a constant and how tightly it binds."""
+    if kind is FLAG:
+        return ATOM, "1" if data else "0"
+    if kind is WHOLE:
+        return (ATOM if data >= 0 else 8), str(data)
+    return (ATOM if math.isnan(data) or math.copysign(1.0, data) > 0 else 8), real_literal(data)
+
+
+def real_literal(value: float) -> str:
+    """Return a double with all its digits."""
+    if math.isnan(value):
+        return "NAN"
+    if math.isinf(value):
+        return "INFINITY" if value > 0 else "-INFINITY"
+    return repr(value)

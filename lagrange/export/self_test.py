@@ -1,0 +1,159 @@
+"""The numbers that an exported file is tested with: states, and results from multiple precision."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from lagrange.errors import StatementError
+from lagrange.evidence.precise_program import NoValue, evaluate
+from lagrange.evidence.sample import SampleKind, Sampler
+from lagrange.export.module import Check, Integrator, StepCheck
+from lagrange.machine.backend import SingularMassMatrix
+from lagrange.machine.kernel.interpreted import InterpretedKernel
+from lagrange.machine.python_source import loaded
+from lagrange.procedure.form import Procedure
+from lagrange.procedure.outcome import Outcome
+from lagrange.program.program import Program
+from lagrange.statement.statement import Statement
+
+STATES = 6
+"""States of each test, the initial one among them where it has values."""
+
+TOLERANCE = 1e-12
+"""What a result may be off by, relative to itself."""
+
+WELL_CONDITIONED = 2e-14
+"""Error of doubles, relative to the result, up to which a state serves: fifty times less than what is allowed."""
+
+DRAWS = 200
+"""States that are tried. Behind them those serve too whose results are small differences of large numbers."""
+
+NEAR = SampleKind("near the initial state", "initial", "default")
+"""How states are drawn."""
+
+
+Evaluation = Callable[[float, Sequence[float]], list[float] | None]
+"""Results in doubles at a time and a state, None where a matrix is singular."""
+
+
+def in_python(procedure: Procedure, prepared: memoryview, count: int) -> Evaluation:
+    """Return a procedure of a quantity with so many results, printed as Python, with prepared numbers."""
+    run = loaded(procedure)
+
+    def evaluation(t: float, y: Sequence[float]) -> list[float] | None:
+        out = memoryview(array("d", [0.0] * max(count, 1)))
+        singular = run(t, memoryview(array("d", y)), prepared, out)
+        return None if singular else [float(value) for value in out[:count]]
+
+    return evaluation
+
+
+def check_of(name: str, program: Program, own: Evaluation, statement: Statement, parameters: Sequence[float]) -> Check:
+    """Return the test of a quantity; `own` is what is exported, in doubles.
+
+    States are drawn near the initial state, with the default parameters. Those come first at which doubles reproduce
+    every result to 2e-14 of itself, by what is exported and by elimination with pivoting. At others a result may be off
+    by 1e-12 of the largest one there: the file says so.
+    Raises StatementError where there are no states with values.
+    """
+    good: list[_Case] = []
+    others: list[_Case] = []
+    for t, y in _states(statement):
+        case = _case(program, own, t, y, parameters)
+        if case is not None:
+            (good if case.relative else others).append(case)
+        if len(good) == STATES:
+            break
+    chosen = [*good, *others][:STATES]
+    if len(chosen) < STATES:
+        raise StatementError(
+            f"{name} of {statement.name} has no values at {STATES} states near the initial one, which the self-test "
+            "needs: state an initial state at which it has values."
+        )
+    return Check(
+        name,
+        tuple(case.t for case in chosen),
+        tuple(case.y for case in chosen),
+        tuple(case.results for case in chosen),
+        tuple(case.allowed for case in chosen),
+    )
+
+
+class _Case:
+    """A state with the results there, and whether doubles reproduce each relative to itself."""
+
+    def __init__(self, t: float, y: tuple[float, ...], results: tuple[float, ...], errors: Sequence[float]) -> None:
+        self.t, self.y, self.results = t, y, results
+        largest = max(map(abs, results), default=0.0)
+        sizes = [abs(result) for result in results]
+        self.relative = all(error <= WELL_CONDITIONED * size for error, size in zip(errors, sizes, strict=True))
+        self.allowed = tuple(TOLERANCE * (size if self.relative and size else largest) for size in sizes)
+
+
+def _states(statement: Statement) -> Iterator[tuple[float, tuple[float, ...]]]:
+    sampler = Sampler(statement, seed=1)
+    first = sampler.initial()
+    yield first.t, (*first.q, *first.v)
+    for attempt in range(DRAWS):
+        point = sampler.point(NEAR, attempt % 8)
+        yield point.t, (*point.q, *point.v)
+
+
+def _case(
+    program: Program, own: Evaluation, t: float, y: tuple[float, ...], parameters: Sequence[float]
+) -> _Case | None:
+    """Return a state with its results, None where there are none, or doubles have none."""
+    try:
+        exact = [float(value) for value in evaluate(program, t, y, parameters)]
+        others = InterpretedKernel(program)(t, np.array(y), np.array(parameters)).ravel().tolist()
+        found = own(t, y)
+    except (NoValue, SingularMassMatrix, ArithmeticError):
+        return None
+    if found is None:
+        return None
+    errors = [max(abs(a - b), abs(a - c)) for a, b, c in zip(exact, found, others, strict=True)]
+    return _Case(t, y, tuple(exact), errors) if all(map(math.isfinite, errors)) else None
+
+
+STEP_LENGTH, RUN_LENGTH = 1e-3, 1e-1
+"""Length of a step that is tested, and of a run, as a part of the time that the scene runs."""
+
+STEP_TOLERANCE = 1e-11
+"""What the state at the end of a step or of a short run may be off by, relative to the largest entry."""
+
+
+def prepared_numbers(preparing: Procedure, size: int, parameters: Sequence[float]) -> memoryview:
+    """Return what a module prepares from its parameters. Raises StatementError where a matrix is singular."""
+    p = memoryview(array("d", [0.0] * max(size, 1)))
+    if loaded(preparing)(memoryview(array("d", [*parameters, 0.0])), p):
+        raise StatementError(
+            "the mass matrix is singular with these parameters, wherever the system is: give other values, which the "
+            "self-test needs."
+        )
+    return p
+
+
+def step_check(integrator: Integrator, p: memoryview, statement: Statement) -> StepCheck:
+    """Return the test of an integrator, from the initial state by the procedure itself, run in Python.
+
+    Raises StatementError where it cannot take the step.
+    """
+    first = tuple(map(float, statement.initial))
+    y, time = memoryview(array("d", first)), Sampler(statement, seed=1).initial().t
+    length = min(1.0, statement.run.t_end) * (RUN_LENGTH if integrator.adaptive else STEP_LENGTH)
+    step = loaded(integrator.procedure)
+    if integrator.adaptive:
+        outcome = step(memoryview(array("d", [time])), time + length, y, p, 1e-13, 1e-13, 100_000)
+    else:
+        outcome = step(time, length, y, p)
+    if outcome != Outcome.DONE:
+        raise StatementError(
+            f"{integrator.name} cannot take a step of {statement.name} from its initial state, which the self-test "
+            f"needs ({Outcome(outcome).name}): state an initial state from which there is a motion."
+        )
+    largest = max(map(abs, y), default=0.0)
+    return StepCheck(integrator.name, time, length, first, tuple(y), (STEP_TOLERANCE * largest,) * len(first))

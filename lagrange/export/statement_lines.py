@@ -1,0 +1,57 @@
+"""What people read at the top of an exported file: the statement that it was made from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from lagrange.export.comments import wrapped
+from lagrange.show.formula import Typesetter
+from lagrange.show.text_notation import AsciiNotation
+from lagrange.show.units import unit_of
+from lagrange.statement.statement import Statement
+
+WIDTH = 104
+
+
+def statement_lines(statement: Statement) -> Iterator[str]:
+    """Yield lines: name, energies, forces, constraints, coordinates in order, parameters with values and units."""
+    write = Typesetter(statement, AsciiNotation()).write
+    yield from wrapped(f"{statement.name}: equations of motion, made by lagrange", WIDTH)
+    if statement.about:
+        yield from wrapped(statement.about, WIDTH)
+    yield ""
+    if statement.kinetic is None or statement.potential is None:
+        yield from _formula("L", write(statement.lagrangian))
+    else:
+        yield from _formula("T", write(statement.kinetic))
+        yield from _formula("V", write(statement.potential))
+    for name, force in zip(statement.names, statement.forces, strict=True):
+        if force != 0:
+            yield from _formula(f"force on {name}", write(force))
+    if statement.dissipation != 0:
+        yield from _formula("D", write(statement.dissipation))
+    for one in statement.constraints:
+        yield from _formula(f"constraint {one.name}", f"{write(one.expression)} = 0")
+    yield ""
+    yield from _listed("coordinates", [_with_unit(statement, name) for name in statement.names])
+    yield from _listed("parameters", [_valued(statement, p) for p in statement.parameters])
+
+
+def _formula(name: str, text: str) -> list[str]:
+    return wrapped(f"{name} = {text}", WIDTH)
+
+
+def _listed(what: str, parts: Sequence[str]) -> list[str]:
+    return wrapped(f"{what}: {', '.join(parts) or 'none'}", WIDTH)
+
+
+def _with_unit(statement: Statement, name: str) -> str:
+    unit = unit_of(statement, name)
+    return f"{name} [{unit}]" if unit else name
+
+
+def _valued(statement: Statement, parameter: Any) -> str:
+    value, unit = statement.defaults.get(parameter), unit_of(statement, parameter.name)
+    given = "" if value is None else f" = {value!r}"
+    return f"{parameter.name}{given} [{unit}]" if unit else f"{parameter.name}{given}"

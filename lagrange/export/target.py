@@ -1,0 +1,55 @@
+"""What a target is, and which there are."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import ClassVar
+
+from lagrange.errors import StatementError
+from lagrange.export.module import SourceModule
+
+QUANTITIES = ("rhs", "accelerations", "energy", "jacobian", "mass_matrix", "momenta", "multipliers", "events")
+"""Contents that are functions of time and state."""
+
+
+class Target(ABC):
+    """A language or a format that models are written in.
+
+    `name` is what users say, `about` a line about it. `contents` are those that it can have beside the quantities:
+    "steps" (a step of any explicit method and adaptive drivers), "taylor" and "main". `inexpressible` are the
+    operations that it has no function for. A class of your own is registered with `register`.
+    """
+
+    name: ClassVar[str]
+    about: ClassVar[str]
+    contents: ClassVar[frozenset[str]] = frozenset(("steps", "main"))
+    inexpressible: ClassVar[frozenset[str]] = frozenset()
+    most_order: ClassVar[int | None] = None
+    """Largest linear system that it solves, None for any."""
+
+    @abstractmethod
+    def files(self, module: SourceModule) -> Mapping[str, str | bytes]:
+        """Return the text of each file by its name."""
+
+    @abstractmethod
+    def commands(self, module: SourceModule) -> list[str]:
+        """Return shell lines, run in the folder of the files, that build and run the test: exit status 0 if right."""
+
+
+REGISTERED: dict[str, Target] = {}
+"""The targets by name."""
+
+
+def register(target: type[Target]) -> type[Target]:
+    """Give a target its name, so that `system.export` finds it in this process; used as a decorator of its class.
+
+    Raises StatementError for what is no target, and for a name that is taken by another class.
+    """
+    if not (isinstance(target, type) and issubclass(target, Target)):
+        raise StatementError(f"{target!r} is no target: give a subclass of lagrange.export.target.Target.")
+    known = REGISTERED.get(target.name)
+    if known is not None and type(known).__qualname__ != target.__qualname__:
+        raise StatementError(f"there is a target {target.name!r} already: give another name.")
+    REGISTERED[target.name] = target()
+    return target

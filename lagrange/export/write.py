@@ -1,0 +1,53 @@
+"""Write a model as source files of a target."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lagrange.export.contents import module_of, wanted
+from lagrange.export.registry import check_operations, find
+from lagrange.machine.model import Model
+from lagrange.show.atomic_folder import write_together
+from lagrange.statement.event import declare_events
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What was written: the paths of the files, and shell lines for their folder that build and run the self-test."""
+
+    files: tuple[Path, ...]
+    commands: tuple[str, ...]
+
+    def __str__(self) -> str:
+        lines = [f"wrote {path}" for path in self.files]
+        return "\n".join([*lines, f"to test them, in {self.files[0].parent}:", *(f"  {one}" for one in self.commands)])
+
+
+def export(
+    model: Model,
+    target: str,
+    path: str | os.PathLike[str],
+    contents: Sequence[str] | None,
+    events: Any,
+    parameters: Mapping[Any, Any] | None,
+) -> Exported:
+    """Write a model for a target into a folder, all files or none; see `System.export`."""
+    chosen = find(target)
+    declared = () if events is None else declare_events(events, model.statement)
+    asked = wanted(chosen, model, contents, declared)
+    module = module_of(model, asked, declared, parameters)
+    check_operations(chosen, module)
+    files = chosen.files(module)
+    folder = Path(path)
+    folder.mkdir(parents=True, exist_ok=True)
+    written = write_together(folder, {name: _writer(text) for name, text in files.items()})
+    return Exported(tuple(written), tuple(chosen.commands(module)))
+
+
+def _writer(text: str | bytes) -> Any:
+    data = text.encode("ascii") if isinstance(text, str) else text
+    return lambda file: file.write(data)

@@ -1,0 +1,136 @@
+"""Procedures whose functions are known: no parameter is a function, and what is never used is no parameter.
+
+So a procedure for any right-hand side becomes one for a certain right-hand side, and needs no pointers to functions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from lagrange.errors import LagrangeError
+from lagrange.procedure.form import (
+    Block,
+    Call,
+    Callee,
+    Declare,
+    Each,
+    Leave,
+    Let,
+    Load,
+    Loop,
+    Part,
+    Procedure,
+    Read,
+    Repeat,
+    Set,
+    Statement,
+    Store,
+    When,
+    Write,
+)
+from lagrange.procedure.verify import verify
+
+Functions = Mapping[str, Procedure]
+
+
+def bound(procedure: Procedure, functions: Functions, *, prefix: str = "") -> Procedure:
+    """Return a procedure with functions in the place of parameters of these names.
+
+    Parameters that nothing reads are left out, here and in all that it calls, but for those of the functions. `prefix`
+    begins the names of all procedures but the functions. Raises LagrangeError where a function is called that is not
+    given.
+    """
+    return _Binder(prefix).bound(procedure, tuple(sorted(functions.items())))
+
+
+class _Binder:
+    """Binds procedures, each once for the same functions."""
+
+    def __init__(self, prefix: str) -> None:
+        self.prefix = prefix
+        self.known: dict[tuple[Procedure, tuple[tuple[str, Procedure], ...]], Procedure] = {}
+        self.kept: dict[Procedure, tuple[bool, ...]] = {}
+        """Which parameters of a procedure its bound form still has."""
+
+    def bound(self, procedure: Procedure, functions: tuple[tuple[str, Procedure], ...]) -> Procedure:
+        key = procedure, functions
+        if key not in self.known:
+            self.known[key] = self._made(procedure, dict(functions))
+        return self.known[key]
+
+    def _made(self, procedure: Procedure, functions: Functions) -> Procedure:
+        given = {one.ref: functions[one.name] for one in procedure.parameters if one.name in functions}
+        body = self._block(procedure.body, given)
+        read = reads(body)
+        kept = tuple(one.ref in read and one.ref not in given for one in procedure.parameters)
+        for one, keep in zip(procedure.parameters, kept, strict=True):
+            if keep and isinstance(one.type, Callee):
+                raise LagrangeError(f"procedure {procedure.name} calls {one.name}, which is not given.")
+        parameters = tuple(one for one, keep in zip(procedure.parameters, kept, strict=True) if keep)
+        made = replace(procedure, name=self.prefix + procedure.name, parameters=parameters, body=body)
+        verify(made)
+        self.kept[made] = kept
+        return made
+
+    def _block(self, block: Block, given: Mapping[int, Procedure]) -> Block:
+        return tuple(self._statement(one, given) for one in block)
+
+    def _statement(self, statement: Statement, given: Mapping[int, Procedure]) -> Statement:
+        match statement:
+            case Call():
+                return self._call(statement, given)
+            case When(then=then, otherwise=otherwise):
+                return statement._replace(then=self._block(then, given), otherwise=self._block(otherwise, given))
+            case Loop(body=body) | Each(body=body):
+                return statement._replace(body=self._block(body, given))
+            case Repeat(test=test, body=body):
+                return statement._replace(test=self._block(test, given), body=self._block(body, given))
+            case _:
+                return statement
+
+    def _call(self, call: Call, given: Mapping[int, Procedure]) -> Call:
+        if not isinstance(call.callee, Procedure):
+            return call._replace(callee=given.get(call.callee, call.callee))
+        pairs = tuple(zip(call.callee.parameters, call.args, strict=True))
+        functions = tuple(sorted((one.name, given[arg]) for one, arg in pairs if arg in given))
+        made = self.bound(call.callee, functions)
+        args = tuple(arg for arg, keep in zip(call.args, self.kept[made], strict=True) if keep)
+        return call._replace(callee=made, args=args)
+
+
+def reads(block: Block) -> frozenset[int]:
+    """Return the numbers of all that a block reads, parts of arrays and records that it writes among them."""
+    found: dict[int, None] = {}
+    for statement in block:
+        found |= dict.fromkeys(_read(statement))
+    return frozenset(found)
+
+
+def _read(statement: Statement) -> tuple[int, ...]:
+    match statement:
+        case Let(args=args) | Leave(values=args):
+            return args
+        case Call(callee=callee, args=args):
+            return args if isinstance(callee, Procedure) else (callee, *args)
+        case Part(array=array, start=place) | Load(array=array, place=place):
+            return array, place
+        case Store(array=array, place=place, value=value):
+            return array, place, value
+        case Read(record=record):
+            return (record,)
+        case Write(record=record, value=value):
+            return record, value
+        case Declare(value=value) | Set(value=value):
+            return (value,)
+        case When(condition=condition, then=then, otherwise=otherwise):
+            return condition, *reads(then), *reads(otherwise)
+        case Loop(start=start, stop=stop, body=body):
+            return start, stop, *reads(body)
+        case Repeat(test=test, condition=condition, body=body):
+            return condition, *reads(test), *reads(body)
+        case Each(iterations=count, body=body, folds=folds):
+            values = (value for fold in folds for value in (fold.value, fold.factor) if value is not None)
+            return count, *values, *reads(body)
+        case _:
+            return ()

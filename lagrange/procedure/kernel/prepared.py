@@ -1,0 +1,65 @@
+"""Where the numbers that depend on parameters alone stand: behind the parameters, each once for all programs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from lagrange.procedure.linear.ldl import factor_size
+from lagrange.program.program import Instruction, Program
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """The places of hoisted results of some programs in one array, which begins with the parameters.
+
+    `size` is its length. `program` computes what is prepared, with its results at `saved`; `slots` are the places for
+    each of the `programs`. A factorization takes the entries of L that are not zero by rows, 1/d on its diagonal, and
+    behind them whether its pivots are trusted; one that is not written out takes what `factor_dense` keeps.
+    """
+
+    programs: tuple[Program, ...]
+    program: Program
+    saved: Mapping[int, int]
+    slots: tuple[Mapping[int, int], ...]
+    size: int
+
+    @classmethod
+    def of(cls, programs: Sequence[Program]) -> Prepared:
+        """Return the places for programs with the same parameters."""
+        count = max((program.parameters for program in programs), default=0)
+        merged: dict[Instruction, int] = {}
+        moved = [_merged(program, merged) for program in programs]
+        whole = Program("prepare", (), count, tuple(merged), len(merged), (), (), (0,))
+        place, saved = count, dict[int, int]()
+        for program, table in zip(programs, moved, strict=True):
+            for ref in program.saved:
+                if table[ref] not in saved:
+                    saved[table[ref]] = place
+                    place += width_of(whole, table[ref])
+        slots = [
+            {ref: saved[table[ref]] for ref in program.saved} for program, table in zip(programs, moved, strict=True)
+        ]
+        return cls(tuple(programs), whole, saved, tuple(slots), place)
+
+    def of_program(self, program: Program) -> Mapping[int, int]:
+        """Return the places of a program."""
+        return self.slots[self.programs.index(program)]
+
+
+def _merged(program: Program, merged: dict[Instruction, int]) -> list[int]:
+    """Add the hoisted instructions of a program to those of others; return where each stands there."""
+    table: list[int] = []
+    for one in program.instructions[: program.hoisted]:
+        moved = one._replace(args=tuple(table[arg] for arg in one.args))
+        table.append(merged.setdefault(moved, len(merged)))
+    return table
+
+
+def width_of(program: Program, ref: int) -> int:
+    """Return how many reals a result takes."""
+    one = program.instructions[ref]
+    if one.op == "factor":
+        plan = program.eliminations[ref]
+        return len(plan.places) + 1 if plan.written_out else factor_size(one.order)
+    return one.order if one.op == "solve" else 1

@@ -1,0 +1,65 @@
+"""Exported C compiles without a warning, and its own test finds every result right."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+import lagrange as lg
+
+WARNINGS = "cc -std=c99 -O1 -Wall -Wextra -Wconversion -Werror"
+CONTENTS = ("rhs", "energy", "jacobian", "mass_matrix", "momenta", "accelerations", "rk4", "dop853", "main")
+SCENES = ("double-pendulum", "cartesian-double-pendulum", "seven-body-mechanism")
+
+needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="cc is not installed")
+
+
+def run(command: str, folder: Path) -> str:
+    done = subprocess.run(command, shell=True, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
+    return done.stdout
+
+
+@needs_cc
+@pytest.mark.parametrize("scene", SCENES)
+def test_the_self_test_passes(scene: str, tmp_path: Path) -> None:
+    system = lg.scene(scene)
+    held = ["multipliers"] if system.statement.constraints else []
+    made = system.export("c", tmp_path, [*CONTENTS, *held])
+    name = scene.replace("-", "_")
+    assert [path.name for path in made.files] == [f"{name}.h", f"{name}.c"]
+    run(f"{WARNINGS} -D{name.upper()}_TEST -o warned {name}.c -lm", tmp_path)
+    for command in made.commands:
+        said = run(command, tmp_path)
+    assert said.endswith("results are right\n")
+
+
+@needs_cc
+def test_a_wrong_number_fails_the_self_test(tmp_path: Path) -> None:
+    made = lg.scene("pendulum").export("c", tmp_path)
+    source = tmp_path / "pendulum.c"
+    text = source.read_text()
+    assert "out[1] = " in text
+    source.write_text(text.replace("out[1] = ", "out[1] = 1.00000000001 * ", 1))
+    run(made.commands[0], tmp_path)
+    done = subprocess.run(made.commands[1], shell=True, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "rhs, state 0, result 1:" in done.stdout
+
+
+@needs_cc
+def test_main_writes_the_trajectory(tmp_path: Path) -> None:
+    system = lg.scene("double-pendulum")
+    system.export("c", tmp_path, ["main"])
+    run("cc -O1 -DDOUBLE_PENDULUM_MAIN -o main double_pendulum.c -lm", tmp_path)
+    head, *rows = run("./main 2 4", tmp_path).splitlines()
+    assert head == "t,theta1,theta2,theta1_dot,theta2_dot"
+    found = [[float(cell) for cell in row.split(",")] for row in rows]
+    ours = system.run(2.0, t_eval=[0.0, 0.5, 1.0, 1.5, 2.0], rtol=1e-12)
+    assert [row[0] for row in found] == [0.0, 0.5, 1.0, 1.5, 2.0]
+    for row, state in zip(found, ours.y.T, strict=True):
+        # dop853 at the default tolerance of main, 1e-10, over two units of time.
+        assert row[1:] == pytest.approx(state, abs=1e-7)
