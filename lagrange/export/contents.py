@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from lagrange.errors import StatementError, listing, suggestion
+from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.export.identifiers import ascii_name
 from lagrange.export.module import Integrator, Quantity, Run, SourceModule
 from lagrange.export.self_test import check_of, in_python, prepared_numbers, step_check
@@ -23,6 +23,7 @@ from lagrange.program.program import Program
 from lagrange.program.step import StepProgram
 from lagrange.show.units import unit_of
 from lagrange.statement.event import Event
+from lagrange.statement.expression import entries
 from lagrange.statement.number import real_number
 from lagrange.trajectory.methods import registry
 from lagrange.trajectory.methods.splitting import check_separable
@@ -69,11 +70,10 @@ def wanted(target: Target, model: Model, contents: Sequence[str] | None, events:
 def _names(contents: Any, events: Sequence[Event]) -> list[str]:
     if contents is None:
         return [*DEFAULT, *(["events"] if events else [])]
-    if isinstance(contents, str) or not all(isinstance(one, str) for one in contents):
-        raise StatementError(f"contents is {contents!r}: give a list of names, such as ['rhs', 'energy'].")
-    if not contents:
-        raise StatementError("contents is empty: give names, such as ['rhs', 'energy'].")
-    return [*dict.fromkeys(contents)]
+    listed = None if isinstance(contents, str) else entries(contents, "contents")
+    if not listed or not all(isinstance(one, str) for one in listed):
+        raise StatementError(f"contents is {shown(contents)}: give a list of names, such as ['rhs', 'energy'].")
+    return [*dict.fromkeys(listed)]
 
 
 def _adaptive(name: str) -> bool:
@@ -88,8 +88,8 @@ def _refuse(
     for name in methods:
         if name not in registry.names():
             raise StatementError(
-                f"there are no contents {name!r}; they are {listing(known)}, and the names of explicit methods, such "
-                f"as 'dop853'.{suggestion(name, [*known, *registry.names()])}"
+                f"there are no contents {shown(name)}; they are {listing(known)}, and the names of explicit "
+                f"methods, such as 'dop853'.{suggestion(name, [*known, *registry.names()])}"
             )
         if step_of(name).law == "accelerations":
             check_separable(name, model)

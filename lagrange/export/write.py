@@ -8,9 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from lagrange.errors import StatementError
 from lagrange.export.contents import module_of, wanted
 from lagrange.export.registry import check_operations, find
 from lagrange.machine.model import Model
+from lagrange.show.atomic_file import real_path
 from lagrange.show.atomic_folder import write_together
 from lagrange.statement.event import declare_events
 
@@ -42,10 +44,30 @@ def export(
     module = module_of(model, asked, declared, parameters)
     check_operations(chosen, module)
     files = chosen.files(module)
-    folder = Path(path)
-    folder.mkdir(parents=True, exist_ok=True)
-    written = write_together(folder, {name: _writer(text) for name, text in files.items()})
+    folder, made = _folder(path)
+    try:
+        written = write_together(folder, {name: _writer(text) for name, text in files.items()})
+    except BaseException:
+        for one in made:
+            one.rmdir()
+        raise
     return Exported(tuple(written), tuple(chosen.commands(module)))
+
+
+def _folder(path: str | os.PathLike[str]) -> tuple[Path, list[Path]]:
+    """Return the folder to write to, and those that were made for it, innermost first.
+
+    Raises StatementError for one that cannot be made.
+    """
+    folder = real_path(path)
+    missing = [one for one in (folder, *folder.parents) if not one.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StatementError(
+            f"the folder {folder} cannot be made ({error.strerror}): name another folder for the files."
+        ) from error
+    return folder, missing
 
 
 def _writer(text: str | bytes) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
 import subprocess
 from pathlib import Path
@@ -18,7 +19,7 @@ needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="cc is not inst
 
 
 def run(command: str, folder: Path) -> str:
-    done = subprocess.run(command, shell=True, cwd=folder, capture_output=True, text=True, check=False)
+    done = subprocess.run(shlex.split(command), cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
     return done.stdout
 
@@ -45,7 +46,7 @@ def test_a_wrong_number_fails_the_self_test(tmp_path: Path) -> None:
     assert "out[1] = " in text
     source.write_text(text.replace("out[1] = ", "out[1] = 1.00000000001 * ", 1))
     run(made.commands[0], tmp_path)
-    done = subprocess.run(made.commands[1], shell=True, cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = subprocess.run(shlex.split(made.commands[1]), cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 1
     assert "rhs, state 0, result 1:" in done.stdout
 

@@ -332,5 +332,7 @@ def arguments(public: Public, folder: Path) -> dict[str, Any]:
     known = sound(folder) | OWN.get(public.name, {})
     if public.name == "lg.load":
         known["path"] = solution().to_npz(folder / "run.npz")
+    if public.name == "System.export":
+        known["path"] = folder / "exported"
     kinds = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
     return {p.name: known[p.name] for p in public.parameters if p.kind not in kinds and p.name in known}
