@@ -156,9 +156,11 @@ def surface() -> list[Public]:
     for kind in classes():
         for name, member in inspect.getmembers(kind, callable):
             if (not name.startswith("_") or name in SPECIAL) and not isinstance(member, type) and is_ours(kind, name):
+                if find_spec(NEEDS.get(f"{kind.__name__}.{name}", "lagrange")) is None:
+                    continue
                 get = partial(method, kind, name)
                 found.append(Public(f"{kind.__name__}.{name}", get, parameters(get())))
-    return [public for public in found if public.name not in NEEDS or find_spec(NEEDS[public.name])]
+    return found
 
 
 def itself(function: Callable[..., Any]) -> Callable[..., Any]:
