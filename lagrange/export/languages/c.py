@@ -5,12 +5,25 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from lagrange.export.comments import plain
+from lagrange.export.descriptions import (
+    MOST_STEPS,
+    TEST,
+    TEST_STEPS,
+    TEST_TOLERANCE,
+    about_of,
+    columns,
+    integrator_of,
+    outcomes,
+    places,
+    records_of,
+    run_of,
+    sizes,
+)
 from lagrange.export.languages.c_printer import WIDTH, Dialect, broken, comment, function
 from lagrange.export.languages.c_spelling import HELPERS, KINDS, real_literal
 from lagrange.export.module import Check, Integrator, SourceModule, StepCheck
 from lagrange.export.target import Target
-from lagrange.procedure.form import Kind, Procedure, Record, ReserveRecord, inner
-from lagrange.procedure.outcome import Outcome
+from lagrange.procedure.form import Kind, Procedure
 
 
 class C(Target):
@@ -71,17 +84,17 @@ def header(module: SourceModule) -> str:
         'extern "C" {',
         "#endif",
         "",
-        *sizes(module),
+        *defined_sizes(module),
         "",
-        *places("y", module.state),
-        *places("parameters", module.parameters),
+        *comment(places("y", module.state)),
+        *comment(places("parameters", module.parameters)),
         f"extern const double {module.name}_default_parameters[];",
         "",
         *comment(
             "Each function of t, y and p returns 0, or 1 where a matrix is singular to round-off: out is then not to "
             "be used."
         ),
-        *(outcomes() if module.integrators else []),
+        *(comment(outcomes()) if module.integrators else []),
         "",
     ]
     for procedure in module.public:
@@ -90,43 +103,10 @@ def header(module: SourceModule) -> str:
     return "\n".join([*lines, "#ifdef __cplusplus", "}", "#endif", "", "#endif", ""])
 
 
-def sizes(module: SourceModule) -> Iterator[str]:
+def defined_sizes(module: SourceModule) -> Iterator[str]:
     """Yield the lengths of all arrays."""
-    upper = module.name.upper()
-    yield f"#define {upper}_STATE {len(module.state)} /* numbers in y: coordinates, then velocities */"
-    yield f"#define {upper}_PARAMETERS {len(module.parameters)} /* numbers in parameters */"
-    about = "numbers in p: parameters, and what depends on them alone"
-    yield f"#define {upper}_PREPARED {max(module.prepared, 1)} /* {about} */"
-    for one in module.quantities:
-        yield f"#define {upper}_{one.name.upper()} {len(one.results)} /* numbers in out of {one.name} */"
-
-
-def places(array: str, names: Sequence[str]) -> list[str]:
-    """Return a comment with what stands at each place of an array."""
-    shown = [f"{array}[{k}] {name}" for k, name in enumerate(names)] or [f"{array} is empty"]
-    return comment(", ".join(shown))
-
-
-def outcomes() -> list[str]:
-    """Return a comment with the numbers that integrators return."""
-    told = {
-        Outcome.DONE: "done",
-        Outcome.PAUSED: "max_steps reached",
-        Outcome.NON_FINITE: "the state is not finite",
-        Outcome.SINGULAR: "a matrix is singular",
-        Outcome.STEP_TOO_SMALL: "the step became too small",
-        Outcome.DIVERGED: "Newton's method diverged",
-        Outcome.UNPROJECTED: "the state could not be moved onto the constraints",
-    }
-    return comment("Integrators return " + ", ".join(f"{int(code)}: {text}" for code, text in told.items()) + ".")
-
-
-def about_of(module: SourceModule, procedure: Procedure) -> str:
-    """Return what a public function does."""
-    quantity = next((one for one in module.quantities if one.procedure is procedure), None)
-    if quantity is None:
-        return procedure.about
-    return f"{quantity.about} out: {', '.join(quantity.results)}."
+    for name, count, about in sizes(module):
+        yield f"#define {module.name.upper()}_{name.upper()} {count} /* {about} */"
 
 
 def statement_comment(module: SourceModule) -> list[str]:
@@ -183,20 +163,6 @@ def structure(name: str, fields: Sequence[tuple[str, Kind]]) -> str:
     return "\n".join(["typedef struct {", *(f"    {KINDS[kind]} {one};" for one, kind in fields), f"}} {name};", ""])
 
 
-def records_of(procedures: Sequence[Procedure]) -> list[Record]:
-    """Return every record of some procedures, each once."""
-    found: dict[Record, None] = {}
-    for procedure in procedures:
-        found |= dict.fromkeys(one.type for one in procedure.parameters if isinstance(one.type, Record))
-        blocks = [procedure.body]
-        while blocks:
-            for statement in blocks.pop():
-                if isinstance(statement, ReserveRecord):
-                    found[statement.record] = None
-                blocks += inner(statement)
-    return list(found)
-
-
 def numbers(values: Sequence[float]) -> str:
     """Return a list of numbers."""
     return ", ".join(map(real_literal, values))
@@ -232,11 +198,7 @@ def test(module: SourceModule) -> Iterator[str]:
     """Yield the test: a program that compares results with those of multiple precision."""
     name, upper = module.name, module.name.upper()
     yield f"#ifdef {test_macro(module)}"
-    yield from comment(
-        "The test: results at some states, computed with 40 digits. A result may be off by 1e-12 of itself; where it "
-        "is a small difference of large numbers, by 1e-12 of the largest one at that state. Exit status 0 if all are "
-        "right."
-    )
+    yield from comment(f"{TEST} Exit status 0 if all are right.")
     yield "#include <stdio.h>"
     yield ""
     yield COMPARE
@@ -280,7 +242,7 @@ def quantity_test(module: SourceModule, check: Check) -> Iterator[str]:
 
 def integrator_test(module: SourceModule, check: StepCheck) -> Iterator[str]:
     """Yield the test of an integrator."""
-    integrator = next(one for one in module.integrators if one.name == check.name)
+    integrator = integrator_of(module, check.name)
     count = len(check.state)
     yield "{"
     for name, row in (("wanted", check.result), ("allowed", check.allowed)):
@@ -300,10 +262,11 @@ def integrator_test(module: SourceModule, check: StepCheck) -> Iterator[str]:
 def call_lines(module: SourceModule, integrator: Integrator, check: StepCheck) -> list[str]:
     """Return the call of an integrator for its test."""
     end = real_literal(check.time + check.length)
+    limits = f"{TEST_TOLERANCE}, {TEST_TOLERANCE}, {TEST_STEPS}"
     if integrator.adaptive:
         return [
             f"double t[] = {{{real_literal(check.time)}}};",
-            f"const int64_t outcome = {module.name}_{check.name}(t, {end}, y, p, 1e-13, 1e-13, 100000);",
+            f"const int64_t outcome = {module.name}_{check.name}(t, {end}, y, p, {limits});",
         ]
     given = f"{real_literal(check.time)}, {real_literal(check.length)}, y, p"
     return [f"const int64_t outcome = {module.name}_{check.name}({given});"]
@@ -347,11 +310,11 @@ int main(int count, char **words) {{
 
 def run(module: SourceModule) -> Iterator[str]:
     """Yield a program that integrates the initial state and writes a table."""
-    if module.run is None:
+    found = run_of(module)
+    if found is None:
         return
-    integrator = next(one for one in module.integrators if one.adaptive)
+    settings, integrator = found
     upper, count = module.name.upper(), len(module.state)
-    columns = ",".join(["t", *map(plain, module.state)])
     yield ""
     yield f"#ifdef {main_macro(module)}"
     yield from comment(
@@ -360,14 +323,14 @@ def run(module: SourceModule) -> Iterator[str]:
     yield "#include <stdio.h>"
     yield "#include <stdlib.h>"
     yield ""
-    rtol = real_literal(module.run.rtol)
+    rtol = real_literal(settings.rtol)
     yield MAIN.format(
         name=module.name,
         prepared=f"{upper}_PREPARED",
-        initial=numbers(module.run.initial),
-        t_end=real_literal(module.run.t_end),
-        intervals=module.run.intervals,
-        columns=columns,
-        call=f"{module.name}_{integrator.name}(t, end, y, p, {rtol}, {rtol}, 10000000)",
+        initial=numbers(settings.initial),
+        t_end=real_literal(settings.t_end),
+        intervals=settings.intervals,
+        columns=columns(module),
+        call=f"{module.name}_{integrator.name}(t, end, y, p, {rtol}, {rtol}, {MOST_STEPS})",
         count=count,
     )
