@@ -22,9 +22,9 @@ TEST_TOLERANCE, TEST_STEPS = 1e-13, 100_000
 """The tolerances of an adaptive run in the test, and its steps at most."""
 
 
-def places(array: str, names: Sequence[str]) -> str:
-    """Return what stands at each place of an array."""
-    return ", ".join(f"{array}[{k}] {name}" for k, name in enumerate(names)) or f"{array} is empty"
+def places(array: str, names: Sequence[str], element: str = "{0}[{1}]", first: int = 0) -> str:
+    """Return what stands at each place of an array, in a language that spells elements so and counts from `first`."""
+    return ", ".join(f"{element.format(array, k)} {name}" for k, name in enumerate(names, first)) or f"{array} is empty"
 
 
 def outcomes() -> str:

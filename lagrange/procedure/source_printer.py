@@ -64,7 +64,7 @@ class SourcePrinter(Syntax):
         self.types: dict[int, Type] = {}
         """The types of arrays, records and functions, and the kinds of values."""
         called = (self.function_name(callee) for callee in procedure.callees)
-        self.taken: dict[str, None] = dict.fromkeys((*INDICES, *called, *taken))
+        self.taken: dict[str, None] = dict.fromkeys(map(self.key, (*INDICES, *called, *taken)))
         self.uses = uses_of(procedure.body)
         self.waiting: dict[int, None] = {}
         """The values that have been printed nowhere yet."""
@@ -89,8 +89,10 @@ class SourcePrinter(Syntax):
     def name(self, ref: int, stem: str = "") -> str:
         """Choose an unused name for a value."""
         wanted = self.legal(re.sub(r"\W", "_", stem or self.procedure.names.get(ref, f"x{ref}")))
+        plain, count = wanted.strip("_"), 1
         while self.key(wanted) in self.taken:
-            wanted = self.legal(f"{wanted.strip('_')}_{ref}" if wanted[-1:].isdigit() else f"{wanted.strip('_')}{ref}")
+            tail = f"{'_' * plain[-1:].isdigit()}{ref}{f'_{count}' * (count > 1)}"
+            wanted, count = self.legal(plain[: self.longest - len(tail)] + tail), count + 1
         self.taken[self.key(wanted)] = None
         self.texts[ref] = ATOM, wanted
         return wanted

@@ -24,6 +24,8 @@ class Syntax(ABC):
     operands: ClassVar[Mapping[str, tuple[int, ...]]]
     greater: ClassVar[Mapping[str, str]] = {"less": "{1} > {0}", "less_equal": "{1} >= {0}"}
     indent: ClassVar[str] = "    "
+    longest: ClassVar[int] = 63
+    """Characters of a name, of which many languages distinguish no more."""
     widest: ClassVar[int] = 118
     """Longest line, where a language breaks lines."""
 

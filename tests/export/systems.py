@@ -1,0 +1,26 @@
+"""Systems that tests of several targets share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+from sympy import cos
+
+import lagrange as lg
+
+
+def named(coordinates: Sequence[str], parameters: Sequence[str], name: str = "named") -> lg.System:
+    """Return coupled pendulums whose coordinates and parameters have given names, every one of which is used."""
+    q = [lg.coordinates(one) for one in coordinates]
+    p = [lg.parameters(one) for one in parameters]
+    kinetic = sum((1 + k) * one.dot**2 / 2 for k, one in enumerate(q))
+    coupled = sum(a.dot * b.dot * cos(a - b) / 4 for a, b in pairwise(q))
+    return lg.System(
+        kinetic=kinetic + coupled,
+        potential=sum(one * (1 - cos(q[k % len(q)] * (1 + k / 8))) for k, one in enumerate(p)),
+        coordinates=q,
+        parameters={one: 1 + k / 16 for k, one in enumerate(p)},
+        initial={one: 0.5 - k / 32 for k, one in enumerate(q)},
+        name=name,
+    )

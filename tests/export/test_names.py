@@ -1,0 +1,19 @@
+"""Names that are equal in all the letters that a language distinguishes become different ones."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from tests.export.systems import named
+
+
+def test_names_that_differ_beyond_63_letters_stay_different(tmp_path: Path) -> None:
+    long = "a" * 63
+    system = named([long, f"{long}b", f"{'c' * 62}1", f"{'c' * 62}12"], ["x8", "x9", f"{long}d"])
+    system.export("c", tmp_path, ["rhs", "energy"])
+    text = (tmp_path / "named.c").read_text()
+    body = text.partition("int named_rhs(")[2].partition("\n}\n")[0]
+    defined = re.findall(r"const double (\w+) =", body)
+    assert len({name[:63] for name in defined}) == len(defined) >= 8
+    assert max(map(len, defined)) == 63
