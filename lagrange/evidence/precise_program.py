@@ -57,9 +57,9 @@ class _Evaluation:
 
     def computed(self, one: Instruction, args: list[Any]) -> Any:
         if one.op == "factor":
-            return self.inverse(one.order, args)
+            return self.factored(one.order, args)
         if one.op == "solve":
-            return list(args[0] * self.context.matrix(args[1:]))
+            return self.solved(args[0], args[1:])
         if one.op == "component":
             return args[0][one.place]
         try:
@@ -70,16 +70,27 @@ class _Evaluation:
             raise NoValue(f"{one.op} has no real value")
         return found
 
-    def inverse(self, n: int, lower: Sequence[Any]) -> Any:
-        """Return the inverse of a symmetric matrix."""
-        matrix = self.context.zeros(n)
-        for i in range(n):
-            for j in range(i + 1):
-                matrix[i, j] = matrix[j, i] = lower[i * (i + 1) // 2 + j]
-        try:
-            return self.context.inverse(matrix)
-        except ZeroDivisionError as error:
-            raise NoValue("a matrix is singular") from error
+    def factored(self, n: int, lower: Sequence[Any]) -> list[Numbers]:
+        """Return L D L^T of a symmetric matrix by rows, D on the diagonal."""
+        rows = [list(lower[i * (i + 1) // 2 : i * (i + 1) // 2 + i + 1]) for i in range(n)]
+        for i, row in enumerate(rows):
+            scaled: Numbers = []
+            for j in range(i):
+                scaled.append(row[j] - sum(a * b for a, b in zip(scaled, rows[j], strict=False)))
+                row[j] = scaled[j] / rows[j][j]
+            row[i] -= sum(a * b for a, b in zip(scaled, row, strict=False))
+            if not row[i]:
+                raise NoValue("a matrix is singular, or its pivots vanish in their order")
+        return rows
+
+    def solved(self, rows: Sequence[Numbers], right: Sequence[Any]) -> Numbers:
+        """Return the solution of a factored system."""
+        x = list(right)
+        for i, row in enumerate(rows):
+            x[i] -= sum(a * b for a, b in zip(row[:i], x, strict=False))
+        for i in reversed(range(len(x))):
+            x[i] = x[i] / rows[i][i] - sum(rows[k][i] * x[k] for k in range(i + 1, len(x)))
+        return x
 
 
 @cache

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
 from typing import Any
+
+from sympy import count_ops
+from sympy.printing.str import StrPrinter
 
 from lagrange.export.comments import wrapped
 from lagrange.show.formula import Typesetter
@@ -13,10 +17,13 @@ from lagrange.statement.statement import Statement
 
 WIDTH = 104
 
+LONG = 300
+"""Operations of an expression that is not put into the order of books, which takes seconds for thousands."""
+
 
 def statement_lines(statement: Statement) -> Iterator[str]:
     """Yield lines: name, energies, forces, constraints, coordinates in order, parameters with values and units."""
-    write = Typesetter(statement, AsciiNotation()).write
+    write = _writer(statement)
     yield from wrapped(f"{statement.name}: equations of motion, made by lagrange", WIDTH)
     if statement.about:
         yield from wrapped(statement.about, WIDTH)
@@ -36,6 +43,18 @@ def statement_lines(statement: Statement) -> Iterator[str]:
     yield ""
     yield from _listed("coordinates", [_with_unit(statement, name) for name in statement.names])
     yield from _listed("parameters", [_valued(statement, p) for p in statement.parameters])
+
+
+def _writer(statement: Statement) -> Callable[[Any], str]:
+    """Return what writes an expression: in the order of books, or, where it is long, as SymPy has it."""
+    plain, booklike = StrPrinter({"order": "none"}), cache(lambda: Typesetter(statement, AsciiNotation()))
+
+    def write(expression: Any) -> str:
+        if count_ops(expression) <= LONG:
+            return booklike().write(expression)
+        return str(plain.doprint(expression.xreplace(dict(statement.plain))))
+
+    return write
 
 
 def _formula(name: str, text: str) -> list[str]:

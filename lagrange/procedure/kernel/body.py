@@ -9,7 +9,7 @@ from typing import Any
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL
 from lagrange.procedure.kernel import elimination
-from lagrange.procedure.kernel.prepared import width_of
+from lagrange.procedure.kernel.prepared import width_of, written_out
 from lagrange.procedure.linear.ldl import factor_dense, factor_size, solve_factored
 from lagrange.procedure.operations import OPERATIONS
 from lagrange.procedure.values import Flag, Memory, Real, Variable
@@ -106,7 +106,7 @@ class Body:
     def restore(self, ref: int, one: Instruction, slot: int) -> None:
         """Read a result that was prepared."""
         held = self.inputs.parameters
-        if one.op == "factor" and not self.program.eliminations[ref].written_out:
+        if one.op == "factor" and not written_out(self.program.eliminations[ref]):
             self.factors[ref] = Factored({}, None, held.at(slot))
         elif one.op == "factor":
             places = self.program.eliminations[ref].places
@@ -192,7 +192,7 @@ class Body:
     def factor(self, ref: int, one: Instruction) -> None:
         """Factor a matrix: written out where that is short, else in memory."""
         plan, p = self.program.eliminations[ref], self.p
-        if plan.written_out:
+        if written_out(plan):
             entries, trusted = elimination.factored(p, plan, self.entries(one))
             self.factors[ref] = Factored(entries, trusted, None)
             return

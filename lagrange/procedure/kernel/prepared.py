@@ -6,7 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from lagrange.procedure.linear.ldl import factor_size
+from lagrange.program.elimination import Elimination
 from lagrange.program.program import Instruction, Program
+
+WRITTEN_OUT = 20
+"""Largest matrix that is written out: compilers of source text make more of it than of loops."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,10 +60,15 @@ def _merged(program: Program, merged: dict[Instruction, int]) -> list[int]:
     return table
 
 
+def written_out(plan: Elimination) -> bool:
+    """Return whether the operations of an elimination are written out one by one."""
+    return plan.order <= WRITTEN_OUT or plan.written_out
+
+
 def width_of(program: Program, ref: int) -> int:
     """Return how many reals a result takes."""
     one = program.instructions[ref]
     if one.op == "factor":
         plan = program.eliminations[ref]
-        return len(plan.places) + 1 if plan.written_out else factor_size(one.order)
+        return len(plan.places) + 1 if written_out(plan) else factor_size(one.order)
     return one.order if one.op == "solve" else 1
