@@ -20,8 +20,8 @@ class Syntax(ABC):
     with the operands exchanged, for a constant that comes first.
     """
 
-    spelled: ClassVar[Mapping[str, tuple[int, str]]]
-    operands: ClassVar[Mapping[str, tuple[int, ...]]]
+    spelled: Mapping[str, tuple[int, str]]
+    operands: Mapping[str, tuple[int, ...]]
     greater: ClassVar[Mapping[str, str]] = {"less": "{1} > {0}", "less_equal": "{1} >= {0}"}
     indent: ClassVar[str] = "    "
     longest: ClassVar[int] = 63

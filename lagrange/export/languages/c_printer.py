@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -10,7 +11,16 @@ from typing import Any
 from lagrange.errors import LagrangeError
 from lagrange.export.comments import wrapped
 from lagrange.export.identifiers import ascii_name
-from lagrange.export.languages.c_spelling import FUNCTIONS, HELPERS, KINDS, OPERANDS, RESERVED, SPELLED, literal
+from lagrange.export.languages.c_spelling import (
+    CASTS,
+    FUNCTIONS,
+    HELPERS,
+    KINDS,
+    OPERANDS,
+    RESERVED,
+    SPELLED,
+    literal,
+)
 from lagrange.procedure.bind import reads
 from lagrange.procedure.form import PARTIAL, Array, Call, Kind, Part, Procedure, Record, Type
 from lagrange.procedure.source_printer import SourcePrinter, results_of
@@ -24,15 +34,57 @@ WIDTH = 110
 class Dialect:
     """What differs between C and C++, and between modules.
 
-    `prefix` begins the names of functions, `library` calls a function of the library, `zeros` initializes a record, and
-    `restrict` says that arrays do not overlap. `helpers` collects the operations whose definitions the file needs.
+    `prefix` begins the names of functions, `public` those of functions as they are called from outside, `standard`
+    those of the library. `zeros` initializes a record, `restrict` says that arrays do not overlap, `nothing` is an
+    empty list of parameters, `pointer` makes a pointer of a constant array, `structure` are the first and the last line
+    of the definition of a record. `translation` turns C that is the same in every module into the dialect. `kinds` are
+    the types of numbers, `casts` the operations that change the kind, `cast_operand` is how tightly what they are
+    applied to must bind. `words` are the names that values cannot have. `helpers` collects the operations whose
+    definitions the file needs.
     """
 
     prefix: str
-    library: Callable[[str], str] = str
+    public: str
+    standard: str = ""
     zeros: str = "{0}"
     restrict: str = "restrict "
+    nothing: str = "void"
+    pointer: str = ""
+    structure: tuple[str, str] = ("typedef struct {{", "}} {};")
+    translation: Sequence[tuple[str, str]] = ()
+    kinds: Mapping[Kind, str] = field(default_factory=lambda: KINDS)
+    flags: tuple[str, str] = ("0", "1")
+    casts: Mapping[str, tuple[int, str]] = field(default_factory=lambda: CASTS)
+    cast_operand: int = 9
+    words: Sequence[str] = RESERVED
     helpers: dict[str, None] = field(default_factory=dict)
+
+    def library(self, name: str) -> str:
+        """Return the name of a function of the library."""
+        return f"{self.standard}{name}"
+
+    def definitions(self) -> list[str]:
+        """Return the definitions of the functions that the file needs."""
+        return [f"static {self.translated(HELPERS[op][1])}\n" for op in sorted(self.helpers)]
+
+    def translated(self, text: str) -> str:
+        """Return text of C as the dialect writes it."""
+        for pattern, replacement in self.translation:
+            text = re.sub(pattern, replacement, text)
+        return text
+
+    def function(self, name: str) -> str:
+        """Return the name of a function of the module where it is defined."""
+        return f"{self.prefix}{name}{'_' * (f'{self.prefix}{name}' in self.words)}"
+
+    @property
+    def defaults(self) -> str:
+        """The default parameters, as a pointer."""
+        return f"{self.public}default_parameters{self.pointer}"
+
+    def called(self, name: str) -> str:
+        """Return the name of a function of the module as it is called from outside."""
+        return f"{self.public}{self.function(name).removeprefix(self.prefix)}"
 
     def helper(self, op: str) -> str:
         """Return the name of a function that is defined in the file."""
@@ -43,32 +95,34 @@ class Dialect:
 
     def record(self, record: Record) -> str:
         """Return the type of a record."""
-        return f"{self.prefix}{record.name.lower()}"
+        return f"{self.prefix}{record.name.lower()}" if self.prefix else record.name.capitalize()
 
     def type_of(self, kind: Type, name: str, *, qualified: bool = True) -> str:
         """Return the declaration of a parameter."""
         if isinstance(kind, Kind):
-            return f"{KINDS[kind]} {name}"
+            return f"{self.kinds[kind]} {name}"
         restrict = self.restrict if qualified else ""
         if isinstance(kind, Array):
-            return f"{'const ' if kind.read else ''}{KINDS[kind.kind]} *{restrict}{name}"
+            return f"{'const ' if kind.read else ''}{self.kinds[kind.kind]} *{restrict}{name}"
         assert isinstance(kind, Record)
         return f"{self.record(kind)} *{restrict}{name}"
 
     def result(self, procedure: Procedure) -> str:
         """Return the type of the results of a procedure."""
         if len(procedure.results) > 1:
-            return f"{self.prefix}{procedure.name}_results"
-        return KINDS[procedure.results[0]] if procedure.results else "void"
+            return f"{self.function(procedure.name)}_results"
+        return self.kinds[procedure.results[0]] if procedure.results else "void"
 
-    def signature(self, procedure: Procedure, names: Sequence[str], *, qualified: bool = True) -> list[str]:
+    def signature(
+        self, procedure: Procedure, names: Sequence[str], *, qualified: bool = True, before: str = ""
+    ) -> list[str]:
         """Return the head of a function, broken where it is long."""
         given = [
             self.type_of(one.type, name, qualified=qualified)
             for one, name in zip(procedure.parameters, names, strict=True)
         ]
-        head = f"{self.result(procedure)} {self.prefix}{procedure.name}("
-        line = f"{head}{', '.join(given) or 'void'})"
+        head = f"{before}{self.result(procedure)} {self.function(procedure.name)}("
+        line = f"{head}{', '.join(given) or self.nothing})"
         return [line] if len(line) <= WIDTH else [head, *broken(given, "    ", WIDTH)]
 
 
@@ -90,21 +144,23 @@ def comment(text: str) -> list[str]:
     return [*lines[:-1], f"{lines[-1]} */"]
 
 
-def function(procedure: Procedure, dialect: Dialect) -> str:
-    """Return a procedure as a function; what it needs of the file is noted in the dialect."""
-    return _CPrinter(procedure, dialect).function()
+def function(procedure: Procedure, dialect: Dialect, *, hidden: bool = False) -> str:
+    """Return a procedure as a function, which other files cannot see if it is hidden.
+
+    What it needs of the file is noted in the dialect.
+    """
+    return _CPrinter(procedure, dialect, hidden=hidden).function()
 
 
 class _CPrinter(SourcePrinter):
     """Prints one procedure."""
 
-    spelled = SPELLED
-    operands = OPERANDS
-
-    def __init__(self, procedure: Procedure, dialect: Dialect) -> None:
-        self.dialect = dialect
+    def __init__(self, procedure: Procedure, dialect: Dialect, *, hidden: bool) -> None:
+        self.dialect, self.hidden = dialect, hidden
+        self.spelled = {**SPELLED, **dialect.casts}
+        self.operands = {**OPERANDS, **dict.fromkeys(dialect.casts, (dialect.cast_operand,))}
         own = [one.name for one in procedure.parameters]
-        words = (*RESERVED, *FUNCTIONS.values(), *(name for name, _ in HELPERS.values()))
+        words = (*dialect.words, *FUNCTIONS.values(), *(name for name, _ in HELPERS.values()))
         super().__init__(procedure, [word for word in words if word not in own])
 
     @cached_property
@@ -112,11 +168,11 @@ class _CPrinter(SourcePrinter):
         return reads(self.procedure.body)
 
     def function_name(self, procedure: Procedure) -> str:
-        return f"{self.dialect.prefix}{procedure.name}"
+        return self.dialect.function(procedure.name)
 
     def head(self) -> list[str]:
         names = [self.text(one.ref) for one in self.procedure.parameters]
-        *lines, last = self.dialect.signature(self.procedure, names)
+        *lines, last = self.dialect.signature(self.procedure, names, before="static " if self.hidden else "")
         unused = [one for one in self.procedure.parameters if one.ref not in self._read]
         ignored = [f"{self.indent}(void){self.text(one.ref)};" for one in unused]
         return [*comment(self.procedure.about), *lines, f"{last} {{", *ignored]
@@ -128,7 +184,7 @@ class _CPrinter(SourcePrinter):
         return ascii_name(stem)
 
     def literal(self, kind: Kind, data: Any) -> tuple[int, str]:
-        return literal(kind, data)
+        return (ATOM, self.dialect.flags[bool(data)]) if kind is Kind.FLAG else literal(kind, data)
 
     def function_of(self, op: str) -> str:
         if op in FUNCTIONS:
@@ -136,10 +192,10 @@ class _CPrinter(SourcePrinter):
         return self.dialect.helper(op)
 
     def define(self, name: str, kind: Kind, text: str) -> str:
-        return f"const {KINDS[kind]} {name} = {text};"
+        return f"const {self.dialect.kinds[kind]} {name} = {text};"
 
     def declare(self, name: str, kind: Kind, text: str) -> str:
-        return f"{KINDS[kind]} {name} = {text};"
+        return f"{self.dialect.kinds[kind]} {name} = {text};"
 
     def assign(self, target: str, text: str) -> str:
         return f"{target} = {text};"
@@ -148,7 +204,9 @@ class _CPrinter(SourcePrinter):
         return f"{self.text(array)}[{self.text(place)}]"
 
     def reserve(self, ref: int, array: Array) -> None:
-        self.put(f"{KINDS[array.kind]} {self.name(ref)}[{(array.size or 0) + max(array.room - 1, 0) or 1}];")
+        self.put(
+            f"{self.dialect.kinds[array.kind]} {self.name(ref)}[{(array.size or 0) + max(array.room - 1, 0) or 1}];"
+        )
 
     def reserve_record(self, ref: int, record: Record) -> None:
         name = self.name(ref)
@@ -161,7 +219,7 @@ class _CPrinter(SourcePrinter):
     def part(self, part: Part) -> None:
         held = self.array(part.array)
         const = "const " if held.read else ""
-        kind = KINDS[held.kind]
+        kind = self.dialect.kinds[held.kind]
         self.write(
             f"{const}{kind} *const {self.name(part.ref)} = {self.text(part.array)} + {self.text(part.start, 7)};"
         )
@@ -200,7 +258,7 @@ class _CPrinter(SourcePrinter):
         match kind, texts:
             case "for", (index, start, stop, step):
                 moved = f"{index}++" if step == "1" else f"{index} += {step}"
-                return f"for (int64_t {index} = {start}; {index} < {stop}; {moved}) {{"
+                return f"for ({self.dialect.kinds[Kind.WHOLE]} {index} = {start}; {index} < {stop}; {moved}) {{"
             case "forever", _:
                 return "for (;;) {"
             case "else", _:

@@ -26,9 +26,9 @@ SPELLED: Mapping[str, tuple[int, str]] = {
     "quotient": (7, "{0} / {1}"),
     "neg": (8, "-{0}"),
     "not": (8, "!{0}"),
-    "real": (8, "(double){0}"),
-    "whole": (8, "(int64_t){0}"),
 }
+
+CASTS: Mapping[str, tuple[int, str]] = {"real": (8, "(double){0}"), "whole": (8, "(int64_t){0}")}
 
 OPERANDS: Mapping[str, tuple[int, ...]] = {
     "select": (4, 2, 2),
@@ -45,8 +45,6 @@ OPERANDS: Mapping[str, tuple[int, ...]] = {
     "quotient": (7, 8),
     "neg": (9,),
     "not": (9,),
-    "real": (9,),
-    "whole": (9,),
 }
 """A compiler warns of || and && without parentheses, so these ask for more than they need."""
 
@@ -154,8 +152,6 @@ RESERVED = (
 
 def literal(kind: Kind, data: Any) -> tuple[int, str]:
     """Return a constant and how tightly it binds."""
-    if kind is FLAG:
-        return ATOM, "1" if data else "0"
     if kind is WHOLE:
         return (ATOM if data >= 0 else 8), str(data)
     return (ATOM if math.isnan(data) or math.copysign(1.0, data) > 0 else 8), real_literal(data)

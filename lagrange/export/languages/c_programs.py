@@ -1,0 +1,202 @@
+"""What is behind the functions of C and C++: a program that tests them, and one that runs the initial state."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from lagrange.export.descriptions import (
+    MOST_STEPS,
+    TEST,
+    TEST_STEPS,
+    TEST_TOLERANCE,
+    columns,
+    integrator_of,
+    run_of,
+)
+from lagrange.export.languages.c_printer import WIDTH, Dialect, broken, comment
+from lagrange.export.languages.c_spelling import real_literal
+from lagrange.export.module import Check, Integrator, SourceModule, StepCheck
+
+
+def test_macro(module: SourceModule) -> str:
+    """Return the macro that switches the test on."""
+    return f"{module.name.upper()}_TEST"
+
+
+def main_macro(module: SourceModule) -> str:
+    """Return the macro that switches the run of the initial state on."""
+    return f"{module.name.upper()}_MAIN"
+
+
+def numbers(values: Sequence[float]) -> str:
+    """Return a list of numbers."""
+    return ", ".join(map(real_literal, values))
+
+
+def _table(name: str, rows: Sequence[Sequence[float]]) -> Iterator[str]:
+    """Yield a table of numbers, one behind the other."""
+    values = [real_literal(value) for row in rows for value in row]
+    yield f"static const double {name}[] = {{"
+    yield from broken(values, "    ", WIDTH)[:-1]
+    yield broken(values, "    ", WIDTH)[-1][:-1]
+    yield "};"
+
+
+COMPARE = """\
+static int compare(const char *name, int state, int count, const double *found, const double *wanted,
+                   const double *allowed) {
+    int failures = 0;
+    for (int i = 0; i < count; i++) {
+        if (!(fabs(found[i] - wanted[i]) <= allowed[i])) {
+            printf("%s, state %d, result %d: %.17g instead of %.17g\\n", name, state, i, found[i], wanted[i]);
+            failures++;
+        }
+    }
+    return failures;
+}
+"""
+
+
+def programs(module: SourceModule, dialect: Dialect) -> str:
+    """Return both programs, each under a macro."""
+    return dialect.translated("\n".join([*_test(module, dialect), *_run(module, dialect)]))
+
+
+def _test(module: SourceModule, dialect: Dialect) -> Iterator[str]:
+    """Yield the test: a program that compares results with those of multiple precision."""
+    prepare = f"{dialect.called('prepare')}({dialect.defaults}, p)"
+    yield f"#ifdef {test_macro(module)}"
+    yield from comment(f"{TEST} Exit status 0 if all are right.")
+    yield "#include <stdio.h>"
+    yield ""
+    yield COMPARE
+    yield "int main(void) {"
+    body = [f"double p[{max(module.prepared, 1)}];", "int failures = 0;", "int checked = 0;"]
+    body += [f"if ({prepare}) {{"]
+    body += ['    printf("prepare: a matrix is singular\\n");', "    failures++;", "}"]
+    for check in module.checks:
+        body += _quantity_test(module, check, dialect)
+    for step in module.step_checks:
+        body += _integrator_test(module, step, dialect)
+    body.append(f'printf("{module.name}: %d of %d results are right\\n", checked - failures, checked);')
+    yield from (f"    {line}" if line else "" for line in body)
+    yield "    return failures == 0 ? 0 : 1;"
+    yield "}"
+    yield "#endif"
+
+
+def _quantity_test(module: SourceModule, check: Check, dialect: Dialect) -> Iterator[str]:
+    """Yield the test of one function."""
+    count, states = len(check.results[0]), len(check.times)
+    size = len(module.state)
+    yield "{"
+    yield f"    static const double times[] = {{{numbers(check.times)}}};"
+    for name, rows in (("states", check.states), ("wanted", check.results), ("allowed", check.allowed)):
+        yield from (f"    {line}" for line in _table(name, rows))
+    yield f"    for (int k = 0; k < {states}; k++) {{"
+    yield f"        double out[{count}];"
+    yield f"        const int singular = {dialect.called(check.name)}(times[k], states + {size} * k, p, out);"
+    yield "        if (singular) {"
+    yield f'            printf("{check.name}, state %d: a matrix is singular\\n", k);'
+    yield f"            failures += {count};"
+    yield "        } else {"
+    given = f'"{check.name}", k, {count}, out, wanted + {count} * k, allowed + {count} * k'
+    yield f"            failures += compare({given});"
+    yield "        }"
+    yield f"        checked += {count};"
+    yield "    }"
+    yield "}"
+
+
+def _integrator_test(module: SourceModule, check: StepCheck, dialect: Dialect) -> Iterator[str]:
+    """Yield the test of an integrator."""
+    integrator = integrator_of(module, check.name)
+    count = len(check.state)
+    yield "{"
+    for name, row in (("wanted", check.result), ("allowed", check.allowed)):
+        yield from (f"    {line}" for line in _table(name, [row]))
+    yield f"    double y[] = {{{numbers(check.state)}}};"
+    yield from (f"    {line}" for line in _call_lines(integrator, check, dialect))
+    yield "    if (outcome != 0) {"
+    yield f'        printf("{check.name}: outcome %d\\n", (int)outcome);'
+    yield f"        failures += {count};"
+    yield "    } else {"
+    yield f'        failures += compare("{check.name}", 0, {count}, y, wanted, allowed);'
+    yield "    }"
+    yield f"    checked += {count};"
+    yield "}"
+
+
+def _call_lines(integrator: Integrator, check: StepCheck, dialect: Dialect) -> list[str]:
+    """Return the call of an integrator for its test."""
+    limits = f"{TEST_TOLERANCE}, {TEST_TOLERANCE}, {TEST_STEPS}"
+    called, end = dialect.called(check.name), real_literal(check.time + check.length)
+    if integrator.adaptive:
+        return [
+            f"double t[] = {{{real_literal(check.time)}}};",
+            f"const int64_t outcome = {called}(t, {end}, y, p, {limits});",
+        ]
+    given = f"{real_literal(check.time)}, {real_literal(check.length)}, y, p"
+    return [f"const int64_t outcome = {called}({given});"]
+
+
+MAIN = """\
+int main(int count, char **words) {{
+    double p[{prepared}];
+    double t[] = {{0.0}};
+    double y[] = {{{initial}}};
+    const double t_end = count > 1 ? strtod(words[1], NULL) : {t_end};
+    const long intervals = count > 2 ? strtol(words[2], NULL, 10) : {intervals};
+    if (intervals < 1) {{
+        fprintf(stderr, "intervals: a whole number from 1\\n");
+        return 2;
+    }}
+    if ({prepare}({defaults}, p)) {{
+        fprintf(stderr, "prepare: a matrix is singular\\n");
+        return 1;
+    }}
+    printf("{columns}\\n");
+    for (long k = 0; k <= intervals; k++) {{
+        const double end = k == intervals ? t_end : t_end * ((double)k / (double)intervals);
+        const int64_t outcome = {call};
+        if (outcome != 0) {{
+            fprintf(stderr, "the run stopped at t = %.17g: outcome %d\\n", t[0], (int)outcome);
+            return 1;
+        }}
+        printf("%.17g", t[0]);
+        for (int i = 0; i < {count}; i++) {{
+            printf(",%.17g", y[i]);
+        }}
+        printf("\\n");
+    }}
+    return 0;
+}}
+#endif"""
+
+
+def _run(module: SourceModule, dialect: Dialect) -> Iterator[str]:
+    """Yield a program that integrates the initial state and writes a table."""
+    found = run_of(module)
+    if found is None:
+        return
+    settings, integrator = found
+    yield ""
+    yield f"#ifdef {main_macro(module)}"
+    yield from comment(
+        f"Integrate the initial state and write a table with commas: {module.name}_main [t_end [intervals]]."
+    )
+    yield "#include <stdio.h>"
+    yield "#include <stdlib.h>"
+    yield ""
+    rtol = real_literal(settings.rtol)
+    yield MAIN.format(
+        prepare=dialect.called("prepare"),
+        defaults=dialect.defaults,
+        prepared=max(module.prepared, 1),
+        initial=numbers(settings.initial),
+        t_end=real_literal(settings.t_end),
+        intervals=settings.intervals,
+        columns=columns(module),
+        call=f"{dialect.called(integrator.name)}(t, end, y, p, {rtol}, {rtol}, {MOST_STEPS})",
+        count=len(module.state),
+    )
