@@ -65,3 +65,10 @@ def singular(n: int, target: str = "numpy") -> Model:
     xs = [coordinate(f"x{i}") for i in range(n)]
     kinetic = sum((q.dot for q in xs), start=0) ** 2 / 2 + sum(q**2 * q.dot**2 for q in xs) / 2
     return build(target, kinetic=kinetic, potential=sum(xs), coordinates=xs, initial=dict.fromkeys(xs, 1.0))
+
+
+def unbounded(n: int) -> Model:
+    """Return a system of n coupled coordinates whose first inertia is infinite where x0 is zero, NaN below."""
+    xs = [coordinate(f"x{i}") for i in range(n)]
+    kinetic = sum((q.dot for q in xs), start=0) ** 2 / 2 + sum(q.dot**2 for q in xs) + xs[0].dot ** 2 * xs[0] ** -1.5
+    return build("numpy", kinetic=kinetic, potential=sum(xs), coordinates=xs, initial=dict.fromkeys(xs, 1.0))

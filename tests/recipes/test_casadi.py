@@ -9,7 +9,7 @@ import pytest
 
 from lagrange.errors import StatementError
 from tests.models import build, model, x
-from tests.recipes.agreement import named, singular, states
+from tests.recipes.agreement import named, singular, states, unbounded
 
 casadi: Any = pytest.importorskip("casadi", reason="casadi is not installed")
 
@@ -50,6 +50,18 @@ def test_a_singular_mass_matrix_is_nan_throughout_and_told(n: int, symbols: str)
     rhs = of.as_casadi(symbols=symbols)
     assert np.isnan(rhs(0.0, degenerate, p).full()).all()
     np.testing.assert_allclose(rhs(0.0, regular, p).full().ravel(), of.rhs(0.0, regular), rtol=1e-13)
+
+
+@pytest.mark.parametrize("n", [2, 3, 6])
+def test_a_matrix_that_is_not_finite_is_not_singular(n: int) -> None:
+    of = unbounded(n)
+    p = of.parameter_array()
+    checked = of.as_casadi(status=True)
+    for first in (0.0, -1.0, np.nan):
+        state = np.array([first, *[1.0] * (2 * n - 1)])
+        result, status = checked(0.0, state, p)
+        np.testing.assert_array_equal(result.full().ravel(), of.interpreted("rhs")(0.0, state, p))
+        assert float(status) == 0.0
 
 
 def test_what_has_no_value_is_nan_or_infinite_as_in_the_model() -> None:

@@ -10,7 +10,7 @@ import pytest
 from lagrange.errors import RunError, StatementError
 from lagrange.machine.python_source import defined
 from tests.models import build, model, x
-from tests.recipes.agreement import named, singular, states
+from tests.recipes.agreement import named, singular, states, unbounded
 
 jax: Any = pytest.importorskip("jax", reason="jax is not installed")
 
@@ -64,6 +64,18 @@ def test_a_singular_mass_matrix_is_nan_throughout_and_told(n: int) -> None:
     assert status.tolist() == [False, True] and np.isnan(found[1]).all()
     for result in (found[0], unchecked[0]):
         np.testing.assert_allclose(result, of.rhs(0.0, regular), rtol=1e-13)
+
+
+@pytest.mark.parametrize("n", [2, 3, 6])
+def test_a_matrix_that_is_not_finite_is_not_singular(n: int) -> None:
+    of = unbounded(n)
+    p = of.parameter_array()
+    checked = jax.jit(of.as_jax().checked)
+    for first in (0.0, -1.0, np.nan):
+        state = np.array([first, *[1.0] * (2 * n - 1)])
+        result, status = checked(0.0, state, p)
+        np.testing.assert_array_equal(result, of.interpreted("rhs")(0.0, state, p))
+        assert not status
 
 
 def test_units_do_not_make_a_matrix_singular() -> None:

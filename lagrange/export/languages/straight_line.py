@@ -8,6 +8,7 @@ symmetric matrix, whether it is singular, and the solution of a linear system, a
 from __future__ import annotations
 
 import math
+import sys
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -49,13 +50,18 @@ def _is_zero(x):
 
 
 def _rows(n, lower):
-    """Return the matrix, its rows, the units in which its rows are alike: a diagonal of one if it is positive."""
+    """Return the rows of the matrix in units that make its diagonal one if it is positive, and the units.
+
+    These are NaN where an entry is not finite: such a matrix is not singular, and the solution is NaN.
+    """
     a = [[lower[max(i, j) * (max(i, j) + 1) // 2 + min(i, j)] for j in range(n)] for i in range(n)]
-    positive = a[0][0] > 0.0
+    positive, finite = a[0][0] > 0.0, True
+    for x in lower:
+        finite = finite if _is_zero(x) else _both(finite, abs(x) <= {sys.float_info.max!r})
     for i in range(1, n):
         positive = _both(positive, a[i][i] > 0.0)
     units = [_where(positive, 1.0 / _sqrt(_where(positive, a[i][i], 1.0)), 1.0) for i in range(n)]
-    units = [_fixed(unit) for unit in units]
+    units = [_fixed(_where(finite, unit, float("nan"))) for unit in units]
     rows = [[0.0 if _is_zero(x) else units[i] * x * units[j] for j, x in enumerate(a[i])] for i in range(n)]
     return rows, units
 
@@ -71,12 +77,12 @@ def _eliminated(n, rows):
         for x in row:
             size = size if _is_zero(x) else _most(size, abs(x))
         largest.append(_fixed(size))
-    singular, finite = False, sum(x * 0.0 for row in a for x in row) == 0.0
+    singular = False
     if n == 2:
         determinant = a[0][0] * a[1][1] - a[0][1] * a[1][0]
         pivot = _most(abs(a[0][0]) * largest[1], abs(a[1][0]) * largest[0])
         singular = _either(abs(determinant) <= PIVOT * pivot, pivot <= PIVOT * largest[0] * largest[1])
-        return (a, determinant), _both(singular, finite)
+        return (a, determinant), singular
     for j in range(n):
         for i in range(j + 1, n):
             if not _is_zero(a[i][j]):
@@ -93,7 +99,7 @@ def _eliminated(n, rows):
                 for k in range(j + 1, n):
                     if not _is_zero(a[j][k]):
                         a[i][k] = a[i][k] - a[i][j] * a[j][k]
-    return (a, exchanges), _both(singular, finite)
+    return (a, exchanges), singular
 
 
 def _exchanged(swap, x, y):
