@@ -148,6 +148,7 @@ def test_derivatives_by_jax_are_the_jacobian_in_every_scene(name: str) -> None:
 @given(kinetic_energies(x, y, t), potentials(x, y, t), states)
 def test_random_systems(kinetic: Any, potential: Any, state: Any) -> None:
     model = build("numpy", kinetic=kinetic, potential=potential, coordinates=[x, y])
+    state = np.where(np.abs(state) < 1e-100, 0.0, state)  # JAX takes doubles below 2.2e-308 for zero
     for package in (SYMPY, CASADI, JAX):
         found = by(package, model)(0.3, state, model.parameter_array())
         assert apart(model, "rhs", 0.3, state, found) <= 1, package

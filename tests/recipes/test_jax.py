@@ -9,6 +9,7 @@ import pytest
 
 from lagrange.errors import RunError, StatementError
 from lagrange.machine.python_source import defined
+from lagrange.statement.coordinate import coordinate
 from tests.models import build, model, x
 from tests.recipes.agreement import named, singular, states, unbounded
 
@@ -78,11 +79,17 @@ def test_a_matrix_that_is_not_finite_is_not_singular(n: int) -> None:
         assert not status
 
 
-def test_units_do_not_make_a_matrix_singular() -> None:
-    """Check masses of 1e-200 and 1e200 beside each other, coupled."""
-    y = x.dot * 1e200
-    of = build("numpy", kinetic=1e-200 * (x.dot**2 + x.dot * y) + y**2 / 1e200, potential=x)
-    assert np.isfinite(of.as_jax()(0.0, np.array([0.0, 1.0]), of.parameter_array())).all()
+@pytest.mark.parametrize("n", [2, 3, 5])
+def test_units_do_not_make_a_matrix_singular(n: int) -> None:
+    """Check masses of 1e-120 and 1e120 that are coupled, by determinants, by exchanges and by LAPACK."""
+    xs = [coordinate(f"x{i}") for i in range(n)]
+    units = [10.0 ** (120 * (-1) ** i) for i in range(n)]
+    kinetic = sum((u * q.dot for u, q in zip(units, xs, strict=True)), start=0) ** 2
+    kinetic += sum((u * q.dot) ** 2 for u, q in zip(units, xs, strict=True))
+    of = build("numpy", kinetic=kinetic, potential=xs[0], coordinates=xs)
+    found, status = jax.jit(of.as_jax().checked)(0.0, np.zeros(2 * n), of.parameter_array())
+    assert not status
+    np.testing.assert_allclose(found, of.rhs(0.0, np.zeros(2 * n)), rtol=1e-13)
 
 
 def test_what_has_no_value_is_nan_or_infinite_as_in_the_model() -> None:
