@@ -1,4 +1,4 @@
-"""The command line: run, derive, check, race, list and start scenes.
+"""The command line: run, derive, check, race, export, list and start scenes.
 
 Only argparse is imported before the request is understood, so that help is there at once.
 """
@@ -33,6 +33,7 @@ from lagrange.arguments import (
     start,
 )
 from lagrange.errors import LagrangeError, StatementError, listing
+from lagrange.export_command import add_export
 from lagrange.grade_command import add_grade
 from lagrange.interruption import SENTENCE, Signalled
 from lagrange.race_command import add_race
@@ -150,6 +151,7 @@ def parser() -> argparse.ArgumentParser:
     add_json(check_)
     add_race(commands)
     add_grade(commands)
+    add_export(commands)
     list_ = add_command(commands, "scenes", scenes, "list the library of scenes", takes_scene=False)
     add_json(list_)
     new_ = add_command(commands, "new", new, "write a commented scene file to start from", takes_scene=False)

@@ -1,0 +1,46 @@
+"""The same statement gives the same bytes in every process, whatever the seed of Python's hashes."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SCRIPT = """
+import hashlib, pathlib, sys, tempfile
+import lagrange as lg
+found = hashlib.sha256()
+for scene, contents in (
+    ("double-pendulum", ["rhs", "energy", "jacobian", "dop853", "main"]),
+    ("four-bar", ["rhs", "multipliers", "rk4"]),
+):
+    for target in sys.argv[1:]:
+        with tempfile.TemporaryDirectory() as folder:
+            made = lg.scene(scene).export(target, folder, contents)
+            for path in made.files:
+                found.update(path.name.encode() + path.read_bytes())
+print(found.hexdigest())
+"""
+
+
+def digest(seed: int) -> str:
+    environment = {**os.environ, "PYTHONHASHSEED": str(seed), "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT, "c"], env=environment, capture_output=True, text=True, check=True
+    )
+    return done.stdout.strip()
+
+
+def test_two_processes() -> None:
+    assert len(digest(1)) == len(hashlib.sha256().hexdigest())
+    assert digest(1) == digest(2)
+
+
+@pytest.mark.exhaustive
+def test_fifty_processes() -> None:
+    assert len({digest(seed) for seed in range(50)}) == 1
