@@ -19,10 +19,15 @@ from lagrange.statement.event import declare_events
 
 @dataclass(frozen=True)
 class Exported:
-    """What was written: the paths of the files, and shell lines for their folder that build and run the self-test."""
+    """What was written: the paths of the files, and shell lines for their folder.
+
+    `commands` build and run the self-test, with exit status 0 if all is right; `run_commands` build `main` and have it
+    write its table, where it is among the contents.
+    """
 
     files: tuple[Path, ...]
     commands: tuple[str, ...]
+    run_commands: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         lines = [f"wrote {path}" for path in self.files]
@@ -51,7 +56,7 @@ def export(
         for one in made:
             one.rmdir()
         raise
-    return Exported(tuple(written), tuple(chosen.commands(module)))
+    return Exported(tuple(written), tuple(chosen.commands(module)), tuple(chosen.run_commands(module)))
 
 
 def _folder(path: str | os.PathLike[str]) -> tuple[Path, list[Path]]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from lagrange.export.comments import plain
 from lagrange.export.descriptions import about_of, outcomes, places, records_of, sizes
 from lagrange.export.languages.c_printer import Dialect, comment, function
-from lagrange.export.languages.c_programs import numbers, programs, test_macro
+from lagrange.export.languages.c_programs import main_macro, numbers, programs, test_macro
 from lagrange.export.module import SourceModule
 from lagrange.export.target import Target
 from lagrange.procedure.form import Kind, Procedure
@@ -26,11 +26,16 @@ class C(Target):
 
     def commands(self, module: SourceModule) -> list[str]:
         """Return what compiles and runs the test."""
-        name = module.name
-        return [
-            f"cc -std=c99 -O2 -D{test_macro(module)} -o {name}_test {name}.c -lm",
-            f"./{name}_test",
-        ]
+        return _built_with(module, test_macro(module), f"{module.name}_test")
+
+    def run_commands(self, module: SourceModule) -> list[str]:
+        """Return what compiles and runs the initial state."""
+        return [] if module.run is None else _built_with(module, main_macro(module), f"{module.name}_main")
+
+
+def _built_with(module: SourceModule, macro: str, program: str) -> list[str]:
+    """Return what compiles a program that a macro switches on, and runs it."""
+    return [f"cc -std=c99 -O2 -D{macro} -o {program} {module.name}.c -lm", f"./{program}"]
 
 
 def dialect_of(module: SourceModule) -> Dialect:

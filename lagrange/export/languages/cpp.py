@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from lagrange.export.descriptions import about_of, outcomes, places
 from lagrange.export.languages.c import definitions, names_of, statement_comment
 from lagrange.export.languages.c_printer import WIDTH, Dialect, broken, comment
-from lagrange.export.languages.c_programs import numbers, programs, test_macro
+from lagrange.export.languages.c_programs import main_macro, numbers, programs, test_macro
 from lagrange.export.languages.c_spelling import RESERVED
 from lagrange.export.module import SourceModule
 from lagrange.export.target import Target
@@ -51,11 +51,16 @@ class Cpp(Target):
 
     def commands(self, module: SourceModule) -> list[str]:
         """Return what compiles and runs the test."""
-        name = module.name
-        return [
-            f"c++ -std=c++17 -O2 -D{test_macro(module)} -o {name}_test {name}.cpp",
-            f"./{name}_test",
-        ]
+        return _built_with(module, test_macro(module), f"{module.name}_test")
+
+    def run_commands(self, module: SourceModule) -> list[str]:
+        """Return what compiles and runs the initial state."""
+        return [] if module.run is None else _built_with(module, main_macro(module), f"{module.name}_main")
+
+
+def _built_with(module: SourceModule, macro: str, program: str) -> list[str]:
+    """Return what compiles a program that a macro switches on, and runs it."""
+    return [f"c++ -std=c++17 -O2 -D{macro} -o {program} {module.name}.cpp", f"./{program}"]
 
 
 def namespace(module: SourceModule) -> str:
