@@ -19,10 +19,15 @@ mpl.use("Agg")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# Deadlines measure the machine, not the code: the first call of a kernel compiles it.
-hypothesis.settings.register_profile("here", deadline=None)
-hypothesis.settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True)
-hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "here")
+EXAMPLES = {True: 100, False: 30}
+"""Random examples of a law that says no number of its own, with and without --all."""
+
+
+def load_profile(*, whole: bool) -> None:
+    """Say how examples are drawn. Deadlines measure the machine, not the code: the first call of a kernel compiles."""
+    repeated = {"derandomize": True, "print_blob": True} if os.environ.get("CI") else {}
+    hypothesis.settings.register_profile("tests", deadline=None, max_examples=EXAMPLES[whole], **repeated)
+    hypothesis.settings.load_profile("tests")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -31,6 +36,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     covering.WHOLE = config.option.all
+    load_profile(whole=covering.WHOLE)
     if getattr(config.option, "dist", "no") == "load":
         # Each process gets whole files, in their order: models and machine code are made once per file.
         config.option.dist, config.option.loadscopereorder = "loadfile", False

@@ -17,6 +17,7 @@ from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
 from lagrange.statement.declare import declare
 from lagrange.statement.scene import load
 from lagrange.statement.statement import Statement
+from lagrange.system import System, scene
 
 TARGETS = ("numpy", "llvm")
 x, y, z, theta, phi, r = coordinates("x y z theta phi r")
@@ -35,6 +36,12 @@ def stated(**given: Any) -> Statement:
 def loaded(name: str) -> Statement:
     """Return the statement of a scene of the library, read once for all tests."""
     return load(name)
+
+
+@cache
+def shared_scene(name: str) -> System:
+    """Return a scene of the library as a system, stated and compiled once for all tests that do not change it."""
+    return scene(name)
 
 
 @cache

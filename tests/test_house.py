@@ -36,8 +36,14 @@ def parsed(source: str) -> ast.Module:
     return ast.parse(source)
 
 
+@cache
+def nodes(tree: ast.AST) -> tuple[ast.AST, ...]:
+    """Return all nodes of a tree, which most rules go through."""
+    return tuple(ast.walk(tree))
+
+
 def functions(tree: ast.AST) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
-    return (node for node in ast.walk(tree) if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)))
+    return (node for node in nodes(tree) if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)))
 
 
 def length(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
@@ -65,7 +71,7 @@ RUNS_ITS_OWN = "lagrange/machine/python_source.py"
 
 
 def runs_text(file: str, source: str) -> Iterator[str]:
-    for node in ast.walk(parsed(source)):
+    for node in nodes(parsed(source)):
         match node:
             case ast.Call(func=ast.Name(id="exec")) if file == RUNS_ITS_OWN:
                 continue
@@ -85,10 +91,11 @@ SILENCER = re.compile(
 
 
 def silences(file: str, source: str) -> Iterator[str]:
-    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+    # Most texts have nothing that looks like it, and need not be taken apart.
+    for token in tokenize.generate_tokens(io.StringIO(source).readline) if SILENCER.search(source) else ():
         if token.type == tokenize.COMMENT and SILENCER.search(token.string):
             yield f"{file}:{token.start[0]} {token.string[:60]}"
-    for node in ast.walk(parsed(source)):
+    for node in nodes(parsed(source)) if "except" in source or "suppress" in source else ():
         match node:
             case ast.ExceptHandler(type=None):
                 yield f"{file}:{node.lineno} catches everything"
@@ -165,7 +172,7 @@ def is_set(node: ast.AST | None, names: frozenset[str]) -> bool:
 def set_names(scope: ast.AST) -> frozenset[str]:
     """Names that the scope binds to a set, or annotates as one."""
     found: frozenset[str] = frozenset()
-    for node in ast.walk(scope):
+    for node in nodes(scope):
         match node:
             case ast.Assign(targets=[ast.Name(id=name)], value=value) if is_set(value, found):
                 found |= {name}
@@ -192,11 +199,11 @@ def sorts_by_address(node: ast.AST) -> bool:
 
 def iterates_sets(file: str, source: str) -> Iterator[str]:
     tree = parsed(source)
-    forgiven = {id(arg) for call in ast.walk(tree) if called(call) in ORDER_LOST for arg in getattr(call, "args", ())}
-    forgiven |= {id(node) for node in ast.walk(tree) if isinstance(node, ast.SetComp)}
+    forgiven = {id(arg) for call in nodes(tree) if called(call) in ORDER_LOST for arg in getattr(call, "args", ())}
+    forgiven |= {id(node) for node in nodes(tree) if isinstance(node, ast.SetComp)}
     for scope in (tree, *functions(tree)):
         names = set_names(scope)
-        for node in ast.walk(scope):
+        for node in nodes(scope):
             if any(is_set(walked, names) for walked in ordered_walks(node, forgiven)):
                 yield f"{file}:{getattr(node, 'lineno', 0)} takes a set in its own order"
             if sorts_by_address(node):

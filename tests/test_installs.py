@@ -42,6 +42,8 @@ def texts() -> Iterator[tuple[Path, str]]:
         if path == Path(__file__).resolve() or path.suffix not in (".md", ".toml", ".py", ".sh", ".c", ""):
             continue
         text = path.read_text("utf-8")
+        if "install" not in text:
+            continue
         if path.suffix == ".py":
             yield from ((path, one) for one in written(ast.parse(text)))
             yield from ((path, line) for line in re.findall(r"#(.*)", text))

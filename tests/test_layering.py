@@ -58,9 +58,20 @@ def layer(module: str) -> int:
     return STAGES.index(stage) if stage in STAGES else TOP
 
 
+@cache
+def nodes(tree: ast.AST) -> tuple[ast.AST, ...]:
+    """Return all nodes of a tree, which most rules go through."""
+    return tuple(ast.walk(tree))
+
+
+@cache
+def statements_of_import(tree: ast.AST) -> tuple[ast.Import | ast.ImportFrom, ...]:
+    return tuple(node for node in nodes(tree) if isinstance(node, (ast.Import, ast.ImportFrom)))
+
+
 def imports_of(tree: ast.AST, modules: Modules) -> Iterator[tuple[str, int]]:
     """Yield each of our own modules that the tree imports, anywhere in it, with the line."""
-    for node in ast.walk(tree):
+    for node in statements_of_import(tree):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module is not None:
@@ -98,7 +109,7 @@ def cycle(modules: Modules) -> list[str]:
 
 def for_types(tree: ast.AST, modules: Modules) -> Iterator[str]:
     """What only a type checker imports: two modules of one stage may name each other's types."""
-    for node in ast.walk(tree):
+    for node in nodes(tree):
         match node:
             case ast.If(test=ast.Name(id="TYPE_CHECKING")):
                 yield from (target for target, _ in imports_of(node, modules))
@@ -108,12 +119,13 @@ def hidden_imports(modules: Modules) -> list[str]:
     """Imports of ourselves inside a function, and imports by name outside the two tables."""
     found = []
     for name, tree in modules.items():
-        functions = [node for node in ast.walk(tree) if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))]
+        functions = [node for node in nodes(tree) if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))]
         for function in functions:
             found += [f"{name}:{line} imports {what}" for what, line in imports_of(function, modules)]
-            found += [f"{name}:{function.lineno} imports relatively" for node in ast.walk(function) if relative(node)]
+            inside = statements_of_import(function)
+            found += [f"{name}:{function.lineno} imports relatively" for node in inside if relative(node)]
         if name not in TABLES:
-            found += [f"{name} imports by name" for node in ast.walk(tree) if by_name(node)]
+            found += [f"{name} imports by name" for node in nodes(tree) if by_name(node)]
     return found
 
 
@@ -163,7 +175,7 @@ def called_elsewhere(modules: Modules) -> list[str]:
     return [
         f"{name}:{node.lineno} imports {alias.name}"
         for name, tree in modules.items()
-        for node in ast.walk(tree)
+        for node in statements_of_import(tree)
         if name != PAGE and isinstance(node, ast.ImportFrom)
         for alias in node.names
         if alias.name in STAGE_CALLS.get(node.module or "", ())

@@ -9,6 +9,7 @@ from sympy import cos, sin
 
 import lagrange as lg
 from lagrange.evidence.stiffness import LIMITS, with_stiff_end
+from tests.models import shared_scene
 
 theta, phi = lg.coordinates("theta phi")
 
@@ -50,7 +51,7 @@ def test_each_limit_is_said(status: lg.Status) -> None:
 
 
 def test_other_ends_keep_their_message() -> None:
-    gone = lg.scene("double-pendulum").run(50.0, method="dop853", max_steps=300)
+    gone = shared_scene("double-pendulum").run(50.0, method="dop853", max_steps=300)
     assert gone.status is lg.Status.MAX_STEPS and gone.message.startswith("dop853 used up max_steps = 300 at t = ")
     whole = DAMPED.run(0.5, method="dop853")
     assert whole.message == "dop853 reached t = 0.5."

@@ -18,6 +18,7 @@ from lagrange.trajectory.tableaux.butcher import ButcherTableau, ErrorEstimate, 
 from lagrange.trajectory.tableaux.dop853 import DOP853
 from lagrange.trajectory.tableaux.dopri5 import DOPRI5
 from tests.covering import spread
+from tests.models import shared_scene
 
 BOGACKI_SHAMPINE = ButcherTableau(
     name="bogacki-shampine",
@@ -41,7 +42,7 @@ def pendulum(k: float, stretch: float = 0.0, **options: Any) -> Any:
     """A swing on a stiff spring from 1 rad at rest, the spring as long as gravity makes it, or a little longer."""
     g, m, rest = math.pi**2, 1.0, 0.75
     initial = {"r": rest + m * g * math.cos(1.0) / k + stretch, "theta": 1.0}
-    return lg.scene("elastic-pendulum").run(parameters={"k": k}, initial=initial, **options)
+    return shared_scene("elastic-pendulum").run(parameters={"k": k}, initial=initial, **options)
 
 
 # --- limits -----------------------------------------------------------------------------------------------------
@@ -132,7 +133,7 @@ def test_backwards_and_with_output_times_too() -> None:
 @pytest.mark.parametrize("method", EXPLICIT, ids=NAMES)
 @pytest.mark.parametrize("scene", spread([scene.name for scene in library()], 12))
 def test_no_scene_of_the_library_is_called_stiff(scene: str, method: Any) -> None:
-    system = lg.scene(scene)
+    system = shared_scene(scene)
     for rtol in (1e-4, 1e-6, 1e-9) if isinstance(method, str) else (1e-4, 1e-6):
         assert system.run(method=method, rtol=rtol, atol=rtol / 1e3).stiff is None, rtol
 

@@ -11,7 +11,7 @@ import pytest
 import lagrange as lg
 from lagrange.evidence.precise_run import precise_run
 from tests.covering import share
-from tests.models import build, model, x
+from tests.models import build, model, shared_scene, x
 
 OSCILLATOR = build(kinetic=x.dot**2 / 2, potential=x**2 / 2, initial={x: 1.0}, name="oscillator")
 
@@ -103,7 +103,7 @@ def test_what_cannot_be_meant_is_refused(request_: dict[str, Any], words: str) -
 
 
 def test_it_takes_a_system_too() -> None:
-    assert lg.trust_horizon(lg.scene("pendulum"), (0.0, 1.0)).complete
+    assert lg.trust_horizon(shared_scene("pendulum"), (0.0, 1.0)).complete
     for given in ("pendulum", lg.System):
         with pytest.raises(lg.StatementError, match="is no system: give an"):
             lg.trust_horizon(given, (0.0, 1.0))

@@ -17,7 +17,7 @@ from lagrange.evidence.sensitivity import sensitivity
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.trajectory import Status, Trajectory
-from tests.models import k, m, x, y
+from tests.models import k, m, shared_scene, x, y
 
 SPRING = lg.System(kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2, parameters={m: 1, k: 4}, initial={x: 1.0})
 END = 5.0
@@ -131,7 +131,7 @@ def test_an_error_below_the_reference_is_not_told() -> None:
 
 
 def test_a_method_that_is_not_legal_is_refused_in_the_table() -> None:
-    elastic = lg.scene("elastic-pendulum")
+    elastic = shared_scene("elastic-pendulum")
     entry = race(elastic, 1.0, methods=["verlet"])[0]
     assert (entry.status, entry.complete, math.isnan(entry.error)) == ("refused", False, True)
     assert "mass matrix changes" in entry.message
@@ -258,7 +258,7 @@ def test_growth_on_the_way_counts_too() -> None:
 
 
 def test_chaos_has_no_winner() -> None:
-    pendulum, start = lg.scene("double-pendulum"), {"theta1": 2.0, "theta2": 2.5}
+    pendulum, start = shared_scene("double-pendulum"), {"theta1": 2.0, "theta2": 2.5}
     found = race(pendulum, 24.0, initial=start, reference=np.zeros(4))
     assert found.growth > 1e14
     assert found.floor > 1e-2

@@ -16,6 +16,7 @@ from scipy.special import ellipj, ellipk, mathieu_a
 from sympy import cos, sin, sqrt
 
 import lagrange as lg
+from tests.models import shared_scene
 
 METHODS = [
     row.name
@@ -141,7 +142,7 @@ def test_a_free_body_flips_about_its_middle_axis(method: str) -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_lower_bob_that_weighs_nothing_is_not_felt(method: str) -> None:
-    chain = lg.scene("double-pendulum")
+    chain = shared_scene("double-pendulum")
     run = chain.run(10.0, {"theta1": 1.0, "theta2": 2.0}, parameters={"m2": 1e-12}, method=method, **TIGHT).require()
     k2 = math.sin(0.5) ** 2
     alone = 2 * math.asin(math.sqrt(k2) * ellipj(float(ellipk(k2)) - math.sqrt(9.81) * 10.0, k2)[0])
@@ -189,7 +190,7 @@ def test_units_do_not_matter(method: str, size: float) -> None:
 @pytest.mark.parametrize("method", SYMPLECTIC)
 def test_the_energy_of_a_symplectic_method_does_not_drift(method: str) -> None:
     """4e5 steps in 40 blocks: the mean of the increments of the block means is zero, by Student's test."""
-    stars = lg.scene("henon-heiles").compile()
+    stars = shared_scene("henon-heiles").compile()
     initial: dict[str, Any] = {"x": 0.1, "y": 0.2, "x_dot": 0.3, "y_dot": 0.2}
     rows, means, first = tuple(initial), [], math.nan
     for _ in range(40):

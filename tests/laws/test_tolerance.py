@@ -18,7 +18,7 @@ from lagrange.run import flow as flow_of
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.trajectory import FloatArray
 from tests.covering import spread
-from tests.models import loaded, model
+from tests.models import loaded, model, shared_scene
 
 SCENES = tuple(name for name in lg.scenes() if not loaded(name).constraints and name != "two-point-vortices")
 """States are moved one entry at a time, which those of the other scenes may not be."""
@@ -35,7 +35,7 @@ SHIFT = 1e-7
 
 @cache
 def compiled(name: str) -> Model:
-    return lg.scene(name).compile(check=False) if name in SCENES else model(name)
+    return shared_scene(name).compile(check=False) if name in SCENES else model(name)
 
 
 def exact(name: str) -> Flow:

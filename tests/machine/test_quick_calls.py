@@ -13,6 +13,7 @@ import sympy
 import lagrange as lg
 from lagrange.errors import RunError, StatementError
 from lagrange.machine.model import Model
+from tests.models import shared_scene
 
 x, y = lg.coordinates("x y")
 
@@ -20,7 +21,7 @@ TARGETS = ("llvm", "numpy")
 
 
 def elastic(target: str) -> Model:
-    swinging = lg.scene("elastic-pendulum").compile(target=target)
+    swinging = shared_scene("elastic-pendulum").compile(target=target)
     assert isinstance(swinging, Model)
     return swinging
 

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 import sympy as sp
 
-import lagrange as lg
 from lagrange.errors import StatementError
 from lagrange.machine.model import Model
-from tests.models import TARGETS, VALUES, build, m, model, r, z
+from tests.models import TARGETS, VALUES, build, m, model, r, shared_scene, z
 
 
 class TestRefusals:
@@ -115,13 +114,13 @@ def test_a_function_has_a_name_and_a_node(name: str, count: int) -> None:
 
 
 def test_python_has_no_address_and_says_where_one_is() -> None:
-    kernel = lg.scene("pendulum").compile("numpy").kernel("rhs")
+    kernel = shared_scene("pendulum").compile("numpy").kernel("rhs")
     with pytest.raises(StatementError, match=r"no address: take that of the llvm target, system\.compile\('llvm'\)"):
         attrgetter("address")(kernel)
 
 
 def test_the_source_runs_as_it_is_printed(tmp_path: Path) -> None:
-    compiled = lg.scene("double-pendulum").compile()
+    compiled = shared_scene("double-pendulum").compile()
     text, file = compiled.source("rhs"), tmp_path / "rhs.py"
     assert "p = model.parameter_array()" in text
     file.write_text(text)

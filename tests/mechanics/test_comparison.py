@@ -14,13 +14,14 @@ import lagrange as lg
 from lagrange.errors import StatementError
 from lagrange.mechanics.student_equations import spelled
 from tests import covering
+from tests.models import shared_scene
 
 SCENES = ("pendulum", "double-pendulum", "elastic-pendulum", "bead-on-hoop", "swinging-atwood-machine", "henon-heiles")
 
 
 @cache
 def system(name: str) -> lg.System:
-    return lg.scene(name)
+    return shared_scene(name)
 
 
 @cache

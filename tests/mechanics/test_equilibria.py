@@ -14,6 +14,7 @@ import lagrange as lg
 from lagrange.errors import RunError, StatementError
 from lagrange.mechanics import equilibria as equilibria_module
 from lagrange.mechanics.branches import Branch, solved
+from tests.models import shared_scene
 
 m, g, l, k, c, w, R, a = lg.parameters("m g l k c w R a")
 x, y, z, theta, phi, r = lg.coordinates("x y z theta phi r")
@@ -136,7 +137,7 @@ def test_what_is_not_solved_in_symbols_is_searched() -> None:
     for one in found:
         s = one.coordinates[x]
         assert abs(sympy.sinh(s) - 4 * s + (1 - s) * exp(-s)) < 1e-8
-    bar = lg.scene("four-bar").equilibria()
+    bar = shared_scene("four-bar").equilibria()
     assert [one.stable for one in bar] == [True, False, True, False]
 
 
@@ -144,7 +145,7 @@ def test_coordinates_at_which_forces_are_infinite_are_none() -> None:
     with pytest.raises(
         StatementError, match=r"kepler has no equilibrium: the forces on x and y at rest, solved in symb"
     ):
-        lg.scene("kepler").equilibria()
+        shared_scene("kepler").equilibria()
 
 
 @pytest.mark.parametrize(
@@ -303,4 +304,4 @@ def test_flat_places_are_found_and_surfaces_are_not_listed() -> None:
     with pytest.raises(StatementError, match=r"no equilibrium of tail was found"):  # the force is small far out alone
         lg.System(x.dot**2 / 2, 2 * sympy.tanh(x), name="tail").equilibria()
     with pytest.raises(StatementError, match=r"free-flip has too many equilibria to list: 256 starts of Newton's met"):
-        lg.scene("free-flip").equilibria()
+        shared_scene("free-flip").equilibria()

@@ -13,6 +13,7 @@ from sympy import I, cos, pi, sin, sqrt
 import lagrange as lg
 from lagrange.errors import RunError, StatementError
 from lagrange.mechanics import modes as modes_module
+from tests.models import shared_scene
 
 m, g, l, k, c, w, M = lg.parameters("m g l k c w M")
 a = lg.parameters("a", positive=False)
@@ -27,7 +28,7 @@ def plane(potential: Any, *, turn: Any = 0, **more: Any) -> lg.System:
 
 def test_numbers_and_symbols_agree_with_the_motion() -> None:
     """A mode keeps its shape: a run started in it returns after one period."""
-    system = lg.scene("double-pendulum")
+    system = shared_scene("double-pendulum")
     found = system.modes()
     values = system.parameters
     fast = float(found.frequencies[1].subs(values))
@@ -210,4 +211,4 @@ def test_refusals() -> None:
 def test_a_wrong_frequency_is_found_by_number(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(modes_module, "_root_of", lambda given: sqrt(given) * 1.001)
     with pytest.raises(RunError, match=r"the frequency .* is wrong: .* is no eigenvalue of the linear equations\."):
-        lg.scene("pendulum").modes()
+        shared_scene("pendulum").modes()

@@ -11,6 +11,7 @@ import sympy
 from sympy import Abs, Piecewise, Rational, cos, pi, sin, sqrt
 
 import lagrange as lg
+from tests.models import shared_scene
 
 theta, x, y = lg.coordinates("theta x y")
 m, g, l, k, c, a = lg.parameters("m g l k c a")
@@ -51,8 +52,8 @@ def test_away_from_equilibrium_terms_of_first_order_stay_and_are_told() -> None:
 
 
 def test_parameters_keep_the_order_in_which_they_were_stated() -> None:
-    assert list(lg.scene("double-pendulum").small().parameters) == list(lg.scene("double-pendulum").parameters)
-    assert "½ (m₁ + m₂) l₁² θ̇₁²" in lg.scene("double-pendulum").small().page("unicode")
+    assert list(shared_scene("double-pendulum").small().parameters) == list(shared_scene("double-pendulum").parameters)
+    assert "½ (m₁ + m₂) l₁² θ̇₁²" in shared_scene("double-pendulum").small().page("unicode")
 
 
 def error(system: lg.System, at: dict[Any, float], order: int, size: float) -> float:
@@ -79,9 +80,9 @@ FORCED = lg.System(
 @pytest.mark.parametrize(
     ("system", "at"),
     [
-        (lg.scene("double-pendulum"), {}),
+        (shared_scene("double-pendulum"), {}),
         (FORCED, {x: 9.81 / 40}),
-        (lg.scene("elastic-pendulum"), {lg.coordinate("r"): 1.0}),
+        (shared_scene("elastic-pendulum"), {lg.coordinate("r"): 1.0}),
     ],
     ids=["double", "forced", "elastic"],
 )
@@ -106,7 +107,7 @@ def test_accelerations_are_those_of_the_system_at_any_point() -> None:
 
 
 def test_constraints_are_expanded_with_their_curvature() -> None:
-    rod = lg.scene("cartesian-pendulum")
+    rod = shared_scene("cartesian-pendulum")
     length = next(p for p in rod.statement.parameters if p.name == "l")
     small = rod.small({"y": -length})
     assert sympy.expand(small.statement.constraints[0].expression - rod.statement.constraints[0].expression) == 0
@@ -127,13 +128,13 @@ def test_constraints_are_expanded_with_their_curvature() -> None:
     ("act", "message"),
     [
         (
-            lambda: lg.scene("spherical-pendulum").small(),
+            lambda: shared_scene("spherical-pendulum").small(),
             "about theta = 0 and phi = 0 the Lagrangian to order 2 has no velocity of phi in it, whose inertia "
             "vanishes "
             "there: choose coordinates that are regular at that point, or another point.",
         ),
         (
-            lambda: lg.scene("kepler").small(),
+            lambda: shared_scene("kepler").small(),
             "the potential energy has no expansion about x = 0 and y = 0: it, or a derivative up to order 2, is not "
             "finite there. Choose another point, or coordinates that are regular at it.",
         ),
@@ -160,7 +161,7 @@ def test_constraints_are_expanded_with_their_curvature() -> None:
             "Choose another point, or coordinates that are regular at it.",
         ),
         (
-            lambda: lg.scene("cartesian-pendulum").small(),
+            lambda: shared_scene("cartesian-pendulum").small(),
             "the point is not on the constraint 'rod', which is -l**2 there and not zero: give values of all "
             "coordinates "
             "in it.",

@@ -13,6 +13,7 @@ import sympy
 from sympy import Rational, acos, asin, cos, pi, sin, sqrt
 
 import lagrange as lg
+from tests.models import shared_scene
 
 m, M, g, l, k, K, c, a, R, w, q, B = lg.parameters("m M g l k K c a R w q B")
 I1, I3, mu, alpha, gamma, m1, m2 = lg.parameters("I1 I3 mu alpha gamma m1 m2")
@@ -284,7 +285,7 @@ def test_cycloid() -> None:
 
 def test_henon_heiles() -> None:
     """M. Henon, C. Heiles, Astronomical Journal 69, 1964: three saddles at the energy 1/6 about the minimum."""
-    found = lg.scene("henon-heiles").equilibria()
+    found = shared_scene("henon-heiles").equilibria()
     assert [one.energy for one in found] == [0, *[Rational(1, 6)] * 3]
     assert [one.stable for one in found] == [True, False, False, False]
     places = {tuple(one.coordinates.values()) for one in found[1:]}

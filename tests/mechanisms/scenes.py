@@ -10,8 +10,8 @@ from sympy import Matrix, Rational, acos, atan, cos, pi, sin, sqrt, symbols, tan
 from sympy.physics.mechanics import KanesMethod, Point, ReferenceFrame, RigidBody, dot, dynamicsymbols, inertia
 
 from lagrange.statement.coordinate import t
-from lagrange.statement.scene import load
 from tests.mechanisms.formulation import Bodies, Formulation, reduced
+from tests.models import loaded
 
 
 def symbol(name: str) -> Any:
@@ -26,7 +26,7 @@ def known(names: str) -> list[Any]:
 
 def of(scene: str) -> dict[Any, float]:
     """Return the values of a scene's parameters."""
-    return dict(load(scene).defaults)
+    return dict(loaded(scene).defaults)
 
 
 m, m1, m2, m3, g, l, l1, l2, l3, d, r, k, J, Jw, a, b, c = known("m m1 m2 m3 g l l1 l2 l3 d r k J Jw a b c")

@@ -11,10 +11,10 @@ import pytest
 from lagrange.compiler import machine, model_of
 from lagrange.machine.model import Model
 from lagrange.run import flow
-from lagrange.statement.scene import load
 from tests.covering import share
 from tests.mechanisms.formulation import Formulation
 from tests.mechanisms.scenes import FORMULATIONS
+from tests.models import loaded
 
 
 @cache
@@ -24,15 +24,15 @@ def formulation(name: str) -> Formulation:
 
 @cache
 def model(name: str, target: str = "llvm") -> Model:
-    return model_of(load(name), machine(target))
+    return model_of(loaded(name), machine(target))
 
 
 @pytest.mark.parametrize("name", FORMULATIONS)
 def test_a_scene_starts_where_its_formulation_does_and_on_its_constraints(name: str) -> None:
-    start = np.array(load(name).initial)
+    start = np.array(loaded(name).initial)
     assert formulation(name).lift(formulation(name).first, 0.0) == pytest.approx(start, rel=1e-14, abs=2e-15)
     n = len(start) // 2
-    if not load(name).constraints:
+    if not loaded(name).constraints:
         return
     off = model(name).evaluate("constraints", start[:n], start[n:])
     size = max(1.0, np.abs(start).max())
@@ -55,7 +55,7 @@ def test_the_accelerations_are_those_of_the_formulation(name: str, target: str) 
 @cache
 def expected_states(name: str) -> Any:
     """Return five times along the run of a scene, and the states there."""
-    times = np.linspace(0.0, load(name).run.t_end, 6)[1:]
+    times = np.linspace(0.0, loaded(name).run.t_end, 6)[1:]
     return times, formulation(name).states(times)
 
 
@@ -65,7 +65,7 @@ def test_the_run_is_that_of_the_formulation(name: str) -> None:
     run: Any = flow(model(name), rtol=1e-13, atol=1e-15)
     size = np.maximum(np.abs(right).max(axis=1), 1.0)
     for time, expected in zip(times, right.T, strict=True):
-        found = run(np.array(load(name).initial), 0.0, time)
+        found = run(np.array(loaded(name).initial), 0.0, time)
         assert (np.abs(found - expected) / size).max() <= 1e-8, time
 
 
@@ -75,13 +75,13 @@ def test_other_methods_run_to_the_same_end(name: str, method: str) -> None:
     """At 1e-9 they err by 5e-6 at most, in the scene that flips; the others by 1e-6 and less."""
     times, right = expected_states(name)
     run: Any = flow(model(name), method=method, rtol=1e-9, atol=1e-12)
-    found = run(np.array(load(name).initial), 0.0, times[-1])
+    found = run(np.array(loaded(name).initial), 0.0, times[-1])
     assert np.abs(found - right[:, -1]).max() <= 2e-5 * max(1.0, np.abs(right[:, -1]).max())
 
 
 def test_two_vortices_turn_evenly_about_their_centre() -> None:
     """By (Gamma1 + Gamma2)/(2 pi d^2) times t about (Gamma1 r1 + Gamma2 r2)/(Gamma1 + Gamma2)."""
-    start = np.array(load("two-point-vortices").initial)
+    start = np.array(loaded("two-point-vortices").initial)
     run: Any = flow(model("two-point-vortices"), rtol=1e-13, atol=1e-15)
     for time in (3.0, 20.0):
         angle = 4 / (2 * np.pi) * time

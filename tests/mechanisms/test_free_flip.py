@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import ellipj, ellipk
 
 import lagrange as lg
+from tests.models import shared_scene
 
 FLIPS = 100
 
@@ -40,7 +41,7 @@ def elliptic(times: Any, inertias: Any, spin: Any) -> Any:
 
 def test_a_hundred_flips_are_elliptic_functions() -> None:
     """A rounding at a flip grows by some e^5 until the next; what is conserved keeps errors to their phase."""
-    scene = lg.scene("free-flip")
+    scene = shared_scene("free-flip")
     values = {symbol.name: number for symbol, number in scene.statement.defaults.items()}
     inertias = np.array([values["I1"], values["I2"], values["I3"]])
     start = np.array(scene.statement.initial)

@@ -14,7 +14,7 @@ from lagrange.compiler import machine, model_of
 from lagrange.machine.model import Model
 from lagrange.run import flow
 from lagrange.statement.declare import declare
-from lagrange.statement.scene import load
+from tests.models import loaded
 
 x, y, theta = lg.coordinates("x y theta")
 m, g, l = lg.parameters("m g l")
@@ -22,12 +22,12 @@ m, g, l = lg.parameters("m g l")
 
 @cache
 def model(name: str) -> Model:
-    return model_of(load(name), machine("llvm"))
+    return model_of(loaded(name), machine("llvm"))
 
 
 def value(name: str, parameter: str) -> float:
     """Return the value of a scene's parameter."""
-    return {symbol.name: number for symbol, number in load(name).defaults.items()}[parameter]
+    return {symbol.name: number for symbol, number in loaded(name).defaults.items()}[parameter]
 
 
 # --- a rod ----------------------------------------------------------------------------------------------------
@@ -84,7 +84,7 @@ def test_the_two_sides_of_a_heavy_wheel_pull_differently() -> None:
     """Tensions m1 (g - a) and m2 (g + a), against the weights."""
     m1, m2, J, r, gravity = (value("atwood-machine", name) for name in ("m1", "m2", "J", "r", "g"))
     a = (m1 - m2) * gravity / (m1 + m2 + J / r**2)
-    start = np.array(load("atwood-machine").initial)
+    start = np.array(loaded("atwood-machine").initial)
     found = model("atwood-machine").multipliers(start[:3], start[3:])
     assert found == pytest.approx([-m1 * (gravity - a), -m2 * (gravity + a)], rel=1e-13)
     assert found[0] != pytest.approx(found[1], rel=0.01)
@@ -106,7 +106,7 @@ def test_wall_and_floor_push_a_ladder(angle: float, turn: float) -> None:
 def departure(name: str, index: int, end: float) -> Any:
     """Return the state at which a multiplier of a scene first vanishes, by bisection along its run."""
     run: Any = flow(model(name), rtol=1e-15, atol=1e-18)
-    start, n = np.array(load(name).initial), model(name).dimension
+    start, n = np.array(loaded(name).initial), model(name).dimension
 
     def push(time: float) -> float:
         state = run(start, 0.0, time)
@@ -122,13 +122,13 @@ def departure(name: str, index: int, end: float) -> Any:
 
 def test_a_ladder_leaves_the_wall_at_two_thirds_of_its_height() -> None:
     found = departure("ladder", 0, 2.0)
-    height, first = np.sin(found[2]), np.sin(load("ladder").initial[2])
+    height, first = np.sin(found[2]), np.sin(loaded("ladder").initial[2])
     assert height / first == pytest.approx(2 / 3, abs=1e-10)
 
 
 def test_a_particle_leaves_a_sphere_at_two_thirds_of_its_height() -> None:
     found = departure("particle-on-sphere", 0, 1.3)
-    assert found[2] / load("particle-on-sphere").initial[2] == pytest.approx(2 / 3, abs=1e-10)
+    assert found[2] / loaded("particle-on-sphere").initial[2] == pytest.approx(2 / 3, abs=1e-10)
 
 
 # --- linkages: virtual work -----------------------------------------------------------------------------------
@@ -151,7 +151,7 @@ def virtual_work(name: str, q: Any, v: Any, freed: int) -> float:
 def differences(name: str, q: Any) -> Any:
     """Return the gradient of the constraints by central differences of what the scene states."""
     of, n, h = model(name), model(name).dimension, 1e-5
-    m_ = len(load(name).constraints)
+    m_ = len(loaded(name).constraints)
     columns = []
     for i in range(n):
         unit = np.eye(n)[i]
@@ -164,7 +164,7 @@ def differences(name: str, q: Any) -> Any:
 @pytest.mark.parametrize("name", ["slider-crank", "four-bar", "seven-body-mechanism", "hanging-chain"])
 def test_the_multipliers_of_linkages_are_those_of_virtual_work(name: str, time: float) -> None:
     run: Any = flow(model(name), rtol=1e-12)
-    state = run(np.array(load(name).initial), 0.0, time * load(name).run.t_end)
+    state = run(np.array(loaded(name).initial), 0.0, time * loaded(name).run.t_end)
     q, v = np.split(state, 2)
     found = model(name).multipliers(q, v)
     expected = [virtual_work(name, q, v, i) for i in range(len(found))]
@@ -176,7 +176,7 @@ def test_the_pin_of_a_four_bar_carries_the_rocker() -> None:
     m3, l3, gravity = (value("four-bar", name) for name in ("m3", "l3", "g"))
     run: Any = flow(model("four-bar"), rtol=1e-12)
     for time in (0.2, 0.9, 3.1):
-        q, v = np.split(run(np.array(load("four-bar").initial), 0.0, time), 2)
+        q, v = np.split(run(np.array(loaded("four-bar").initial), 0.0, time), 2)
         along, up = model("four-bar").multipliers(q, v)
         turn = model("four-bar").accelerations(q, v)[2]
         arm = l3 * np.array([np.cos(q[2]), np.sin(q[2])])
@@ -187,7 +187,7 @@ def test_the_pin_of_a_four_bar_carries_the_rocker() -> None:
 
 def test_the_slider_of_a_crank_is_pushed_by_its_rod() -> None:
     """Newton's law of the slider: m x'' is the outer force, the pull of the spring and damper, and the multiplier."""
-    of, load_ = model("slider-crank"), load("slider-crank")
+    of, load_ = model("slider-crank"), loaded("slider-crank")
     run: Any = flow(of, rtol=1e-12)
     mass, F, k, c, a, rest = (value("slider-crank", name) for name in ("m", "F", "k", "c", "a", "rest"))
     q, v = np.split(run(np.array(load_.initial), 0.0, 2.0), 2)

@@ -10,18 +10,18 @@ import pytest
 from lagrange.compiler import machine, model_of
 from lagrange.machine.model import Model
 from lagrange.run import flow
-from lagrange.statement.scene import load
 from tests.mechanisms.ladder import four_bar_ladder, parallelogram_acceleration
+from tests.models import loaded
 
 
 def compiled(name: str) -> Model:
-    return model_of(load(name), machine("llvm"))
+    return model_of(loaded(name), machine("llvm"))
 
 
 def end(name: str) -> Any:
     """Return the state at the end of a scene's run."""
     run: Any = flow(compiled(name), rtol=1e-13, atol=1e-15)
-    return run(np.array(load(name).initial), 0.0, load(name).run.t_end)
+    return run(np.array(loaded(name).initial), 0.0, loaded(name).run.t_end)
 
 
 # F. Mazzia, C. Magherini, Test Set for Initial Value Problem Solvers (2008), problem Andrews' squeezing mechanism:
@@ -46,7 +46,7 @@ ANDREWS_LAST_MULTIPLIERS = (
 
 
 def test_the_seven_body_mechanism_begins_as_published() -> None:
-    model, start = compiled("seven-body-mechanism"), np.array(load("seven-body-mechanism").initial)
+    model, start = compiled("seven-body-mechanism"), np.array(loaded("seven-body-mechanism").initial)
     found = model.accelerations(start[:7], start[7:])
     assert found == pytest.approx(ANDREWS_FIRST_ACCELERATIONS, rel=1e-13, abs=1e-9)
     pulls = model.multipliers(start[:7], start[7:])
@@ -76,7 +76,7 @@ def test_the_slider_crank_ends_as_published() -> None:
 
 def test_the_ladder_of_four_bars_starts_as_its_reduction_says() -> None:
     """One degree of freedom: all rods that turn are parallel."""
-    model, start = compiled("four-bar-ladder"), np.array(load("four-bar-ladder").initial)
+    model, start = compiled("four-bar-ladder"), np.array(loaded("four-bar-ladder").initial)
     for angle in (1.2, 0.7, 0.3):
         sine, cosine = np.sin(angle), np.cos(angle)
         q = np.array([[i + cosine, sine] for i in range(3)]).ravel()
@@ -90,7 +90,7 @@ def test_the_ladder_of_four_bars_starts_as_its_reduction_says() -> None:
 def test_the_ladder_of_two_loops_is_the_scene() -> None:
     """The generator for any number of loops, at two, gives the scene of the library."""
     made, scene = model_of(four_bar_ladder(2), machine("llvm")), compiled("four-bar-ladder")
-    start = np.array(load("four-bar-ladder").initial)
+    start = np.array(loaded("four-bar-ladder").initial)
     assert np.array(made.statement.initial) == pytest.approx(start)
     assert made.accelerations(start[:6], start[6:]) == pytest.approx(
         scene.accelerations(start[:6], start[6:]), abs=1e-12
@@ -102,7 +102,7 @@ def test_the_ladder_of_two_loops_is_the_scene() -> None:
 def test_the_ladder_passes_where_its_rods_lie_in_one_line_as_published(method: str, rtol: float) -> None:
     """B0 at t = 10, after several passages: EXUDYN with steps of 1.25e-4, and its one degree of freedom by DOP853."""
     run: Any = flow(compiled("four-bar-ladder"), method=method, rtol=rtol)
-    found = run(np.array(load("four-bar-ladder").initial), 0.0, 10.0)
+    found = run(np.array(loaded("four-bar-ladder").initial), 0.0, 10.0)
     x, y, x_rate, y_rate = found[[0, 1, 6, 7]]
     assert (x, y, x_rate, y_rate) == pytest.approx((0.3284573768, 0.9445187937, 1.423050003, -0.4948670827), abs=5e-6)
     reduced = (0.32845811153906, 0.94451853817921, 1.42305147020307, -0.49486884548273)

@@ -14,9 +14,9 @@ import lagrange as lg
 from lagrange.compiler import machine, model_of
 from lagrange.machine.model import Model
 from lagrange.statement.declare import declare
-from lagrange.statement.scene import load
 from tests.mechanisms.formulation import Formulation
 from tests.mechanisms.scenes import g, kane_of_the_disc, m, r, rolling_disc, z1, z5, z6, z7
+from tests.models import loaded
 
 VALUES = {m: 1.0, g: 1.0, r: 1.0}
 """Those of test_rolling_disc in SymPy's test_kane.py, where the critical spin is 1/sqrt(3)."""
@@ -38,7 +38,7 @@ def formulation() -> Formulation:
 
 @cache
 def model() -> Model:
-    statement = load("rolling-disc")
+    statement = loaded("rolling-disc")
     assert dict(statement.defaults) == VALUES
     return model_of(statement, machine("llvm"))
 
@@ -70,9 +70,9 @@ def test_kanes_method_gives_what_sympy_publishes() -> None:
 def test_the_multipliers_are_the_friction_at_the_contact(given: tuple[float, ...]) -> None:
     """They push the centre: m times its horizontal acceleration, by differences along the motion, which err by h^2."""
     z = state(*given)
-    points = sympy.Matrix([*load("rolling-disc").positions["centre"]])
-    plain = load("rolling-disc").plain
-    coordinates = [plain[x] for x in load("rolling-disc").coordinates]
+    points = sympy.Matrix([*loaded("rolling-disc").positions["centre"]])
+    plain = loaded("rolling-disc").plain
+    coordinates = [plain[x] for x in loaded("rolling-disc").coordinates]
     places = sympy.lambdify(coordinates, points.xreplace(plain).subs(VALUES))
     y = formulation().lift(z, 0.0)
     q, v, a = y[:5], y[5:], model().accelerations(y[:5], y[5:])

@@ -10,12 +10,13 @@ import pytest
 
 import lagrange as lg
 from lagrange.show.constraint_drift import constraint_drift
+from tests.models import shared_scene
 
 x, y = lg.coordinates("x y")
 
 
 def pendulum() -> lg.System:
-    return lg.scene("cartesian-pendulum")
+    return shared_scene("cartesian-pendulum")
 
 
 def test_the_error_is_that_of_the_largest_constraint_against_the_sizes_of_its_terms() -> None:
@@ -55,7 +56,7 @@ def test_a_constraint_of_one_term_counts_beside_the_other_coordinates(scale: flo
 
 
 def test_without_constraints_the_error_is_zero_and_the_card_is_silent() -> None:
-    solution = lg.scene("pendulum").run(1.0)
+    solution = shared_scene("pendulum").run(1.0)
     assert not solution.constraint_error.any()
     assert solution.constraint_error.shape == solution.t.shape
     assert solution.card()["constraints"] is None
@@ -77,7 +78,7 @@ def test_card_and_files_have_the_drift(tmp_path: Path) -> None:
 
 
 def test_a_constraint_on_velocities_has_no_positions() -> None:
-    solution = lg.scene("chaplygin-sleigh").run(1.0)
+    solution = shared_scene("chaplygin-sleigh").run(1.0)
     assert set(solution.card()["constraints"]) == {"velocities"}
     assert "positions" not in repr(solution)
 

@@ -21,6 +21,7 @@ from lagrange.show.sections import READABLE, Formula
 from lagrange.show.styles import terminal_style
 from lagrange.show.text_notation import AsciiNotation, UnicodeNotation
 from lagrange.statement.declare import declare
+from tests.models import shared_scene
 
 x, y, theta, phi = lg.coordinates("x y theta phi")
 m, M, l, g, R, a, k, omega, c, G = lg.parameters("m M l g R a k omega c G")
@@ -164,7 +165,7 @@ def test_a_terminal_that_has_unicode_gets_it(
 
     monkeypatch.setattr(sys, "stdout", Terminal(io.BytesIO(), encoding=encoding))
     assert terminal_style() == style
-    assert lg.scene("pendulum").page() == lg.scene("pendulum").page(style)
+    assert shared_scene("pendulum").page() == shared_scene("pendulum").page(style)
 
 
 def test_no_standard_output_is_plain_text(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -181,7 +182,7 @@ def test_long_sums_are_broken_and_lines_are_bounded() -> None:
 
 
 def test_accelerations_that_nobody_reads_are_a_sentence() -> None:
-    system = lg.scene("spinning-top")
+    system = shared_scene("spinning-top")
     page = system.page("text")
     longest = max(value.count_ops() for value in {**system.accelerations(), **system.derivation().multipliers}.values())
     assert (
@@ -192,12 +193,12 @@ def test_accelerations_that_nobody_reads_are_a_sentence() -> None:
 
 
 def test_a_part_of_the_accelerations_is_shown() -> None:
-    page = lg.scene("cartesian-double-pendulum").page("text")
+    page = shared_scene("cartesian-double-pendulum").page("text")
     assert "    The formulas are too long" in page or "    The other formulas are too long" in page
 
 
 def test_points_with_mass_begin_the_derivation() -> None:
-    page = lg.scene("pendulum").page("unicode")
+    page = shared_scene("pendulum").page("unicode")
     assert (
         "Positions and velocities\n"
         "    r_bob = (l sin θ, −l cos θ)\n"
@@ -205,21 +206,21 @@ def test_points_with_mass_begin_the_derivation() -> None:
         "    v_bob² = l² θ̇²\n"
         "    T_bob = ½ m v_bob²\n"
     ) in page
-    assert "Positions" not in lg.scene("kepler").page("text")
+    assert "Positions" not in shared_scene("kepler").page("text")
 
 
 def test_html_folds_and_speaks_no_markup_of_the_statement() -> None:
-    page = render(lg.scene("chain-of-springs").derivation(), "html", ["a < b & c"])
+    page = render(shared_scene("chain-of-springs").derivation(), "html", ["a < b & c"])
     assert page.startswith("<!doctype html>") and page.endswith("</html>\n")
     assert "<p>a &lt; b &amp; c</p>" in page
     assert "<details open><summary>Energy</summary>" in page and "http" not in page.replace(
         "http://www.w3.org/1998", ""
     )
-    assert "<details><summary>" in render(lg.scene("spinning-top").derivation(), "html")
+    assert "<details><summary>" in render(shared_scene("spinning-top").derivation(), "html")
 
 
 def test_notebooks_are_bounded() -> None:
-    long, short = lg.scene("spinning-top").derivation(), lg.scene("pendulum").derivation()
+    long, short = shared_scene("spinning-top").derivation(), shared_scene("pendulum").derivation()
     for derivation in (short, long):
         for shown in (derivation._repr_html_(), derivation._repr_markdown_(), derivation._repr_latex_()):
             assert len(shown) <= NOTEBOOK + 200
@@ -229,7 +230,7 @@ def test_notebooks_are_bounded() -> None:
 
 
 def test_the_double_pendulum_fits_on_two_pages() -> None:
-    page = lg.scene("double-pendulum").page("latex")
+    page = shared_scene("double-pendulum").page("latex")
     assert len(page.encode()) < 6000
     assert r"\[ (m_1 + m_2) l_1^2 \ddot\theta_1 + m_2 l_1 l_2 \ddot\theta_2 \cos(\theta_1 - \theta_2) " in page
 
@@ -251,5 +252,5 @@ def test_a_number_stands_before_a_parenthesis_on_several_lines(factor: Any, ends
 
 
 def test_latex_has_an_author_as_its_title_asks_for() -> None:
-    page = lg.scene("pendulum").page("latex")
+    page = shared_scene("pendulum").page("latex")
     assert page.index(r"\author{}") < page.index(r"\maketitle")

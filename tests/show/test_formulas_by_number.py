@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from functools import lru_cache, partial
+from functools import cache, partial
 from typing import Any
 
+import mpmath
 import numpy as np
 import pytest
 import sympy
@@ -28,6 +29,7 @@ from lagrange.show.sections import (
     sections,
 )
 from lagrange.show.text_notation import AsciiNotation, UnicodeNotation
+from tests.models import shared_scene
 from tests.show import formula_readers
 
 LONG = (
@@ -38,10 +40,12 @@ LONG = (
     "slider-crank",
     "free-flip",
     "sun-earth-moon",
+    "four-bar-ladder",
+    "four-bar-change-point",
 )
 SCENES = [pytest.param(name, marks=[pytest.mark.exhaustive] if name in LONG else []) for name in lg.scenes()]
 DIGITS = 80
-STEP = sympy.Float("1e-20", DIGITS)
+STEP = mpmath.mpf(10) ** -20
 """Central differences, nested once, leave 20 digits or more of what they are taken of."""
 AGREEMENT = 1e-7
 """States that are on the constraints to 1e-10, relative, leave this much of the largest term."""
@@ -51,7 +55,8 @@ class Motion:
     """A state of a scene near its initial one, on its constraints, and what the compiled model says there."""
 
     def __init__(self, system: lg.System, seed: int) -> None:
-        self.statement = statement = system.statement
+        self.system, self.statement = system, system.statement
+        statement = system.statement
         self.model = system.compile(check=False)
         draw = np.random.default_rng(seed)
         scale = np.array([abs(x) or 1.0 for x in statement.initial])
@@ -69,35 +74,43 @@ class Motion:
         point = dict(zip(plain, np.column_stack([self.q, self.v, self.a]).ravel(), strict=True))
         point |= {p: statement.defaults[p] for p in statement.parameters}
         point |= {one.multiplier: x for one, x in zip(held, self.multipliers, strict=True)} | {lg.t: self.t}
-        self.point = {symbol: sympy.Float(float(value), DIGITS) for symbol, value in point.items()}
+        self.point = {symbol: mpmath.mpf(float(value)) for symbol, value in point.items()}
+        self.functions: dict[Any, Callable[..., Any]] = {}
 
     def value(self, expression: Any, moved: Any = None) -> Any:
         """The value of an expression at the state, in many digits."""
-        return sympy.N(expression.xreplace(self.statement.plain).xreplace(self.point | (moved or {})), DIGITS)
+        if expression not in self.functions:
+            plain = expression.xreplace(self.statement.plain)
+            assert plain.free_symbols <= set(self.point), expression
+            self.functions[expression] = sympy.lambdify(list(self.point), plain, "mpmath", cse=True)
+        with mpmath.workdps(DIGITS):
+            return mpmath.mpmathify(self.functions[expression](*(self.point | (moved or {})).values()))
 
     def number(self, expression: Any) -> float:
         value = self.value(expression)
-        assert value.is_real or value.is_zero, expression
+        assert isinstance(value, mpmath.mpf), expression
         return float(value)
 
     def slope(self, expression: Any, by: Any, moved: Any = None) -> Any:
         """dE/dx of a stated expression by central differences."""
         at = {**self.point, **(moved or {})}
         symbol = by.xreplace(self.statement.plain)
-        h = STEP * max(abs(at[symbol]), 1)
-        ends = [self.value(expression, {**at, symbol: at[symbol] + sign * h}) for sign in (1, -1)]
-        return (ends[0] - ends[1]) / (2 * h)
+        with mpmath.workdps(DIGITS):
+            h = STEP * max(abs(at[symbol]), 1)
+            ends = [self.value(expression, {**at, symbol: at[symbol] + sign * h}) for sign in (1, -1)]
+            return (ends[0] - ends[1]) / (2 * h)
 
     def rate(self, value: Callable[[Any], Any]) -> float:
         """The time derivative along the motion of what is computed at a state."""
         plain = list(self.statement.plain.values())
         ends = []
-        for s in (STEP, -STEP):
-            moved = {lg.t: self.point[lg.t] + s}
-            for q, v, a in zip(plain[::3], plain[1::3], plain[2::3], strict=True):
-                moved |= {q: self.point[q] + s * self.point[v], v: self.point[v] + s * self.point[a]}
-            ends.append(value(moved))
-        return float((ends[0] - ends[1]) / (2 * STEP))
+        with mpmath.workdps(DIGITS):
+            for s in (STEP, -STEP):
+                moved = {lg.t: self.point[lg.t] + s}
+                for q, v, a in zip(plain[::3], plain[1::3], plain[2::3], strict=True):
+                    moved |= {q: self.point[q] + s * self.point[v], v: self.point[v] + s * self.point[a]}
+                ends.append(value(moved))
+            return float((ends[0] - ends[1]) / (2 * STEP))
 
     def side(self, side: Any) -> Any:
         match side:
@@ -134,7 +147,7 @@ class Motion:
         if letter in ("r", "v"):
             return self.point_of(letter, indices[0])
         if letter == "T" and indices:
-            masses = {point.name: point.mass for point in lg.System.from_statement(s).derivation().points}
+            masses = {point.name: point.mass for point in self.system.derivation().points}
             return self.number(masses[indices[0]]) * self.side(Square(ShownQuantity("v", indices))) / 2
         if letter in ("L", "T", "V", "D", "phi", "psi"):
             return self.number(self.stated(ShownQuantity(letter, indices)))
@@ -166,9 +179,9 @@ class Motion:
         return np.array([[self.rate(partial(self.value, entry)) for entry in entries]])
 
 
-@lru_cache(maxsize=1)
+@cache
 def page(name: str) -> tuple[lg.System, list[Formula]]:
-    system = lg.scene(name)
+    system = shared_scene(name)
     return system, [row for part in sections(system.derivation()) for row in part.rows if isinstance(row, Formula)]
 
 

@@ -14,6 +14,7 @@ from sympy import cos, sin
 
 import lagrange as lg
 from lagrange.show.names import GREEK
+from tests.models import shared_scene
 
 PAGES = Path(__file__).parent / "pages"
 GOLDEN = {
@@ -62,12 +63,12 @@ SCENES = [pytest.param(name, marks=[] if name in QUICK else [pytest.mark.exhaust
 @pytest.mark.parametrize("file", GOLDEN)
 def test_golden_pages(file: str) -> None:
     name, style = GOLDEN[file]
-    assert lg.scene(name).page(style) == (PAGES / file).read_text("utf-8")
+    assert shared_scene(name).page(style) == (PAGES / file).read_text("utf-8")
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_latex_is_well_formed(name: str) -> None:
-    page = lg.scene(name).page("latex")
+    page = shared_scene(name).page("latex")
     body = page[page.index("\\maketitle") + 10 : page.index("\\end{document}")]
     plain = re.sub(r"\\[{}$&#_%\\]", "", body)
     for begin, end in (("{", "}"), (r"\left", r"\right"), (r"\[", r"\]"), (r"\begin", r"\end"), (r"\bigl", r"\bigr")):
@@ -84,7 +85,7 @@ def test_latex_is_well_formed(name: str) -> None:
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="pdflatex is not installed")
 @pytest.mark.parametrize("name", ["double-pendulum", "cartesian-pendulum"])
 def test_pdflatex_sets_the_page(name: str, tmp_path: Path) -> None:
-    (tmp_path / "page.tex").write_text(lg.scene(name).page("latex"), "utf-8")
+    (tmp_path / "page.tex").write_text(shared_scene(name).page("latex"), "utf-8")
     done = subprocess.run(
         ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "page.tex"],
         cwd=tmp_path,
@@ -97,7 +98,7 @@ def test_pdflatex_sets_the_page(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", SCENES)
 def test_html_is_well_formed(name: str) -> None:
-    page = lg.scene(name).page("html")
+    page = shared_scene(name).page("html")
     ElementTree.fromstring(
         page.removeprefix("<!doctype html>\n").replace('<meta charset="utf-8">', "").replace(" open>", ">")
     )

@@ -18,6 +18,7 @@ from lagrange.trajectory.messages import UNPROJECTED
 from lagrange.trajectory.methods.explicit import RungeKutta
 from lagrange.trajectory.methods.registry import find
 from tests.mechanisms.random_mechanisms import SEEDS, compiled, initial_state, mechanism
+from tests.models import shared_scene
 from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, OUTSIDE, SPLITTINGS, UNCONSTRAINED
 
 PROJECTED = tuple(name for name in NAMES if name not in (*UNCONSTRAINED, *SPLITTINGS))
@@ -30,7 +31,7 @@ ROUNDED = 1e-14
 @cache
 def reference(t: float) -> FloatArray:
     """Return x and y of the scene's pendulum by its angle."""
-    theta, _ = lg.scene("pendulum").run(t, method="taylor", rtol=1e-14).y[:, -1]
+    theta, _ = shared_scene("pendulum").run(t, method="taylor", rtol=1e-14).y[:, -1]
     return np.array([np.sin(theta), -np.cos(theta)])
 
 
@@ -121,7 +122,7 @@ def test_runs_of_random_mechanisms_converge_to_one_motion(seed: int) -> None:
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 def test_each_step_is_that_of_the_method_from_the_projected_state_and_then_projected(name: str, target: str) -> None:
     """Where a method uses its last slope again, it is that of the state which the projection has left."""
-    model = lg.scene("cartesian-double-pendulum").compile(target)
+    model = shared_scene("cartesian-double-pendulum").compile(target)
     method = find(name)
     assert isinstance(method, RungeKutta)
     options: Any = {"step": 0.05} if name in FIXED else {"rtol": 1e-4}
@@ -149,8 +150,8 @@ def test_the_projection_keeps_the_energy() -> None:
 
     Without the projection it is 6e-10 after 1000 s.
     """
-    solution = lg.scene("cartesian-pendulum").run(1000.0, rtol=1e-12, t_eval=[1000.0])
-    before = lg.scene("cartesian-pendulum").run(1e-6).energy[0]
+    solution = shared_scene("cartesian-pendulum").run(1000.0, rtol=1e-12, t_eval=[1000.0])
+    before = shared_scene("cartesian-pendulum").run(1e-6).energy[0]
     assert abs(solution.energy[-1] - before) < 2e-12 * abs(before)
 
 
@@ -199,7 +200,7 @@ def test_a_quaternion_keeps_its_norm_over_flips() -> None:
 def test_outputs_are_the_dense_output_to_the_last_bit(name: str) -> None:
     options: Any = {"step": 0.02} if name in FIXED else {"rtol": 1e-7}
     times = np.linspace(0.0, 1.5, 23)
-    system = lg.scene("cartesian-double-pendulum")
+    system = shared_scene("cartesian-double-pendulum")
     asked = system.run(1.5, method=name, t_eval=times, **options)
     assert np.array_equal(asked.at(times), asked.y)
     steps = system.run(1.5, method=name, **options)
@@ -213,7 +214,7 @@ def test_outputs_are_the_dense_output_to_the_last_bit(name: str) -> None:
 @pytest.mark.parametrize("name", ["taylor", "dop853", "rk4"])
 def test_events_and_resets_leave_the_steps_on_the_constraints(name: str) -> None:
     """The pendulum is thrown back at the vertical, with half of its velocity."""
-    system = lg.scene("cartesian-pendulum")
+    system = shared_scene("cartesian-pendulum")
     x, y = lg.coordinates("x y")
     options: Any = {"step": 0.01} if name in FIXED else {"rtol": 1e-9}
     wall = lg.Event(x, reset={x.dot: -x.dot / 2, y.dot: -y.dot / 2})
@@ -226,7 +227,7 @@ def test_events_and_resets_leave_the_steps_on_the_constraints(name: str) -> None
 
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 def test_a_state_too_far_away_to_be_projected_ends_the_run_in_words(target: str) -> None:
-    system = lg.scene("cartesian-double-pendulum")
+    system = shared_scene("cartesian-double-pendulum")
     solution = system.run(50.0, method="rk4", step=2.5, target=target)
     assert solution.status is lg.Status.DIVERGED
     assert UNPROJECTED in solution.message

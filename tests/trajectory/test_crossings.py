@@ -16,6 +16,7 @@ from lagrange.trajectory import flow as flow_module
 from lagrange.trajectory import shortened
 from lagrange.trajectory.constraints import passage
 from lagrange.trajectory.constraints.passage import dependent_passage
+from tests.models import shared_scene
 from tests.series_systems import ladder
 from tests.trajectory.runs import ADAPTIVE, OUTSIDE
 
@@ -52,7 +53,7 @@ def test_no_method_goes_on_as_another_motion(method: str, options: dict[str, Any
 @cache
 def reduced() -> lg.Solution:
     """The linkage of the scene as a parallelogram, by one angle."""
-    p = {str(symbol): value for symbol, value in lg.scene("four-bar-change-point").parameters.items()}
+    p = {str(symbol): value for symbol, value in shared_scene("four-bar-change-point").parameters.items()}
     angle = lg.coordinate("angle")
     inertia = (p["m1"] + p["m3"]) / 3 + p["m2"]
     weight = (p["m1"] + p["m3"]) / 2 + p["m2"]
@@ -75,7 +76,7 @@ def test_every_method_with_error_control_passes_crossings_as_the_reduced_motion(
         pytest.skip("a low order takes too many steps")
     if method == "cvode" and rtol < 1e-10:
         pytest.skip("rounding moves it off the constraints, onto which it is not projected")
-    run = lg.scene("four-bar-change-point").run(2.0, method=method, rtol=rtol, check=False)
+    run = shared_scene("four-bar-change-point").run(2.0, method=method, rtol=rtol, check=False)
     assert run.status is lg.Status.SUCCESS, run.message
     angle, rate = reduced().at(run.t)
     # The angle is unstable: 1e4 is what errors of a step grow to, with SUNDIALS, which is not projected; near a
@@ -86,7 +87,7 @@ def test_every_method_with_error_control_passes_crossings_as_the_reduced_motion(
 
 
 def test_outputs_events_and_resets_go_on_over_crossings() -> None:
-    linkage = lg.scene("four-bar-change-point")
+    linkage = shared_scene("four-bar-change-point")
     times = np.linspace(0.0, 2.0, 81)
     wanted = reduced().at(times)
     theta = linkage.coordinates[0]
@@ -193,7 +194,7 @@ def test_taylor_passes_flat_ladders_as_the_parallelogram(loops: int, rtol: float
 @pytest.mark.parametrize("method", ["gauss2", "gauss3", "rattle", "lobatto4"])
 def test_equal_steps_with_a_matrix_say_where_they_end(method: str) -> None:
     """Newton's method has no regular matrix at a crossing."""
-    run = lg.scene("four-bar-change-point").run(2.0, method=method, step=0.01, check=False)
+    run = shared_scene("four-bar-change-point").run(2.0, method=method, step=0.01, check=False)
     assert run.status is lg.Status.SINGULAR, run.message
     assert min(abs(run.t[-1] - 0.722), abs(run.t[-1] - 1.244)) < 0.011
     assert "'x'" in run.message and "pass it with equal steps, such as those of rk4" in run.message
@@ -227,7 +228,7 @@ def linkage_at(time: float) -> np.ndarray:
 @pytest.mark.parametrize("rtol", [1e-8, 1e-10, 1e-12, 1e-13])
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
 def test_flows_pass_crossings_as_runs_do(method: str, rtol: float) -> None:
-    model = lg.scene("four-bar-change-point").compile(check=False)
+    model = shared_scene("four-bar-change-point").compile(check=False)
     flow = lg.flow(model, method=method, rtol=rtol)
     for begin, end in ((0.0, 1.0), (1.0, 0.0), (2.0, 0.0)):
         start = flow(linkage_at(begin), begin, begin)
@@ -243,7 +244,7 @@ def test_flows_pass_crossings_as_runs_do(method: str, rtol: float) -> None:
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
 def test_a_start_beside_a_crossing_hides_it_from_nobody(method: str, rtol: float) -> None:
     """There the constraints are nearly dependent at the start; rounding may leave no way to go back on."""
-    model = lg.scene("four-bar-change-point").compile(check=False)
+    model = shared_scene("four-bar-change-point").compile(check=False)
     flow = lg.flow(model, method=method, rtol=rtol)
     wanted, way = linkage_at(0.9), lg.integrate(model, (0.0, 1.0), method="dop853", rtol=1e-10)
     for before in (1e-2, 1e-3, 1e-4):
@@ -263,7 +264,7 @@ def test_a_flow_of_many_steps_looks_at_all_of_them(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(passage, "STEPS_PER_LOOK", 24)
     monkeypatch.setattr(flow_module, "STEPS_PER_LOOK", 24)
     monkeypatch.setattr(passage, "MANY_STEPS", 20)
-    flow = lg.flow(lg.scene("four-bar-change-point").compile(check=False), method="radau5", rtol=1e-10)
+    flow = lg.flow(shared_scene("four-bar-change-point").compile(check=False), method="radau5", rtol=1e-10)
     reached = flow(linkage_at(0.0), 0.0, 1.0)
     assert reached[ANGLE_AND_RATE] == pytest.approx(linkage_at(1.0)[ANGLE_AND_RATE], abs=1e-4)
     kept = passage.StatesPassed(2)

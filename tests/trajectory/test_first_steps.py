@@ -9,6 +9,7 @@ import pytest
 
 import lagrange as lg
 from lagrange.machine.model import Model
+from tests.models import shared_scene
 
 METHODS = ("bs3", "dopri5", "tsit5", "dop853", "verner9")
 SCENES = (
@@ -23,7 +24,7 @@ MOST_GROWTH = 10.0
 
 @cache
 def scene(name: str) -> Model:
-    return lg.scene(name).compile()
+    return shared_scene(name).compile()
 
 
 @pytest.mark.parametrize("rtol", [1e-4, 1e-8, 1e-11])
@@ -32,7 +33,7 @@ def scene(name: str) -> Model:
 def test_the_first_step_is_less_than_two_growths_away(name: str, method: str, rtol: float) -> None:
     """An error far below the tolerance is round-off: a step then grows by the most that it may, again and again."""
     model = scene(name)
-    span = lg.scene(name).statement.run.t_end or 10.0
+    span = shared_scene(name).statement.run.t_end or 10.0
     for absolute in (None, rtol):
         found = lg.integrate(model, (0.0, span), method=method, rtol=rtol, atol=absolute, max_steps=6)
         steps = np.diff(found.t)

@@ -17,6 +17,7 @@ from lagrange.errors import StatementError
 from lagrange.trajectory.foreign import scipy_solvers
 from lagrange.trajectory.foreign.scipy_solvers import BDF, DOP853, LSODA, RK23, RK45, Radau
 from lagrange.trajectory.trajectory import Status
+from tests.models import shared_scene
 from tests.trajectory.points import (
     oscillator,
     problem,
@@ -47,7 +48,7 @@ def test_reaches_the_end_with_a_path_between_the_steps(method: Any, t1: float) -
 @pytest.mark.parametrize("name", ["rk23", "rk45", "dop853"])
 def test_a_step_taken_again_has_the_path_that_it_had(name: str, t0: float, t1: float, rtol: float) -> None:
     """A run with output times reads the solver's own paths as it goes; one without takes the steps again."""
-    model = lg.scene("elastic-pendulum").compile()
+    model = shared_scene("elastic-pendulum").compile()
     times = np.linspace(t0, t1, 400)
     there = lg.integrate(model, (t0, t1), method=f"scipy-{name}", rtol=rtol, t_eval=times)
     again = lg.integrate(model, (t0, t1), method=f"scipy-{name}", rtol=rtol)
@@ -59,7 +60,7 @@ def test_a_step_taken_again_has_the_path_that_it_had(name: str, t0: float, t1: f
 
 def test_no_path_is_made_that_nobody_reads(monkeypatch: pytest.MonkeyPatch) -> None:
     """The evaluations are those of the steps, 12 for each of dop853, with two at the start of a motion."""
-    model = lg.scene("pendulum").compile()
+    model = shared_scene("pendulum").compile()
     monkeypatch.setattr(scipy.integrate.DOP853, "dense_output", None)
     found = lg.integrate(model, (0.0, 5.0), method=DOP853(first_step=0.1), rtol=1e-8, atol=1e-8)
     assert found.evaluations <= 12 * (found.steps + found.trajectory.rejected) + 3
@@ -72,7 +73,7 @@ def test_no_path_is_made_that_nobody_reads(monkeypatch: pytest.MonkeyPatch) -> N
 @pytest.mark.parametrize("known", [True, False])
 def test_the_history_of_lsoda_is_its_path(monkeypatch: pytest.MonkeyPatch, *, known: bool) -> None:
     """It is copied, where it stands as SciPy reads it; else SciPy makes its own object of each step."""
-    model = lg.scene("elastic-pendulum").compile()
+    model = shared_scene("elastic-pendulum").compile()
     made: list[Any] = []
     read: Any = scipy.integrate.LSODA.dense_output
 
@@ -194,7 +195,7 @@ def test_the_right_hand_side_of_a_compiled_model_is_called_without_detours(
     method: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What is finite needs no second look: the kernel that looks is called a few times in a run, not once a stage."""
-    model = lg.scene("pendulum").compile()
+    model = shared_scene("pendulum").compile()
     kernel, calls = model.kernel("rhs"), 0
     looking = type(kernel).__call__
 

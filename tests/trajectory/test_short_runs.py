@@ -12,6 +12,7 @@ from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
 from lagrange.machine.steps.llvm_driver import LlvmDriver
 from lagrange.trajectory import run_loop
+from tests.models import shared_scene
 
 
 @pytest.mark.parametrize(("seconds", "calls"), [(1e9, [64, 1024]), (0.0, [64] * 16)])
@@ -19,7 +20,7 @@ def test_a_run_of_quick_steps_comes_back_seldom(
     seconds: float, calls: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A call costs as much as 50 steps of a small system; steps that are slow come back as often as before."""
-    model = lg.scene("pendulum").compile()
+    model = shared_scene("pendulum").compile()
     lg.integrate(model, (0.0, 0.1), method="rk4", step=0.01)
     asked: list[int] = []
     advance = LlvmDriver.advance
@@ -41,7 +42,7 @@ def test_a_run_looks_at_its_ends_by_quick_calls(
     scene: str, initial: Any, method: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where nothing is wrong, neither the first slope nor an inertia or an energy is computed the slow way."""
-    model = lg.scene(scene).compile()
+    model = shared_scene(scene).compile()
     step: dict[str, Any] = {"step": 0.01} if method == "rk4" else {}
     expected = lg.integrate(model, (0.0, 0.1), initial, method=method, **step)
     for slow in (LlvmKernel, InterpretedKernel):
