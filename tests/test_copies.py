@@ -196,6 +196,7 @@ def moved(flow: Any) -> Any:
     return flow(np.array([2.0, 0.0]), 0.0, 1.0)
 
 
+@pytest.mark.filterwarnings("ignore:os.fork:RuntimeWarning")  # of a library with threads, if a test has imported one
 @pytest.mark.parametrize("start", ["spawn", "fork"])
 def test_solutions_and_flows_go_to_a_pool_and_come_back(start: str) -> None:
     solution, flow = run("taylor"), lg.flow(pendulum().compile(), method="dop853")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -92,7 +92,7 @@ class Mechanism:
         """Return the value of an expression at the state, by SymPy."""
         found = sp.sympify(expression)
         for leaves, values in ((RATES, self.v), (PLACES, self.q), ((t,), (self.time,))):  # t stands inside x(t)
-            found = found.subs(dict(zip(leaves, map(float, values), strict=True)))
+            found = found.xreplace(dict(zip(leaves, map(sp.Float, values), strict=True)))
         return float(found)
 
     @cached_property
@@ -120,12 +120,13 @@ def has_velocities(constraint: Any) -> bool:
     return bool(constraint.atoms(sp.Derivative))
 
 
-def gradient_of(constraint: Any) -> list[Any]:
+@cache
+def gradient_of(constraint: Any) -> tuple[Any, ...]:
     """Return the coefficients of the velocities in a constraint, or in its rate of change."""
-    rate = constraint if has_velocities(constraint) else sp.diff(constraint, t).doit()
-    return [sp.diff(rate, v) for v in RATES]
+    return tuple(sp.diff(rate_of(constraint), v) for v in RATES)
 
 
+@cache
 def rate_of(constraint: Any) -> Any:
     """Return what a constraint keeps at zero of the velocities."""
     return constraint if has_velocities(constraint) else sp.diff(constraint, t).doit()

@@ -60,9 +60,9 @@ class Formulation:
 
     def numbers(self, expressions: Sequence[Any]) -> Slope:
         """Return expressions in z, t and the parameters as a function of (z, t)."""
-        known = [sympy.sympify(one).subs(self.values) for one in expressions]
-        compiled = sympy.lambdify([list(self.state), t], known, cse=True)
-        return lambda z, time: np.array(compiled(z, time), dtype=float)
+        known, values = list(self.values), [float(value) for value in self.values.values()]
+        compiled = sympy.lambdify([list(self.state), t, known], list(map(sympy.sympify, expressions)), cse=True)
+        return lambda z, time: np.array(compiled(z, time, values), dtype=float)
 
     def accelerations(self, z: Vector, time: float) -> Vector:
         """Return dv/dt."""
