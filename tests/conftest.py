@@ -25,8 +25,10 @@ EXAMPLES = {True: 100, False: 30}
 
 def load_profile(*, whole: bool) -> None:
     """Say how examples are drawn. Deadlines measure the machine, not the code: the first call of a kernel compiles."""
-    repeated = {"derandomize": True, "print_blob": True} if os.environ.get("CI") else {}
-    hypothesis.settings.register_profile("tests", deadline=None, max_examples=EXAMPLES[whole], **repeated)
+    always = bool(os.environ.get("CI"))
+    hypothesis.settings.register_profile(
+        "tests", deadline=None, max_examples=EXAMPLES[whole], derandomize=always, print_blob=always
+    )
     hypothesis.settings.load_profile("tests")
 
 
