@@ -129,8 +129,21 @@ class _Reset:
         run.jumps, run.breaks, run.left = run.jumps + 1, run.breaks + 1, run.left - 1
         with p.loop(0, self.samples.events) as e:
             mine = e.equals(event)
-            review.sign[e], review.near[e] = 0, 0
+            self.begin_side(e, mine)
             review.stayed[e] = p.choose(mine, abs(self.before_values[e]), 0.0)
             others = p.choose(given.setting(RESET_SIZE, e)[0].equals(0), p.whole(ANYHOW), p.whole(UNKNOWN))
             review.came[e] = p.choose(mine, run.way + 2, others)
         run.starts, run.due = 1, 0
+
+    def begin_side(self, e: Whole, mine: Flag) -> None:
+        """Leave an event its side if the reset leaves it where it was; a passage that is still to count is looked for.
+
+        See `lagrange.trajectory.events.sides_behind` for the rule.
+        """
+        p, given, review = self.p, self.given, self.given.review
+        before, after, sign, near = self.before_values[e], self.values[e], review.sign[e], review.near[e]
+        noise = self.samples.edge(before, self.samples.lines["missed"][e * LANES + 2])
+        stays = ~mine & (abs(after - before) <= noise)
+        near = p.choose(given.setting(RESET_SIZE, e)[0].equals(0), near, 0)
+        near = p.choose(p.real(sign) * after < 0.0, p.whole(1), near)
+        review.sign[e], review.near[e] = p.choose(stays, sign, 0), p.choose(stays, near, 0)

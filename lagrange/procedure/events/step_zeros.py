@@ -119,7 +119,10 @@ class StepZeros:
                 self.leave(why, step)
 
     def begin_at_zero(self, step: Whole) -> None:
-        """Note which events start at zero in the first step of a block; one with a reset has to come from there."""
+        """Note which events start at zero in the first step of a block; one with a reset has to come from there.
+
+        An event whose side is known passes zero there, or does not, as at any joint of two steps.
+        """
         p, record = self.p, self.record
         starts = (~record.starts.equals(0) & step.equals(record.begin)).called("begins")
         with p.loop(0, self.samples.events) as e:
@@ -128,7 +131,9 @@ class StepZeros:
                 values = self.samples.lines["coarse"].at(e * WIDE)
                 start = values[0]
                 size = p.larger(self.samples.edge(start, values[(COARSE + 1) * LANES]), 4.0 * self.given.stayed[e])
-                with p.when(~(abs(start) > size)):
+                noise = self.samples.lines["noise"][e * LANES]
+                size = p.choose(self.given.came[e].equals(UNKNOWN), p.larger(size, noise), size)
+                with p.when(~(abs(start) > size) & self.given.sign[e].equals(0)):
                     self.leave(IRREGULAR, step, condition=self.given.came[e].equals(UNKNOWN))
                     self.starting[e], self.given.levels[e] = 1, start
 
@@ -301,6 +306,9 @@ class StepZeros:
         with p.loop(before, record.found) as j, p.when(self.given.remaining[self.given.which[j]] > 0):
             e = self.given.which[j]
             self.given.remaining[e] = self.given.remaining[e] - 1
+        with p.loop(0, self.samples.events) as e:
+            for now, there in zip(self.sides[:2], self.after[:2], strict=True):
+                now[e] = there[e]
         self.leave(CHANGED, step)
 
     def stay_clear(self, step: Whole, b: Whole) -> None:

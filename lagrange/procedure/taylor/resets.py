@@ -190,6 +190,21 @@ class _Reset(DueChange):
         signs, sides = watched.kept.wholes("begun"), watched.side(SIGN)
         with p.loop(0, watched.record.surfaces) as i:
             self.leave_if(~signs[i].equals(sides[i]))
+        with p.loop(watched.record.surfaces, layout.watched) as i:
+            self.keep_side(i, place, series)
+
+    def keep_side(self, i: Whole, place: Whole, series: Memory) -> None:
+        """Leave an event its side if the reset leaves it where it was; see `lagrange.trajectory.events.sides_behind`.
+
+        One that came near zero may have touched it, which is left to who watches.
+        """
+        p, watched, at = self.p, self.watched, self.layout.watched_at
+        sign, near = watched.side(SIGN)[i], watched.side(NEAR)[i]
+        signs, noise = watched.kept.wholes("begun"), watched.kept.reals("noise")
+        stays = abs(series[i + at] - self.work[i + (self.layout.rows + at)]) <= noise[i]
+        stays = stays & ~sign.equals(0) & ~i.equals(place) & watched.setting(ROOT, i).equals(0)
+        self.leave_if(stays & ~near.equals(0))
+        signs[i] = p.choose(stays, sign, signs[i])
 
     def commit(self, place: Whole, number: Whole, there: Memory) -> None:
         """Write the event and the new state, and begin a motion there."""

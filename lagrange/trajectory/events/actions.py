@@ -49,6 +49,11 @@ class Impact:
         return self.kernel is not None
 
     @property
+    def contact(self) -> bool:
+        """Whether the state jumps where this is met in one direction: it is to stay on the side that it is met from."""
+        return self.reset and self.direction != 0
+
+    @property
     def constrained(self) -> bool:
         """Whether the state behind a reset is to be on constraints."""
         return self.reset and self.model is not None and len(self.model.equations.constraints) > 0

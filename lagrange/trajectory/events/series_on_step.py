@@ -24,6 +24,9 @@ SLACK = 64.0
 JUMP = 1e-4
 """What is watched is not zero where it is larger than this part of its largest term."""
 
+ZERO_ROUND_OFF = 64 * 2.0**-52
+"""Zeros that come together are one place where each is below this part of the sum of its terms."""
+
 BALANCE = 256.0
 """A step without a length of its own ends where what grows with the square of time is this much larger than the rest:
 two digits of the roots are lost to it, and a run of any length takes a few steps more."""
@@ -119,6 +122,11 @@ class EventSeries:
         here = self.watched[0]
         changed = np.array([side.sign for side in zero_sides]) * here < 0
         return np.flatnonzero(changed & (np.abs(here) > JUMP * largest)).tolist()
+
+    def is_zero_at(self, which: int, s: float) -> bool:
+        """Return whether something watched is zero at a time on the step, to its noise and round-off."""
+        terms = self.watched[:, which] * s ** _ranks(len(self.watched) - 1)
+        return bool(abs(terms.sum()) <= self.noise[which] + ZERO_ROUND_OFF * np.abs(terms).sum())
 
     def falls(self, which: int, soon: float) -> bool:
         """Return whether something watched comes to zero within some time by its first derivative."""

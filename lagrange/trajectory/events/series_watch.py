@@ -7,7 +7,7 @@ is done: the run ends, the state is reset, or the equations go on with the other
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -31,15 +31,18 @@ from lagrange.trajectory.events.event_log import Occurrence
 from lagrange.trajectory.events.nonanalytic_points import SHARE, Continuations
 from lagrange.trajectory.events.planned_step import EventZero, PlannedStep
 from lagrange.trajectory.events.roots import Root, Side, may_vanish, roots
-from lagrange.trajectory.events.series_on_step import EventSeries, near, signed_scale, state_at, unit
-from lagrange.trajectory.events.shared_watch import SharedWatch
-from lagrange.trajectory.events.surfaces import Sliding, clear, is_zero, leaving, settled_sides, stated_sides
+from lagrange.trajectory.events.series_on_step import EventSeries, signed_scale, state_at
+from lagrange.trajectory.events.series_start import SeriesStart
+from lagrange.trajectory.events.surfaces import Sliding, clear, leaving, settled_sides, stated_sides
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 S = DriverState
 
+CLOSE_ROOTS = 8.0
+"""Zeros of one event closer than so many times what is at once are the same, found on steps of two lengths."""
 
-class Watch(SharedWatch):
+
+class Watch(SeriesStart):
     """Watches the surfaces, then the events, along the run of one state."""
 
     def __init__(
@@ -53,10 +56,8 @@ class Watch(SharedWatch):
         continuations: Continuations,
         memory: EventMemory | None = None,
     ) -> None:
-        self.steep, self.hides_growth = series.program.watched_degree > order, series.program.hides_growth
-        super().__init__(series, driver, parameters, impacts, memory, hides_growth=self.hides_growth, steep=self.steep)
-        self.order, self.names, self.continuations = order, names, continuations
-        self._last: tuple[object, EventSeries] | None = None
+        super().__init__(series, order, driver, parameters, impacts, names, memory)
+        self.continuations = continuations
 
     def begin(self, state: DriverState) -> EventResult:
         """Begin at the start of the run: the loop finds the sides there, or asks for them."""
@@ -69,9 +70,9 @@ class Watch(SharedWatch):
     def _begin(self, state: DriverState) -> EventResult:
         """Find the side of everything watched at the start of a motion."""
         self.planned = PlannedStep()
-        result = self._start(state, {})
+        result = self.start(state, {})
         if result.status is None:
-            self.pending = self._impacts_at_once(state)
+            self.pending = self.impacts_at_once(state, ())
         self.write(state)
         return result
 
@@ -90,7 +91,7 @@ class Watch(SharedWatch):
             self.forget()
         if self.pending:
             return self._finish(state)
-        look = self._ahead(state)
+        look = self.ahead(state)
         if not np.isfinite(look.watched).all():
             result = undefined(self.names(), look.watched)
             # On a surface rounding may leave the state where a branch that begins there has no value.
@@ -141,7 +142,7 @@ class Watch(SharedWatch):
             return begun
         events = [self.surfaces + i for i, impact in enumerate(self.impacts) if not impact.root]
         for there in self.continuations.ahead(state):
-            y = self.continuations.landing(state, there, switched=lambda soon: self._switches(self._ahead(state), soon))
+            y = self.continuations.landing(state, there, switched=lambda soon: self._switches(self.ahead(state), soon))
             if y is None:
                 continue
             sides = [self.zero_sides[i].sign for i in events]
@@ -165,87 +166,12 @@ class Watch(SharedWatch):
 
     def _rootless(self, state: DriverState) -> EventResult | None:
         """Return the end of the run at a square root that becomes zero where the state is, or None."""
-        look, soon = self._ahead(state), SHARE * abs(float(state.reals[S.END] - state.reals[S.START]))
+        look, soon = self.ahead(state), SHARE * abs(float(state.reals[S.END] - state.reals[S.START]))
         for which in filter(self.is_root, range(len(self.zero_sides))):
             # What is under the root is its square, and falls twice as fast.
             if look.watched[0, which] == 0 or look.falls(which, 2 * soon):
                 return replace(rootless(self.names()[which]), smooth=False)
         return None
-
-    def _start(self, state: DriverState, stayed: Mapping[int, float]) -> EventResult:
-        """Find the side of every surface, and on which side of zero everything watched is or is about to be.
-
-        `stayed` has what is known to be zero at the state, unless it is much larger than the value given there.
-        """
-        self.sides = stated_sides(self.series.program, state.t, state.y, self.parameters)
-        try:
-            look = self._ahead(state)
-            noise = look.noise.copy()
-            for which, size in stayed.items():
-                noise[which] = max(noise[which], 4 * size)
-            if self.surfaces:
-                g = self._at(state)(self.sides)
-                unsettled = {i: (0, 1, -1) for i in range(self.surfaces) if is_zero(g[:, i], float(noise[i]))}
-                self.sides = settled_sides(self._at(state), self.sides, unsettled) if unsettled else self.sides
-                look = self._ahead(state)
-        except Sliding as found:
-            return sliding(self.names()[found.surface], state.t)
-        except SingularMassMatrix:
-            return EventResult(Status.SINGULAR)
-        if not np.isfinite(look.watched).all():
-            self.zero_sides = [Side(int(sign)) for sign in np.sign(np.nan_to_num(look.watched[0]))]
-            return undefined(self.names(), look.watched)
-        self._go_on(state)
-        columns = list(look.near.T)
-        self.starting = frozenset(i for i, g in enumerate(columns) if is_zero(g, float(noise[i])))
-        for i, g in enumerate(columns):
-            ahead = leaving(g)[0] if i in self.starting else int(np.sign(g[0]))
-            self.zero_sides[i] = Side(int(self.sides[i]) if i < self.surfaces else ahead)
-        return EventResult()
-
-    def _at(self, state: DriverState) -> Callable[[FloatArray], FloatArray]:
-        """Return the series of the surfaces at the state as a function of their sides."""
-        size, scale = len(state.y), signed_scale(state)
-
-        def surfaces(sides: FloatArray) -> FloatArray:
-            values = np.concatenate([self.parameters, sides])
-            rows = self.series.rows(self.order, state.t, state.y, scale, values)
-            return near(rows[:, size : size + self.surfaces], unit(state.t, scale), float(state.reals[S.RTOL]))
-
-        return surfaces
-
-    def _go_on(self, state: DriverState) -> None:
-        """Let the driver run with the sides as they are, and look at its next step."""
-        values = self.values
-        if not self.epochs or self.epochs[-1][1].tobytes() != values.tobytes():
-            self.driver.use(values)
-            self.epochs.append((state.count(S.STEPS) + self.jumps, values))
-        state.taylor.inspect = 1
-
-    def _impacts_at_once(self, state: DriverState) -> list[EventZero]:
-        """Return the events that happen at the very start: those that would turn the motion back where it starts.
-
-        A zero at the start is no event otherwise. But a ball that starts on the floor and falls is to bounce.
-        """
-        found = []
-        for place, impact in enumerate(self.impacts):
-            which = self.surfaces + place
-            if which in self.starting and impact.reset and impact.direction == self.zero_sides[which].sign != 0:
-                y = state.y.copy()
-                impact.apply(state.t, state.y, y)
-                g = self._ahead(state, y).near[:, which]
-                passes = is_zero(g) and leaving(g) == (impact.direction, 1)
-                found += [] if passes else [EventZero(which, Root(0.0, impact.direction))]
-        return found
-
-    def _ahead(self, state: DriverState, y: FloatArray | None = None) -> EventSeries:
-        """Look ahead from the state, or y in its place, with the sides as they are; looking again costs nothing."""
-        values, scale = self.values, signed_scale(state)
-        y = state.y if y is None else y
-        key, rtol = (state.t, scale, y.tobytes(), values.tobytes()), float(state.reals[S.RTOL])
-        if self._last is None or self._last[0] != key:
-            self._last = key, EventSeries.at(self.series, self.order, state.t, y, scale, values, rtol)
-        return self._last[1]
 
     def _roots(self, look: EventSeries, s: float, *, last: bool) -> tuple[list[EventZero], list[Side]]:
         """Return the roots of all that is watched on a step, in order, and the sides at its end."""
@@ -280,7 +206,8 @@ class Watch(SharedWatch):
         """End the step at the root at s; what happens there is pending until the driver comes back at its end."""
         while True:
             close = TOGETHER * max(abs(state.t / look.scale), s)
-            pending = self.pending = [m for m in found if abs(m.root.time - s) <= close]
+            here = (m for m in found if abs(m.root.time - s) <= close)
+            pending = self.pending = [m for m in here if m.root.time == s or look.is_zero_at(m.which, s)]
             if s == 0:
                 return self._finish(state)
             # The shorter step tells more apart: what it has is what is kept, and a change may come out before s.
@@ -296,7 +223,9 @@ class Watch(SharedWatch):
         if any(self.is_root(m.which) for m in self.pending):
             # Forces may have a kink there, and its other side be what the state, rounded, is on: no step proves itself.
             state.taylor.failures = MOST_FAILURES
-        self._record([m for m in found if m.root.time < s - close], look, state)
+        # What is met at the end does not happen just before it as well.
+        until = dict.fromkeys(waiting, s - CLOSE_ROOTS * close)
+        self._record((m for m in found if m.root.time < until.get(m.which, s - close)), look, state)
         self.zero_sides, self.starting = after, frozenset()
         state.taylor.next_limit = s * abs(look.scale)
         state.taylor.inspect = 1
@@ -334,7 +263,7 @@ class Watch(SharedWatch):
         ends = any(0 < self.impact_of(m).terminal <= len(self.occurrences[m.which - self.surfaces]) for m in zeros)
         resets = [m for m in zeros if self.impact_of(m).reset]
         if resets:
-            return self._jump(resets, state, ends=ends)
+            return self._jump(resets, found, state, ends=ends)
         if ends:
             return EventResult(Status.EVENT)
         return rootless(self.names()[roots_met[0].which]) if roots_met and result.status is None else result
@@ -343,7 +272,7 @@ class Watch(SharedWatch):
         """Return events met on a surface as the motion leaves it: an event may turn back there, as abs(x) does."""
         found = []
         for m in zeros:
-            g = self._ahead(state).near[:, m.which]
+            g = self.ahead(state).near[:, m.which]
             if clear(g):  # The event jumps: it came to zero on one side of the surface, and is elsewhere on the other.
                 self.zero_sides[m.which], self.starting = Side(int(np.sign(g[0]))), self.starting - {m.which}
                 found += [m] * (not self.is_root(m.which))
@@ -359,9 +288,11 @@ class Watch(SharedWatch):
             found.append(replace(m, root=Root(m.root.time, after if after != side else 0)))
         return found
 
-    def _jump(self, zeros: Sequence[EventZero], state: DriverState, *, ends: bool) -> EventResult:
-        """Reset the state, every event from the state before, and start the motion anew."""
-        at_zero = np.abs(self._ahead(state).watched[0])
+    def _jump(
+        self, zeros: Sequence[EventZero], found: Sequence[EventZero], state: DriverState, *, ends: bool
+    ) -> EventResult:
+        """Reset the state by events of all that were found, from the state before, and start the motion anew."""
+        before = self.ahead(state)
         resets = {self.impact_of(m): m.which for m in sorted(zeros, key=lambda m: m.which)}
         after, broken = reset_state(resets, self.names, state.t, state.y)
         if broken.status is not None:
@@ -371,12 +302,14 @@ class Watch(SharedWatch):
         self.driver.restart(state)
         if ends:
             return EventResult(Status.EVENT, jumped=True)
-        began = self._start(state, {m.which: float(at_zero[m.which]) for m in zeros})
+        happened = {m.which: abs(float(before.watched[0, m.which])) for m in found}
+        began = self.start(state, happened, before)
         if began.status is None:
             for m in zeros:
-                sign, order = leaving(self._ahead(state).near[:, m.which])
+                sign, order = leaving(self.ahead(state).near[:, m.which])
                 if m.which in self.starting and order > 1 and sign == m.root.rising:
                     return replace(at_rest(self.names()[m.which]), jumped=True)
+            self.pending = self.impacts_at_once(state, happened)
         return replace(began, jumped=True)
 
     def _cross(self, crossed: Sequence[EventZero], state: DriverState) -> EventResult:
@@ -387,7 +320,7 @@ class Watch(SharedWatch):
         choices = {m.which: (m.root.rising, -m.root.rising, 0) for m in crossed}
         choices |= {i: (0, 1, -1) for i in range(self.surfaces) if self.sides[i] == 0 and i not in choices}
         try:
-            self.sides = settled_sides(self._at(state), self.sides, choices)
+            self.sides = settled_sides(self.at(state), self.sides, choices)
         except Sliding as found:
             return sliding(self.names()[found.surface], state.t)
         except SingularMassMatrix:
@@ -395,5 +328,5 @@ class Watch(SharedWatch):
         for i in choices:
             self.zero_sides[i] = Side(int(self.sides[i]))
         self.starting |= choices.keys()
-        self._go_on(state)
+        self.go_on(state)
         return EventResult()

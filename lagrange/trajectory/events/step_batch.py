@@ -112,14 +112,7 @@ class StepBatch:
         times, states = path.times, path.states.T
         ends = kernel(times, states, parameters)
         tilt = perturbation_factors(len(states) + 1)
-        with np.errstate(all="ignore"):
-            moved = kernel(
-                times * (1 + RELATIVE_PERTURBATION * tilt[-1]),
-                states * (1 + RELATIVE_PERTURBATION * tilt[:-1, None]),
-                parameters,
-            )
-            edge = np.abs(moved - ends) * (NOISE / RELATIVE_PERTURBATION)
-        edge = np.where(np.isfinite(edge), edge, 0.0)
+        edge = state_noise(kernel, parameters, times, states, ends)
         steps: Places = np.arange(len(times) - 1)
         degree = DEGREE if len(steps) <= FEW else COARSE
         found = _sampled(path, steps, degree)
@@ -162,6 +155,17 @@ class StepBatch:
         for i, step in enumerate(steps.tolist()):
             t, end = float(times[step]), float(times[step + 1])
             self.samples[step] = Sample(t, end - t, coefficients[:, i], values[:, i], self)
+
+
+def state_noise(
+    kernel: Kernel, parameters: FloatArray, times: FloatArray, states: FloatArray, values: FloatArray
+) -> FloatArray:
+    """Return by how much events (E, k) at times (k,) and states (2n, k) may be wrong for the rounding of these."""
+    tilt = RELATIVE_PERTURBATION * perturbation_factors(len(states) + 1)
+    with np.errstate(all="ignore"):
+        moved = kernel(times * (1 + tilt[-1]), states * (1 + tilt[:-1, None]), parameters)
+        edge = np.abs(moved - values) * (NOISE / RELATIVE_PERTURBATION)
+    return np.where(np.isfinite(edge), edge, 0.0)
 
 
 def _sampled(path: Path, steps: Places, degree: int) -> FloatArray:

@@ -19,6 +19,7 @@ from lagrange.machine.step_events import EventSteps
 from lagrange.procedure.events.constants import CLEAR_FACTOR, NOISE_HALVES, TOGETHER
 from lagrange.procedure.events.roots import roots
 from lagrange.trajectory.events.actions import rates, reset_state
+from lagrange.trajectory.events.contacts import SMALL_FRACTION, entry, lie, passes_anyhow, sent_through
 from lagrange.trajectory.events.ending import (
     EventResult,
     accumulating,
@@ -32,7 +33,8 @@ from lagrange.trajectory.events.event_loop import EventLoop, KnownPath, WatchedE
 from lagrange.trajectory.events.motion_start import MotionStart
 from lagrange.trajectory.events.planned_step import EventZero
 from lagrange.trajectory.events.roots import Isolate, Root, Side
-from lagrange.trajectory.events.step_batch import Path, PathOf, Sample, StepBatch, Window
+from lagrange.trajectory.events.sides_behind import sides_behind
+from lagrange.trajectory.events.step_batch import Path, PathOf, Sample, StepBatch, Window, state_noise
 from lagrange.trajectory.events.step_driver import Cut, EventDriver
 from lagrange.trajectory.events.zeros_on_step import SAME_JUMP, StepZeros, ended, rests, trace, velocity
 from lagrange.trajectory.integrator import Problem
@@ -40,9 +42,6 @@ from lagrange.trajectory.paths.step_paths import StepPath
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 S = DriverState
-
-SMALL_FRACTION = 2.0**-26
-"""The part of a step over which the slope of an event is measured where the motion starts, and a slope that is none."""
 
 
 class StepWatch(EventLog):
@@ -69,6 +68,7 @@ class StepWatch(EventLog):
         self._intervals = ResetIntervals()
         self._relay = [Side()] * len(self.impacts)
         self._levels: dict[int, float] = {}
+        self._stayed: Mapping[int, float] = {}
         self._resting: frozenset[int] = frozenset()
         self._start: MotionStart | None = MotionStart(first=True)
         self._pending: list[EventZero] = []
@@ -116,8 +116,7 @@ class StepWatch(EventLog):
             self.occurrences[m.which].append(here)
         ends = any(0 < self.impacts[m.which].terminal <= len(self.occurrences[m.which]) for m in zeros)
         resets = [m for m in zeros if self.impacts[m.which].reset]
-        jumped = frozenset(m.which for m in found if m.root.jump)
-        result = self._jump(resets, jumped, state) if resets else EventResult()
+        result = self._jump(resets, found, state) if resets else EventResult()
         return EventResult(Status.EVENT, jumped=result.jumped) if ends and result.status is None else result
 
     def end(self, state: DriverState) -> EventResult:
@@ -169,7 +168,8 @@ class StepWatch(EventLog):
             zeros = self._loop.zeros
             self.change_counter.begin(self.changed, next(iter(zeros), 0))
             self._intervals.begin(float(run.interval))
-            self._start = MotionStart(stayed={i: float(memory.stayed[i]) for i in zeros}, zeros=zeros)
+            self._stayed = {i: float(memory.stayed[i]) for i in zeros}
+            self._start = MotionStart(stayed=self._stayed, zeros=zeros)
         self._relay, self._levels = self._loop.sides, {}
         self._start = self._start if run.starts else None
         if run.due:
@@ -191,7 +191,8 @@ class StepWatch(EventLog):
         while True:
             while following < step:
                 following = next(coming)
-            unsettled = [i for i, side in enumerate(self._relay) if not side.settled or i in self._levels]
+            begins = self._start is not None
+            unsettled = [i for i, side in enumerate(self._relay) if begins or not side.settled or i in self._levels]
             step = step if unsettled and step < len(times) - 1 else following
             if step == len(times) - 1:
                 return None
@@ -220,7 +221,8 @@ class StepWatch(EventLog):
         last = bool(batch.path.times[step + 1] == self.problem.t1)
         zero = self._at_zero(batch, step, watched)
         candidates = self._resting if begun is None or begun.rested else zero
-        self._resting = frozenset(i for i in candidates if rests(batch, step, sample, i))
+        lying = set() if begun is None else lie(begun, self.impacts, sample)
+        self._resting = frozenset(i for i in candidates if i in lying or rests(batch, step, sample, i))
         traces = {}
         for i in watched:
             if i in self._resting:
@@ -258,7 +260,10 @@ class StepWatch(EventLog):
         return None
 
     def _at_zero(self, batch: StepBatch, step: int, watched: Sequence[int]) -> list[int]:
-        """Return the events that start a step at zero because the motion started there; note their values."""
+        """Return the events that start a step at zero because the motion started there; note their values.
+
+        An event whose side is known passes zero there, or does not, as at any joint of two steps.
+        """
         begun, ends = self._start, batch.ends[:, step]
         if begun is None:
             return []
@@ -266,41 +271,34 @@ class StepWatch(EventLog):
             zero = [i for i in watched if i in begun.rested]
         else:
             sizes = {i: max(float(batch.edge[i, step]), 4 * begun.stayed.get(i, 0.0)) for i in watched}
-            zero = [i for i in watched if abs(ends[i]) <= sizes[i]]
+            contacts = [i for i in watched if self.impacts[i].contact and i not in begun.zeros]
+            sizes |= {i: max(sizes[i], entry(batch, step, i, self.problem.t1 - self.problem.t0)) for i in contacts}
+            zero = [i for i in watched if self._relay[i].sign == 0 and abs(ends[i]) <= sizes[i]]
             self._levels = {}
         self._levels.update((i, float(ends[i])) for i in zero)
         return zero
 
     def _changes_at_once(self, begun: MotionStart, zero: Mapping[int, StepZeros], sample: Sample) -> bool:
-        """Whether the motion cannot go on from its start: an event turns it back, or is met again without a velocity.
+        """Whether the motion cannot go on from its start: a contact turns it back, or is met again without a velocity.
 
-        A zero at the start is no event otherwise. But a ball that starts on the floor and falls is to bounce.
+        Contacts are those whose side is not known; see `sides_behind`.
         """
         for i, one in zero.items():
             sign, order = one.leaving
-            back = sign == begun.zeros.get(i, 0) != 0
-            if not back and not (begun.first and self.impacts[i].reset and self.impacts[i].direction == sign != 0):
+            back = self.impacts[i].reset and sign == begun.zeros.get(i, 0) != 0
+            entered = self.impacts[i].contact and i not in begun.zeros and self.impacts[i].direction == sign
+            if not (back or entered):
                 continue
             # A path of low order, as multistep methods begin with, may start against the velocity that is there.
             along = sign * velocity(sample, i) if order == 1 and i not in begun.rested else 0.0
             if along < 0:
                 self._verdict = unresolved(self.names()[i])
             elif not back:
-                self._pending += [] if self._passes(i, sample) else [EventZero(i, Root(0.0, sign))]
+                passes = passes_anyhow(self.problem.model, self.kernel, self.impacts, i, sample)
+                self._pending += [] if passes else [EventZero(i, Root(0.0, sign))]
             elif along == 0:
                 self._verdict = at_rest(self.names()[i])
         return bool(self._pending) or self._verdict is not None
-
-    def _passes(self, place: int, sample: Sample) -> bool:
-        """Whether the motion would pass an event in its direction all the same, after its reset."""
-        t, y, one = sample.t, sample.state(0.0), self.impacts[place]
-        after = y.copy()
-        one.apply(t, y, after)
-        slope = self.problem.model.rhs(t, after, self.parameters)
-        h = SMALL_FRACTION * sample.h
-        around = [float(self.kernel(t + s * h, after + s * h * slope, self.parameters)[place]) for s in (-1, 0, 1)]
-        rise = (around[2] - around[0]) / (2 * SMALL_FRACTION)
-        return one.direction * rise > SMALL_FRACTION * float(np.abs(sample.values[place]).max())
 
     def _first_change(self, found: Iterable[EventZero]) -> EventZero | None:
         """Return the first zero that changes the motion: an event ends the run or has a reset."""
@@ -324,12 +322,15 @@ class StepWatch(EventLog):
         mine = {m.which: m for m in reversed(here)}
         before = [m for m in found if m.root.time < s - close and m not in here]
         for i, one in traces.items():
-            if i not in mine:
-                # What is zero there to within its noise is met there: with another motion it would not be met later.
-                at_end = [root for root in ended(one, s, self._isolate) if root.time >= s - close]
-                if at_end:
-                    mine[i] = EventZero(i, Root(s, at_end[0].rising))
-        self._record(before, sample, taken)
+            # A contact that is zero there to within its noise keeps its side, and acts behind this change if it is to.
+            zeros, side = ended(one, s, self._isolate, decided=not self.impacts[i].reset)
+            self._relay[i] = side
+            at_end = [root for root in zeros if root.time >= s - close]
+            if at_end and i not in mine:
+                # What else is zero there is met there, and not before as well.
+                mine[i] = EventZero(i, Root(s, at_end[0].rising))
+            early = [m for m in before if m.which == i][: len(zeros) - len(at_end)]
+            self._record(early, sample, taken)
         self._pending = [mine[i] for i in sorted(mine)]
 
     def _record(self, found: Iterable[EventZero], sample: Sample, taken: int) -> None:
@@ -339,28 +340,16 @@ class StepWatch(EventLog):
                 s = m.root.time
                 self.occurrences[m.which].append(Occurrence(sample.t + s * sample.h, sample.state(s), taken + 1))
 
-    def _through(self, zeros: Sequence[EventZero], t: float, before: FloatArray, after: FloatArray) -> EventZero | None:
-        """Return a zero that is met against the motion there, where its reset would send the motion on through it.
-
-        The path of a long step may come down to the floor with a velocity that rises already: reset, it would fall.
-        """
-        states = np.column_stack([before, after])
-        along = math.copysign(1.0, self.problem.t1 - self.problem.t0)
-        zeros = [m for m in zeros if not m.root.jump]
-        coming, going = along * self._rates()(np.full(2, t), states, self.parameters).T
-        for m in zeros:
-            if coming[m.which] * m.root.rising < 0 < going[m.which] * m.root.rising:
-                return m
-        return None
-
-    def _jump(self, zeros: Sequence[EventZero], jumped: frozenset[int], state: DriverState) -> EventResult:
-        """Reset the state, every event from the state before, and start the motion anew; some events jump there."""
-        before = state.y.copy()
-        at_zero = np.abs(self.kernel(state.t, before, self.parameters))
+    def _jump(self, zeros: Sequence[EventZero], found: Sequence[EventZero], state: DriverState) -> EventResult:
+        """Reset the state by events of all that were found, from the state before, and start the motion anew."""
+        before, model = state.y.copy(), self.problem.model
+        values = self.kernel(state.t, before, self.parameters)
         after, broken = reset_state({self.impacts[m.which]: m.which for m in zeros}, self.names, state.t, before)
         if broken.status is not None:
             return broken
-        through = self._through(zeros, state.t, before, after)
+        smooth = [m for m in zeros if not m.root.jump]
+        along = math.copysign(1.0, self.problem.t1 - self.problem.t0)
+        through = sent_through(self._rates(), smooth, self.parameters, state.t, (before, after), along)
         # A flight of one step is as long as its velocity says; one of several ends by how its heights are rounded.
         several = state.count(S.STEPS) > self._changed_at + 1
         unseen = several and any(m.which in self._levels for m in zeros)
@@ -369,17 +358,23 @@ class StepWatch(EventLog):
         if through is not None:
             return unresolved(self.names()[through.which])
         state.y[:] = after
+        # What happened at this place before, or rests, is still as good as zero, though it may be met again.
+        earlier = {i: abs(float(values[i])) for i in self._resting if self.impacts[i].contact}
+        earlier |= self._stayed if self.jumps and state.t == self.changed else {}
         self.jumps += 1
         self.changed, self._changed_at = state.t, state.count(S.STEPS)
-        self._relay = [Side()] * len(self.impacts)
-        met = [m for m in zeros if not m.root.jump]
+        met = {m.which: m.root.rising for m in found if not m.root.jump}
+        self._stayed = {**earlier, **{i: abs(float(values[i])) for i in met}}
         self._start = MotionStart(
-            stayed={m.which: float(at_zero[m.which]) for m in met},
-            zeros={m.which: m.root.rising for m in met},
-            jumped=jumped,
+            stayed=self._stayed,
+            zeros=met,
+            jumped=frozenset(m.which for m in found if m.root.jump),
         )
         result = self._defined(state)
-        model = self.problem.model
+        moved = self.kernel(state.t, after, self.parameters)
+        noise = state_noise(self.kernel, self.parameters, np.array([state.t]), before[:, None], values[:, None])[:, 0]
+        happened = {m.which for m in found} | earlier.keys()
+        self._relay = sides_behind(self._relay, self.impacts, (values, moved), noise, happened)
         where = (state.t, *model.layout.split(after), self.parameters)
         if result.status is None and model.column_without_inertia(*where) is not None:
             return EventResult(Status.SINGULAR, jumped=True)

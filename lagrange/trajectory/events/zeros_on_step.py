@@ -82,16 +82,20 @@ def trace(
     return StepZeros(tuple(parts), _merged(found), before, math.inf, leaving)
 
 
-def ended(found: StepZeros, s: float, isolate: Isolate | None = None) -> list[Root]:
-    """Return the zeros up to a place where the motion ends: what has come to zero there is decided by its slope."""
+def ended(found: StepZeros, s: float, isolate: Isolate | None = None, *, decided: bool) -> tuple[list[Root], Side]:
+    """Return the zeros up to a place where the motion ends, and the side there.
+
+    `decided` says that what has come to zero there is decided by its slope; else it is left open.
+    """
     zeros: list[Root] = []
+    side = found.parts[0][1] if found.parts else found.after
     for piece, before in found.parts:
         length = (s - piece.start) / piece.width
         if length > 0 and piece.coefficients is not None:
-            cut = min(length, 1.0)
-            here, _ = roots(piece.coefficients, cut, before, noise=piece.noise, last=length <= 1, isolate=isolate)
+            cut, last = min(length, 1.0), decided and length <= 1
+            here, side = roots(piece.coefficients, cut, before, noise=piece.noise, last=last, isolate=isolate)
             zeros += [replace(root, time=piece.start + piece.width * root.time) for root in here]
-    return zeros
+    return zeros, side
 
 
 def _merged(found: list[Root]) -> tuple[Root, ...]:

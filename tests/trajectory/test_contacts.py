@@ -1,0 +1,111 @@
+"""Contacts that touch already, and events that come together: the same answer by every family of methods.
+
+The rule is that of `lagrange.trajectory.events.sides_behind`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lagrange as lg
+from lagrange.trajectory.events.actions import impacts
+from lagrange.trajectory.events.roots import Side
+from lagrange.trajectory.events.sides_behind import sides_behind
+from tests.covering import share
+from tests.trajectory.runs import OUTSIDE
+
+STEPS = {"rk4": 0.01, "verlet": 0.01}
+METHODS = ["taylor", "dop853", "rk4", "verlet", "radau5", *(one for one in ("scipy-dop853", "cvode") if one in OUTSIDE)]
+
+a, b, c, x, y = lg.coordinates("a b c x y")
+BALLS = lg.System(kinetic=(a.dot**2 + b.dot**2 + c.dot**2) / 2, potential=0, initial={a: -1, a.dot: 1})
+PLANE = lg.System(kinetic=(x.dot**2 + y.dot**2) / 2, potential=0, initial={x: 0.5, y: 0.5})
+THROWN = lg.System(kinetic=(x.dot**2 + y.dot**2) / 2, potential=10 * y)
+FALLING = lg.System(kinetic=y.dot**2 / 2, potential=9.81 * y, initial={y: 1})
+
+
+def turn(expression: Any, rate: Any, direction: int = -1) -> lg.Event:
+    return lg.event(expression, direction=direction, reset={rate: -rate})
+
+
+def hit(p: Any, q: Any) -> lg.Event:
+    return lg.event(q - p, direction=-1, reset={p.dot: q.dot, q.dot: p.dot})
+
+
+def run(system: lg.System, end: float, method: str, events: list[Any], **initial: float) -> lg.Solution:
+    return system.run(end, method=method, events=events, step=STEPS.get(method), initial=initial)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_contact_that_touches_already_passes_the_impact_on(method: str) -> None:
+    for gap, first in ((0.0, -1.0), (1e-17, -1.0), (1e-12, -1.0), (0.0, 0.0)):
+        found = run(BALLS, 5, method, [hit(a, b), hit(b, c)], a=first, b=0.0, c=gap, a_dot=1.0)
+        end = found.require().final
+        assert end["c"] == pytest.approx(5 + first, abs=1e-9) and abs(end["a"]) + abs(end["b"]) < 1e-9
+        assert [len(times) for times in found.t_events] == [1, 1]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_contact_entered_the_wrong_way_acts_at_once(method: str) -> None:
+    """Behind a reset that puts the ball onto the floor, and at a start a rounding below it."""
+    floor = turn(y, y.dot)
+    put = run(FALLING, 1, method, [lg.event(lg.t - 0.1, reset={y: 0}), floor])
+    assert put.require().t_events[1][0] == put.t_events[0][0] and put.final["y"] > -1e-9
+    assert put.final["y"] == pytest.approx(0.04905, abs=1e-7)
+    below = run(FALLING, 0.1, method, [floor], y=-1e-17, y_dot=-1.0)
+    assert below.require().t_events[0].tolist() == [0.0] and below.final["y"] == pytest.approx(0.05095, abs=1e-7)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_ball_aimed_at_a_corner_stays_in_the_box(method: str) -> None:
+    walls = [turn(x - 1, x.dot, 1), turn(x, x.dot), turn(y - 1, y.dot, 1), turn(y, y.dot)]
+    known = run(PLANE, 40, method, walls, x=0.9666666666666667, y=0.900000000000001, x_dot=1.0, y_dot=3.0)
+    assert [len(times) for times in known.require().t_events] == [20, 20, 60, 60]
+    at_once = run(THROWN, 5, method, [walls[1], walls[0], walls[3]], x=0.5, y=1.25, x_dot=1.0)
+    assert at_once.require().final["y"] == pytest.approx(1.25, abs=1e-5)
+    random = np.random.default_rng(1)
+    for _ in range(share(24)):
+        (u, w), until = random.uniform(0.5, 3, 2), random.uniform(0.1, 0.3)
+        late = random.choice([0.0, 1e-16, 1e-15, -1e-15, 3e-15, 1e-14])
+        found = run(PLANE, 4, method, walls, x=1 - u * until, y=1 - w * (until + late), x_dot=u, y_dot=w)
+        place = np.array([found.require().final["x"], found.final["y"]])
+        assert ((place > -1e-6) & (place < 1 + 1e-6)).all()
+        assert len(found.t_events[0]) and len(found.t_events[2])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_an_event_beside_a_reset_happens_once(method: str) -> None:
+    """It may come before it, behind it or with it, end the run, or be the very zero of the reset."""
+    random = np.random.default_rng(2)
+    wall = turn(x, x.dot)
+    for _ in range(share(24)):
+        (u, w), until = random.uniform(0.5, 3, 2), random.uniform(0.1, 0.3)
+        late = random.uniform(-1, 1) * 10.0 ** random.integers(-17, -13)
+        start = {"x": u * until, "y": w * (until + late), "x_dot": -u, "y_dot": -w}
+        for events in ([wall, y, x], [y, x, wall]):
+            found = run(PLANE, 1, method, events, **start)
+            assert [len(times) for times in found.require().t_events] == [1, 1, 1]
+        ended = run(PLANE, 1, method, [wall, lg.event(y, direction=-1, terminal=True)], **start)
+        assert ended.status is lg.Status.EVENT and ended.t_events[1][0] == pytest.approx(until, rel=1e-9)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("factor", [2, 3])
+def test_bounces_that_grow_faster_end_where_they_accumulate(method: str, factor: int) -> None:
+    walls = [lg.event(one, direction=way, reset={x.dot: -factor * x.dot}) for one, way in ((x - 1, 1), (x, -1))]
+    found = run(PLANE, 10, method, walls, x=0.0, x_dot=1.0)
+    assert found.status is lg.Status.STEP_TOO_SMALL and "Events accumulate" in found.message
+    assert found.t[-1] == pytest.approx(factor / (factor - 1), rel=1e-9) and abs(found.final["x"] - 0.5) < 0.6
+
+
+def test_sides_behind_a_reset() -> None:
+    """What stays keeps its side, what happened or was moved begins anew, and a contact forgets that it came near."""
+    sides = [Side(1, near=True)] * 5
+    wall, plain = impacts(FALLING.compile(), [turn(y, y.dot), lg.event(y)], np.empty(0))
+    before, after = np.array([1e-17, 1e-17, 1e-17, 1.0, np.nan]), np.array([0.0, 0.0, 0.0, 0.0, 1.0])
+    noise = np.full(5, 1e-16)
+    behind = sides_behind(sides, [wall, plain, plain, wall, plain], (before, after), noise, {2})
+    assert behind == [Side(1), Side(1, near=True), Side(), Side(), Side()]
