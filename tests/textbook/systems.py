@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -66,8 +66,12 @@ class Case:
     special: tuple[tuple[float, ...], ...] = ()
     """Configurations where solvers by elimination have failed."""
 
-    def statement(self) -> Statement:
+    @cached_property
+    def stated(self) -> Statement:
         return declare(name=self.name, parameters=self.parameters, **self.arguments)
+
+    def statement(self) -> Statement:
+        return self.stated
 
     @property
     def parameters(self) -> dict[Any, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 from typing import Any
 
 import mpmath
@@ -10,7 +11,7 @@ import pytest
 import sympy
 from sympy.physics.mechanics import LagrangesMethod
 
-from lagrange.equations.derivation import derive
+from lagrange.equations.derivation import Derivation, derive
 from lagrange.statement.coordinate import t
 from tests.textbook.systems import CASES, NAMES, Case, value
 
@@ -24,6 +25,11 @@ def digits() -> Iterator[None]:
         yield
 
 
+@cache
+def derived(case: Case) -> Derivation:
+    return derive(case.statement())
+
+
 def close(found: Any, expected: Any, scale: Any = 1) -> bool:
     return bool(abs(found - expected) <= TOLERANCE * (abs(expected) + scale))
 
@@ -31,7 +37,7 @@ def close(found: Any, expected: Any, scale: Any = 1) -> bool:
 @pytest.mark.parametrize("case", BOOKS, ids=[case.name for case in BOOKS])
 def test_accelerations_are_those_of_the_book(case: Case) -> None:
     statement = case.statement()
-    derivation = derive(statement)
+    derivation = derived(case)
     assert case.book
     assert set(case.book) == set(statement.coordinates)
     for q, v, time in case.points():
@@ -45,7 +51,7 @@ def test_accelerations_are_those_of_the_book(case: Case) -> None:
 @pytest.mark.parametrize("case", CASES, ids=NAMES)
 def test_derivation_agrees_with_lagranges_method(case: Case) -> None:
     statement = case.statement()
-    derivation = derive(statement)
+    derivation = derived(case)
     n = len(statement.coordinates)
     method = LagrangesMethod(statement.lagrangian, list(statement.coordinates))
     method.form_lagranges_equations()
@@ -74,7 +80,7 @@ def test_derivation_agrees_with_lagranges_method(case: Case) -> None:
 @pytest.mark.parametrize("case", CASES, ids=NAMES)
 def test_solved_accelerations_satisfy_the_equations(case: Case) -> None:
     statement = case.statement()
-    derivation = derive(statement)
+    derivation = derived(case)
     for q, v, time in case.points():
         a = [value(derivation.accelerations[coordinate], statement, q, v, time) for coordinate in statement.coordinates]
         for equation in derivation.equations:
@@ -85,7 +91,7 @@ def test_solved_accelerations_satisfy_the_equations(case: Case) -> None:
 @pytest.mark.parametrize("case", CASES, ids=NAMES)
 def test_lagrangian_momenta_and_energy_keep_their_meaning(case: Case) -> None:
     statement = case.statement()
-    derivation = derive(statement)
+    derivation = derived(case)
     momenta = [sympy.diff(statement.lagrangian, velocity) for velocity in statement.velocities]
     energy = sum(p * v for p, v in zip(momenta, statement.velocities, strict=True)) - statement.lagrangian
     for q, v, time in case.points():
