@@ -89,6 +89,28 @@ def test_every_operation_is_that_of_numpy(package: str) -> None:
             assert not bad.any(), (op, y[:, bad][:, 0], exact[bad][0], found[bad][0])
 
 
+@pytest.mark.parametrize("package", SOURCES)
+def test_every_regular_matrix_is_solved(package: str) -> None:
+    """Check indefinite matrices of each size, some with a zero diagonal: rows must be exchanged."""
+    draw = np.random.default_rng(4)
+    for n in (1, 2, 3, 4, 6):
+        count = n * (n + 1) // 2
+        code = [Instruction("state", place=i) for i in range(count + n)]
+        code.append(Instruction("factor", tuple(range(count)), order=n))
+        code.append(Instruction("solve", (count + n, *range(count, count + n)), order=n))
+        code += [Instruction("component", (count + n + 1,), place=i) for i in range(n)]
+        a = draw.normal(size=(20, n, n))
+        a += a.transpose(0, 2, 1)
+        if n % 2 == 0:
+            a[:10] *= 1 - np.eye(n)
+        right, (i, j) = draw.normal(size=(20, n)), np.tril_indices(n)
+        program = program_of(code, count + n, range(count + n + 2, count + 2 * n + 2))
+        found = values_of(package, program, np.concatenate([a[:, i, j], right], axis=1).T).T
+        exact = np.linalg.solve(a, right[..., None])[..., 0]
+        off = np.abs(found - exact).max(axis=1) / (np.linalg.cond(a) * np.abs(exact).max(axis=1))
+        assert off.max() < 1e-14, n  # elimination is off by some roundings for each unknown
+
+
 @pytest.mark.parametrize("table", [jax.OPERATIONS, casadi.OPERATIONS, sympy_recipe.OPERATIONS], ids=["jax", "ca", "sp"])
 def test_every_table_is_complete(table: dict[str, Any]) -> None:
     assert set(table) == set(MATHEMATICS)

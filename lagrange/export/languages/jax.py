@@ -70,8 +70,7 @@ def _factored(n, *lower):
     a = entries[jnp.maximum(i, j) * (jnp.maximum(i, j) + 1) // 2 + jnp.minimum(i, j)]
     diagonal = jnp.diagonal(a)
     positive = (diagonal > 0.0).all()
-    units = jnp.where(positive, 1.0 / jnp.sqrt(jnp.where(positive, diagonal, 1.0)), 1.0)
-    units = _fixed(jnp.where(jnp.isfinite(a).all(), units, jnp.nan))
+    units = _fixed(jnp.where(positive, 1.0 / jnp.sqrt(jnp.where(positive, diagonal, 1.0)), 1.0))
     a = units[:, None] * a * units
     largest = _fixed(jnp.abs(a).max(axis=1))
     lu, exchanges = jax.scipy.linalg.lu_factor(a / largest[:, None])

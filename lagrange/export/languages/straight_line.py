@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lagrange.errors import StatementError
-from lagrange.machine.kernel.python_text import FLAG_OPERATIONS, GIVEN, uses_of
+from lagrange.machine.kernel.python_text import GIVEN, uses_of
 from lagrange.machine.python_source import OPERANDS, SPELLED
 from lagrange.procedure.linear.ldl import PIVOT
 from lagrange.procedure.source_printer import LONGEST_VALUE
@@ -37,9 +37,6 @@ WIDTH = 110
 
 STRUCTURE = (*GIVEN, "factor", "solve", "component")
 """Operations that are no mathematics: what is given, and linear systems."""
-
-CONDITIONS: Mapping[str, tuple[int, ...]] = {"select": (0,), "and": (0, 1), "or": (0, 1), "not": (0,)}
-"""The operands that are conditions."""
 
 ELIMINATION = f'''
 PIVOT = {PIVOT!r}  # a matrix is singular where a pivot is at most this part of its row's largest entry
@@ -225,13 +222,8 @@ class StraightLinePrinter:
     def operation(self, i: int, one: Instruction) -> None:
         """Print an operation, or keep it for the one place where it is read."""
         level, form = self.library.operations[one.op]
-        least = LEAST.get(one.op, (0,) * len(one.args)) if one.op in OPERATORS else (0,) * len(one.args)
-        conditions = CONDITIONS.get(one.op, ())
-        args = [
-            self.condition(arg) if k in conditions else self.text(arg, need)
-            for k, (arg, need) in enumerate(zip(one.args, least, strict=True))
-        ]
-        found = form.format(*args)
+        least = LEAST.get(one.op, (0,) * len(one.args))
+        found = form.format(*(self.text(arg, need) for arg, need in zip(one.args, least, strict=True)))
         if one.op == "div" and all(self.program.instructions[arg].op == "constant" for arg in one.args):
             level, found = constant(self.quotient(one))
         if self.uses[i] > 1 or len(found) >= LONGEST_VALUE:
@@ -244,12 +236,6 @@ class StraightLinePrinter:
         over, under = (self.program.instructions[arg].value for arg in one.args)
         with np.errstate(all="ignore"):
             return float(np.divide(over, under))
-
-    def condition(self, ref: int) -> str:
-        """Return a condition; a number is one unless it is zero."""
-        if self.program.instructions[ref].op in FLAG_OPERATIONS:
-            return self.text(ref)
-        return f"{self.text(ref, LEAST['equal'][0])} != 0.0"
 
 
 def bracketed(before: str, items: Sequence[str], after: str) -> list[str]:
