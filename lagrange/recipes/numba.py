@@ -26,8 +26,9 @@ class NumbaFunction:
     """A quantity as functions that Numba's compiled functions call; arrays are contiguous and of doubles.
 
     `prepare(p)` takes the parameters (k,) and returns what the others take, with everything that depends on parameters
-    alone. `function(t, y, prepared)` returns a new array, NaN throughout where a mass matrix is singular.
-    `fill(t, y, prepared, out)` writes it to `out`, and returns whether it is singular; it allocates nothing.
+    alone, and whether a matrix of these is singular. `function(t, y, prepared)` returns a new array, NaN throughout
+    where a mass matrix is singular. `fill(t, y, prepared, out)` writes it to `out`, and returns whether one is
+    singular; it allocates nothing.
     """
 
     prepare: Callable[[FloatArray], FloatArray]
@@ -51,16 +52,16 @@ def numba_function(model: Model, quantity: str) -> NumbaFunction:
     def prepare(p: Any) -> Any:
         if p.size != k:
             raise ValueError("the parameters have another number of entries than the model")
-        prepared = np.zeros(size)
+        prepared = np.zeros(size + 1)
         prepared[:k] = p
-        if prepare_code(prepared.ctypes):
-            prepared[:] = np.nan
+        prepared[size] = prepare_code(prepared.ctypes)
         return prepared
 
     def fill(t: Any, y: Any, prepared: Any, out: Any) -> Any:
-        if y.size != states or prepared.size != size or out.size != count:
+        if y.size != states or prepared.size != size + 1 or out.size != count:
             raise ValueError("the state, the prepared parameters or the result have another size than the model")
-        return fill_code(t, y.ctypes, prepared.ctypes, out.ctypes) != 0
+        singular = fill_code(t, y.ctypes, prepared.ctypes, out.ctypes) != 0
+        return singular or prepared[size] != 0.0
 
     vector, result = numba.float64[::1], numba.types.Array(numba.float64, len(shape), "C")
     made_fill = numba.njit(numba.boolean(numba.float64, vector, vector, result))(fill)

@@ -63,13 +63,14 @@ def test_a_singular_mass_matrix_is_nan_and_a_status() -> None:
 
 
 def test_a_singular_constant_matrix_is_nan() -> None:
-    """Check a matrix that is factored once for the parameters."""
-    of = build("llvm", kinetic=m * (x.dot**2 + y.dot**2) / 2 + c * x.dot * y.dot, potential=x**2, coordinates=[x, y])
+    """Check a system that is solved once for the parameters."""
+    of = build("llvm", kinetic=m * (x.dot**2 + y.dot**2) / 2 + c * x.dot * y.dot, potential=x, coordinates=[x, y])
     made, values = of.as_numba(), of.parameter_array({m: 1.0, c: 1.0})
     with pytest.raises(RunError, match="mass matrix"):
         of.rhs(0.0, np.ones(4), values)
-    assert np.isnan(made.function(0.0, np.ones(4), made.prepare(values))[2:]).all()
-    assert np.isfinite(made.function(0.0, np.ones(4), made.prepare(of.parameter_array()))).all()
+    prepared, regular = made.prepare(values), made.prepare(of.parameter_array())
+    assert made.fill(0.0, np.ones(4), prepared, np.zeros(4)) and not made.fill(0.0, np.ones(4), regular, np.zeros(4))
+    assert np.isnan(made.function(0.0, np.ones(4), prepared)).all()
 
 
 def test_wrong_sizes_and_types_are_refused() -> None:

@@ -16,7 +16,7 @@ from lagrange.errors import StatementError
 from lagrange.program.program import Instruction, Program, ProgramBlock
 from lagrange.recipes.sympy import _Writer, number
 from lagrange.statement.coordinate import t
-from tests.models import build, m, model, theta, x, y
+from tests.models import build, m, model, theta, x, y, z
 from tests.recipes.agreement import apart, named, states
 
 
@@ -39,6 +39,7 @@ def test_names_of_the_user_are_not_taken_again() -> None:
 @pytest.mark.parametrize("value", [0.1, -1e-320, 1e300, 1 / 3, 2.0, 0.25, -0.375, 2.0**60, math.pi])
 def test_numbers_are_exact_and_short_where_they_can_be(value: float) -> None:
     assert float(number(value)) == value
+    assert number(value).is_Rational or float(sp.ccode(number(value))) == float(str(number(value))) == value
     assert number(value).is_Rational == (value in (2.0, 0.25, -0.375))
 
 
@@ -81,6 +82,12 @@ def test_the_c_that_sympy_prints_is_right(tmp_path: Path) -> None:
 def test_rows_are_exchanged_where_a_pivot_is_known_to_be_zero() -> None:
     form = model("saddle", "numpy").as_sympy()
     assert all(one.is_finite is not False for one in form.expanded())
+    speeds = x.dot * y.dot + 2 * y.dot * z.dot + 3 * z.dot * x.dot + 2 * y.dot**2 + 5 * z.dot**2
+    of = build("numpy", lagrangian=speeds - x**2 - sp.cos(y) * z - z**2 * x, coordinates=[x, y, z])
+    form = of.as_sympy()
+    rhs = sp.lambdify(form.arguments, form.results, modules="math", cse=form.common)
+    for time, state in states(of):
+        assert apart(of, "rhs", time, state, rhs(time, *state)) <= 1
 
 
 def test_a_matrix_without_pivots_is_refused() -> None:
