@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 import unicodedata
+from collections.abc import Iterable
 
 from lagrange.statement.letters import GREEK
 
@@ -19,3 +20,14 @@ def plain(text: str) -> str:
 def wrapped(text: str, width: int) -> list[str]:
     """Return a text in lines of a width, at least one; a line that goes on is indented."""
     return textwrap.wrap(plain(text), width, subsequent_indent="  ", break_long_words=False) or [""]
+
+
+def commented(text: str, mark: str, width: int = 110) -> list[str]:
+    """Return a text as lines of comment behind a mark, such as "//"."""
+    return [f"{mark} {line}".rstrip() for line in wrapped(text, width - len(mark) - 1)]
+
+
+def number_lines(values: Iterable[str], indent: str, width: int = 110) -> list[str]:
+    """Return literals on lines of a width, each with a comma behind it."""
+    text = textwrap.wrap(" ".join(f"{value}," for value in values), width - len(indent), break_long_words=False)
+    return [f"{indent}{line}" for line in text]

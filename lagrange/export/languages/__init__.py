@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from lagrange.export.languages.c import C
 from lagrange.export.languages.cpp import Cpp
+from lagrange.export.languages.javascript import JavaScript
+from lagrange.export.languages.python import Python
+from lagrange.export.languages.rust import Rust
 from lagrange.export.target import Target
 
-BUILT_IN: tuple[type[Target], ...] = (C, Cpp)
+BUILT_IN: tuple[type[Target], ...] = (C, Cpp, JavaScript, Rust, Python)
 """In the order in which they are listed."""

@@ -1,0 +1,190 @@
+"""Print procedures as functions of JavaScript: numbers, and typed arrays from a place on.
+
+No call makes an object: local arrays and records belong to the file, and a part of an array is the array with the place
+where it begins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from lagrange.errors import LagrangeError
+from lagrange.export.braced import BracedPrinter
+from lagrange.export.comments import commented
+from lagrange.export.languages.javascript_spelling import FUNCTIONS, HELPERS, OPERANDS, RESERVED, SPELLED, literal
+from lagrange.export.offsets import Shifted
+from lagrange.procedure.form import FLAG, Array, Call, Kind, Let, Part, Procedure, Record
+from lagrange.procedure.source_printer import results_of
+from lagrange.procedure.syntax import ATOM
+
+ADD = SPELLED["add"][0]
+
+
+@dataclass(frozen=True)
+class File:
+    """What the functions of one file share.
+
+    `shifted` has the array parameters that begin at a place. `memory` collects the declarations of local arrays and
+    records by name, `helpers` the operations whose definitions the file needs.
+    """
+
+    shifted: Shifted
+    public: Sequence[Procedure]
+    memory: dict[str, str] = field(default_factory=dict)
+    helpers: dict[str, None] = field(default_factory=dict)
+
+
+class Place(NamedTuple):
+    """Where an array begins: the name of the memory, a constant, and the name of a variable behind it, if any."""
+
+    memory: str
+    constant: int = 0
+    variable: str = ""
+
+    @property
+    def start(self) -> str:
+        """The place as a sum."""
+        return " + ".join([one for one in (self.variable, str(self.constant or "")) if one]) or "0"
+
+
+def function(procedure: Procedure, file: File) -> str:
+    """Return a procedure as a function; what it needs of the file is noted there."""
+    return _JavaScriptPrinter(procedure, file).function()
+
+
+def results_name(procedure: Procedure) -> str:
+    """Return the name of the object that takes several results of a procedure."""
+    return f"{procedure.name}_results"
+
+
+class _JavaScriptPrinter(BracedPrinter):
+    spelled = SPELLED
+    operands = OPERANDS
+
+    def __init__(self, procedure: Procedure, file: File) -> None:
+        self.file = file
+        self.places: dict[int, Place] = {}
+        own = [one.name for one in procedure.parameters]
+        words = (*RESERVED, *(name for name, _ in HELPERS.values()), *map(results_name, procedure.callees))
+        super().__init__(procedure, [word for word in words if word not in own])
+
+    def head(self) -> list[str]:
+        public = self.procedure in self.file.public
+        given = [self.text(one.ref) for one in self.procedure.parameters]
+        given += [f"{one.variable}{' = 0' if public else ''}" for one in self.places.values()]
+        about = commented(self.procedure.about, "//")
+        return [*about, f"{'export ' if public else ''}function {self.procedure.name}({', '.join(given)}) {{"]
+
+    def function(self) -> str:
+        for parameter in self.procedure.parameters:
+            self.types[parameter.ref] = parameter.type
+            self.name(parameter.ref, parameter.name)
+        for k, parameter in enumerate(self.procedure.parameters):
+            if k in self.file.shifted[self.procedure]:
+                at = self.name(-1 - parameter.ref, f"{parameter.name}_at")
+                self.places[parameter.ref] = Place(self.texts[parameter.ref][1], 0, at)
+        head = self.head()
+        self.block(self.procedure.body)
+        return "\n".join([*head, *self.lines, *self.tail(), ""])
+
+    def literal(self, kind: Kind, data: Any) -> tuple[int, str]:
+        return literal(kind, data)
+
+    def function_of(self, op: str) -> str:
+        if op in FUNCTIONS:
+            return FUNCTIONS[op]
+        if op not in HELPERS:
+            raise LagrangeError(f"JavaScript has no function for {op}.")
+        self.file.helpers[op] = None
+        return HELPERS[op][0]
+
+    def operation(self, let: Let) -> tuple[int, str]:
+        if let.op in ("real", "whole"):
+            (arg,), (level, _) = let.args, self.texts[let.args[0]]
+            if self.types[arg] is FLAG:
+                return ATOM, f"Number({self.text(arg)})"
+            return (level, self.text(arg)) if let.op == "real" else (ATOM, f"Math.trunc({self.text(arg)})")
+        return super().operation(let)
+
+    def define(self, name: str, kind: Kind, text: str) -> str:
+        return f"const {name} = {text};"
+
+    def declare(self, name: str, kind: Kind, text: str) -> str:
+        return f"let {name} = {text};"
+
+    def place(self, array: int) -> Place:
+        return self.places.get(array) or Place(self.text(array))
+
+    def element(self, array: int, place: int) -> str:
+        memory, constant, variable = self.place(array)
+        if place in self.constants:
+            return f"{memory}[{Place(memory, constant + self.constants[place], variable).start}]"
+        parts = [variable, str(constant or ""), self.text(place, ADD)]
+        return f"{memory}[{' + '.join(part for part in parts if part)}]"
+
+    def part(self, part: Part) -> None:
+        memory, constant, variable = self.place(part.array)
+        if part.start in self.constants:
+            self.places[part.ref] = Place(memory, constant + self.constants[part.start], variable)
+            return
+        start = " + ".join(one for one in (variable, str(constant or ""), self.text(part.start, ADD)) if one)
+        self.write(f"const {self.name(part.ref)} = {start};")
+        self.places[part.ref] = Place(memory, 0, self.texts[part.ref][1])
+
+    def reserve(self, ref: int, array: Array) -> None:
+        name = self.memory_name(ref)
+        self.file.memory[name] = f"const {name} = new Float64Array({(array.size or 0) + max(array.room - 1, 0) or 1});"
+
+    def reserve_record(self, ref: int, record: Record) -> None:
+        name = self.memory_name(ref)
+        fields = ", ".join(f"{field}: 0" for field, _ in record.fields)
+        self.file.memory[name] = f"const {name} = {{ {fields} }};"
+        for field, _ in record.fields:
+            self.put(f"{name}.{field} = 0;")
+
+    def memory_name(self, ref: int) -> str:
+        """Return the name of a local array or record in the file."""
+        stem = self.procedure.names.get(ref, f"x{ref}")
+        name = self.name(ref, f"{self.procedure.name}_{stem}")
+        while name in self.file.memory:
+            name = self.name(ref, f"{name}_{ref}")
+        return name
+
+    def call(self, call: Call) -> None:
+        callee = call.callee
+        assert isinstance(callee, Procedure)
+        args = [self.place(arg).memory if arg in self.places else self.text(arg) for arg in call.args]
+        args += [self.place(arg).start for k, arg in enumerate(call.args) if k in self.file.shifted[callee]]
+        made = f"{callee.name}({', '.join(args)})"
+        kinds = results_of(self, call)
+        if len(kinds) != 1 or call.refs[0] not in self.uses:
+            self.write(f"{made};")
+        for k, (ref, kind) in enumerate(zip(call.refs, kinds, strict=True)):
+            self.types[ref] = kind
+            if ref in self.uses:
+                self.write(self.define(self.name(ref), kind, made if len(kinds) == 1 else f"{results_name(callee)}.r{k}"))
+
+    def leave(self, values: Sequence[int]) -> None:
+        if len(values) < 2:
+            self.write(f"return {self.text(values[0])};" if values else "return;")
+            return
+        name = results_name(self.procedure)
+        zeros = [f"r{k}: {'false' if kind is FLAG else 0}" for k, kind in enumerate(self.procedure.results)]
+        self.file.memory[name] = f"const {name} = {{ {', '.join(zeros)} }};"
+        for k, value in enumerate(values):
+            self.write(f"{name}.r{k} = {self.text(value)};")
+        self.put("return;")
+
+    def opening(self, kind: str, *texts: str) -> str:
+        match kind, texts:
+            case "for", (index, start, stop, step):
+                moved = f"{index}++" if step == "1" else f"{index} += {step}"
+                return f"for (let {index} = {start}; {index} < {stop}; {moved}) {{"
+            case "forever", _:
+                return "for (;;) {"
+            case "else", _:
+                return "} else {"
+            case _:
+                return f"{kind} ({texts[0]}) {{"

@@ -1,0 +1,135 @@
+"""How JavaScript spells operations, literals and words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from lagrange.export.languages.c_spelling import OPERANDS as C_OPERANDS
+from lagrange.export.languages.c_spelling import SPELLED as C_SPELLED
+from lagrange.procedure.form import FLAG, WHOLE, Kind
+from lagrange.procedure.syntax import ATOM
+
+_C_CASTS = ("real", "whole", "quotient")
+
+SPELLED: Mapping[str, tuple[int, str]] = {
+    **{op: text for op, text in C_SPELLED.items() if op not in _C_CASTS},
+    "equal": (4, "{0} === {1}"),
+    "quotient": (ATOM, "Math.trunc({0} / {1})"),
+}
+
+OPERANDS: Mapping[str, tuple[int, ...]] = {op: least for op, least in C_OPERANDS.items() if op not in _C_CASTS[:2]}
+
+FUNCTIONS: Mapping[str, str] = {
+    **{name: f"Math.{name}" for name in ("abs", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp")},
+    **{name: f"Math.{name}" for name in ("log", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "min", "max", "sign")},
+}
+"""Functions of the language: what has no value is NaN or infinite."""
+
+_BITS = "const bits = new DataView(new ArrayBuffer(8));"
+
+HELPERS: Mapping[str, tuple[str, tuple[str, ...]]] = {
+    "power": (
+        "power",
+        (
+            "// Math.pow(1, NaN) and Math.pow(-1, Infinity) are NaN: here they are 1, as in C.",
+            "function power(x, y) {",
+            "    return x === 1 || (x === -1 && Math.abs(y) === Infinity) ? 1 : Math.pow(x, y);",
+            "}",
+        ),
+    ),
+    "magnitude": (
+        "magnitude",
+        ("function magnitude(a, b) {", "    return Math.max(Math.abs(a), Math.abs(b));", "}"),
+    ),
+    "copysign": (
+        "copysign",
+        (
+            "function copysign(x, y) {",
+            "    const size = Math.abs(x);",
+            "    return y < 0 || Object.is(y, -0) ? -size : size;",
+            "}",
+        ),
+    ),
+    "round": (
+        "round_even",
+        (
+            "// The sum has no digits behind the point, and is rounded to the nearest, ties to even.",
+            "function round_even(x) {",
+            "    if (!(Math.abs(x) < 4503599627370496)) {",
+            "        return x;",
+            "    }",
+            "    const size = Math.abs(x) + 4503599627370496 - 4503599627370496;",
+            "    return x < 0 || Object.is(x, -0) ? -size : size;",
+            "}",
+        ),
+    ),
+    "two_to": (
+        "two_to",
+        (
+            "function two_to(k) {",
+            "    bits.setUint32(0, (k + 1023) << 20);",
+            "    bits.setUint32(4, 0);",
+            "    return bits.getFloat64(0);",
+            "}",
+        ),
+    ),
+    "exponent": (
+        "exponent",
+        (
+            "function exponent(x) {",
+            "    bits.setFloat64(0, x);",
+            "    return ((bits.getUint32(0) >>> 20) & 2047) - 1023;",
+            "}",
+        ),
+    ),
+    "mantissa": (
+        "mantissa",
+        (
+            "function mantissa(x) {",
+            "    bits.setFloat64(0, x);",
+            "    bits.setUint32(0, (bits.getUint32(0) & 0xfffff) | 0x3ff00000);",
+            "    return bits.getFloat64(0);",
+            "}",
+        ),
+    ),
+}
+"""Operations that JavaScript has no function for, or another one: a name, and its definition."""
+
+
+def helper_lines(ops: Mapping[str, None]) -> list[str]:
+    """Return the definitions of helpers."""
+    lines = [_BITS, ""] if any("bits." in line for op in ops for line in HELPERS[op][1]) else []
+    for op in sorted(ops):
+        lines += [*HELPERS[op][1], ""]
+    return lines
+
+
+RESERVED = (
+    *"arguments async await break case catch class const continue debugger default delete do else enum eval".split(),
+    *"export extends false finally for function get if implements import in instanceof interface let new null".split(),
+    *"of package private protected public return set static super switch this throw true try typeof var void".split(),
+    *"while with yield Array ArrayBuffer DataView Float64Array Infinity Math NaN Number Object String".split(),
+    *"console globalThis process undefined bits test main default_parameters state_names parameter_names".split(),
+    *"y p out t h parameters".split(),
+)
+"""Words that are not names of values: keywords, what the file uses, and what parameters of functions are called."""
+
+
+def literal(kind: Kind, data: Any) -> tuple[int, str]:
+    """Return a constant and how tightly it binds."""
+    if kind is FLAG:
+        return ATOM, "true" if data else "false"
+    if kind is WHOLE:
+        return (ATOM if data >= 0 else 8), str(data)
+    return (ATOM if math.isnan(data) or math.copysign(1.0, data) > 0 else 8), real_literal(data)
+
+
+def real_literal(value: float) -> str:
+    """Return a double with all its digits."""
+    if math.isnan(value):
+        return "NaN"
+    if math.isinf(value):
+        return "Infinity" if value > 0 else "-Infinity"
+    return repr(value)

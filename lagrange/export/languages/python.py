@@ -1,0 +1,321 @@
+"""Python with NumPy only: one module."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from lagrange.errors import LagrangeError
+from lagrange.export.comments import commented, number_lines, plain
+from lagrange.export.descriptions import (
+    MOST_STEPS,
+    TEST,
+    TEST_STEPS,
+    TEST_TOLERANCE,
+    about_of,
+    columns,
+    integrator_of,
+    outcomes,
+    places,
+    run_of,
+    sizes,
+)
+from lagrange.export.identifiers import ascii_name, distinct
+from lagrange.export.languages.python_spelling import FILES, HELPERS, RESERVED, helper_lines
+from lagrange.export.module import Check, SourceModule, StepCheck
+from lagrange.export.target import Target
+from lagrange.machine.python_source import Printer, literal
+from lagrange.procedure.form import REAL, Array, Part, Procedure
+
+
+class Python(Target):
+    """Python with NumPy only; see `Target`."""
+
+    name = "python"
+    about = "Python: one module that needs NumPy only"
+
+    def files(self, module: SourceModule) -> Mapping[str, str]:
+        """Return the module, which tests itself when it is run."""
+        return {f"{file_name(module)}.py": source(module)}
+
+    def commands(self, module: SourceModule) -> list[str]:
+        """Return what runs the test."""
+        return [f"python {file_name(module)}.py"]
+
+    def run_commands(self, module: SourceModule) -> list[str]:
+        """Return what runs the initial state."""
+        return [] if module.run is None else [f"python {file_name(module)}.py main"]
+
+
+def file_name(module: SourceModule) -> str:
+    """Return the name of the module, which no keyword and no module that NumPy imports has."""
+    return distinct([module.name], FILES)[0]
+
+
+@dataclass(frozen=True)
+class _File:
+    """What the functions of one file share; `needed` collects the operations whose definitions the file needs."""
+
+    needed: dict[str, None] = field(default_factory=dict)
+
+
+class _ExportPrinter(Printer):
+    """Prints one procedure, whose name begins with an underscore: arrays are memory views of NumPy's."""
+
+    def __init__(self, procedure: Procedure, file: _File) -> None:
+        self.file = file
+        own = [one.name for one in procedure.parameters]
+        super().__init__(procedure, [word for word in RESERVED if word not in own])
+
+    def function_name(self, procedure: Procedure) -> str:
+        return f"_{procedure.name}"
+
+    def legal(self, stem: str) -> str:
+        return ascii_name(stem)
+
+    def function_of(self, op: str) -> str:
+        if op not in HELPERS:
+            raise LagrangeError(f"Python has no function for {op}.")
+        self.file.needed[op] = None
+        return f"_{op}"
+
+    def reserve(self, ref: int, array: Array) -> None:
+        size = (array.size or 0) + max(array.room - 1, 0) or 1
+        kind = "" if array.kind is REAL else ", np.int64"
+        self.put(f"{self.name(ref)} = np.zeros({size}{kind}).data")
+
+    def part(self, part: Part) -> None:
+        self.write(f"{self.name(part.ref)} = {self.text(part.array)}[{self.text(part.start)}:]")
+
+
+def source(module: SourceModule) -> str:
+    """Return the module."""
+    file = _File()
+    functions = [_ExportPrinter(procedure, file).function() for procedure in module.procedures]
+    lines = [
+        *(f"# {plain(line)}".rstrip() for line in module.statement),
+        "",
+        "import math",
+        "import sys",
+        "from types import SimpleNamespace as _record",
+        "",
+        "import numpy as np",
+        "",
+        "nan, inf = math.nan, math.inf",
+        "",
+        *constants(module),
+        "",
+        "",
+        *(line for procedure in module.public for line in wrapper(module, procedure)),
+        *ACCESS.splitlines(),
+        "",
+        "",
+        *helper_lines(file.needed),
+        *(line for text in functions for line in [*text.splitlines(), "", ""]),
+        *test(module),
+        *run(module),
+        *START.format(run="main(words[1:]) if words[:1] == ['main'] else " if module.run else "").splitlines(),
+    ]
+    return "\n".join(lines).rstrip("\n") + "\n"
+
+
+ACCESS = '''\
+def _given(values):
+    """Return numbers that are read, as they are quickest."""
+    return np.asarray(values, dtype=np.float64).data
+
+
+def _written(values):
+    """Return an array that is written. Raises TypeError for what is no array of float64."""
+    if not (isinstance(values, np.ndarray) and values.dtype == np.float64 and values.ndim == 1):
+        raise TypeError("an array that is written must be of NumPy, one-dimensional, with dtype float64")
+    return values.data'''
+
+START = '''\
+
+
+if __name__ == "__main__":
+    words = sys.argv[1:]
+    sys.exit({run}test())'''
+
+
+def number(value: float) -> str:
+    """Return a double with all its digits."""
+    return literal(REAL, value)[1]
+
+
+def constants(module: SourceModule) -> Iterator[str]:
+    """Yield sizes, names, and comments on arrays and functions."""
+    for name, count, about in sizes(module):
+        yield f"{name.upper()} = {count}  # {about}"
+    yield ""
+    yield from commented(places("y", module.state), "#")
+    yield from commented(places("parameters", module.parameters), "#")
+    for name, names in (("STATE_NAMES", module.state), ("PARAMETER_NAMES", module.parameters)):
+        yield f"{name} = {ascii(tuple(names))}"
+    yield f"DEFAULT_PARAMETERS = {ascii(tuple(module.values))}"
+    yield ""
+    yield from commented(
+        "Each function of t, y and p returns False, or True where a matrix is singular to round-off: out is then not "
+        "to be used. Arrays that are written are of float64.",
+        "#",
+    )
+    if module.integrators:
+        yield from commented(outcomes(), "#")
+
+
+def wrapper(module: SourceModule, procedure: Procedure) -> Iterator[str]:
+    """Yield a public function, which takes arrays of NumPy."""
+    names = [one.name for one in procedure.parameters]
+    passed = [_passed(one.name, one.type) for one in procedure.parameters]
+    first, *rest = commented(about_of(module, procedure).replace('"', "'"), "")
+    yield f"def {procedure.name}({', '.join(names)}):"
+    yield f'    """{first.strip()}{"" if rest else chr(34) * 3}'
+    yield from (f"    {line.strip()}" for line in rest)
+    if rest:
+        yield '    """'
+    yield f"    return _{procedure.name}({', '.join(passed)})"
+    yield ""
+    yield ""
+
+
+def _passed(name: str, kind: object) -> str:
+    if isinstance(kind, Array):
+        return f"_given({name})" if kind.read else f"_written({name})"
+    return f"float({name})" if kind is REAL else f"int({name})"
+
+
+# --- the test
+
+COMPARE = '''\
+class _Tests:
+    """Counts results and failures, and prints these."""
+
+    def __init__(self):
+        self.p = np.zeros(PREPARED)
+        self.checked = self.failures = 0
+        if prepare(DEFAULT_PARAMETERS, self.p):
+            print("prepare: a matrix is singular")
+            self.failures += 1
+
+    def compare(self, name, state, found, wanted, allowed):
+        for i, value in enumerate(found.tolist()):
+            if not abs(value - wanted[i]) <= allowed[i]:
+                print(f"{name}, state {state}, result {i}: {value!r} instead of {wanted[i]!r}")
+                self.failures += 1
+
+    def quantity(self, name, evaluate, times, states, wanted, allowed):
+        count = len(wanted) // len(times)
+        for k, t in enumerate(times):
+            out, row = np.zeros(count), slice(count * k, count * (k + 1))
+            self.checked += count
+            if evaluate(t, states[STATE * k : STATE * (k + 1)], self.p, out):
+                print(f"{name}, state {k}: a matrix is singular")
+                self.failures += count
+            else:
+                self.compare(name, k, out, wanted[row], allowed[row])
+
+    def integrator(self, name, run, state, wanted, allowed):
+        y = np.array(state)
+        outcome = run(y, self.p)
+        self.checked += STATE
+        if outcome != 0:
+            print(f"{name}: outcome {outcome}")
+            self.failures += STATE
+        else:
+            self.compare(name, 0, y, wanted, allowed)
+
+
+def test():
+    """Compare results with those of multiple precision; return 0 if all are right, else 1."""
+    tests = _Tests()'''
+
+
+def test(module: SourceModule) -> Iterator[str]:
+    """Yield the test: a function that compares results with those of multiple precision."""
+    yield from commented(f"{TEST} Failures are printed. Exit status 0 if all are right, else 1.", "#")
+    yield from COMPARE.splitlines()
+    for check in module.checks:
+        yield from _quantity_test(check)
+    for step in module.step_checks:
+        yield from _integrator_test(module, step)
+    given = f'f"{module.name}: {{tests.checked - tests.failures}} of {{tests.checked}} results are right"'
+    yield f"    print({given})"
+    yield "    return 0 if tests.failures == 0 else 1"
+
+
+def _quantity_test(check: Check) -> Iterator[str]:
+    yield "    tests.quantity("
+    yield f'        "{check.name}",'
+    yield f"        {check.name},"
+    for rows in ([check.times], check.states, check.results, check.allowed):
+        yield from _table([value for row in rows for value in row])
+    yield "    )"
+
+
+def _integrator_test(module: SourceModule, check: StepCheck) -> Iterator[str]:
+    begin = number(check.time)
+    if integrator_of(module, check.name).adaptive:
+        limits = f"{TEST_TOLERANCE}, {TEST_TOLERANCE}, {TEST_STEPS}"
+        given = f"np.array([{begin}]), {number(check.time + check.length)}, y, p, {limits}"
+    else:
+        given = f"{begin}, {number(check.length)}, y, p"
+    yield "    tests.integrator("
+    yield f'        "{check.name}",'
+    yield f"        lambda y, p: {check.name}({given}),"
+    for row in (check.state, check.result, check.allowed):
+        yield from _table(row)
+    yield "    )"
+
+
+def _table(values: Sequence[float]) -> Iterator[str]:
+    yield "        ["
+    yield from number_lines(map(number, values), "            ")
+    yield "        ],"
+
+
+# --- the run of the initial state
+
+MAIN = '''\
+
+
+def main(words):
+    """Integrate the initial state and write a table with commas: main [t_end [intervals]]."""
+    try:
+        t_end = float(words[0]) if words else {t_end}
+        intervals = int(words[1]) if len(words) > 1 else {intervals}
+    except ValueError:
+        intervals = 0
+    if intervals < 1:
+        print("give t_end, a number, and intervals, a whole number from 1", file=sys.stderr)
+        return 2
+    p, t, y = np.zeros(PREPARED), np.zeros(1), np.array([{initial}])
+    if prepare(DEFAULT_PARAMETERS, p):
+        print("prepare: a matrix is singular", file=sys.stderr)
+        return 1
+    print({columns})
+    for k in range(intervals + 1):
+        end = t_end if k == intervals else t_end * (k / intervals)
+        outcome = {method}(t, end, y, p, {rtol}, {rtol}, {steps})
+        if outcome != 0:
+            print(f"the run stopped at t = {{t[0]}}: outcome {{outcome}}", file=sys.stderr)
+            return 1
+        print(",".join(map(repr, [*t.tolist(), *y.tolist()])))
+    return 0'''
+
+
+def run(module: SourceModule) -> Iterator[str]:
+    """Yield a function that integrates the initial state and writes a table."""
+    found = run_of(module)
+    if found is None:
+        return
+    settings, integrator = found
+    yield from MAIN.format(
+        initial=", ".join(map(number, settings.initial)),
+        t_end=number(settings.t_end),
+        intervals=settings.intervals,
+        columns=ascii(columns(module)),
+        method=integrator.name,
+        rtol=number(settings.rtol),
+        steps=MOST_STEPS,
+    ).splitlines()

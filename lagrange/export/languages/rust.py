@@ -1,0 +1,369 @@
+"""Rust, edition 2021: one file, a module or a crate, with or without the standard library."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from lagrange.export.comments import commented, number_lines, plain
+from lagrange.export.descriptions import (
+    MOST_STEPS,
+    TEST,
+    TEST_STEPS,
+    TEST_TOLERANCE,
+    about_of,
+    columns,
+    integrator_of,
+    outcomes,
+    places,
+    records_of,
+    run_of,
+    sizes,
+)
+from lagrange.export.identifiers import distinct
+from lagrange.export.languages.rust_printer import File, function, record_name, result_type
+from lagrange.export.languages.rust_spelling import (
+    KINDS,
+    RESERVED,
+    helper_lines,
+    library_lines,
+    needed,
+    real_literal,
+)
+from lagrange.export.module import Check, SourceModule, StepCheck
+from lagrange.export.target import Target
+from lagrange.procedure.form import Array, Kind, Procedure, Record
+
+
+class Rust(Target):
+    """Rust; see `Target`."""
+
+    name = "rust"
+    about = "Rust (edition 2021): one file, no crates, no unsafe code, no_std by a cfg, no allocation"
+    inexpressible = frozenset(("erf",))
+
+    def files(self, module: SourceModule) -> Mapping[str, str]:
+        """Return the file; the test and the run are switched on by cfgs."""
+        return {f"{file_name(module)}.rs": source(module)}
+
+    def commands(self, module: SourceModule) -> list[str]:
+        """Return what compiles and runs the test."""
+        return _built_with(file_name(module), "self_test", "test")
+
+    def run_commands(self, module: SourceModule) -> list[str]:
+        """Return what compiles and runs the initial state."""
+        return [] if module.run is None else _built_with(file_name(module), "run", "main")
+
+
+def _built_with(name: str, cfg: str, program: str) -> list[str]:
+    """Return what compiles a program that a cfg switches on, and runs it."""
+    return [f"rustc --edition 2021 -O --cfg {cfg} -o {name}_{program} {name}.rs", f"./{name}_{program}"]
+
+
+def file_name(module: SourceModule) -> str:
+    """Return the name of the module, which no keyword or crate has."""
+    return distinct([module.name], (*RESERVED, "alloc", "lib", "proc_macro"))[0]
+
+
+def source(module: SourceModule) -> str:
+    """Return the file."""
+    file = File(module.public)
+    functions = [function(procedure, file) for procedure in module.procedures]
+    ops = needed(file.needed)
+    lines = [
+        *(f"// {plain(line)}".rstrip() for line in module.statement),
+        "",
+        "#![cfg_attr(no_std, no_std)]",
+        "// Names are those of the statement. A program may leave functions unused.",
+        "#![allow(dead_code, non_snake_case)]",
+        "",
+        "use core::cell::Cell;",
+        "",
+        *constants(module),
+        "",
+        *(line for procedure in module.public for line in wrapper(module, procedure)),
+        ACCESS,
+        *library_lines(ops),
+        *helper_lines(ops),
+        *(line for record in records_of(module.procedures) for line in structure(record)),
+        *functions,
+        *test(module),
+        *run(module),
+    ]
+    return "\n".join(lines).rstrip("\n") + "\n"
+
+
+ACCESS = """\
+/// Numbers that are read: a slice of them, or of cells that hold them.
+trait Reals {
+    fn at(&self, k: i64) -> f64;
+    fn part(&self, k: i64) -> &Self;
+}
+
+impl Reals for [f64] {
+    #[inline]
+    fn at(&self, k: i64) -> f64 {
+        self[k as usize]
+    }
+    #[inline]
+    fn part(&self, k: i64) -> &Self {
+        &self[k as usize..]
+    }
+}
+
+impl Reals for [Cell<f64>] {
+    #[inline]
+    fn at(&self, k: i64) -> f64 {
+        self[k as usize].get()
+    }
+    #[inline]
+    fn part(&self, k: i64) -> &Self {
+        &self[k as usize..]
+    }
+}
+
+#[inline]
+fn cell(numbers: &[Cell<f64>], k: i64) -> &Cell<f64> {
+    &numbers[k as usize]
+}
+
+#[inline]
+fn cells(numbers: &[Cell<f64>], k: i64) -> &[Cell<f64>] {
+    &numbers[k as usize..]
+}
+"""
+
+
+def constants(module: SourceModule) -> Iterator[str]:
+    """Yield sizes, names, and comments on arrays and functions."""
+    for name, count, about in sizes(module):
+        yield f"pub const {name.upper()}: usize = {count}; // {about}"
+    yield ""
+    yield from commented(places("y", module.state), "//")
+    yield from commented(places("parameters", module.parameters), "//")
+    for name, names in (("STATE_NAMES", module.state), ("PARAMETER_NAMES", module.parameters)):
+        yield f"pub const {name}: [&str; {len(names)}] = [{', '.join(map(quoted, names))}];"
+    yield f"pub const DEFAULT_PARAMETERS: [f64; {len(module.values)}] = [{', '.join(map(real_literal, module.values))}];"
+    yield ""
+    yield from commented(
+        "Each function of t, y and p returns false, or true where a matrix is singular to round-off: out is then not "
+        "to be used.",
+        "//",
+    )
+    if module.integrators:
+        yield from commented(outcomes(), "//")
+
+
+def quoted(text: str) -> str:
+    """Return a string literal in ASCII."""
+    return '"' + "".join(_escaped(letter) for letter in text) + '"'
+
+
+def _escaped(letter: str) -> str:
+    plain_letter = letter.isascii() and letter.isprintable() and letter not in '"\\'
+    return letter if plain_letter else f"\\u{{{ord(letter):x}}}"
+
+
+def wrapper(module: SourceModule, procedure: Procedure) -> Iterator[str]:
+    """Yield a public function, which takes slices of numbers."""
+    given, passed = [], []
+    for one in procedure.parameters:
+        name, kind = one.name, one.type
+        if isinstance(kind, Array):
+            change = "" if kind.read else "mut "
+            given.append(f"{name}: &{change}[f64]")
+            part = name if kind.size is None else f"&{change}{name}[..{kind.size}]"
+            passed.append(part if kind.read else f"Cell::from_mut({part}).as_slice_of_cells()")
+        else:
+            assert isinstance(kind, Kind)
+            given.append(f"{name}: {KINDS[kind]}")
+            passed.append(name)
+    yield from commented(about_of(module, procedure), "///")
+    yield f"pub fn {procedure.name}({', '.join(given)}){result_type(procedure)} {{"
+    yield f"    {File(module.public).name(procedure)}({', '.join(passed)})"
+    yield "}"
+    yield ""
+
+
+def structure(record: Record) -> Iterator[str]:
+    """Yield the type of a record."""
+    yield "#[derive(Default)]"
+    yield f"struct {record_name(record)} {{"
+    yield from (f"    {name}: {KINDS[kind]}," for name, kind in record.fields)
+    yield "}"
+    yield ""
+
+
+# --- the test
+
+COMPARE = """\
+#[cfg(self_test)]
+#[derive(Default)]
+struct Tests {
+    p: Vec<f64>,
+    checked: usize,
+    failures: usize,
+}
+
+#[cfg(self_test)]
+impl Tests {
+    fn compare(&mut self, name: &str, state: usize, found: &[f64], wanted: &[f64], allowed: &[f64]) {
+        for (i, value) in found.iter().enumerate() {
+            let near = (value - wanted[i]).abs() <= allowed[i];
+            if !near {
+                println!("{name}, state {state}, result {i}: {value:?} instead of {:?}", wanted[i]);
+                self.failures += 1;
+            }
+        }
+    }
+
+    fn quantity(
+        &mut self,
+        name: &str,
+        evaluate: fn(f64, &[f64], &[f64], &mut [f64]) -> bool,
+        times: &[f64],
+        states: &[f64],
+        wanted: &[f64],
+        allowed: &[f64],
+    ) {
+        let count = wanted.len() / times.len();
+        for (k, t) in times.iter().enumerate() {
+            let mut out = vec![0.0; count];
+            let row = count * k..count * (k + 1);
+            self.checked += count;
+            if evaluate(*t, &states[STATE * k..], &self.p, &mut out) {
+                println!("{name}, state {k}: a matrix is singular");
+                self.failures += count;
+            } else {
+                self.compare(name, k, &out, &wanted[row.clone()], &allowed[row]);
+            }
+        }
+    }
+INTEGRATOR
+}
+
+#[cfg(self_test)]
+fn main() {
+    let mut tests = Tests { p: vec![0.0; PREPARED], ..Tests::default() };
+    if prepare(&DEFAULT_PARAMETERS, &mut tests.p) {
+        println!("prepare: a matrix is singular");
+        tests.failures += 1;
+    }
+"""
+
+INTEGRATOR = """
+    fn integrator(
+        &mut self,
+        name: &str,
+        run: fn(&mut [f64], &[f64]) -> i64,
+        state: &[f64],
+        wanted: &[f64],
+        allowed: &[f64],
+    ) {
+        let mut y = state.to_vec();
+        let outcome = run(&mut y, &self.p);
+        self.checked += STATE;
+        if outcome != 0 {
+            println!("{name}: outcome {outcome}");
+            self.failures += STATE;
+        } else {
+            self.compare(name, 0, &y, wanted, allowed);
+        }
+    }"""
+
+
+def test(module: SourceModule) -> Iterator[str]:
+    """Yield the test: a program that compares results with those of multiple precision."""
+    yield from commented(f"{TEST} Failures are printed. Exit status 0 if all are right, else 1.", "//")
+    yield COMPARE.replace("INTEGRATOR\n", INTEGRATOR[1:] + "\n" if module.integrators else "").rstrip("\n")
+    for check in module.checks:
+        yield from _quantity_test(check)
+    for step in module.step_checks:
+        yield from _integrator_test(module, step)
+    yield "    let right = tests.checked - tests.failures.min(tests.checked);"
+    yield f'    println!("{module.name}: {{right}} of {{}} results are right", tests.checked);'
+    yield "    std::process::exit(if tests.failures == 0 { 0 } else { 1 });"
+    yield "}"
+
+
+def _quantity_test(check: Check) -> Iterator[str]:
+    yield f'    tests.quantity("{check.name}", {check.name},'
+    for rows in ([check.times], check.states, check.results, check.allowed):
+        yield from _table([value for row in rows for value in row])
+    yield "    );"
+
+
+def _integrator_test(module: SourceModule, check: StepCheck) -> Iterator[str]:
+    begin = real_literal(check.time)
+    if integrator_of(module, check.name).adaptive:
+        limits = f"{TEST_TOLERANCE}, {TEST_TOLERANCE}, {TEST_STEPS}"
+        given = f"&mut [{begin}], {real_literal(check.time + check.length)}, y, p, {limits}"
+    else:
+        given = f"{begin}, {real_literal(check.length)}, y, p"
+    yield f'    tests.integrator("{check.name}", |y, p| {check.name}({given}),'
+    for row in (check.state, check.result, check.allowed):
+        yield from _table(row)
+    yield "    );"
+
+
+def _table(values: Sequence[float]) -> Iterator[str]:
+    yield "        &["
+    yield from number_lines(map(real_literal, values), "            ")
+    yield "        ],"
+
+
+# --- the run of the initial state
+
+MAIN = """\
+#[cfg(run)]
+fn main() {{
+    let words: Vec<String> = std::env::args().skip(1).collect();
+    let t_end = words.first().map_or(Ok({t_end}), |word| word.parse::<f64>());
+    let intervals = words.get(1).map_or(Ok({intervals}), |word| word.parse::<u32>());
+    let (t_end, intervals) = match (t_end, intervals) {{
+        (Ok(t_end), Ok(intervals)) if intervals > 0 => (t_end, intervals),
+        _ => {{
+            eprintln!("give t_end, a number, and intervals, a whole number from 1");
+            std::process::exit(2);
+        }}
+    }};
+    let (mut p, mut t, mut y) = ([0.0; PREPARED], [0.0], [{initial}]);
+    if prepare(&DEFAULT_PARAMETERS, &mut p) {{
+        eprintln!("prepare: a matrix is singular");
+        std::process::exit(1);
+    }}
+    println!("{{}}", {columns});
+    for k in 0..=intervals {{
+        let part = f64::from(k) / f64::from(intervals);
+        let end = if k == intervals {{ t_end }} else {{ t_end * part }};
+        let outcome = {method}(&mut t, end, &mut y, &p, {rtol}, {rtol}, {steps});
+        if outcome != 0 {{
+            eprintln!("the run stopped at t = {{:?}}: outcome {{outcome}}", t[0]);
+            std::process::exit(1);
+        }}
+        let row: Vec<String> = t.iter().chain(&y).map(|value| format!("{{value:?}}")).collect();
+        println!("{{}}", row.join(","));
+    }}
+}}"""
+
+
+def run(module: SourceModule) -> Iterator[str]:
+    """Yield a program that integrates the initial state and writes a table."""
+    found = run_of(module)
+    if found is None:
+        return
+    settings, integrator = found
+    yield ""
+    yield from commented(
+        f"Integrate the initial state and write a table with commas, with --cfg run: {file_name(module)} "
+        "[t_end [intervals]].",
+        "//",
+    )
+    yield MAIN.format(
+        initial=", ".join(map(real_literal, settings.initial)),
+        t_end=real_literal(settings.t_end),
+        intervals=settings.intervals,
+        columns=quoted(columns(module)),
+        method=integrator.name,
+        rtol=real_literal(settings.rtol),
+        steps=MOST_STEPS,
+    )
