@@ -17,6 +17,10 @@ class NoValue(ArithmeticError):
     """An operation without a real, finite value."""
 
 
+VANISHING = 1e-16
+"""A pivot below this part of the largest entry is eliminated with pivoting: of 40 digits, 24 are left at least."""
+
+
 @cache
 def _context(digits: int) -> Any:
     context = MPContext()
@@ -70,26 +74,40 @@ class _Evaluation:
             raise NoValue(f"{one.op} has no real value")
         return found
 
-    def factored(self, n: int, lower: Sequence[Any]) -> list[Numbers]:
-        """Return L D L^T of a symmetric matrix by rows, D on the diagonal."""
+    def factored(self, n: int, lower: Sequence[Any]) -> Any:
+        """Return L D L^T of a symmetric matrix by rows, D on the diagonal; its inverse where a pivot vanishes."""
         rows = [list(lower[i * (i + 1) // 2 : i * (i + 1) // 2 + i + 1]) for i in range(n)]
+        least = VANISHING * max(map(abs, lower))
         for i, row in enumerate(rows):
             scaled: Numbers = []
             for j in range(i):
                 scaled.append(row[j] - sum(a * b for a, b in zip(scaled, rows[j], strict=False)))
                 row[j] = scaled[j] / rows[j][j]
             row[i] -= sum(a * b for a, b in zip(scaled, row, strict=False))
-            if not row[i]:
-                raise NoValue("a matrix is singular, or its pivots vanish in their order")
+            if not abs(row[i]) > least:
+                return self.inverse(n, lower)
         return rows
 
-    def solved(self, rows: Sequence[Numbers], right: Sequence[Any]) -> Numbers:
+    def inverse(self, n: int, lower: Sequence[Any]) -> Any:
+        """Return the inverse of a symmetric matrix, by elimination with pivoting."""
+        matrix = self.context.zeros(n)
+        for i in range(n):
+            for j in range(i + 1):
+                matrix[i, j] = matrix[j, i] = lower[i * (i + 1) // 2 + j]
+        try:
+            return self.context.inverse(matrix)
+        except ZeroDivisionError as error:
+            raise NoValue("a matrix is singular") from error
+
+    def solved(self, factors: Any, right: Sequence[Any]) -> Numbers:
         """Return the solution of a factored system."""
+        if not isinstance(factors, list):
+            return list(factors * self.context.matrix(right))
         x = list(right)
-        for i, row in enumerate(rows):
+        for i, row in enumerate(factors):
             x[i] -= sum(a * b for a, b in zip(row[:i], x, strict=False))
         for i in reversed(range(len(x))):
-            x[i] = x[i] / rows[i][i] - sum(rows[k][i] * x[k] for k in range(i + 1, len(x)))
+            x[i] = x[i] / factors[i][i] - sum(factors[k][i] * x[k] for k in range(i + 1, len(x)))
         return x
 
 

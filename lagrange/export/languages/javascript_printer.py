@@ -139,10 +139,10 @@ class _JavaScriptPrinter(BracedPrinter):
 
     def reserve_record(self, ref: int, record: Record) -> None:
         name = self.memory_name(ref)
-        fields = ", ".join(f"{field}: 0" for field, _ in record.fields)
-        self.file.memory[name] = f"const {name} = {{ {fields} }};"
-        for field, _ in record.fields:
-            self.put(f"{name}.{field} = 0;")
+        fields = [one for one, _ in record.fields]
+        self.file.memory[name] = f"const {name} = {{ {', '.join(f'{one}: 0' for one in fields)} }};"
+        for one in fields:
+            self.put(f"{name}.{one} = 0;")
 
     def memory_name(self, ref: int) -> str:
         """Return the name of a local array or record in the file."""
@@ -164,7 +164,9 @@ class _JavaScriptPrinter(BracedPrinter):
         for k, (ref, kind) in enumerate(zip(call.refs, kinds, strict=True)):
             self.types[ref] = kind
             if ref in self.uses:
-                self.write(self.define(self.name(ref), kind, made if len(kinds) == 1 else f"{results_name(callee)}.r{k}"))
+                self.write(
+                    self.define(self.name(ref), kind, made if len(kinds) == 1 else f"{results_name(callee)}.r{k}")
+                )
 
     def leave(self, values: Sequence[int]) -> None:
         if len(values) < 2:

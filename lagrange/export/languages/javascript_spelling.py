@@ -21,10 +21,11 @@ SPELLED: Mapping[str, tuple[int, str]] = {
 
 OPERANDS: Mapping[str, tuple[int, ...]] = {op: least for op, least in C_OPERANDS.items() if op not in _C_CASTS[:2]}
 
-FUNCTIONS: Mapping[str, str] = {
-    **{name: f"Math.{name}" for name in ("abs", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp")},
-    **{name: f"Math.{name}" for name in ("log", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "min", "max", "sign")},
-}
+_MATH = (
+    *("abs", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log"),
+    *("sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "min", "max", "sign"),
+)
+FUNCTIONS: Mapping[str, str] = {name: f"Math.{name}" for name in _MATH}
 """Functions of the language: what has no value is NaN or infinite."""
 
 _BITS = "const bits = new DataView(new ArrayBuffer(8));"
@@ -106,14 +107,15 @@ def helper_lines(ops: Mapping[str, None]) -> list[str]:
     return lines
 
 
-RESERVED = (
-    *"arguments async await break case catch class const continue debugger default delete do else enum eval".split(),
-    *"export extends false finally for function get if implements import in instanceof interface let new null".split(),
-    *"of package private protected public return set static super switch this throw true try typeof var void".split(),
-    *"while with yield Array ArrayBuffer DataView Float64Array Infinity Math NaN Number Object String".split(),
-    *"console globalThis process undefined bits test main default_parameters state_names parameter_names".split(),
-    *"y p out t h parameters".split(),
+_RESERVED = (
+    "arguments async await break case catch class const continue debugger default delete do else enum eval "
+    "export extends false finally for function get if implements import in instanceof interface let new null "
+    "of package private protected public return set static super switch this throw true try typeof var void "
+    "while with yield Array ArrayBuffer DataView Float64Array Infinity Math NaN Number Object String "
+    "console globalThis process undefined bits test main default_parameters state_names parameter_names "
+    "y p out t h parameters "
 )
+RESERVED = (*_RESERVED.split(),)
 """Words that are not names of values: keywords, what the file uses, and what parameters of functions are called."""
 
 

@@ -131,12 +131,12 @@ def _written(values):
         raise TypeError("an array that is written must be of NumPy, one-dimensional, with dtype float64")
     return values.data'''
 
-START = '''\
+START = """\
 
 
 if __name__ == "__main__":
     words = sys.argv[1:]
-    sys.exit({run}test())'''
+    sys.exit({run}test())"""
 
 
 def number(value: float) -> str:
@@ -152,8 +152,8 @@ def constants(module: SourceModule) -> Iterator[str]:
     yield from commented(places("y", module.state), "#")
     yield from commented(places("parameters", module.parameters), "#")
     for name, names in (("STATE_NAMES", module.state), ("PARAMETER_NAMES", module.parameters)):
-        yield f"{name} = {ascii(tuple(names))}"
-    yield f"DEFAULT_PARAMETERS = {ascii(tuple(module.values))}"
+        yield f"{name} = {tuple(names)!a}"
+    yield f"DEFAULT_PARAMETERS = {module.values!a}"
     yield ""
     yield from commented(
         "Each function of t, y and p returns False, or True where a matrix is singular to round-off: out is then not "

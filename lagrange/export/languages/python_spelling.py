@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import builtins
 import keyword
 from collections.abc import Mapping
 
@@ -79,20 +78,23 @@ NEEDS: Mapping[str, tuple[str, ...]] = {
 }
 """The helpers that others use."""
 
+_RESERVED = "abs float int range math np numpy sys nan inf SimpleNamespace test main y p out t h parameters "
 RESERVED = (
-    *(word for word in dir(builtins) if word.isidentifier()),
     *keyword.kwlist,
-    *"math np numpy sys nan inf SimpleNamespace test main y p out t h parameters".split(),
+    *_RESERVED.split(),
 )
 """Words that are not names of values."""
 
+_FILES = (
+    "abc array ast asyncio base64 bisect bz2 calendar code codecs collections contextlib copy csv ctypes "
+    "dataclasses datetime decimal enum fractions functools gc gzip hashlib heapq inspect io itertools json "
+    "keyword locale logging math numbers numpy operator os pathlib pickle platform posixpath queue random re "
+    "secrets select shutil signal site socket stat statistics string struct subprocess symbol sys tempfile "
+    "test textwrap threading time token tokenize traceback types typing unittest uuid warnings weakref zlib "
+)
 FILES = (
     *keyword.kwlist,
-    *"abc array ast asyncio base64 bisect bz2 calendar code codecs collections contextlib copy csv ctypes".split(),
-    *"dataclasses datetime decimal enum fractions functools gc gzip hashlib heapq inspect io itertools json".split(),
-    *"keyword locale logging math numbers numpy operator os pathlib pickle platform posixpath queue random re".split(),
-    *"secrets select shutil signal site socket stat statistics string struct subprocess symbol sys tempfile".split(),
-    *"test textwrap threading time token tokenize traceback types typing unittest uuid warnings weakref zlib".split(),
+    *_FILES.split(),
 )
 """Names that no module of a user's may have, since NumPy would import it instead of its own."""
 

@@ -142,7 +142,8 @@ def constants(module: SourceModule) -> Iterator[str]:
     yield from commented(places("parameters", module.parameters), "//")
     for name, names in (("STATE_NAMES", module.state), ("PARAMETER_NAMES", module.parameters)):
         yield f"pub const {name}: [&str; {len(names)}] = [{', '.join(map(quoted, names))}];"
-    yield f"pub const DEFAULT_PARAMETERS: [f64; {len(module.values)}] = [{', '.join(map(real_literal, module.values))}];"
+    values = ", ".join(map(real_literal, module.values))
+    yield f"pub const DEFAULT_PARAMETERS: [f64; {len(module.values)}] = [{values}];"
     yield ""
     yield from commented(
         "Each function of t, y and p returns false, or true where a matrix is singular to round-off: out is then not "

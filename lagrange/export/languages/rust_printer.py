@@ -74,7 +74,8 @@ class _RustPrinter(BracedPrinter):
         return self.file.name(procedure)
 
     def head(self) -> list[str]:
-        given, types = [], []
+        given: list[str] = []
+        types: list[str] = []
         for one in self.procedure.parameters:
             name, kind = self.text(one.ref), one.type
             if isinstance(kind, Array) and kind.read:

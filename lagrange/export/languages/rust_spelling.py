@@ -77,7 +77,8 @@ HELPERS: Mapping[str, tuple[str, tuple[str, ...]]] = {
             "// The sum has no digits behind the point, and is rounded to the nearest, ties to even.",
             "fn round_even(x: f64) -> f64 {",
             "    let size = abs(x);",
-            "    if size < 4503599627370496.0 { copysign((size + 4503599627370496.0) - 4503599627370496.0, x) } else { x }",
+            "    let most = 4503599627370496.0;",
+            "    if size < most { copysign((size + most) - most, x) } else { x }",
             "}",
         ),
     ),
@@ -143,14 +144,15 @@ NEEDS: Mapping[str, tuple[str, ...]] = {
 }
 """The operations that the definitions of others use."""
 
-RESERVED = (
-    *"as async await break const continue crate dyn else enum extern false fn for if impl in let loop match mod".split(),
-    *"move mut pub ref return self Self static struct super trait true type unsafe use where while abstract".split(),
-    *"become box do final gen macro override priv try typeof unsized virtual yield union f64 i64 u64 u8 usize".split(),
-    *"bool str core std math Cell Reals Some None Ok Err main test get set cells number at part from_fn".split(),
-    *"Y P A".split(),
-    *"y p out t h parameters".split(),
+_RESERVED = (
+    "as async await break const continue crate dyn else enum extern false fn for if impl in let loop match "
+    "move mut pub ref return self Self static struct super trait true type unsafe use where while abstract "
+    "become box do final gen macro override priv try typeof unsized virtual yield union f64 i64 u64 u8 usize "
+    "bool str core std math Cell Reals Some None Ok Err main test get set cells number at part from_fn "
+    "mod "
+    "y p out t h parameters "
 )
+RESERVED = (*_RESERVED.split(),)
 """Words that are not names of values: keywords, what the file uses, and what parameters of functions are called."""
 
 

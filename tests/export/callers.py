@@ -1,0 +1,184 @@
+"""Programs in several languages that call an exported module and print what it returns, for tests to read."""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from lagrange.export.languages import javascript_spelling, python, rust_spelling
+from lagrange.export.module import SourceModule
+from lagrange.export.registry import find
+
+
+class Call(NamedTuple):
+    """A call of a quantity, whose results are `size` many, or of an integrator, which changes the state."""
+
+    name: str
+    t: float
+    y: Sequence[float]
+    size: int = 0
+    step: float = 0.0
+    end: float | None = None
+
+
+class Found(NamedTuple):
+    """What a call returned, and the results or the new state."""
+
+    status: int
+    values: list[float]
+
+
+@dataclass(frozen=True)
+class Language:
+    """How a program calls a module; `commands` compile it and run it, and `tool` is what they need."""
+
+    tool: str
+    suffix: str
+    head: str
+    quantity: str
+    step: str
+    run: str
+    tail: str
+    commands: Sequence[str]
+    strict: Sequence[str]
+    """Commands that compile the module itself with warnings as errors."""
+
+
+LANGUAGES: Mapping[str, Language] = {
+    "javascript": Language(
+        tool="node",
+        suffix="mjs",
+        head="""\
+import * as m from "./{module}.mjs";
+const p = new Float64Array(m.PREPARED);
+const shown = (value) => (Object.is(value, -0) ? "-0" : value);
+const told = (status, values) => console.log([Number(status), ...Array.from(values, shown)].join(" "));
+const quantity = (f, t, y, count) => {{
+    const out = new Float64Array(count);
+    told(f(t, Float64Array.from(y), p, out), out);
+}};
+const change = (f, values) => {{
+    const y = Float64Array.from(values);
+    told(f(y), y);
+}};
+told(m.prepare([{parameters}], p), []);
+""",
+        quantity="quantity(m.{name}, {t}, [{y}], {count});",
+        step="change((y) => m.{name}({t}, {step}, y, p), [{y}]);",
+        run="change((y) => m.{name}([{t}], {end}, y, p, 1e-10, 1e-10, 10000), [{y}]);",
+        tail="",
+        commands=("node caller.mjs",),
+        strict=("node --check {module}.mjs",),
+    ),
+    "rust": Language(
+        tool="rustc",
+        suffix="rs",
+        head="""\
+mod {module};
+use {module} as m;
+fn told(status: i64, values: &[f64]) {{
+    let row: Vec<String> = values.iter().map(|value| format!("{{value:?}}")).collect();
+    println!("{{status}} {{}}", row.join(" "));
+}}
+#[allow(dead_code)]
+fn quantity(f: fn(f64, &[f64], &[f64], &mut [f64]) -> bool, t: f64, y: &[f64], p: &[f64], count: usize) {{
+    let mut out = vec![0.0; count];
+    let status = f(t, y, p, &mut out);
+    told(i64::from(status), &out);
+}}
+#[allow(dead_code)]
+fn change(f: &dyn Fn(&mut [f64]) -> i64, y: &mut [f64]) {{
+    let status = f(y);
+    told(status, y);
+}}
+fn main() {{
+    let mut p = [0.0; m::PREPARED];
+    let status = m::prepare(&[{parameters}], &mut p);
+    told(i64::from(status), &[]);
+""",
+        quantity="    quantity(m::{name}, {t}, &[{y}], &p, {count});",
+        step="    change(&|y| m::{name}({t}, {step}, y, &p), &mut [{y}]);",
+        run="    change(&|y| m::{name}(&mut [{t}], {end}, y, &p, 1e-10, 1e-10, 10000), &mut [{y}]);",
+        tail="}\n",
+        commands=("rustc --edition 2021 -D warnings -o caller caller.rs", "./caller"),
+        strict=(
+            "rustc --edition 2021 -D warnings --crate-type lib --cfg no_std --emit metadata {module}.rs",
+            "rustc --edition 2021 -D warnings --crate-type lib --emit metadata {module}.rs",
+        ),
+    ),
+    "python": Language(
+        tool=sys.executable,
+        suffix="py",
+        head="""\
+import numpy as np
+import {module} as m
+nan, inf = np.nan, np.inf
+p = np.zeros(m.PREPARED)
+def told(status, values):
+    print(int(status), *values.tolist())
+def quantity(f, t, y, count):
+    out = np.zeros(count)
+    told(f(t, y, p, out), out)
+def change(f, values):
+    y = np.array(values)
+    told(f(y), y)
+told(m.prepare([{parameters}], p), p[:0])
+""",
+        quantity="quantity(m.{name}, {t}, [{y}], {count})",
+        step="change(lambda y: m.{name}({t}, {step}, y, p), [{y}])",
+        run="change(lambda y: m.{name}(np.array([{t}]), {end}, y, p, 1e-10, 1e-10, 10000), [{y}])",
+        tail="",
+        commands=(f"{sys.executable} -W error caller.py",),
+        strict=(f"{sys.executable} -W error -m py_compile {{module}}.py",),
+    ),
+}
+
+LITERALS = {
+    "javascript": javascript_spelling.real_literal,
+    "rust": rust_spelling.real_literal,
+    "python": python.number,
+}
+
+
+def missing(target: str) -> str:
+    """Return why a target cannot be tried here, empty if it can."""
+    tool = LANGUAGES[target].tool
+    return "" if shutil.which(tool) else f"{tool} is not installed"
+
+
+def run(command: str, folder: Path) -> str:
+    """Run a shell line; what it runs must end well and complain of nothing."""
+    words = shlex.split(command)
+    words[0] = sys.executable if words[0] == "python" else words[0]
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and not done.stderr, f"{command}\n{done.stdout[-2000:]}{done.stderr[:4000]}"
+    return done.stdout
+
+
+def write(target: str, module: SourceModule, folder: Path) -> Path:
+    """Write a module, and return its file."""
+    for name, text in find(target).files(module).items():
+        assert isinstance(text, str)
+        (folder / name).write_text(text, "ascii")
+    return folder / name
+
+
+def called(target: str, file: Path, calls: Sequence[Call], parameters: Sequence[float] = ()) -> list[Found]:
+    """Return what `prepare` of a module returns, and behind it what each call does."""
+    language, literal = LANGUAGES[target], LITERALS[target]
+    lines = [language.head.format(module=file.stem, parameters=", ".join(map(literal, parameters)))]
+    for call in calls:
+        text = language.quantity if call.size else language.run if call.end is not None else language.step
+        given = {"t": literal(call.t), "step": literal(call.step), "end": literal(call.end or 0.0)}
+        lines.append(text.format(name=call.name, y=", ".join(map(literal, call.y)), count=call.size, **given))
+    (file.parent / f"caller.{language.suffix}").write_text("\n".join([*lines, language.tail]))
+    for command in language.commands:
+        printed = run(command, file.parent)
+    rows = [line.split() for line in printed.splitlines()]
+    return [Found(int(status), [float(one) for one in values]) for status, *values in rows]

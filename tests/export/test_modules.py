@@ -1,0 +1,193 @@
+"""Models exported as one module of JavaScript, Rust or Python: without warnings, right, and with a status."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sympy import cos, erf
+
+import lagrange as lg
+from lagrange.export.registry import find
+from lagrange.procedure.outcome import Outcome
+from tests.export.callers import LANGUAGES, Call, called, missing, run, write
+from tests.export.graphs import as_module, graph, points, rarer, rarer_results, wrong
+from tests.export.systems import named
+from tests.export.test_c import CONTENTS
+
+TARGETS = [
+    pytest.param(name, marks=pytest.mark.skipif(bool(missing(name)), reason=missing(name) or "it is there"))
+    for name in LANGUAGES
+]
+every_target = pytest.mark.parametrize("target", TARGETS)
+
+
+def conforms(target: str, scene: str, folder: Path) -> None:
+    """Compile all contents of a scene, run the self-test, and compare the table of main with our trajectory."""
+    system = lg.scene(scene)
+    held = ["multipliers"] if system.statement.constraints else []
+    made = system.export(target, folder, [*CONTENTS, *held])
+    (file,) = made.files
+    text = file.read_text()
+    assert text.isascii() and text.endswith("\n") and not text.endswith("\n\n")
+    for command in LANGUAGES[target].strict:
+        run(command.format(module=file.stem), folder)
+    assert [run(command, folder) for command in made.commands][-1].endswith("results are right\n")
+    end = min(1.0, system.statement.run.t_end)
+    *build, start = made.run_commands
+    for command in build:
+        run(command, folder)
+    head, *rows = run(f"{start} {end} 4", folder).splitlines()
+    assert head.split(",") == ["t", *find_names(system)]
+    found = np.array([row.split(",") for row in rows], dtype=float)
+    # The same steps from the same numbers: what differs is the rounding of each, which the motion makes grow.
+    settings = system.statement.run
+    rtol = 1e-10 if settings.rtol is None else settings.rtol
+    ours = system.run(end, method="dop853", rtol=rtol, atol=rtol, t_eval=found[:, 0]).y.T
+    assert found[:, 0] == pytest.approx(np.linspace(0.0, end, 5), rel=1e-15)
+    assert found[:, 1:] == pytest.approx(ours, rel=100 * float(rtol), abs=100 * float(rtol) * np.abs(ours).max())
+
+
+def find_names(system: lg.System) -> list[str]:
+    names = system.statement.names
+    return [*names, *(f"{name}_dot" for name in names)]
+
+
+@every_target
+@pytest.mark.parametrize("scene", ["double-pendulum", "cartesian-double-pendulum"])
+def test_a_scene_conforms(target: str, scene: str, tmp_path: Path) -> None:
+    conforms(target, scene, tmp_path)
+
+
+@every_target
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("scene", lg.scenes())
+def test_every_scene_conforms(target: str, scene: str, tmp_path: Path) -> None:
+    conforms(target, scene, tmp_path)
+
+
+WRONG: dict[str, tuple[str, str]] = {
+    "javascript": ("out[out_at + 1] = ", "out[out_at + 1] = 1.00000000001 * "),
+    "rust": ("out[1].set(", "out[1].set(1.00000000001 * "),
+    "python": ("out[1] = ", "out[1] = 1.00000000001 * "),
+}
+
+
+@every_target
+def test_a_wrong_number_fails_the_self_test(target: str, tmp_path: Path) -> None:
+    made = lg.scene("pendulum").export(target, tmp_path)
+    (file,) = made.files
+    assert WRONG[target][0] in file.read_text()
+    file.write_text(file.read_text().replace(*WRONG[target], 1))
+    *build, start = made.commands
+    for command in build:
+        run(command, tmp_path)
+    with pytest.raises(
+        AssertionError, match=r"rhs, state 0, result 1: [^\n]+ instead of (.|\n)*rhs, state 5, result 1"
+    ):
+        run(start, tmp_path)
+
+
+def check_graphs(target: str, count: int, folder: Path) -> None:
+    programs = [graph(seed, without=sorted(find(target).inexpressible)) for seed in range(count)]
+    file = write(target, as_module(programs, [rarer()]), folder)
+    states = {program.name: points(k, 6) for k, program in enumerate(programs)}
+    calls = [Call(one.name, 0.0, y, len(one.outputs)) for one in programs for y in states[one.name]]
+    pairs = [(2.5, -7.0), (-0.4, -0.0), (3.5, 9.0), (-1e300, 4.0), (5e-324, -3.0), (math.inf, 1.0), (math.nan, -2.0)]
+    _, *found = called(target, file, [*calls, *(Call("rarer", 0.0, [*pair, 0.0, 0.0], 8) for pair in pairs)])
+    by_name = {program.name: program for program in programs}
+    complaints = [
+        line for call, one in zip(calls, found, strict=False) for line in wrong(by_name[call.name], call.y, one.values)
+    ]
+    assert not complaints, "\n".join(complaints[:20])
+    for (a, b), one in zip(pairs, found[len(calls) :], strict=True):
+        rest = slice(0, 8) if math.isfinite(a) and abs(a) >= 2.3e-308 else [0, 1, 2, 4, 5, 6, 7]  # else no mantissa
+        np.testing.assert_array_equal(np.array(one.values)[rest], np.array(rarer_results(a, b))[rest])
+
+
+@every_target
+def test_random_graphs(target: str, tmp_path: Path) -> None:
+    check_graphs(target, 12, tmp_path)
+
+
+@every_target
+@pytest.mark.exhaustive
+def test_many_random_graphs(target: str, tmp_path: Path) -> None:
+    check_graphs(target, 60, tmp_path)
+
+
+AWKWARD = (
+    *("x0", "lam1", "t_", "θ", "ω2", "theta", "a" * 63, "a" * 64, "m", "M", "t1", "y", "p", "out", "h"),
+    *("sinus", "cosine", "Math", "math", "np", "bits", "powf", "cell", "cells", "at", "part", "singular", "inf", "nan"),
+    *("fn", "let", "self", "Self", "default", "true", "null", "this", "new", "var", "void", "mut", "match", "loop"),
+    *("use", "mod", "crate", "super", "where", "dyn", "type", "i", "x7", "eval", "power", "abs_", "A0", "Reals"),
+)
+
+
+@every_target
+def test_awkward_names(target: str, tmp_path: Path) -> None:
+    system = named(AWKWARD[:8], AWKWARD[8:], "while")
+    made = system.export(target, tmp_path, ["rhs", "energy", "rk4"])
+    for command in LANGUAGES[target].strict:
+        run(command.format(module=made.files[0].stem), tmp_path)
+    assert [run(command, tmp_path) for command in made.commands][-1].endswith("results are right\n")
+
+
+def coupled() -> lg.System:
+    """Return a system whose matrix is singular at x = 0."""
+    x, z = lg.coordinates("x z")
+    m, g = lg.parameters("m g")
+    return lg.System(
+        kinetic=m * (x.dot**2 / 2 + cos(x) * x.dot * z.dot + z.dot**2 / 2),
+        potential=m * g * x**2 / 2,
+        parameters={m: 1, g: 2},
+        initial={x: 1.0, z.dot: 0.5},
+        name="coupled",
+    )
+
+
+@every_target
+def test_a_singular_matrix_is_a_status(target: str, tmp_path: Path) -> None:
+    system = coupled()
+    (file,) = system.export(target, tmp_path, ["rhs", "jacobian", "energy", "rk4", "dop853"]).files
+    zero, good = [0.0, 0.0, 0.5, 0.1], [1.0, 0.0, 0.0, 0.5]
+    quantities = [Call("rhs", 0.0, zero, 4), Call("jacobian", 0.0, zero, 16), Call("energy", 0.0, zero, 1)]
+    steps = [Call("rk4", 0.0, zero, step=0.1), Call("dop853", 0.0, zero, end=1.0), Call("rk4", 0.0, good, step=0.1)]
+    calls = [*quantities, *steps, Call("dop853", 0.0, good, end=0.1), Call("rhs", 0.0, good, 4)]
+    prepared, *found = called(target, file, calls, [1.0, 2.0])
+    assert prepared.status == 0
+    singular, done = int(Outcome.SINGULAR), int(Outcome.DONE)
+    assert [one.status for one in found] == [1, 1, 0, singular, found[4].status, done, done, 0]
+    # The controller takes a singular matrix for a step that is too long. What was given is kept.
+    assert found[4].status in (singular, Outcome.STEP_TOO_SMALL)
+    assert found[3].values == found[4].values == zero
+    assert found[7].values[2:] == pytest.approx(system.compile().accelerations(good[:2], good[2:]), rel=1e-14)
+
+
+@every_target
+def test_a_matrix_of_parameters_that_is_singular_is_a_status(target: str, tmp_path: Path) -> None:
+    x, z = lg.coordinates("x z")
+    m, k = lg.parameters("m k")
+    system = lg.System(
+        kinetic=m * (x.dot**2 + z.dot**2) / 2 + k * x.dot * z.dot,
+        potential=x**2 + z**2,
+        parameters={m: 2, k: 1},
+        initial={x: 1.0},
+        name="masses",
+    )
+    (file,) = system.export(target, tmp_path, ["rhs"]).files
+    call = Call("rhs", 0.0, [1.0, 0.5, 0.0, 0.0], 4)
+    assert [max(one.status for one in called(target, file, [call], [2.0, k])) for k in (1.0, 2.0)] == [0, 1]
+
+
+@pytest.mark.parametrize("target", ["javascript", "rust"])
+def test_erf_is_refused_by_name(target: str, tmp_path: Path) -> None:
+    x = lg.coordinate("x")
+    system = lg.System(kinetic=x.dot**2 / 2, potential=erf(x), name="bump")
+    with pytest.raises(
+        lg.StatementError, match=f"energy of bump contains erf, which target '{target}' has no function"
+    ):
+        system.export(target, tmp_path, ["energy"])
+    assert system.export("python", tmp_path, ["energy"]).files
