@@ -20,7 +20,8 @@ NAMED = re.compile(r"`((?:lagrange|tests|examples|docs)/[\w./-]+)`")
 
 
 RECIPES = ("casadi", "cffi", "jax", "numba")
-"""Packages that a page may import and that need not be installed."""
+OPTIONAL = (*RECIPES, "fmpy")
+"""Packages that a page may import and that need not be installed; each of the first has a page of its own."""
 
 
 def snippets() -> list[tuple[str, str]]:
@@ -34,7 +35,7 @@ def snippets() -> list[tuple[str, str]]:
 def missing(body: str) -> list[str]:
     """Return the packages of extras that a block imports and that are not installed."""
     taken = [name for node in ast.walk(ast.parse(body)) if isinstance(node, ast.Import) for name in node.names]
-    return [name.name for name in taken if name.name in RECIPES and find_spec(name.name) is None]
+    return [name.name for name in taken if name.name in OPTIONAL and find_spec(name.name) is None]
 
 
 def test_a_block_whose_package_is_missing_is_skipped_with_its_name(monkeypatch: pytest.MonkeyPatch) -> None:

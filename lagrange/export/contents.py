@@ -54,7 +54,7 @@ class Wanted:
 
 def wanted(target: Target, model: Model, contents: Sequence[str] | None, events: Sequence[Event]) -> Wanted:
     """Return the contents that were asked for. Raises StatementError for what system or target do not have."""
-    names = _names(contents, events)
+    names = list(dict.fromkeys((*target.always, *_names(contents, events))))
     quantities = [name for name in QUANTITIES if name in names]
     methods = [name for name in names if name not in (*QUANTITIES, STEP, MAIN, TAYLOR)]
     methods += [STEP_METHOD] * (STEP in names)
@@ -153,7 +153,7 @@ def module_of(
         state=state,
         parameters=given["parameter_names"],
         values=values,
-        units={name: unit for name in (*state, *given["parameter_names"]) if (unit := unit_of(statement, name))},
+        units={name: unit for name in (*state, *given["parameter_names"], "t") if (unit := unit_of(statement, name))},
         prepare=preparing,
         prepared=prepared.size,
         quantities=quantities,

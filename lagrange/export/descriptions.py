@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from lagrange.export.comments import plain
 from lagrange.export.module import Integrator, Run, SourceModule
@@ -27,18 +27,21 @@ def places(array: str, names: Sequence[str], element: str = "{0}[{1}]", first: i
     return ", ".join(f"{element.format(array, k)} {name}" for k, name in enumerate(names, first)) or f"{array} is empty"
 
 
+OUTCOMES: Mapping[Outcome, str] = {
+    Outcome.DONE: "done",
+    Outcome.PAUSED: "max_steps reached",
+    Outcome.NON_FINITE: "the state is not finite",
+    Outcome.SINGULAR: "a matrix is singular",
+    Outcome.STEP_TOO_SMALL: "the step became too small",
+    Outcome.DIVERGED: "Newton's method diverged",
+    Outcome.UNPROJECTED: "the state could not be moved onto the constraints",
+}
+"""What the numbers mean that integrators return."""
+
+
 def outcomes() -> str:
     """Return what the numbers mean that integrators return."""
-    told = {
-        Outcome.DONE: "done",
-        Outcome.PAUSED: "max_steps reached",
-        Outcome.NON_FINITE: "the state is not finite",
-        Outcome.SINGULAR: "a matrix is singular",
-        Outcome.STEP_TOO_SMALL: "the step became too small",
-        Outcome.DIVERGED: "Newton's method diverged",
-        Outcome.UNPROJECTED: "the state could not be moved onto the constraints",
-    }
-    return "Integrators return " + ", ".join(f"{int(code)}: {text}" for code, text in told.items()) + "."
+    return "Integrators return " + ", ".join(f"{int(code)}: {text}" for code, text in OUTCOMES.items()) + "."
 
 
 def about_of(module: SourceModule, procedure: Procedure) -> str:

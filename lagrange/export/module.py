@@ -75,8 +75,9 @@ class SourceModule:
     """What is written into a file.
 
     `state` and `parameters` are the names of what is in the arrays `y` and `parameters`, as stated; `values` are those
-    of the parameters. `statement` are lines of text about where it came from. `prepare` computes once what depends on
-    parameters alone, `prepared` numbers with the parameters in front.
+    of the parameters, `units` those of state, parameters and t where they were given. `statement` are lines of text
+    about where it came from. `prepare` computes once what depends on parameters alone, `prepared` numbers with the
+    parameters in front.
     """
 
     name: str

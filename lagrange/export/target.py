@@ -17,13 +17,15 @@ class Target(ABC):
     """A language or a format that models are written in.
 
     `name` is what users say, `about` a line about it. `contents` are those that it can have beside the quantities:
-    "steps" (a step of any explicit method and adaptive drivers), "taylor" and "main". `inexpressible` are the
-    operations that it has no function for. A class of your own is registered with `register`.
+    "steps" (a step of any explicit method and adaptive drivers), "taylor" and "main"; `always` are those that it has
+    without being asked, because its format needs them. `inexpressible` are the operations that it has no function for.
+    A class of your own is registered with `register`.
     """
 
     name: ClassVar[str]
     about: ClassVar[str]
     contents: ClassVar[frozenset[str]] = frozenset(("steps", "main"))
+    always: ClassVar[tuple[str, ...]] = ()
     inexpressible: ClassVar[frozenset[str]] = frozenset()
     most_order: ClassVar[int | None] = None
     """Largest linear system that it solves, None for any."""

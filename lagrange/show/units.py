@@ -13,11 +13,14 @@ def has_units(statement: Statement) -> bool:
 
 
 def unit_of(statement: Statement, name: str) -> str:
-    """Return the unit of a coordinate, a velocity such as x_dot, or t; empty where it was not stated and not found."""
+    """Return the unit of a coordinate, a velocity such as x_dot, a parameter, or t; empty where none was found."""
     if not has_units(statement):
         return ""
     if name == "t":
         return statement.dimensions[t].unit or "s"
+    parameter = next((one for one in statement.parameters if one.name == name), None)
+    if parameter is not None:
+        return _unit(statement, statement.dimensions.get(parameter))
     by_name = dict(zip(statement.names, statement.coordinates, strict=True))
     base = name.removesuffix("_dot")
     found = _unit(statement, statement.dimensions.get(by_name.get(base, t)) if base in by_name else None)

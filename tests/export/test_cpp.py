@@ -59,3 +59,19 @@ def test_the_commands_run_and_a_wrong_number_fails(tmp_path: Path) -> None:
     run(made.commands[0], tmp_path)
     done = subprocess.run(["./pendulum_test"], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, "rhs, state 0, result 1:" in done.stdout) == (1, True)
+
+
+@needs_gxx
+def test_the_program_on_the_page_runs(tmp_path: Path) -> None:
+    page = Path(__file__).resolve().parents[2] / "docs" / "export" / "cpp.md"
+    program = page.read_text("utf-8").partition("```cpp\n")[2].partition("```")[0]
+    (tmp_path / "program.cpp").write_text(program)
+    system = lg.scene("double-pendulum")
+    system.export("cpp", tmp_path, ["rhs", "energy", "dop853"])
+    run(f"{COMPILE} -o program program.cpp double_pendulum.cpp", tmp_path)
+    found = [float(one) for one in run("./program", tmp_path).split()]
+    model = system.compile()
+    ours = system.run(2.0, initial={"theta1": 1.0, "theta2": 0.5}, rtol=1e-12, parameters={"l2": 0.5}).y[:, -1]
+    # The page asks for a tolerance of 1e-10, and two units of time multiply it by less than a hundred.
+    energy = model.energy(ours[:2], ours[2:], parameters={"l2": 0.5})
+    assert found == pytest.approx([*ours[:2], energy], abs=1e-8)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from lagrange.export.languages.c import C
 from lagrange.export.languages.cpp import Cpp
+from lagrange.export.languages.fmu import Fmu
 from lagrange.export.languages.javascript import JavaScript
 from lagrange.export.languages.python import Python
 from lagrange.export.languages.rust import Rust
 from lagrange.export.target import Target
 
-BUILT_IN: tuple[type[Target], ...] = (C, Cpp, JavaScript, Rust, Python)
+BUILT_IN: tuple[type[Target], ...] = (C, Cpp, JavaScript, Rust, Python, Fmu)
 """In the order in which they are listed."""

@@ -1,0 +1,216 @@
+/* An instance of the model, whatever the version of the interface: its numbers, its variables by reference, its steps.
+
+   References: 0 is the time, then come the state, the parameters, and the results of each quantity in the order of
+   model_quantities, the derivatives of the state first.
+*/
+
+#ifndef Instance_H
+#define Instance_H
+
+#include <math.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "fmi-model.h"
+
+#if defined(_WIN32)
+#define EXPORTED __declspec(dllexport)
+#elif defined(__GNUC__)
+#define EXPORTED __attribute__((visibility("default")))
+#else
+#define EXPORTED
+#endif
+
+enum { FIRST_STATE = 1, FIRST_PARAMETER = FIRST_STATE + Model_STATES };
+enum { FIRST_RESULT = FIRST_PARAMETER + Model_PARAMETERS };
+
+/* What an environment may do depends on these; they are bits, so that functions can name several. */
+enum { INSTANTIATED = 1, INITIALIZING = 2, EVENTS = 4, CONTINUOUS = 8, STEPPING = 16, TERMINATED = 32 };
+enum { EVALUATING = INITIALIZING | EVENTS | CONTINUOUS | STEPPING | TERMINATED };
+
+enum { FINE, SINGULAR, NO_VARIABLE, NOT_SET_NOW };
+
+/* All that is saved and restored as the state of an FMU. */
+typedef struct {
+    double t;
+    double y[Model_STATES];
+    double parameters[Model_PARAMETERS + 1];
+    double rtol;
+    int phase;
+} Numbers;
+
+typedef struct {
+    Numbers now;
+    int stepped; /* for co-simulation */
+    int prepared, singular;
+    double p[Model_PREPARED];
+    int known[Model_QUANTITIES];
+    double results[Model_RESULTS];
+    int logging;
+    char *name;
+    void *environment;
+    void (*logger)(void);
+} Instance;
+
+static void changed(Instance *model) {
+    memset(model->known, 0, sizeof model->known);
+}
+
+static void start(Instance *model) {
+    memset(&model->now, 0, sizeof model->now);
+    memcpy(model->now.y, model_initial, sizeof model->now.y);
+    for (int i = 0; i < Model_PARAMETERS; i++) {
+        model->now.parameters[i] = Model_DEFAULTS[i];
+    }
+    model->now.rtol = Model_RTOL;
+    model->now.phase = INSTANTIATED;
+    model->prepared = 0;
+    changed(model);
+}
+
+static Instance *instance_of(const char *name, const char *token, int stepped) {
+    if (name == NULL || name[0] == '\0' || token == NULL || strcmp(token, Model_TOKEN) != 0) {
+        return NULL;
+    }
+    Instance *model = calloc(1, sizeof *model);
+    char *copy = malloc(strlen(name) + 1);
+    if (model == NULL || copy == NULL) {
+        free(model);
+        free(copy);
+        return NULL;
+    }
+    strcpy(copy, name);
+    model->name = copy;
+    model->stepped = stepped;
+    start(model);
+    return model;
+}
+
+static void release(Instance *model) {
+    if (model != NULL) {
+        free(model->name);
+        free(model);
+    }
+}
+
+static int prepare(Instance *model) {
+    if (!model->prepared) {
+        model->singular = Model_PREPARE(model->now.parameters, model->p);
+        model->prepared = 1;
+    }
+    return model->singular ? SINGULAR : FINE;
+}
+
+/* Compute a quantity, unless it is known at the present time, state and parameters. */
+static int evaluate(Instance *model, int quantity) {
+    const Quantity *one = &model_quantities[quantity];
+    if (prepare(model) != FINE) {
+        return SINGULAR;
+    }
+    if (!model->known[quantity]) {
+        if (one->function(model->now.t, model->now.y, model->p, model->results + one->first)) {
+            return SINGULAR;
+        }
+        model->known[quantity] = 1;
+    }
+    return FINE;
+}
+
+static int variable(Instance *model, uint32_t reference, double *value) {
+    if (reference >= FIRST_RESULT + Model_RESULTS) {
+        return NO_VARIABLE;
+    }
+    const int place = (int)reference;
+    if (place < FIRST_STATE) {
+        *value = model->now.t;
+    } else if (place < FIRST_PARAMETER) {
+        *value = model->now.y[place - FIRST_STATE];
+    } else if (place < FIRST_RESULT) {
+        *value = model->now.parameters[place - FIRST_PARAMETER];
+    } else {
+        int quantity = Model_QUANTITIES - 1;
+        while (model_quantities[quantity].first > place - FIRST_RESULT) {
+            quantity--;
+        }
+        if (evaluate(model, quantity) != FINE) {
+            return SINGULAR;
+        }
+        *value = model->results[place - FIRST_RESULT];
+    }
+    return FINE;
+}
+
+/* Parameters may be changed between steps, the state before the simulation. */
+static int set_variable(Instance *model, uint32_t reference, double value) {
+    if (reference >= FIRST_RESULT + Model_RESULTS) {
+        return NO_VARIABLE;
+    }
+    const int place = (int)reference;
+    if (FIRST_STATE <= place && place < FIRST_PARAMETER && (model->now.phase & (INSTANTIATED | INITIALIZING))) {
+        model->now.y[place - FIRST_STATE] = value;
+    } else if (FIRST_PARAMETER <= place && place < FIRST_RESULT && !(model->now.phase & (CONTINUOUS | TERMINATED))) {
+        model->now.parameters[place - FIRST_PARAMETER] = value;
+        model->prepared = 0;
+    } else {
+        return NOT_SET_NOW;
+    }
+    changed(model);
+    return FINE;
+}
+
+static void set_time(Instance *model, double t) {
+    model->now.t = t;
+    changed(model);
+}
+
+static void set_state(Instance *model, const double *y) {
+    memcpy(model->now.y, y, sizeof model->now.y);
+    changed(model);
+}
+
+/* Run to a time with error control; what is returned is the outcome of the integrator, 3 where a matrix is singular. */
+static int run(Instance *model, double end) {
+    if (prepare(model) != FINE) {
+        return 3;
+    }
+    changed(model);
+    int64_t outcome = 0;
+    if (end > model->now.t) {
+        outcome = Model_RUN(&model->now.t, end, model->now.y, model->p, model->now.rtol, model->now.rtol, 10000000);
+    }
+    return (int)outcome;
+}
+
+/* The derivative of an unknown in a direction of the state: unknowns are the state and its derivatives. */
+static int derivative_of(Instance *model, uint32_t unknown, const double *direction, double *value) {
+    const int place = (int)(unknown < FIRST_RESULT + Model_RESULTS ? unknown : 0);
+    if (FIRST_STATE <= place && place < FIRST_PARAMETER) {
+        *value = direction[place - FIRST_STATE];
+        return FINE;
+    }
+#ifdef Model_JACOBIAN
+    if (place < FIRST_RESULT || place >= FIRST_RESULT + Model_STATES) {
+        return NO_VARIABLE;
+    }
+    if (evaluate(model, Model_JACOBIAN) != FINE) {
+        return SINGULAR;
+    }
+    const double *row = model->results + model_quantities[Model_JACOBIAN].first + (place - FIRST_RESULT) * Model_STATES;
+    *value = 0.0;
+    for (int i = 0; i < Model_STATES; i++) {
+        *value += row[i] * direction[i];
+    }
+    return FINE;
+#else
+    (void)model;
+    return NO_VARIABLE;
+#endif
+}
+
+static int is_state(uint32_t reference) {
+    return reference >= FIRST_STATE && reference < FIRST_PARAMETER;
+}
+
+#endif

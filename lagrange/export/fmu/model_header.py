@@ -1,0 +1,69 @@
+"""The header by which the C of every FMU knows its model."""
+
+from __future__ import annotations
+
+from lagrange.export.descriptions import OUTCOMES, run_of
+from lagrange.export.fmu.variables import places
+from lagrange.export.languages.c import statement_comment
+from lagrange.export.languages.c_programs import numbers
+from lagrange.export.languages.c_spelling import real_literal
+from lagrange.export.module import SourceModule
+
+
+def model_header(module: SourceModule, token: str) -> str:
+    """Return the header: sizes, functions, and the initial state."""
+    asked = run_of(module)
+    assert asked is not None  # an FMU always has a run
+    run, integrator = asked
+    name, first = module.name, places(module)
+    quantities = [one.name for one in module.quantities]
+    events = module.quantity("events")
+    sizes = {
+        "TOKEN": f'"{token}"',
+        "STATES": len(module.state),
+        "PARAMETERS": len(module.parameters),
+        "PREPARED": max(module.prepared, 1),
+        "QUANTITIES": len(quantities),
+        "RESULTS": sum(len(one.results) for one in module.quantities),
+        "INDICATORS": 0 if events is None else len(events.results),
+        "FIRST_INDICATOR": first.get("events", 0),
+        **({"JACOBIAN": quantities.index("jacobian")} if "jacobian" in quantities else {}),
+        "RTOL": real_literal(run.rtol),
+        "PREPARE": f"{name}_prepare",
+        "DEFAULTS": f"{name}_default_parameters",
+        "RUN": f"{name}_{integrator.name}",
+    }
+    base = 1 + len(module.state) + len(module.parameters)
+    lines = [
+        *statement_comment(module),
+        "",
+        "#ifndef Model_H",
+        "#define Model_H",
+        "",
+        f'#include "{name}.h"',
+        "",
+        *(f"#define Model_{key} {value}" for key, value in sizes.items()),
+        "",
+        "/* A function of time, state and prepared numbers, and the place of its first result. */",
+        "typedef struct {",
+        "    int (*function)(double t, const double *y, const double *p, double *out);",
+        "    int first;",
+        "} Quantity;",
+        "",
+        "static const Quantity model_quantities[] = {",
+        *(f"    {{{name}_{one}, {first[one] - base}}}," for one in quantities),
+        "};",
+        "",
+        f"static const double model_initial[] = {{{numbers(run.initial)}}};",
+        "",
+        "static const char *model_outcome(int outcome) {",
+        "    switch (outcome) {",
+        *(f'    case {int(code)}:\n        return "{text}";' for code, text in OUTCOMES.items()),
+        "    default:",
+        '        return "the run stopped";',
+        "    }",
+        "}",
+        "",
+        "#endif",
+    ]
+    return "\n".join([*lines, ""])

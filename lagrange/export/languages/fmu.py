@@ -1,0 +1,113 @@
+"""FMUs of FMI 2.0 and FMI 3.0: the C sources, their description, and a library for this platform."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+import uuid
+import zipfile
+from collections.abc import Mapping
+from importlib.resources import files as resources
+from io import BytesIO
+from pathlib import Path
+
+from lagrange.errors import LagrangeError
+from lagrange.export.fmu.description import build_description, fmi2_description, fmi3_description
+from lagrange.export.fmu.model_header import model_header
+from lagrange.export.languages.c import header, source
+from lagrange.export.languages.c_programs import test_macro
+from lagrange.export.module import SourceModule
+from lagrange.export.target import Target
+
+DATE = (1980, 1, 1, 0, 0, 0)
+"""Of every file in the archive: the same statement gives the same bytes."""
+
+COMPILER = ("cc", "-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden", "-s")
+"""What makes the library; functions of FMI alone are seen from outside."""
+
+ARCHITECTURES = {"x86_64": "x86_64", "AMD64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}
+
+
+class Fmu(Target):
+    """FMUs of both versions; see `Target`. An FMU always has a right-hand side and a run, for co-simulation."""
+
+    name = "fmu"
+    about = "FMUs of FMI 2.0 and 3.0: model exchange and co-simulation, C sources inside, a library for this platform"
+    contents = frozenset(("steps", "main"))
+    always = ("rhs", "main")
+
+    def files(self, module: SourceModule) -> Mapping[str, bytes]:
+        """Return an FMU of each version."""
+        return {f"{module.name}_fmi{major}.fmu": archive(contents(module, major)) for major in (2, 3)}
+
+    def commands(self, module: SourceModule) -> list[str]:
+        """Return what unpacks the FMU of FMI 3.0, and compiles and runs the test of the sources inside."""
+        name = module.name
+        sources = f"{name}_fmi3/sources/{name}.c"
+        return [
+            f"python3 -m zipfile -e {name}_fmi3.fmu {name}_fmi3",
+            f"cc -std=c99 -O2 -D{test_macro(module)} -o {name}_test {sources} -lm",
+            f"./{name}_test",
+        ]
+
+
+def contents(module: SourceModule, major: int) -> dict[str, str | bytes]:
+    """Return the files in an FMU of a version, with a library where there is a compiler."""
+    inside = resources("lagrange.export.fmu")
+    own = {
+        f"{module.name}.h": header(module),
+        f"{module.name}.c": source(module),
+        **{name: inside.joinpath(name).read_text("ascii") for name in ("fmi-instance.h", f"fmi-{major}.c")},
+    }
+    digest = hashlib.sha256("".join([*module.statement, *own.values()]).encode()).hexdigest()
+    token = f"{{{uuid.UUID(digest[:32])}}}"
+    own["fmi-model.h"] = model_header(module, token)
+    described = fmi2_description(module, token) if major == 2 else fmi3_description(module, token)
+    found: dict[str, str | bytes] = {"modelDescription.xml": described}
+    found |= {f"sources/{name}": text for name, text in own.items()}
+    if major == 3:
+        found["sources/buildDescription.xml"] = build_description(module)
+    where = binary_path(module.name, major)
+    if where and shutil.which(COMPILER[0]):
+        found[where] = library(module.name, own, major)
+    return found
+
+
+def binary_path(name: str, major: int) -> str | None:
+    """Return where the library of this platform stands in an FMU, None where the interface has no name for it."""
+    architecture = ARCHITECTURES.get(platform.machine())
+    system = {"linux": "linux", "darwin": "darwin"}.get(sys.platform)
+    if architecture is None or system is None:
+        return None
+    suffix = "so" if system == "linux" else "dylib"
+    if major == 3:
+        return f"binaries/{architecture}-{system}/{name}.{suffix}"
+    return f"binaries/{system}64/{name}.{suffix}" if architecture == "x86_64" or system == "darwin" else None
+
+
+def library(name: str, sources: Mapping[str, str], major: int) -> bytes:
+    """Return the shared library of some sources. Raises LagrangeError where the compiler fails."""
+    with tempfile.TemporaryDirectory() as given:
+        folder = Path(given)
+        for file, text in sources.items():
+            folder.joinpath(file).write_text(text, "ascii")
+        command = [*COMPILER, "-o", "library", f"fmi-{major}.c", f"{name}.c", "-lm"]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise LagrangeError(f"{' '.join(command)} failed: {done.stderr.strip()}")
+        return folder.joinpath("library").read_bytes()
+
+
+def archive(found: Mapping[str, str | bytes]) -> bytes:
+    """Return files as a zip archive, the same bytes for the same files."""
+    data = BytesIO()
+    with zipfile.ZipFile(data, "w") as packed:
+        for name, text in found.items():
+            entry = zipfile.ZipInfo(name, DATE)
+            entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
+            packed.writestr(entry, text)
+    return data.getvalue()

@@ -1,0 +1,248 @@
+"""FMUs are valid, run in FMPy as they do here, and say what is singular; their sources compile without a warning."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from sympy import cos, sin
+
+import lagrange as lg
+from lagrange.errors import LagrangeError
+from lagrange.export.languages import fmu as target
+from tests.export.systems import named
+from tests.export.test_c import run
+
+fmpy: Any = pytest.importorskip("fmpy", reason="FMPy is not installed")
+validation: Any = pytest.importorskip("fmpy.validation", reason="FMPy is not installed")
+pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="cc is not installed")
+
+WARNINGS = "cc -std=c99 -Wall -Wextra -Wpedantic -Wconversion -Werror -shared -fPIC -o library"
+HEADERS = Path(fmpy.__file__).parent / "c-code"
+CONTENTS = ("energy", "jacobian", "mass_matrix", "momenta", "accelerations")
+
+
+def written(system: lg.System, folder: Path, *contents: str, **given: Any) -> dict[int, Path]:
+    """Write both FMUs, check them, and return their paths by version."""
+    made = system.export("fmu", folder, contents or None, **given)
+    found = dict(zip((2, 3), made.files, strict=True))
+    for path in found.values():
+        assert validation.validate_fmu(str(path)) == []
+    return found
+
+
+def simulated(path: Path, kind: str, end: float) -> Any:
+    solver = {"solver": "CVode"} if kind == "ModelExchange" else {}
+    given = {"fmi_type": kind, "stop_time": end, "relative_tolerance": 1e-12, "output_interval": end / 4, **solver}
+    return fmpy.simulate_fmu(str(path), **given)
+
+
+@contextmanager
+def instance(path: Path, kind: str, folder: Path, messages: list[str] | None = None) -> Iterator[Any]:
+    """Give an instance that has been initialized, with its references by name."""
+    unpacked = fmpy.extract(str(path), str(folder / f"{path.stem}_{kind}"))
+    described = fmpy.read_model_description(unpacked)
+    heard = [] if messages is None else messages
+
+    def told(*given: Any) -> None:
+        heard.append(given[-1].decode() if isinstance(given[-1], bytes) else str(given[-1]))
+
+    made = fmpy.instantiate_fmu(
+        unpacked, described, kind, **({"logger": told} if messages is not None else {}), debug_logging=True
+    )
+    made.references = {one.name: one.valueReference for one in described.modelVariables}
+    if described.fmiVersion == "2.0":
+        made.setupExperiment(tolerance=1e-12, startTime=0.0)
+        made.enterInitializationMode()
+        made.read, made.put = made.getReal, made.setReal
+    else:
+        made.enterInitializationMode(tolerance=1e-12, startTime=0.0)
+        made.read, made.put = made.getFloat64, made.setFloat64
+    made.exitInitializationMode()
+    yield made
+    made.terminate()
+    made.freeInstance()
+
+
+def conforms(scene: str, folder: Path) -> None:
+    """Run both FMUs in both ways; the drift of a constrained system from its constraints is that of CVODE."""
+    system = lg.scene(scene)
+    held = ["multipliers"] if system.statement.constraints else []
+    end = min(1.0, system.statement.run.t_end)
+    ours = system.run(end, method="dop853", rtol=1e-13, atol=1e-13)
+    for path in written(system, folder, *CONTENTS, *held).values():
+        for kind, allowed in (("CoSimulation", 1e-9), ("ModelExchange", 1e-8 if held else 1e-9)):
+            last = simulated(path, kind, end)[-1]
+            assert last[0] == end
+            assert list(last)[1:] == pytest.approx(ours.y[:, -1], rel=allowed, abs=allowed), (path.name, kind)
+
+
+@pytest.mark.parametrize("scene", ["double-pendulum", "cartesian-double-pendulum"])
+def test_a_simulation_equals_ours(scene: str, tmp_path: Path) -> None:
+    conforms(scene, tmp_path)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("scene", lg.scenes())
+def test_every_scene_is_valid_and_its_sources_are_right(scene: str, tmp_path: Path) -> None:
+    system = lg.scene(scene)
+    held = ["multipliers"] if system.statement.constraints else []
+    written(system, tmp_path, *CONTENTS, *held, "rk4")
+    for command in system.export("fmu", tmp_path, [*CONTENTS, *held]).commands:
+        said = run(command, tmp_path)
+    assert said.endswith("results are right\n")
+
+
+def test_the_sources_compile_without_a_warning_by_the_headers_of_the_standard(tmp_path: Path) -> None:
+    system = lg.scene("pendulum")
+    for contents in ([], ["jacobian"]):
+        for major, path in written(system, tmp_path, *contents).items():
+            with zipfile.ZipFile(path) as packed:
+                packed.extractall(tmp_path / str(major))
+            sources = tmp_path / str(major) / "sources"
+            for more in ("", f"-DFMI{major}_FUNCTION_PREFIX=pendulum_ ", f"-DFMI_STANDARD_HEADERS -I{HEADERS} "):
+                run(f"{WARNINGS} {more}fmi-{major}.c pendulum.c", sources)
+
+
+def test_parameters_and_states_are_set_and_results_are_read(tmp_path: Path) -> None:
+    system = lg.scene("double-pendulum")
+    model = system.compile()
+    y = np.array([0.4, -0.7, 1.1, 0.2])
+    for path in written(system, tmp_path, "energy", "jacobian").values():
+        with instance(path, "ModelExchange", tmp_path) as made:
+            at, n = made.references, 4
+            with pytest.raises(Exception, match="3"):
+                made.put([at["theta1"]], [0.4])  # states are set as a whole now
+            made.put([at["l2"]], [0.5])
+            (made.newDiscreteStates if path.stem.endswith("2") else made.updateDiscreteStates)()
+            made.enterContinuousTimeMode()
+            made.setContinuousStates(np.ctypeslib.as_ctypes(y), n)
+            given = {"l2": 0.5}
+            rates = made.read([at[f"der({name})"] for name in ("theta1", "theta2", "theta1_dot", "theta2_dot")])
+            assert rates == pytest.approx(model.rhs(0.0, y, given), rel=1e-13)
+            assert made.read([at["energy"], at["l2"]]) == pytest.approx(
+                [model.energy(y[:2], y[2:], parameters=given), 0.5]
+            )
+            knowns = [at["theta1"], at["theta2_dot"]]
+            unknowns = [at["der(theta1_dot)"], at["der(theta2_dot)"], at["theta1"]]
+            jacobian = model.jacobian(0.0, y, given)
+            wanted = [*(jacobian[2:, 0] * 2.0 - jacobian[2:, 3]), 2.0]
+            assert made.getDirectionalDerivative(unknowns, knowns, [2.0, -1.0]) == pytest.approx(wanted, rel=1e-12)
+
+
+def test_a_saved_state_is_restored(tmp_path: Path) -> None:
+    for path in written(lg.scene("pendulum"), tmp_path).values():
+        with instance(path, "CoSimulation", tmp_path) as made:
+            at = [made.references[name] for name in ("theta", "theta_dot")]
+            made.doStep(0.0, 0.25)
+            two = path.stem.endswith("2")
+            saved = (made.getFMUstate if two else made.getFMUState)()
+            before = made.read(at)
+            packed = (made.serializeFMUstate if two else made.serializeFMUState)(saved)
+            made.doStep(0.25, 0.25)
+            after = made.read(at)
+            restored = (made.deSerializeFMUstate if two else made.deserializeFMUState)(packed)
+            (made.setFMUstate if two else made.setFMUState)(restored)
+            assert made.read(at) == before
+            made.doStep(0.25, 0.25)
+            assert made.read(at) == after
+            (made.freeFMUstate if two else made.freeFMUState)(saved)
+
+
+def test_events_are_indicators_and_names_stay_different(tmp_path: Path) -> None:
+    time, energy = lg.coordinates("time energy")
+    g = lg.parameters("g")
+    system = lg.System(
+        kinetic=time.dot**2 / 2 + energy.dot**2,
+        potential=g * sin(time) + energy**2,
+        parameters={g: 2.0},
+        initial={time: 0.5, energy: 0.25},
+        name="fmi",
+    )
+    for path in written(system, tmp_path, "energy", "events", events=[time - 0.125, energy.dot]).values():
+        with instance(path, "ModelExchange", tmp_path) as made:
+            assert {"time_2", "energy", "energy_2", "event0", "event1"} <= set(made.references)
+            values = (np.ctypeslib.as_ctypes(np.zeros(2)), 2)
+            made.getEventIndicators(*values)
+            assert list(values[0]) == [0.375, 0.0]
+            assert made.read([made.references["energy_2"]]) == pytest.approx([2 * np.sin(0.5) + 0.0625])
+
+
+def test_a_singular_matrix_is_a_status_with_a_message(tmp_path: Path) -> None:
+    x, y = lg.coordinates("x y")
+    kinetic = x.dot**2 * sin(x) ** 2 / 2 + y.dot**2 + x.dot * y.dot * sin(x) / 4
+    system = lg.System(kinetic=kinetic, potential=cos(y) - x, initial={x: 0.5, y: 0.1}, name="singular")
+    for path in written(system, tmp_path).values():
+        messages: list[str] = []
+        with instance(path, "ModelExchange", tmp_path, messages) as made:
+            (made.newDiscreteStates if path.stem.endswith("2") else made.updateDiscreteStates)()
+            made.enterContinuousTimeMode()
+            made.setContinuousStates(np.ctypeslib.as_ctypes(np.array([0.0, 0.1, 0.0, 0.0])), 4)
+            with pytest.raises(Exception, match="2"):  # discard
+                made.read([made.references["der(x_dot)"]])
+        assert any("a matrix is singular to round-off at this state" in one for one in messages)
+
+
+def test_both_archives_are_the_same_bytes_again(tmp_path: Path) -> None:
+    first, second = (lg.scene("pendulum").export("fmu", tmp_path / one) for one in "ab")
+    assert [path.read_bytes() for path in first.files] == [path.read_bytes() for path in second.files]
+
+
+def test_greek_names_are_kept(tmp_path: Path) -> None:
+    for path in written(named(["θ", "x1"], ["Ω", "m"]), tmp_path).values():
+        names = [one.name for one in fmpy.read_model_description(str(path)).modelVariables]
+        assert {"θ", "θ_dot", "der(θ)", "Ω", "m"} <= set(names)
+        with zipfile.ZipFile(path) as packed:
+            assert packed.read("modelDescription.xml").isascii()
+
+
+def test_units_are_defined_and_given(tmp_path: Path) -> None:
+    x = lg.coordinates("x")
+    m, k = lg.parameters("m k")
+    system = lg.System(
+        kinetic=m * x.dot**2 / 2,
+        potential=k * x**2 / 2,
+        parameters={m: 2, k: 3},
+        initial={x: 1.0},
+        dimensions={x: "m", m: "kg", k: "N/m"},
+        name="spring",
+    )
+    for path in written(system, tmp_path).values():
+        described = fmpy.read_model_description(str(path))
+        assert {one.name: one.unit for one in described.modelVariables if one.unit and one.name != "time"} == {
+            "x": "m",
+            "x_dot": "m/s",
+            "m": "kg",
+            "k": "N/m",
+        }
+    system.export("c", tmp_path)
+    assert "parameters: m = 2.0 [kg], k = 3.0 [N/m]" in (tmp_path / "spring.h").read_text()
+
+
+def test_the_commands_test_the_sources(tmp_path: Path) -> None:
+    made = lg.scene("pendulum").export("fmu", tmp_path)
+    assert [run(command, tmp_path) for command in made.commands][-1].endswith("results are right\n")
+
+
+def test_without_a_compiler_there_is_no_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    for path in lg.scene("pendulum").export("fmu", tmp_path).files:
+        with zipfile.ZipFile(path) as packed:
+            assert not any(name.startswith("binaries") for name in packed.namelist())
+            assert "sources/pendulum.c" in packed.namelist()
+
+
+def test_a_compiler_that_fails_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(target, "COMPILER", ("cc", "--no-such-option"))
+    with pytest.raises(
+        LagrangeError, match=r"cc --no-such-option -o library fmi-2\.c pendulum\.c -lm failed: .*no-such"
+    ):
+        lg.scene("pendulum").export("fmu", tmp_path)
+    assert subprocess.run(["ls", str(tmp_path)], capture_output=True, text=True, check=True).stdout == ""
