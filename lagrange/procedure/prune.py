@@ -39,47 +39,87 @@ class Pruner:
     def pruned(self, procedure: Procedure) -> Procedure:
         """Return a procedure without what is never read, here and in all that it calls."""
         if procedure not in self.known:
-            body, before = procedure.body, None
-            while body != before:
-                before, read, got = body, reads(body), _variables_read(body)
-                body = self.block(body, read, got)
+            body, got, before = procedure.body, _variables_read(procedure.body), None
+            while got != before:
+                body = _Pass(self, got).block(body)
+                before, got = got, _variables_read(body)
             found = self.known[procedure] = replace(procedure, body=body)
             self.known[found] = found
         return self.known[procedure]
 
-    def block(self, block: Block, read: frozenset[int], got: frozenset[int]) -> Block:
-        """Return a block without values that are not read and variables that nobody gets."""
-        return tuple(self.statement(one, read, got) for one in block if not _idle(one, read, got))
 
-    def statement(self, statement: Statement, read: frozenset[int], got: frozenset[int]) -> Statement:
-        """Return a statement with pruned blocks and callees."""
+class _Pass:
+    """One pass from the end of a procedure to its begin; `got` are the variables that somebody reads."""
+
+    def __init__(self, pruner: Pruner, got: frozenset[int]) -> None:
+        self.pruner, self.got = pruner, got
+        self.needed: set[int] = set()
+        """What the statements behind the present one read."""
+
+    def block(self, block: Block) -> Block:
+        """Return a block without what nobody reads."""
+        kept: list[Statement] = []
+        for statement in reversed(block):
+            if not self.idle(statement):
+                kept.append(self.statement(statement))
+        return tuple(reversed(kept))
+
+    def statement(self, statement: Statement) -> Statement:
+        """Return a statement with pruned blocks and callees, and note what it reads."""
         match statement:
             case Call(callee=Procedure() as callee):
-                return statement._replace(callee=self.pruned(callee))
+                statement = statement._replace(callee=self.pruner.pruned(callee))
             case When(then=then, otherwise=otherwise):
-                return statement._replace(then=self.block(then, read, got), otherwise=self.block(otherwise, read, got))
-            case Loop(body=body) | Each(body=body):
-                return statement._replace(body=self.block(body, read, got))
-            case Repeat(test=test, body=body):
-                return statement._replace(test=self.block(test, read, got), body=self.block(body, read, got))
+                statement = statement._replace(then=self.block(then), otherwise=self.block(otherwise))
+            case Loop(body=body):
+                statement = statement._replace(body=self.block(body))
+            case Each(folds=folds, body=body):
+                self.needed |= {ref for fold in folds for ref in (fold.value, fold.factor) if ref is not None}
+                statement = statement._replace(body=self.block(body))
+            case Repeat(test=test, condition=condition, body=body):
+                self.needed.add(condition)
+                body = self.block(body)
+                statement = statement._replace(test=self.block(test), body=body)
             case _:
+                self.needed.update(reads((statement,)))
                 return statement
+        self.needed.update(_operands(statement))
+        return statement
+
+    def idle(self, statement: Statement) -> bool:
+        """Whether nobody would miss a statement."""
+        match statement:
+            case Declare(ref=ref):
+                return ref not in self.got
+            case Set(variable=variable):
+                return variable not in self.got
+            case When(then=(), otherwise=()):
+                return True
+            case _:
+                return isinstance(statement, MADE) and statement.ref not in self.needed
 
 
-def _idle(statement: Statement, read: frozenset[int], got: frozenset[int]) -> bool:
-    """Whether nobody would miss a statement."""
+def _operands(statement: Statement) -> tuple[int, ...]:
+    """Return what a call, a branch or a loop reads itself, without its blocks."""
     match statement:
-        case Declare(ref=ref):
-            return ref not in got
-        case Set(variable=variable):
-            return variable not in got
-        case When(then=(), otherwise=()):
-            return True
+        case Call(callee=callee, args=args):
+            return args if isinstance(callee, Procedure) else (callee, *args)
+        case When(condition=condition) | Repeat(condition=condition):
+            return (condition,)
+        case Loop(start=start, stop=stop):
+            return start, stop
+        case Each(iterations=count):
+            return (count,)
         case _:
-            return isinstance(statement, MADE) and statement.ref not in read
+            return ()
 
 
 def _variables_read(block: Block) -> frozenset[int]:
     """Return the variables that a block reads."""
-    here = frozenset(one.variable for one in block if isinstance(one, Get))
-    return here.union(*(_variables_read(body) for one in block for body in inner(one)))
+    found: set[int] = set()
+    for one in block:
+        if isinstance(one, Get):
+            found.add(one.variable)
+        for body in inner(one):
+            found |= _variables_read(body)
+    return frozenset(found)

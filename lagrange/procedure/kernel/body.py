@@ -23,6 +23,10 @@ MOST_TOGETHER = 64
 """So many systems with one matrix are solved together at most."""
 
 
+MOST_SUBSTITUTED = 800
+"""Multiplications of substitutions with one matrix, side by side, up to which they are written out."""
+
+
 @dataclass(frozen=True)
 class Inputs:
     """What the instructions of a program read: time, state, parameters and, behind them, prepared numbers."""
@@ -143,10 +147,12 @@ class Body:
         """Add instructions, each after those that it reads; systems with one matrix are solved together."""
         refs = list(refs)
         self.load_inputs(refs)
-        for step in scheduled(self.program, refs, lambda _: MOST_TOGETHER):
+        steps = scheduled(self.program, refs, lambda _: MOST_TOGETHER)
+        grouped = frozenset(ref for step in steps if isinstance(step, SolveGroup) for ref in step.solves)
+        for step in steps:
             if isinstance(step, SolveGroup):
                 self.solve(step.factor, step.solves)
-            else:
+            elif step not in grouped:
                 self.instruction(step)
 
     def instruction(self, ref: int) -> None:
@@ -207,10 +213,19 @@ class Body:
         if factor not in self.factors:
             self.loaded(factor)
         right = [[self.value(arg) for arg in self.program.instructions[ref].args[1:]] for ref in solves]
-        held = self.factors[factor]
+        held, order = self.factors[factor], self.program.instructions[factor].order
+        if held.memory is None and len(solves) * order * order > MOST_SUBSTITUTED:
+            held = self.factors[factor] = self.kept_in_memory(factor, held)
         found = self.in_memory(factor, held, right) if held.memory else self.written_out(factor, held, right)
         for ref, x in zip(solves, found, strict=True):
             self.vectors[ref] = x
+
+    def kept_in_memory(self, factor: int, held: Factored) -> Factored:
+        """Return a factorization for loops over right-hand sides, which are shorter than written-out operations."""
+        one, failed = self.program.instructions[factor], self.fails()
+        factors = self.p.reserve(factor_size(one.order), name="factors")
+        failed.value = failed.value | self.p.call(factor_dense(), one.order, self.matrix(one), factors)
+        return Factored(held.entries, held.trusted, factors)
 
     def in_memory(self, factor: int, held: Factored, right: Sequence[Sequence[Real]]) -> list[list[Real]]:
         """Return the solutions with factors in memory."""
