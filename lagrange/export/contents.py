@@ -24,7 +24,6 @@ from lagrange.program.step import StepProgram
 from lagrange.show.units import unit_of
 from lagrange.statement.event import Event
 from lagrange.statement.expression import entries
-from lagrange.statement.number import real_number
 from lagrange.trajectory.methods import registry
 from lagrange.trajectory.methods.splitting import check_separable
 
@@ -38,8 +37,8 @@ STEP_METHOD, ADAPTIVE_METHOD = "rk4", "dop853"
 INTERVALS = 1000
 """Intervals between the rows that `main` writes, unless it is called with another number."""
 
-MAIN_RTOL = 1e-10
-"""Tolerance of `main` unless the scene has one."""
+MAIN_RTOL = 1e-12
+"""Tolerance of `main` unless the scene has a tighter one."""
 
 
 @dataclass(frozen=True)
@@ -231,5 +230,5 @@ def _results(name: str, model: Model, program: Program) -> tuple[str, ...]:
 
 def _run(model: Model) -> Run:
     settings = model.statement.run
-    rtol = MAIN_RTOL if settings.rtol is None else real_number(settings.rtol, "rtol")
+    rtol = MAIN_RTOL if settings.rtol is None else min(MAIN_RTOL, settings.rtol)
     return Run(model.statement.initial, settings.t_end, INTERVALS, rtol)
