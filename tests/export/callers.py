@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from lagrange.export.languages import javascript_spelling, python, rust_spelling
+from lagrange.export.languages import fortran_spelling, javascript_spelling, octave_spelling, python, rust_spelling
 from lagrange.export.module import SourceModule
 from lagrange.export.registry import find
 
@@ -48,6 +48,8 @@ class Language:
     commands: Sequence[str]
     strict: Sequence[str]
     """Commands that compile the module itself with warnings as errors."""
+    first: int = 0
+    """The number of the first state and the first result in what a test prints."""
 
 
 LANGUAGES: Mapping[str, Language] = {
@@ -137,9 +139,77 @@ told(m.prepare([{parameters}], p), p[:0])
         commands=(f"{sys.executable} -W error caller.py",),
         strict=(f"{sys.executable} -W error -m py_compile {{module}}.py",),
     ),
+    "fortran": Language(
+        tool="gfortran",
+        suffix="F90",
+        head="""\
+program caller
+  use, intrinsic :: iso_fortran_env, only: dp => real64, int64
+  use {module}
+  implicit none
+  real(dp), parameter :: infinity = transfer(9218868437227405312_int64, 1.0_dp)
+  real(dp), parameter :: not_a_number = transfer(9221120237041090560_int64, 1.0_dp)
+  real(dp) :: p(prepared_size), y(state_size), t(1), out(4096)
+  logical :: singular
+  integer(int64) :: outcome
+  call prepare([real(dp) :: {parameters}], p, singular)
+  call told(merge(1_int64, 0_int64, singular), out(:0))
+""",
+        quantity="""\
+  y = [real(dp) :: {y}]
+  call {name}({t}, y, p, out, singular)
+  call told(merge(1_int64, 0_int64, singular), out(:{count}))""",
+        step="""\
+  y = [real(dp) :: {y}]
+  call {name}({t}, {step}, y, p, outcome)
+  call told(outcome, y)""",
+        run="""\
+  y = [real(dp) :: {y}]
+  t = {t}
+  call {name}(t, {end}, y, p, 1e-10_dp, 1e-10_dp, 10000_int64, outcome)
+  call told(outcome, y)""",
+        tail="""\
+contains
+  subroutine told(code, values)
+    integer(int64), intent(in) :: code
+    real(dp), intent(in) :: values(:)
+    write (*, '(i0, *(1x, es25.17e3))') code, values
+  end subroutine told
+end program caller
+""",
+        commands=(
+            "gfortran -std=f2008 -fcheck=all -O1 -ffree-line-length-none -o caller {module}.F90 caller.F90",
+            "./caller",
+        ),
+        strict=tuple(
+            f"gfortran -std=f2008 -pedantic -Wall -Wextra -Werror -O{level} -c {{module}}.F90" for level in (0, 2)
+        ),
+        first=1,
+    ),
+    "octave": Language(
+        tool="octave-cli",
+        suffix="m",
+        head="""\
+1;
+function told(status, values)
+    disp(strjoin([{{num2str(status)}}, arrayfun(@(x) sprintf('%.17g', x), values(:).', 'UniformOutput', false)], ' '));
+end
+[p, status] = {module}_prepare([{parameters}]);
+told(status, []);
+""",
+        quantity="[out, status] = {module}_{name}({t}, [{y}], p); told(status, out);",
+        step="[y, status] = {module}_{name}({t}, {step}, [{y}], p); told(status, y);",
+        run="[~, y, status] = {module}_{name}({t}, {end}, [{y}], p, 1e-10, 1e-10, 10000); told(status, y);",
+        tail="",
+        commands=("octave-cli --quiet --no-history caller.m",),
+        strict=(),
+        first=1,
+    ),
 }
 
 LITERALS = {
+    "fortran": fortran_spelling.real_literal,
+    "octave": octave_spelling.real_literal,
     "javascript": javascript_spelling.real_literal,
     "rust": rust_spelling.real_literal,
     "python": python.number,
@@ -162,23 +232,33 @@ def run(command: str, folder: Path) -> str:
 
 
 def write(target: str, module: SourceModule, folder: Path) -> Path:
-    """Write a module, and return its file."""
+    """Write a module, and return the path of its file, without a suffix."""
     for name, text in find(target).files(module).items():
         assert isinstance(text, str)
         (folder / name).write_text(text, "ascii")
-    return folder / name
+    return folder / module.name
 
 
 def called(target: str, file: Path, calls: Sequence[Call], parameters: Sequence[float] = ()) -> list[Found]:
-    """Return what `prepare` of a module returns, and behind it what each call does."""
+    """Return what `prepare` of a module returns, and behind it what each call does.
+
+    `file` is the path of the module, without a suffix.
+    """
     language, literal = LANGUAGES[target], LITERALS[target]
     lines = [language.head.format(module=file.stem, parameters=", ".join(map(literal, parameters)))]
     for call in calls:
         text = language.quantity if call.size else language.run if call.end is not None else language.step
         given = {"t": literal(call.t), "step": literal(call.step), "end": literal(call.end or 0.0)}
-        lines.append(text.format(name=call.name, y=", ".join(map(literal, call.y)), count=call.size, **given))
+        lines.append(
+            text.format(module=file.stem, name=call.name, y=", ".join(map(literal, call.y)), count=call.size, **given)
+        )
     (file.parent / f"caller.{language.suffix}").write_text("\n".join([*lines, language.tail]))
     for command in language.commands:
-        printed = run(command, file.parent)
+        printed = run(command.format(module=file.stem), file.parent)
     rows = [line.split() for line in printed.splitlines()]
     return [Found(int(status), [float(one) for one in values]) for status, *values in rows]
+
+
+def main_command(start: str, end: float, intervals: int) -> str:
+    """Return the shell line that runs `main` to an end: numbers stand behind it, or in parentheses."""
+    return start.replace("()", f"({end}, {intervals})") if "()" in start else f"{start} {end} {intervals}"

@@ -1,0 +1,283 @@
+"""Print procedures as functions of MATLAB and Octave, where arrays are values: what a function writes it returns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from lagrange.errors import LagrangeError
+from lagrange.export.comments import plain, wrapped
+from lagrange.export.identifiers import ascii_name
+from lagrange.export.languages.octave_spelling import (
+    CONVERSIONS,
+    FUNCTIONS,
+    HELPERS,
+    KEYWORDS,
+    OPERANDS,
+    RESERVED,
+    SPELLED,
+    literal,
+    real_literal,
+)
+from lagrange.export.lines import continued
+from lagrange.export.offset_printer import OffsetPrinter, written
+from lagrange.procedure.form import PARTIAL, REAL, Array, Call, Kind, Let, Parameter, Procedure, Record
+from lagrange.procedure.source_printer import results_of
+from lagrange.procedure.syntax import ATOM
+
+WIDTH, LONGEST_LINE = 110, 120
+"""Characters of a line of comment or of a table, and those of a statement."""
+
+
+@dataclass(frozen=True)
+class Public:
+    """A function that users call: its name, what its result is called, and of how many numbers it makes an array.
+
+    `made` is None for an integrator, which is given the array that it returns.
+    """
+
+    name: str
+    result: str
+    made: int | None
+
+
+@dataclass(frozen=True)
+class Names:
+    """What the functions of a module share: the public ones, and the helpers that the file at hand needs."""
+
+    public: Mapping[Procedure, Public]
+    helpers: dict[str, None] = field(default_factory=dict)
+
+
+def comment(text: str, indent: str = "") -> list[str]:
+    """Return a comment, broken where it is long."""
+    return [f"{indent}% {line}".rstrip() for line in wrapped(text, WIDTH)]
+
+
+def short(line: str) -> list[str]:
+    """Return a statement or a comment on lines that are short enough."""
+    if line.lstrip().startswith("%"):
+        return comment(line.lstrip()[1:].strip(), " " * (len(line) - len(line.lstrip())))
+    return continued(line, LONGEST_LINE, "...")
+
+
+def table(name: str, rows: Sequence[Sequence[float]], indent: str = "    ") -> list[str]:
+    """Return a matrix, whose rows go on where a line ends with dots."""
+    lines = [f"{indent}{name} = ["]
+    for row in rows:
+        line = indent * 2
+        for k, value in enumerate(row):
+            text = f"{real_literal(value)}{', ' if k < len(row) - 1 else ''}"
+            if len(line) + len(text) > WIDTH:
+                lines.append(f"{line}...")
+                line = indent * 3
+            line += text
+        lines.append(line)
+    return [*lines, f"{indent}];"]
+
+
+def given_to(procedure: Procedure, names: Names) -> list[Parameter]:
+    """Return the parameters of a function: all but the array that it makes."""
+    public = names.public.get(procedure)
+    if public is None or public.made is None:
+        return list(procedure.parameters)
+    return [one for one in procedure.parameters if one not in written(procedure)]
+
+
+def signature(procedure: Procedure, names: Names) -> str:
+    """Return how a public function is called."""
+    results = [*(one.name for one in written(procedure)), names.public[procedure].result]
+    given = ", ".join(one.name for one in given_to(procedure, names))
+    return f"[{', '.join(results)}] = {names.public[procedure].name}({given})"
+
+
+def function(procedure: Procedure, names: Names) -> str:
+    """Return a procedure as a function; the helpers that it needs are noted."""
+    return _OctavePrinter(procedure, names).function()
+
+
+class _OctavePrinter(OffsetPrinter):
+    """Prints one procedure."""
+
+    spelled = SPELLED
+    operands = OPERANDS
+    first = 1
+
+    def __init__(self, procedure: Procedure, names: Names) -> None:
+        self.names = names
+        self.public = names.public.get(procedure)
+        own = [one.name for one in procedure.parameters]
+        words = (*RESERVED, *(name for name, _ in HELPERS.values()))
+        super().__init__(procedure, [word for word in words if word not in own])
+        self.found = self._result_names()
+
+    def function(self) -> str:
+        lines = super().function().splitlines()
+        return "\n".join([*(one for line in lines for one in short(line)), ""])
+
+    def _result_names(self) -> list[str]:
+        if self.public is not None:
+            return [self.public.result]
+        return [self.name(-1 - k, f"found{k or ''}") for k in range(len(self.procedure.results))]
+
+    def function_name(self, procedure: Procedure) -> str:
+        public = self.names.public.get(procedure)
+        return procedure.name if public is None else public.name
+
+    def head(self) -> list[str]:
+        if self.lines and self.lines[-1] == f"{self.indent}return":
+            self.lines.pop()
+        results = [*(self.text(one.ref) for one in written(self.procedure)), *self.found]
+        given = ", ".join(
+            "~" if one in self.unused and one not in written(self.procedure) else self.text(one.ref)
+            for one in given_to(self.procedure, self.names)
+        )
+        lines = [f"function [{', '.join(results)}] = {self.function_name(self.procedure)}({given})"]
+        if self.public is None:
+            return [*lines, *comment(self.procedure.about, self.indent)]
+        made = self.public.made
+        return [*lines, *([] if made is None else [f"{self.indent}{results[0]} = zeros({made}, 1);"])]
+
+    def tail(self) -> list[str]:
+        return ["end"]
+
+    def legal(self, stem: str) -> str:
+        return ascii_name(stem)
+
+    def literal(self, kind: Kind, data: Any) -> tuple[int, str]:
+        return literal(kind, data)
+
+    def operation(self, let: Let) -> tuple[int, str]:
+        special = CONVERSIONS.get((let.op, self.kind(let.args[0])))
+        if special == "{0}":
+            least = self.texts[let.args[0]][0]
+            return least, self.text(let.args[0], least)
+        if special is not None:
+            return ATOM, special.format(self.text(let.args[0]))
+        if let.op == "select":
+            self.function_of("select")
+        return super().operation(let)
+
+    def function_of(self, op: str) -> str:
+        if op in FUNCTIONS:
+            return FUNCTIONS[op]
+        self.names.helpers[op] = None
+        return HELPERS[op][0]
+
+    def folded(self, fold: Any, index: int) -> tuple[str, str]:
+        if fold.op == "most":
+            self.function_of("select")
+        return super().folded(fold, index)
+
+    def define(self, name: str, kind: Kind, text: str) -> str:
+        return f"{name} = {text};"
+
+    def assign(self, target: str, text: str) -> str:
+        return f"{target} = {text};"
+
+    def element(self, array: int, place: int) -> str:
+        whole, index = self.index(array, place)
+        return f"{self.text(whole)}({index})"
+
+    def reserve(self, ref: int, array: Array) -> None:
+        count = (array.size or 0) + max(array.room - 1, 0) or 1
+        self.put(f"{self.name(ref)} = zeros({count}, 1);")
+
+    def reserve_record(self, ref: int, record: Record) -> None:
+        fields = ", ".join(f"'{field_name(name)}', 0" for name, _ in record.fields)
+        self.put(f"{self.name(ref)} = struct({fields});")
+
+    def member(self, record: int, field: str) -> str:
+        return f"{self.text(record)}.{field_name(field)}"
+
+    def passed(self, ref: int) -> str:
+        """Return an argument of a call: the part of an array that begins at a place by its numbers."""
+        if not isinstance(self.types.get(ref), Array):
+            return self.text(ref)
+        whole, begin = self.beginning(ref)
+        return self.text(whole) if begin is None else f"{self.text(whole)}({begin}:end)"
+
+    def call(self, call: Call) -> None:
+        if not isinstance(call.callee, Procedure):
+            raise LagrangeError(f"{self.procedure.name} calls a function that is given, which has no name.")
+        public, changed = self.names.public.get(call.callee), written(call.callee)
+        taken = given_to(call.callee, self.names)
+        pairs = list(zip(call.callee.parameters, call.args, strict=True))
+        given = [self.passed(ref) for one, ref in pairs if one in taken]
+        targets = [self._target(ref, public) for one, ref in pairs if one in changed]
+        self._check_apart([self.place_of(ref).array for one, ref in pairs if one in changed])
+        self.settle()
+        for ref, kind in zip(call.refs, results_of(self, call), strict=True):
+            self.types[ref] = kind
+            targets.append(self.name(ref) if ref in self.uses else "~")
+        while targets and targets[-1] == "~":
+            targets.pop()
+        left = f"[{', '.join(targets)}] = " if len(targets) > 1 else f"{targets[0]} = " if targets else ""
+        self.put(f"{left}{self.function_name(call.callee)}({', '.join(given)});")
+
+    def _target(self, ref: int, public: Public | None) -> str:
+        """Return where an array goes that a call returns."""
+        count = None if public is None else public.made
+        whole, begin = self.beginning(ref)
+        if count is None:
+            return self.passed(ref)
+        return f"{self.text(whole)}({begin or 1}:{_last(begin or '1', count)})"
+
+    def _check_apart(self, arrays: Sequence[int]) -> None:
+        if len(dict.fromkeys(arrays)) < len(arrays):
+            raise LagrangeError(f"{self.procedure.name} gives two parts of one array to a function that writes both.")
+
+    def leave(self, values: Sequence[int]) -> None:
+        texts = [self.text(value) for value in values]
+        self.settle()
+        for name, text in zip(self.found, texts, strict=True):
+            self.put(self.assign(name, text))
+        if self.public is not None and self.public.made is not None and texts != ["false"]:
+            array = self.text(written(self.procedure)[0].ref)
+            if texts != ["true"]:
+                self.put(f"if {self.public.result}")
+            self.put(f"{self.indent * (texts != ['true'])}{array}(:) = NaN;")
+            if texts != ["true"]:
+                self.put("end")
+        self.put("return")
+
+    def comment(self, text: str) -> str:
+        return f"% {plain(text)}".rstrip()
+
+    def opening(self, kind: str, *texts: str) -> str:
+        match kind, texts:
+            case "for", (index, start, stop, step):
+                last = str(int(stop) - 1) if stop.isdigit() else f"{stop} - 1"
+                return f"for {index} = {start}:{'' if step == '1' else f'{step}:'}{last}"
+            case "forever", _:
+                return "while true"
+            case _:
+                return " ".join([kind, *texts])
+
+    def closing(self, kind: str) -> str:
+        return "end"
+
+    def leaving_loop(self) -> str:
+        return "break"
+
+    def partial_sums(self, ref: int) -> None:
+        self.reserve(ref, Array(REAL, PARTIAL))
+
+    def partial(self, ref: int, place: str) -> str:
+        return f"{self.text(ref)}({int(place) + 1 if place.isdigit() else f'{place} + 1'})"
+
+    def modulo(self, index: str) -> str:
+        return f"mod({index}, {PARTIAL})"
+
+
+def field_name(name: str) -> str:
+    """Return the name of a field of a record, which is no keyword."""
+    return f"{name}_" if name in KEYWORDS else name
+
+
+def _last(begin: str, count: int) -> str:
+    """Return the last of so many places from a first one on."""
+    if begin.isdigit():
+        return str(int(begin) + count - 1)
+    return f"{begin} + {count - 1}"
