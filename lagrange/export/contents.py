@@ -18,6 +18,7 @@ from lagrange.procedure.form import Procedure
 from lagrange.procedure.kernel.kernels import kernel, prepare
 from lagrange.procedure.kernel.prepared import Prepared
 from lagrange.procedure.prune import Pruner
+from lagrange.procedure.series.integrator import TaylorProcedures
 from lagrange.procedure.step.integrate import adaptive_run, one_step
 from lagrange.program.program import Program
 from lagrange.program.step import StepProgram
@@ -25,6 +26,7 @@ from lagrange.show.units import unit_of
 from lagrange.statement.event import Event
 from lagrange.statement.expression import entries
 from lagrange.trajectory.methods import registry
+from lagrange.trajectory.methods.settings import STEPS_UNDER_BRIEF_FORCE
 from lagrange.trajectory.methods.splitting import check_separable
 
 DEFAULT = ("rhs", "energy")
@@ -57,11 +59,11 @@ def wanted(target: Target, model: Model, contents: Sequence[str] | None, events:
     quantities = [name for name in QUANTITIES if name in names]
     methods = [name for name in names if name not in (*QUANTITIES, STEP, MAIN, TAYLOR)]
     methods += [STEP_METHOD] * (STEP in names)
-    if MAIN in names and not any(_adaptive(name) for name in methods):
+    if MAIN in names and TAYLOR not in names and not any(_adaptive(name) for name in methods):
         methods.append(ADAPTIVE_METHOD)
     _refuse(target, model, names, methods, events)
     steps = tuple((name, step_of(name)) for name in dict.fromkeys(methods))
-    if steps and "rhs" not in quantities:
+    if (steps or not quantities) and "rhs" not in quantities:
         quantities.insert(0, "rhs")
     return Wanted(tuple(quantities), steps, MAIN in names, TAYLOR in names)
 
@@ -127,7 +129,7 @@ def module_of(
     values = tuple(float(value) for value in model.parameter_array(parameters))
     state = (*statement.names, *(f"{name}_dot" for name in statement.names))
     programs = {name: _program(name, model, events) for name in asked.quantities}
-    projected = bool(asked.methods) and len(equations.constraints) > 0
+    projected = (bool(asked.methods) or asked.taylor) and len(equations.constraints) > 0
     every = [*programs.values()]
     if projected:
         every.append(model.law("projection").program)
@@ -140,8 +142,14 @@ def module_of(
         laws["projection"] = kernel(every[-1], prepared, "projection", "Corrections onto the constraints.", **given)
     prune = Pruner().pruned
     integrators = tuple(_integrator(name, step, len(state), laws, prune) for name, step in asked.methods)
-    preparing = prune(prepare(prepared, about, parameter_names=given["parameter_names"]))
-    p = prepared_numbers(preparing, prepared.size, values)
+    preparing, size = prepare(prepared, about, parameter_names=given["parameter_names"]), prepared.size
+    if asked.taylor:
+        series = _taylor(model, prepared.size, laws.get("projection"))
+        preparing, size = series.prepare(preparing), prepared.size + series.numbers.size
+        own = prune(series.taylor())
+        integrators = (*integrators, Integrator(TAYLOR, own.about, own, adaptive=True))
+    preparing = prune(preparing)
+    p = prepared_numbers(preparing, size, values)
     quantities = tuple(
         Quantity(name, _about(name), one, prune(procedures[name]), _results(name, model, one), one.shape)
         for name, one in programs.items()
@@ -154,7 +162,7 @@ def module_of(
         values=values,
         units={name: unit for name in (*state, *given["parameter_names"], "t") if (unit := unit_of(statement, name))},
         prepare=preparing,
-        prepared=prepared.size,
+        prepared=size,
         quantities=quantities,
         integrators=integrators,
         checks=tuple(
@@ -163,7 +171,7 @@ def module_of(
         ),
         step_checks=tuple(step_check(one, p, statement) for one in integrators),
         run=_run(model) if asked.main else None,
-        contents=(*asked.quantities, *(name for name, _ in asked.methods)),
+        contents=(*asked.quantities, *(name for name, _ in asked.methods), *([TAYLOR] if asked.taylor else [])),
     )
 
 
@@ -186,6 +194,12 @@ def _integrator(
     make: Callable[..., Procedure] = adaptive_run if adaptive else one_step
     made = bound(make(step, dimension, own, projected="projection" in laws), laws, prefix=f"{own}_")
     return Integrator(own, made.about, prune(replace(made, name=own)), adaptive)
+
+
+def _taylor(model: Model, begin: int, projection: Procedure | None) -> TaylorProcedures:
+    """Return the Taylor integrator, its numbers behind those of all others. Raises StatementError for surfaces."""
+    least = STEPS_UNDER_BRIEF_FORCE if model.equations.structure.brief else 0
+    return TaylorProcedures(model.series()[0].program, begin, least, projection)
 
 
 ABOUT = {

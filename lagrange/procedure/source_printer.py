@@ -285,18 +285,27 @@ class SourcePrinter(Syntax):
         count = self.text(each.iterations)
         for fold in each.folds:
             self.settle()
-            self.types[fold.ref] = REAL
-            if fold.op in SUMS:
-                self.partial_sums(fold.ref)
-            else:
-                start = self.literal(REAL, 0.0 if fold.op == "magnitude" else float("-inf"))[1]
-                self.put(self.declare(self.name(fold.ref), REAL, start))
+            self.begin_fold(fold)
         self.iterations(each.place, (self.literal(WHOLE, 0)[1], count, "1"), each.body, each.folds)
         for fold in each.folds:
-            if fold.op in SUMS:
-                held = [self.partial(fold.ref, str(k)) for k in range(PARTIAL)]
-                total = f"({held[0]} + {held[1]}) + ({held[2]} + {held[3]})"
-                self.put(self.define(self.name(fold.ref, f"sum{fold.ref}"), REAL, total))
+            self.types[fold.ref] = REAL
+            self.end_fold(fold)
+
+    def begin_fold(self, fold: Fold) -> None:
+        """Print the variables of a fold."""
+        self.types[fold.ref] = REAL
+        if fold.op in SUMS:
+            self.partial_sums(fold.ref)
+        else:
+            start = self.literal(REAL, 0.0 if fold.op == "magnitude" else float("-inf"))[1]
+            self.put(self.declare(self.name(fold.ref), REAL, start))
+
+    def end_fold(self, fold: Fold) -> None:
+        """Print the result of a fold, if its variable is not the result."""
+        if fold.op in SUMS:
+            held = [self.partial(fold.ref, str(k)) for k in range(PARTIAL)]
+            total = f"({held[0]} + {held[1]}) + ({held[2]} + {held[3]})"
+            self.put(self.define(self.name(fold.ref, f"sum{fold.ref}"), REAL, total))
 
     def partial_sums(self, ref: int) -> None:
         """Print the four partial sums of a fold, zeros at first."""

@@ -85,3 +85,12 @@ def block_eliminations(plan: SolvePlan) -> list[Elimination]:
         there = frozenset((place[i], place[j]) for i, j in plan.triangle if i in place)
         found.append(elimination(len(block), there, plan.negative(block)))
     return found
+
+
+def is_factored(plan: SolvePlan) -> bool:
+    """Return whether a moving matrix is solved with by its factors, written out, and not by its inverse.
+
+    That is so beside multipliers, where most entries are zero.
+    """
+    blocks = [block for block in block_eliminations(plan) if block.order > 1]
+    return plan.inverted and all(block.negative and block.written_out for block in blocks)

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import lagrange as lg
+from lagrange.errors import StatementError
 
 WARNINGS = "cc -std=c99 -O1 -Wall -Wextra -Wconversion -Werror"
 CONTENTS = ("rhs", "energy", "jacobian", "mass_matrix", "momenta", "accelerations", "rk4", "dop853", "main")
@@ -64,3 +65,32 @@ def test_main_writes_the_trajectory(tmp_path: Path) -> None:
     for row, state in zip(found, ours.y.T, strict=True):
         # dop853 at the default tolerance of main, 1e-10, over two units of time.
         assert row[1:] == pytest.approx(state, abs=1e-7)
+
+
+@needs_cc
+@pytest.mark.parametrize("scene", ["kepler", "pleiades", "cartesian-pendulum"])
+def test_the_taylor_integrator_passes_its_test(scene: str, tmp_path: Path) -> None:
+    """Written out, in a loop over orders, and with a projection onto constraints."""
+    name = scene.replace("-", "_")
+    made = lg.scene(scene).export("c", tmp_path, ["taylor"])
+    run(f"{WARNINGS} -D{name.upper()}_TEST -o warned {name}.c -lm", tmp_path)
+    for command in made.commands:
+        said = run(command, tmp_path)
+    assert said.endswith("results are right\n")
+
+
+@needs_cc
+def test_main_runs_by_taylor_series(tmp_path: Path) -> None:
+    system = lg.scene("kepler")
+    system.export("c", tmp_path, ["main", "taylor"])
+    run("cc -O2 -DKEPLER_MAIN -o main kepler.c -lm", tmp_path)
+    _, *rows = run("./main 20 2", tmp_path).splitlines()
+    ours = system.run(20.0, t_eval=[0.0, 10.0, 20.0], method="taylor", rtol=1e-10, atol=1e-10)
+    for row, state in zip(rows, ours.y.T, strict=True):
+        assert [float(cell) for cell in row.split(",")[1:]] == pytest.approx(state, abs=1e-9)
+
+
+def test_switching_surfaces_are_refused_by_name(tmp_path: Path) -> None:
+    with pytest.raises(StatementError, match=r"crosses no switching surfaces .*leave out the content taylor"):
+        lg.scene("falling-ball").export("c", tmp_path / "made", ["taylor"])
+    assert not (tmp_path / "made").exists()

@@ -16,7 +16,7 @@ from lagrange.errors import RunError
 from lagrange.machine.model import Model
 from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.machine.series.llvm_driver import CompiledJet
-from lagrange.machine.series.packing import pack
+from lagrange.procedure.series.packing import pack
 from lagrange.program.taylor import series_program
 from lagrange.statement.statement import Statement
 from tests.models import m, stated

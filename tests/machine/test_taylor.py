@@ -20,7 +20,7 @@ from lagrange.machine.llvm.address import address
 from lagrange.machine.series import llvm_driver
 from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.machine.series.llvm_driver import CompiledJet, LlvmSeries
-from lagrange.machine.series.packing import Packing, pack
+from lagrange.procedure.series.packing import Packing, pack
 from lagrange.program.catalogue import program_of
 from lagrange.program.series import RULES, SeriesProgram, Stage
 from lagrange.program.taylor import series_program

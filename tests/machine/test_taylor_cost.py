@@ -8,9 +8,9 @@ from functools import cache
 import pytest
 
 from lagrange.equations.euler_lagrange import euler_lagrange
-from lagrange.machine.series.cost import MOST_OPERATIONS, is_large, operations
 from lagrange.machine.series.llvm_driver import CompiledJet
-from lagrange.machine.series.packing import Packing, pack
+from lagrange.procedure.series.cost import MOST_OPERATIONS, is_large, operations
+from lagrange.procedure.series.packing import Packing, pack
 from lagrange.program.taylor import series_program
 from tests.models import SYSTEMS
 from tests.series_systems import LARGER

@@ -21,9 +21,9 @@ import sympy as sp
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.machine.series.llvm_driver import CompiledJet, LlvmTaylorDriver
-from lagrange.machine.series.packing import pack
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.procedure.interpreter import Span, run
+from lagrange.procedure.series.packing import pack
 from lagrange.procedure.step.run import COUNTS, RUN
 from lagrange.procedure.taylor.constants import PROBES
 from lagrange.procedure.taylor.loop import taylor_steps

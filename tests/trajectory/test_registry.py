@@ -14,7 +14,7 @@ import pytest
 
 import lagrange.methods
 from lagrange.errors import StatementError
-from lagrange.machine.series.order import HIGHEST_ORDER
+from lagrange.procedure.series.order import HIGHEST_ORDER
 from lagrange.procedure.taylor.constants import LOWEST_ORDER
 from lagrange.statement.coordinate import t
 from lagrange.trajectory.integrator import Claims, Integrator

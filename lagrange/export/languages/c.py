@@ -103,14 +103,17 @@ def statement_comment(module: SourceModule) -> list[str]:
 def source(module: SourceModule) -> str:
     """Return the source file."""
     dialect = dialect_of(module)
+    defaults = f"const double {module.name}_default_parameters[] = {{{values(module)}}};\n"
+    functions = definitions(module, dialect, defaults)
     lines = [
         *statement_comment(module),
         "",
         f'#include "{module.name}.h"',
         "",
         "#include <math.h>",
+        *(["#include <string.h>"] if dialect.copies_bits else []),
         "",
-        *definitions(module, dialect, f"const double {module.name}_default_parameters[] = {{{values(module)}}};\n"),
+        *functions,
         programs(module, dialect),
     ]
     return "\n".join(lines).rstrip("\n") + "\n"

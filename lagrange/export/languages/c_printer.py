@@ -12,6 +12,7 @@ from lagrange.errors import LagrangeError
 from lagrange.export.comments import wrapped
 from lagrange.export.identifiers import ascii_name
 from lagrange.export.languages.c_spelling import (
+    BITS,
     CASTS,
     FUNCTIONS,
     HELPERS,
@@ -22,7 +23,7 @@ from lagrange.export.languages.c_spelling import (
     literal,
 )
 from lagrange.procedure.bind import reads
-from lagrange.procedure.form import PARTIAL, Array, Call, Kind, Part, Procedure, Record, Type
+from lagrange.procedure.form import PARTIAL, Array, Call, Fold, Kind, Let, Part, Procedure, Record, Type
 from lagrange.procedure.source_printer import SourcePrinter, results_of
 from lagrange.procedure.syntax import ATOM
 
@@ -58,6 +59,11 @@ class Dialect:
     cast_operand: int = 9
     words: Sequence[str] = RESERVED
     helpers: dict[str, None] = field(default_factory=dict)
+
+    @property
+    def copies_bits(self) -> bool:
+        """Whether a helper copies the bits of numbers."""
+        return not BITS.isdisjoint(self.helpers)
 
     def library(self, name: str) -> str:
         """Return the name of a function of the library."""
@@ -191,6 +197,11 @@ class _CPrinter(SourcePrinter):
             return self.dialect.library(FUNCTIONS[op])
         return self.dialect.helper(op)
 
+    def operation(self, let: Let) -> tuple[int, str]:
+        if let.kind is Kind.WHOLE and let.op in ("min", "max"):
+            return ATOM, f"{self.dialect.helper(f'{let.op}_whole')}({', '.join(self.text(arg) for arg in let.args)})"
+        return super().operation(let)
+
     def define(self, name: str, kind: Kind, text: str) -> str:
         return f"const {self.dialect.kinds[kind]} {name} = {text};"
 
@@ -274,6 +285,26 @@ class _CPrinter(SourcePrinter):
 
     def partial(self, ref: int, place: str) -> str:
         return f"{self.text(ref)}[{place}]"
+
+    def begin_fold(self, fold: Fold) -> None:
+        if fold.op != "magnitude":
+            super().begin_fold(fold)
+            return
+        # Compilers take the largest of whole numbers in vectors, but not that of doubles, which may be NaN.
+        self.put(self.declare(self.name(fold.ref, f"bits{fold.ref}"), Kind.WHOLE, "0"))
+
+    def folded(self, fold: Fold, index: int) -> tuple[str, str]:
+        if fold.op != "magnitude":
+            return super().folded(fold, index)
+        name, value = self.text(fold.ref), self.text(fold.value)
+        return name, f"{self.dialect.helper('max_whole')}({name}, {self.dialect.helper('size_bits')}({value}))"
+
+    def end_fold(self, fold: Fold) -> None:
+        if fold.op != "magnitude":
+            super().end_fold(fold)
+            return
+        bits = self.text(fold.ref)
+        self.put(self.define(self.name(fold.ref), Kind.REAL, f"{self.dialect.helper('of_bits')}({bits})"))
 
     def modulo(self, index: str) -> str:
         return f"{index} & {PARTIAL - 1}"

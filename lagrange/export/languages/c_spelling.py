@@ -60,24 +60,47 @@ FUNCTIONS: Mapping[str, str] = {
 HELPERS: Mapping[str, tuple[str, str]] = {
     "min": ("smaller", "double smaller(double a, double b) {\n    return a < b || a != a ? a : b;\n}"),
     "max": ("larger", "double larger(double a, double b) {\n    return a > b || a != a ? a : b;\n}"),
+    "min_whole": ("smaller_whole", "int64_t smaller_whole(int64_t a, int64_t b) {\n    return a < b ? a : b;\n}"),
+    "max_whole": ("larger_whole", "int64_t larger_whole(int64_t a, int64_t b) {\n    return a > b ? a : b;\n}"),
     "magnitude": (
         "magnitude",
         "double magnitude(double a, double b) {\n    const double x = fabs(a), y = fabs(b);\n"
         "    return x > y || x != x ? x : y;\n}",
     ),
     "sign": ("sign", "double sign(double x) {\n    return x > 0.0 ? 1.0 : x < 0.0 ? -1.0 : x;\n}"),
-    "two_to": ("two_to", "double two_to(int64_t k) {\n    return ldexp(1.0, (int)k);\n}"),
+    "two_to": (
+        "two_to",
+        "double two_to(int64_t k) {\n    const int64_t bits = (k + 1023) * 4503599627370496;\n    double x;\n"
+        "    memcpy(&x, &bits, sizeof x);\n    return x;\n}",
+    ),
     "exponent": (
         "exponent",
-        "int64_t exponent(double x) {\n    int k;\n    if (!(fabs(x) < INFINITY)) {\n        return 1024;\n    }\n"
-        "    if (fabs(x) < 0x1p-1022) {\n        return -1023;\n    }\n    frexp(x, &k);\n    return k - 1;\n}",
+        "int64_t exponent(double x) {\n    int64_t bits;\n    memcpy(&bits, &x, sizeof bits);\n"
+        "    return (bits >> 52 & 2047) - 1023;\n}",
     ),
     "mantissa": (
         "mantissa",
-        "double mantissa(double x) {\n    int k;\n    return 2.0 * frexp(fabs(x), &k);\n}",
+        "double mantissa(double x) {\n    int64_t bits;\n    memcpy(&bits, &x, sizeof bits);\n"
+        "    bits = (bits & 4503599627370495) | 4607182418800017408;\n    memcpy(&x, &bits, sizeof x);\n"
+        "    return x;\n}",
+    ),
+    "size_bits": (
+        "size_bits",
+        "int64_t size_bits(double x) {\n    int64_t bits;\n    memcpy(&bits, &x, sizeof bits);\n"
+        "    return bits & INT64_MAX;\n}",
+    ),
+    "of_bits": (
+        "of_bits",
+        "double of_bits(int64_t bits) {\n    double x;\n    memcpy(&x, &bits, sizeof x);\n    return x;\n}",
     ),
 }
-"""Operations that C has no function for: a name, and its definition. NaN stays NaN in all."""
+"""Operations that C has no function for: a name, and its definition. NaN stays NaN in all.
+
+Those of bits read doubles as IEEE 754 has them. Sizes have the order of their bits, and NaN is the largest.
+"""
+
+BITS = frozenset(("two_to", "exponent", "mantissa", "size_bits", "of_bits"))
+"""The helpers that copy the bits of a number, for which a file includes string.h."""
 
 RESERVED = (
     "auto",

@@ -21,13 +21,13 @@ WORDS = (
     *("not", "not_eq", "nullptr", "operator", "or", "or_eq", "private", "protected", "public", "reinterpret_cast"),
     *("requires", "static_assert", "static_cast", "template", "this", "thread_local", "throw", "try", "typeid"),
     *("typename", "using", "virtual", "wchar_t", "xor", "xor_eq", "std", "lagrange", "default_parameters"),
-    *("State", "Parameters", "Prepared", "Run", "Counts"),
+    *("State", "Parameters", "Prepared", "Run", "Counts", "Taylor_state", "Held", "Outputs"),
 )
 """Words of C++ beside those of C, and the names that the namespace has."""
 
 TRANSLATION = (
-    (r"\b(fabs|frexp|ldexp|printf|fprintf|strtod|strtol)\(", r"std::\1("),
-    (r"\bint64_t (outcome|k|exponent)\b", r"std::int64_t \1"),
+    (r"\b(fabs|memcpy|printf|fprintf|strtod|strtol)\(", r"std::\1("),
+    (r"\bint64_t (outcome|k|exponent|smaller_whole|larger_whole|size_bits|a|b|bits)\b", r"std::int64_t \1"),
     (r"\((int|double)\)(\w+)", r"static_cast<\1>(\2)"),
     (r"const int singular", "const bool singular"),
     (r", NULL\b", ", nullptr"),
@@ -155,16 +155,18 @@ def with_arrays(module: SourceModule, procedure: Procedure, dialect: Dialect) ->
 def source(module: SourceModule) -> str:
     """Return the source file."""
     dialect = dialect_of(module)
+    functions = definitions(module, dialect)
     lines = [
         *statement_comment(module),
         "",
         f'#include "{module.name}.hpp"',
         "",
         "#include <cmath>",
+        *(["#include <cstring>"] if dialect.copies_bits else []),
         "",
         f"namespace {namespace(module)} {{",
         "",
-        *definitions(module, dialect),
+        *functions,
         f"}} // namespace {namespace(module)}",
         "",
         programs(module, dialect),

@@ -19,8 +19,8 @@ from lagrange.machine.kernel.python_text import fits
 from lagrange.machine.printed_run import EMPTY, Recorded, Records, advance
 from lagrange.machine.python_source import loaded
 from lagrange.machine.series.interpreted_jet import Jet
-from lagrange.machine.series.order import Cost, best_order
 from lagrange.machine.state import DriverState, Outcome
+from lagrange.procedure.series.order import Cost, best_order
 from lagrange.procedure.taylor.loop import taylor_steps
 from lagrange.procedure.taylor.memory import HELD, TaylorLayout
 from lagrange.program.series import SeriesProgram

@@ -30,15 +30,15 @@ from lagrange.machine.llvm.sine_cosine import angle_function
 from lagrange.machine.llvm.spelling import intrinsics, library_functions
 from lagrange.machine.llvm.tiers import TieredModule
 from lagrange.machine.series.constants import constants
-from lagrange.machine.series.cost import cheapest_order, is_large
 from lagrange.machine.series.llvm_jet import ANGLES_AT_ONCE, VectorConstants, shares_wide_angles
 from lagrange.machine.series.llvm_layout import Slots, looped_layout, unrolled_layout
 from lagrange.machine.series.llvm_looped import LoopedJet
 from lagrange.machine.series.llvm_steps import compiled_steps
 from lagrange.machine.series.llvm_unrolled import UnrolledJet
-from lagrange.machine.series.packing import Packing, pack
 from lagrange.machine.state import OUTCOMES, DriverState, Outcome
 from lagrange.procedure.form import Procedure
+from lagrange.procedure.series.cost import cheapest_order, is_large
+from lagrange.procedure.series.packing import Packing, pack
 from lagrange.procedure.taylor.memory import HELD
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram

@@ -14,16 +14,6 @@ from lagrange.procedure.linear.ldl import factor_dense, factor_size, solve_facto
 from lagrange.program.elimination import Elimination, block_eliminations
 
 
-def is_factored(plan: SolvePlan) -> bool:
-    """Return whether a stage solves with the factors of its matrix instead of its inverse: beside multipliers."""
-    return plan.inverted and all(block.negative and block.written_out for block in moving_blocks(plan))
-
-
-def moving_blocks(plan: SolvePlan) -> list[Elimination]:
-    """Return the eliminations of the blocks of more than one unknown."""
-    return [block for block in block_eliminations(plan) if block.order > 1]
-
-
 def factored_size(plan: SolvePlan) -> int:
     """Return how many doubles the factors of a stage take, with what is needed on the way to them."""
     return sum(_size(block) for block in block_eliminations(plan))

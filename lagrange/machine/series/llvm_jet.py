@@ -10,7 +10,7 @@ from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.sine_cosine import call_sine_and_cosine, sine_and_cosine
 from lagrange.machine.llvm.spelling import element, number
 from lagrange.machine.series.llvm_rules import Orders, VectorName, vector_literal
-from lagrange.machine.series.packing import ZERO_LANE, Chunk, Operand, PackedStage, Packing
+from lagrange.procedure.series.packing import ZERO_LANE, Chunk, Operand, PackedStage, Packing
 from lagrange.program.program import Instruction, Program
 
 SIGNATURE = (

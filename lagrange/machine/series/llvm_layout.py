@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from lagrange.machine.series.llvm_factored import factored_size, is_factored
-from lagrange.machine.series.packing import Operand, Packing
+from lagrange.machine.series.llvm_factored import factored_size
 from lagrange.machine.state import MOST_LANES
 from lagrange.procedure.blocks import whole_blocks
 from lagrange.procedure.linear.inverse import padded, work_size
+from lagrange.procedure.series.packing import Operand, Packing
 from lagrange.procedure.taylor.memory import TaylorLayout
+from lagrange.program.elimination import is_factored
 from lagrange.program.series import SeriesProgram
 
 

@@ -15,7 +15,7 @@ from itertools import accumulate
 from lagrange.equations.solve_plan import SolvePlan
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.spelling import element, number
-from lagrange.machine.series.llvm_factored import FactoredStage, is_factored
+from lagrange.machine.series.llvm_factored import FactoredStage
 from lagrange.machine.series.llvm_jet import (
     SIGNATURE,
     OrderZero,
@@ -30,9 +30,10 @@ from lagrange.machine.series.llvm_jet import (
 )
 from lagrange.machine.series.llvm_layout import Slots
 from lagrange.machine.series.llvm_rules import VectorArithmetic, VectorName, coefficient, divided
-from lagrange.machine.series.packing import ZERO_LANE, Chunk, Operand, PackedStage, Packing
 from lagrange.procedure.linear.inverse import invert, padded, work_size
+from lagrange.procedure.series.packing import ZERO_LANE, Chunk, Operand, PackedStage, Packing
 from lagrange.procedure.taylor.memory import TaylorLayout
+from lagrange.program.elimination import is_factored
 
 TILE = 16
 """How many sums run in one loop: their totals stay in registers."""

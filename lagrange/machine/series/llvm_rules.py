@@ -12,7 +12,7 @@ from typing import Protocol
 
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.spelling import element, number
-from lagrange.machine.series.packing import Chunk, Operand
+from lagrange.procedure.series.packing import Chunk, Operand
 
 VectorName = str | None
 

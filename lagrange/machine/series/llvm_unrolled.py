@@ -28,8 +28,8 @@ from lagrange.machine.series.llvm_jet import (
     store_exactly,
 )
 from lagrange.machine.series.llvm_rules import VectorArithmetic, VectorName, coefficient, divided, reciprocal
-from lagrange.machine.series.packing import ZERO_LANE, Chunk, Operand, PackedStage, Packing
 from lagrange.procedure.linear.ldl import factor_size, invert_dense
+from lagrange.procedure.series.packing import ZERO_LANE, Chunk, Operand, PackedStage, Packing
 from lagrange.procedure.taylor.memory import TaylorLayout
 from lagrange.program.elimination import elimination
 

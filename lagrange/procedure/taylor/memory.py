@@ -29,7 +29,7 @@ machine has prepared, the rows and the order. It returns whether a matrix is sin
 """
 
 TAYLOR = Record.of(
-    "Taylor", low=REAL, scale=REAL, next_limit=REAL, limit=REAL, rescalings=WHOLE, failures=WHOLE, inspect=WHOLE
+    "Taylor_state", low=REAL, scale=REAL, next_limit=REAL, limit=REAL, rescalings=WHOLE, failures=WHOLE, inspect=WHOLE
 )
 """The state of a run by Taylor series, beside `RUN` and `COUNTS`.
 
@@ -103,7 +103,8 @@ class TaylorLayout(Offsets):
     `dimension` is 2n. Rows are `width` doubles apart. A row begins with q and v; its coefficients of the event
     functions begin at `watched_at`. With an order of 0 the code serves every order. Vectors are computed on `block`
     entries at once. `scratch` doubles follow the rows. With `projected` the state is moved onto the constraints of the
-    system behind each step, and with `crossing` the radius of convergence does not bound the step.
+    system behind each step, and with `crossing` the radius of convergence does not bound the step. With `by_rows` a
+    series is summed row by row, for compilers that compute at once what an innermost loop does, and nothing else.
     """
 
     dimension: int
@@ -115,6 +116,7 @@ class TaylorLayout(Offsets):
     chains: bool = False
     projected: bool = False
     crossing: bool = False
+    by_rows: bool = False
 
     @cached_property
     def padded(self) -> int:

@@ -18,7 +18,7 @@ from lagrange.procedure.taylor.memory import (
     TaylorLayout,
     work_array,
 )
-from lagrange.procedure.values import Real, Whole
+from lagrange.procedure.values import Memory, Real, Whole
 
 
 @cache
@@ -34,13 +34,14 @@ def advance(layout: TaylorLayout) -> Procedure:
     new, lost = (p.reserve(layout.padded, room=layout.block, name=name) for name in ("new", "lost"))
     state, low, slopes = (run.work.at(place) for place in (0, layout.lost, layout.slope))
     chains = _Chains(run, s) if layout.chains else None
+    sums = _sums_by_rows(run, s) if layout.by_rows else None
     if chains is not None:
         chains.write_slopes(longer)
     with run.entries() as i:
         if chains is not None:
             move = chains.increment(i)
         else:
-            move, slope = horner(run, s, i)
+            move, slope = horner(run, s, i) if sums is None else (sums[0][i], sums[1][i])
             slopes[i] = slope * longer
         total, lost[i] = compensated(state[i], move + low[i])
         new[i] = total
@@ -141,3 +142,19 @@ def horner(run: SeriesMemory, s: Real, i: Whole) -> tuple[Real, Real]:
         slope.value = p.fma(slope.value, s, partial)
         total.value = partial * s
     return total.value, slope.value
+
+
+def _sums_by_rows(run: SeriesMemory, s: Real) -> tuple[Memory, Memory]:
+    """Return the sums of `horner` for all entries at once, in arrays."""
+    p, size = run.p, run.layout.padded
+    totals, slopes = (p.reserve(size, room=run.layout.block, name=name) for name in ("totals", "slopes"))
+    with run.entries() as i:
+        totals[i] = 0.0
+        slopes[i] = 0.0
+    with p.loop(0, run.order) as j:
+        row = run.row(run.order - j)
+        with run.entries() as i:
+            partial = totals[i] + row[i]
+            slopes[i] = p.fma(slopes[i], s, partial)
+            totals[i] = partial * s
+    return totals, slopes

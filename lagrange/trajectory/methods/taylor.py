@@ -14,7 +14,7 @@ from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
 from lagrange.machine.event_memory import EventMemory
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState
-from lagrange.procedure.taylor.constants import LOWEST_ORDER
+from lagrange.procedure.taylor.constants import LEAST_MARGIN, LOWEST_ORDER, MARGIN, SMALLEST_RTOL, TIGHT_RTOL
 from lagrange.trajectory.events.actions import Impact, root_of
 from lagrange.trajectory.events.actions import impacts as impacts_of
 from lagrange.trajectory.events.nonanalytic_points import Continuations
@@ -30,22 +30,8 @@ from lagrange.trajectory.run_loop import drive_by
 from lagrange.trajectory.tolerances import Tolerances
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
-MARGIN = 0.1
-"""Steps are chosen for a tenth of the tolerance: errors add up along a run."""
-
-TIGHT_RTOL, LEAST_MARGIN = 1e-15, 0.01
-"""Below this tolerance steps are chosen for a hundredth of it.
-
-The truncation error has the same sign at every step. It must be far below round-off for the energy error to grow like
-the square root of time: over 100,000 Kepler orbits (e = 0.6) it stays below 500 units of round-off, and reaches 2,900
-with a tenth.
-"""
-
 TOP_ORDER = 64
 """The highest order that a user may request."""
-
-SMALLEST_RTOL = 2.0**-53
-"""A smaller relative tolerance exceeds the precision of doubles."""
 
 
 @built_in("taylor")

@@ -6,10 +6,9 @@ ratios matter, and are accurate to a fifth.
 
 from __future__ import annotations
 
-from lagrange.machine.series.llvm_factored import is_factored
-from lagrange.machine.series.order import Cost, best_order
-from lagrange.machine.series.packing import Packing
-from lagrange.program.elimination import block_eliminations
+from lagrange.procedure.series.order import Cost, best_order
+from lagrange.procedure.series.packing import Packing
+from lagrange.program.elimination import block_eliminations, is_factored
 
 MOST_OPERATIONS = 4000
 """Most vector operations of a series that is written out.
@@ -58,6 +57,13 @@ def operations(packing: Packing, order: int) -> int:
     inverse = inversion_size(packing, looped=False) // 2
     start = len(program.start.instructions) + inverse
     return sums(packing) * order * (order - 1) // 2 + 3 * chunks(packing) * order + start
+
+
+def single_operations(packing: Packing, order: int) -> int:
+    """Return the number of operations on single numbers of a series that is written out."""
+    summed = sum(chunk.count * len(chunk.sums) for chunk in packing.computed)
+    values = sum(chunk.count for chunk in packing.computed)
+    return summed * order * (order - 1) // 2 + 3 * values * order + len(packing.program.start.instructions)
 
 
 def is_large(packing: Packing, order: int) -> bool:

@@ -6,12 +6,14 @@ values that a chunk reads; where it is not just another chunk, it is gathered fr
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 from lagrange.equations.solve_plan import SolvePlan
+from lagrange.procedure.blocks import whole_blocks
+from lagrange.procedure.series.alignment import Alignment
 from lagrange.program.series import SeriesProgram, SeriesRule, Stage
 
 
@@ -125,27 +127,26 @@ class Packing:
         return tuple(dict.fromkeys(found))
 
 
+ALIGNED_BLOCK = 4
+"""Parts of an aligned chunk are so many values long, or a multiple of it: a vector of most processors."""
+
 ZERO_LANE = -1
 """Marks a lane of an operand that is zero."""
 
 
-def pack(program: SeriesProgram, lanes: int) -> Packing:
-    """Return the program packed into vectors of up to `lanes` values."""
+def pack(program: SeriesProgram, lanes: int, *, aligned: bool = False) -> Packing:
+    """Return the program packed into vectors of up to `lanes` values.
+
+    If `aligned`, values with one rule are one chunk of any length, what is read together stands together, and values
+    may stand in it twice: for compilers that make vectors of loops.
+    """
     packer = _Packer(program, lanes)
+    groups = _groups(program, packer.level)
+    if aligned:
+        packer.align(list(groups.values()))
     coordinates = tuple(packer.chunks("coordinate", list(range(program.dimension))))
     unknowns = [packer.unknowns(stage) for stage in program.stages]
-    trials, founds = ([frozenset(part) for part in parts] for parts in (program.trials, program.found))
-    groups: dict[_Group, list[int]] = {}
-    for i in sorted({*program.before}.union(*trials, *founds)):
-        rule = program.rules[i]
-        if rule.op not in ("coordinate", "unknown"):
-            kind = len(rule.args) if rule.op == "linear" else 0
-            choice = rule.coefficients if rule.op == "choose" else ()
-            stage = program.depth[i]
-            trial, found = stage > 0 and i in trials[stage - 1], stage > 0 and i in founds[stage - 1]
-            group = _Group(stage, *packer.level[i], rule.op, kind, choice, trial, found)
-            groups.setdefault(group, []).append(i)
-    made = {group: packer.chunks(group.op, groups[group]) for group in sorted(groups)}
+    made = {group: packer.chunks(group.op, members) for group, members in groups.items()}
 
     def part(place: int, which: str = "") -> tuple[Chunk, ...]:
         chosen = (group for group in made if group.stage == place and (not which or getattr(group, which)))
@@ -164,6 +165,22 @@ def pack(program: SeriesProgram, lanes: int) -> Packing:
     )
     rates = tuple(Operand(tuple(program.rates[value] for value in chunk.values)) for chunk in coordinates)
     return Packing(program, coordinates, rates, part(0), stages)
+
+
+def _groups(program: SeriesProgram, level: Sequence[tuple[int, int]]) -> dict[_Group, list[int]]:
+    """Return the values that become vectors together, in the order of their evaluation."""
+    trials, founds = ([frozenset(part) for part in parts] for parts in (program.trials, program.found))
+    groups: dict[_Group, list[int]] = {}
+    for i in sorted({*program.before}.union(*trials, *founds)):
+        rule = program.rules[i]
+        if rule.op not in ("coordinate", "unknown"):
+            kind = len(rule.args) if rule.op == "linear" else 0
+            choice = rule.coefficients if rule.op == "choose" else ()
+            stage = program.depth[i]
+            trial, found = stage > 0 and i in trials[stage - 1], stage > 0 and i in founds[stage - 1]
+            group = _Group(stage, *level[i], rule.op, kind, choice, trial, found)
+            groups.setdefault(group, []).append(i)
+    return dict(sorted(groups.items()))
 
 
 def _outputs(chunks: Sequence[Chunk], stage: Stage, outputs: Sequence[int | None]) -> tuple[Operand | None, ...]:
@@ -205,6 +222,11 @@ class _Packer:
         self.program, self.lanes = program, lanes
         self.level = levels(program)
         self.position: dict[int, int] = {}
+        self.alignment: Alignment | None = None
+
+    def align(self, groups: Sequence[list[int]]) -> None:
+        """Let values stand together that are read together; see `Alignment`."""
+        self.alignment = Alignment(self.program, groups, lambda count: -(-count // ALIGNED_BLOCK))
 
     def unknowns(self, stage: Stage) -> tuple[Chunk, ...]:
         """Return the unknowns of a stage, velocities apart from others."""
@@ -215,16 +237,39 @@ class _Packer:
 
     def chunks(self, op: str, members: list[int]) -> list[Chunk]:
         """Return the chunks of one group."""
+        if self.alignment is not None:
+            return [self.whole(op, self.alignment.parts(members))] if members else []
         rules = {i: self.canonical(self.program.rules[i]) for i in members}
-        members = sorted(members, key=lambda i: ([self.at(arg) for arg in rules[i].args[::-1]], i))
-        found = []
+        members, found = self.in_order(members, rules), []
         for width in widths(len(members), self.lanes):
             chosen, members = members[:width], members[width:]
-            for value in chosen:
-                self.position[value] = len(self.position)
             padded = chosen + [chosen[-1]] * (width - len(chosen))
+            self.place(chosen)
             found.append(self.chunk(op, padded, len(chosen), rules))
         return found
+
+    def in_order(self, members: Sequence[int], rules: Mapping[int, SeriesRule]) -> list[int]:
+        """Return values with one rule in the order of their operands."""
+        readers = {} if self.alignment is None else self.alignment.reader
+        key = {i: (readers.get(i, 0), [self.at(arg) for arg in rules[i].args[::-1]], i) for i in members}
+        return sorted(members, key=key.__getitem__)
+
+    def place(self, members: Sequence[int]) -> None:
+        """Let values stand behind all that are packed."""
+        for value in members:
+            self.position[value] = len(self.position)
+
+    def whole(self, op: str, parts: Sequence[list[int]]) -> Chunk:
+        """Return the parts of a group as one chunk, in which each begins with a whole block."""
+        lanes: list[int] = []
+        rules = {i: self.canonical(self.program.rules[i]) for part in parts for i in part}
+        for part in parts:
+            ordered = self.in_order(part, rules)
+            self.place(ordered)
+            block = 1 if op in ("coordinate", "unknown") else min(ALIGNED_BLOCK, 1 << (len(ordered) - 1).bit_length())
+            size = whole_blocks(len(ordered), block)
+            lanes += ordered + [ordered[-1]] * (size - len(ordered))
+        return self.chunk(op, lanes, len(lanes), rules)
 
     def chunk(self, op: str, padded: list[int], count: int, rules: dict[int, SeriesRule]) -> Chunk:
         lanes = [rules[i] for i in padded]

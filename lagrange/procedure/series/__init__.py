@@ -1,0 +1,1 @@
+"""The Taylor series of a motion as procedures: from a series program to a whole integrator."""

@@ -1,0 +1,273 @@
+"""The linear systems of a series: each matrix is inverted or factored at order 0, and solved with at every order.
+
+A small matrix is inverted, which makes a solve a product; with pivoting where a pivot cannot be trusted. Beside
+multipliers, where most entries are zero, factors are kept instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Protocol
+
+from lagrange.equations.solve_plan import SolvePlan
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.kernel.elimination import factored, solved
+from lagrange.procedure.linear.inverse import invert, padded, work_size
+from lagrange.procedure.linear.ldl import factor_dense, factor_size, invert_dense, solve_factored
+from lagrange.procedure.series.rules import Term, fma
+from lagrange.procedure.values import Flag, Memory, Real
+from lagrange.program.elimination import WRITTEN_OUT, Elimination, block_eliminations, elimination, is_factored
+
+Triangle = dict[tuple[int, int], Real]
+
+
+class System(Protocol):
+    """A matrix that is known: it solves for one right-hand side after another, in the order of the unknowns."""
+
+    def solve(self, right: Sequence[Term]) -> list[Term]:
+        """Return the solution."""
+
+
+def system_size(plan: SolvePlan) -> int:
+    """Return how many reals a moving matrix takes in memory."""
+    if not plan.inverted:
+        return 0
+    if is_factored(plan):
+        return sum(_factored_size(block) for block in block_eliminations(plan))
+    n = plan.size
+    return 0 if _is_small(plan) else padded(n) ** 2 + n * n + work_size(n)
+
+
+def moving_system(p: Builder, plan: SolvePlan, entries: Iterator[Real], memory: Memory) -> tuple[System, list[Flag]]:
+    """Return a matrix from the entries of its lower triangle, and flags that say that it is singular."""
+    blocks = _triangles(plan, entries)
+    if plan.diagonal:
+        pairs = [(block[0], lower[0, 0]) for block, lower in blocks]
+        return Diagonal({i: 1.0 / entry for i, entry in pairs}), [entry.equals(0.0) for _, entry in pairs]
+    if is_factored(plan):
+        return _factored(p, plan, blocks, memory)
+    if _is_small(plan):
+        found: Triangle = {}
+        flags = []
+        for block, lower in blocks:
+            inverse, singular = _inverse(p, len(block), lower, plan.negative(block))
+            flags.append(singular)
+            found |= {(block[i], block[j]): value for (i, j), value in inverse.items()}
+        return Inverse(p, plan.size, found), flags
+    n = plan.size
+    matrix, work = memory.at(padded(n) ** 2), memory.at(padded(n) ** 2 + n * n)
+    singular = _inverted(p, plan, blocks, matrix, memory, work)
+    return InverseInMemory(p, n, memory, padded(n)), [singular]
+
+
+def constant_size(plan: SolvePlan) -> int:
+    """Return how many numbers the inverse of a constant matrix takes."""
+    return plan.size if plan.diagonal else plan.size**2
+
+
+def constant_inverse(p: Builder, plan: SolvePlan, entries: Iterator[Real], to: Memory) -> list[Flag]:
+    """Write the inverse of a constant matrix by columns, or its diagonal; return flags that say that it is singular."""
+    blocks, n = _triangles(plan, entries), plan.size
+    if plan.diagonal:
+        for block, lower in blocks:
+            to[block[0]] = 1.0 / lower[0, 0]
+        return [lower[0, 0].equals(0.0) for _, lower in blocks]
+    matrix, inverse = p.reserve(n * n, name="matrix"), p.reserve(padded(n) ** 2, room=8, name="inverse")
+    singular = _inverted(p, plan, blocks, matrix, inverse, p.reserve(work_size(n), room=8, name="work"))
+    with p.loop(0, n) as j, p.loop(0, n) as i:
+        to[j * n + i] = inverse[j * padded(n) + i]
+    return [singular]
+
+
+def constant_system(p: Builder, plan: SolvePlan, memory: Memory) -> System:
+    """Return a constant matrix whose inverse stands in memory."""
+    n = plan.size
+    if plan.diagonal:
+        return Diagonal({i: memory[i] for i in range(n)})
+    if max(map(len, plan.blocks)) > WRITTEN_OUT:
+        return InverseInMemory(p, n, memory, n)
+    return Inverse(p, n, {(i, j): memory[j * n + i] for block in plan.blocks for i in block for j in block})
+
+
+class Diagonal:
+    """One over each entry of a diagonal matrix."""
+
+    def __init__(self, reciprocals: Mapping[int, Real]) -> None:
+        self.reciprocals = reciprocals
+
+    def solve(self, right: Sequence[Term]) -> list[Term]:
+        """Return the solution; see `System`."""
+        return [None if x is None else x * self.reciprocals[i] for i, x in enumerate(right)]
+
+
+class Inverse:
+    """The entries of an inverse."""
+
+    def __init__(self, p: Builder, size: int, entries: Triangle) -> None:
+        self.p, self.size, self.entries = p, size, entries
+
+    def solve(self, right: Sequence[Term]) -> list[Term]:
+        """Return the solution; see `System`."""
+        found: list[Term] = [None] * self.size
+        for j, x in enumerate(right):
+            for i in range(self.size):
+                found[i] = fma(self.p, self.entries.get((i, j)), x, found[i])
+        return found
+
+
+class InverseInMemory:
+    """An inverse by columns that are `stride` apart."""
+
+    def __init__(self, p: Builder, size: int, memory: Memory, stride: int) -> None:
+        self.p, self.size, self.memory, self.stride = p, size, memory, stride
+
+    def solve(self, right: Sequence[Term]) -> list[Term]:
+        """Return the solution; see `System`."""
+        given, found = self.p.reserve(self.size, name="right"), self.p.reserve(self.size, name="solution")
+        for i, x in enumerate(right):
+            given[i] = 0.0 if x is None else x
+        self.multiply(given, found)
+        return [found[i] for i in range(self.size)]
+
+    def multiply(self, right: Memory, found: Memory) -> None:
+        """Write the solution of a right-hand side in memory."""
+        p, n = self.p, self.size
+        with p.each(n, width=1) as i:
+            found[i] = 0.0
+        with p.loop(0, n) as j:
+            column, x = self.memory.at(j * self.stride), right[j]
+            with p.each(n, width=1) as i:
+                found[i] = p.fma(column[i], x, found[i])
+
+
+class Factored:
+    """The factors of each block, with those by pivoting in their place where a pivot cannot be trusted."""
+
+    def __init__(self, p: Builder, blocks: Sequence[_FactoredBlock], size: int) -> None:
+        self.p, self.blocks, self.size = p, blocks, size
+
+    def solve(self, right: Sequence[Term]) -> list[Term]:
+        """Return the solution; see `System`."""
+        found: list[Term] = [None] * self.size
+        for block in self.blocks:
+            solution = block.solve([right[i] for i in block.unknowns])
+            for i, x in zip(block.unknowns, solution, strict=True):
+                found[i] = x
+        return found
+
+
+def _is_small(plan: SolvePlan) -> bool:
+    """Whether the inverses of all blocks are written out."""
+    return max(map(len, plan.blocks)) <= WRITTEN_OUT and plan.size <= 2 * WRITTEN_OUT
+
+
+def _triangles(plan: SolvePlan, entries: Iterator[Real]) -> list[tuple[tuple[int, ...], Triangle]]:
+    """Return each block of unknowns with the entries of its lower triangle."""
+    place = {unknown: (number, i) for number, block in enumerate(plan.blocks) for i, unknown in enumerate(block)}
+    found: list[Triangle] = [{} for _ in plan.blocks]
+    for row, column in plan.triangle:
+        number, i = place[row]
+        found[number][i, place[column][1]] = next(entries)
+    return list(zip(plan.blocks, found, strict=True))
+
+
+def _write_triangle(p: Builder, n: int, lower: Mapping[tuple[int, int], Real], to: Memory) -> None:
+    """Write a lower triangle by columns."""
+    if len(lower) < n * (n + 1) // 2:
+        with p.each(n * n, width=1) as k:
+            to[k] = 0.0
+    for (i, j), value in lower.items():
+        to[j * n + i] = value
+
+
+def _inverse(p: Builder, n: int, lower: Triangle, negative: tuple[int, ...]) -> tuple[Triangle, Flag]:
+    """Return the entries of the inverse of a small symmetric matrix, and whether it is singular."""
+    plan = elimination(n, frozenset(lower), negative)
+    factors, trusted = factored(p, plan, lower)
+    columns = [solved(p, plan, factors, [p.real(float(i == j)) for i in range(n)]) for j in range(n)]
+    found = {(i, j): p.variable(columns[j][i]) for j in range(n) for i in range(j, n)}
+    singular = p.variable(p.false)
+    with p.when(~trusted, likely=False):
+        matrix, inverse = p.reserve(n * n, name="matrix"), p.reserve(n * n, name="inverse")
+        _write_triangle(p, n, lower, matrix)
+        singular.value = p.call(invert_dense(), n, matrix, inverse, p.reserve(factor_size(n) + n, name="work"))
+        for (i, j), variable in found.items():
+            variable.value = inverse[j * n + i]
+    entries = {place: variable.value for place, variable in found.items()}
+    return entries | {(j, i): value for (i, j), value in entries.items()}, Flag.of(singular.value)
+
+
+def _inverted(
+    p: Builder,
+    plan: SolvePlan,
+    blocks: Sequence[tuple[tuple[int, ...], Triangle]],
+    matrix: Memory,
+    inverse: Memory,
+    work: Memory,
+) -> Flag:
+    """Write the inverse of a whole matrix, by columns in whole blocks; return whether it is singular."""
+    n, placed = plan.size, {}
+    for block, lower in blocks:
+        for (i, j), value in lower.items():
+            second, first = sorted((block[i], block[j]))
+            placed[first, second] = value
+    _write_triangle(p, n, placed, matrix)
+    found = p.call(invert(), n, padded(n), matrix, inverse, work)
+    assert isinstance(found, Flag)
+    return found
+
+
+def _factored_size(block: Elimination) -> int:
+    return len(block.places) + factor_size(block.order) + block.order**2 + 2 * block.order
+
+
+def _factored(
+    p: Builder, plan: SolvePlan, blocks: Sequence[tuple[tuple[int, ...], Triangle]], memory: Memory
+) -> tuple[System, list[Flag]]:
+    made, place = [], 0
+    for (block, lower), how in zip(blocks, block_eliminations(plan), strict=True):
+        made.append(_FactoredBlock(p, block, how, lower, memory.at(place)))
+        place += _factored_size(how)
+    return Factored(p, made, plan.size), [block.singular for block in made]
+
+
+class _FactoredBlock:
+    """The factors of one block in memory: L by its places, then what pivoting takes."""
+
+    def __init__(
+        self, p: Builder, unknowns: tuple[int, ...], how: Elimination, lower: Triangle, memory: Memory
+    ) -> None:
+        self.p, self.unknowns, self.how, self.memory = p, unknowns, how, memory
+        n = how.order
+        self.places = {place: k for k, place in enumerate(how.places)}
+        self.factors = memory.at(len(how.places))
+        matrix = memory.at(len(how.places) + factor_size(n))
+        self.right = memory.at(len(how.places) + factor_size(n) + n * n)
+        found, trusted = factored(p, how, lower)
+        zero = p.real(0.0)
+        for place, k in self.places.items():
+            memory[k] = found.get(place, zero)
+        singular = p.variable(p.false)
+        self.trusted = trusted
+        with p.when(~trusted, likely=False):
+            _write_triangle(p, n, lower, matrix)
+            singular.value = p.call(factor_dense(), n, matrix, self.factors)
+        self.singular = Flag.of(singular.value)
+
+    def solve(self, right: Sequence[Term]) -> list[Term]:
+        """Return the solution with one of the two kinds of factors."""
+        p, n, zero = self.p, self.how.order, self.p.real(0.0)
+        given: list[Any] = [zero if x is None else x for x in right]
+        found = [p.variable(zero) for _ in range(n)]
+        with p.when(self.trusted, likely=True) as ways:
+            entries = {place: self.memory[k] for place, k in self.places.items()}
+            solution = solved(p, self.how, entries, given)
+            for variable, x in zip(found, solution, strict=True):
+                variable.value = x
+        with ways.otherwise():
+            for i, x in enumerate(given):
+                self.right[i] = x
+            p.call(solve_factored(), n, self.factors, self.right, self.right.at(n))
+            for i, variable in enumerate(found):
+                variable.value = self.right[i]
+        return [variable.value for variable in found]

@@ -1,0 +1,195 @@
+"""The series of a small system written out: every coefficient of every order is a value of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+
+from lagrange.procedure.form import FLAG, Procedure
+from lagrange.procedure.series.jet import Jet, divided
+from lagrange.procedure.series.numbers import SeriesNumbers
+from lagrange.procedure.series.packing import Chunk, Operand, Packing
+from lagrange.procedure.series.rules import OWN, Term, coefficient, fma, less, plus
+from lagrange.procedure.series.systems import system_size
+from lagrange.procedure.taylor.constants import LOWEST_ORDER
+from lagrange.procedure.taylor.memory import TaylorLayout
+from lagrange.procedure.values import Real
+
+EXACT = 10
+"""Up to this order a division by the order is rounded once.
+
+A later coefficient contributes so little to a step that the bias of its rounding is negligible.
+"""
+
+
+def written_layout(packing: Packing) -> TaylorLayout:
+    """Return where things stand."""
+    program = packing.program
+    n = 2 * program.dimension
+    scratch = sum(system_size(stage.plan) for stage in program.stages)
+    projected, crossing = program.projection is not None, program.may_cross
+    ways = {"projected": projected, "crossing": crossing}
+    return TaylorLayout(n, n, 0, n, block=1, scratch=scratch, chains=True, **ways)
+
+
+class WrittenJet(Jet):
+    """Builds the procedure for orders up to `highest`; `orders` has the coefficients of each value."""
+
+    def __init__(self, packing: Packing, numbers: SeriesNumbers, highest: int) -> None:
+        super().__init__(packing, numbers, written_layout(packing))
+        self.highest, self.k = highest, 0
+        self.orders: list[dict[int, Term]] = []
+        self.ranked: dict[tuple[int, int], Real] = {}
+        """Coefficients times their orders."""
+        self.x: dict[int, Term] = {}
+        self.reciprocals: dict[int, Real] = {}
+        """One over what is divided by at order 0: found at order 1, which every series has."""
+
+    def build(self) -> Procedure:
+        """Return the procedure."""
+        p = self.p
+        self.begin()
+        self.x = self.origin
+        self.orders.append(self.x)
+        self.write()
+        for k in range(1, self.highest + 1):
+            self.add_order(k)
+        p.leave(self.singular)
+        return p.finish(FLAG)
+
+    def add_order(self, k: int) -> None:
+        """Build the coefficients of an order; the highest one ends with its row."""
+        p, packing, self.k = self.p, self.packing, k
+        self.x = {i: self.share(self.before(rate)) for i, rate in enumerate(self.program.rates)}
+        self.orders.append(self.x)
+        self.fill(packing.before)
+        for place, (stage, packed) in enumerate(zip(self.program.stages, packing.stages, strict=True)):
+            guesses: list[Term] = [None] * len(stage.unknowns)
+            for _ in range(2 if k == 1 and stage.plan.moving else 1):
+                self.x |= zip(stage.unknowns, guesses, strict=True)
+                self.fill(packed.trial)
+                guesses = self.solved(place, guesses)
+            self.x |= zip(stage.unknowns, guesses, strict=True)
+            if packed is packing.stages[-1]:
+                self.write()
+                if LOWEST_ORDER <= k < self.highest:
+                    p.leave_if(self.order.equals(k), self.singular)
+            if k < self.highest or packed is not packing.stages[-1]:
+                self.fill(packed.found)
+
+    def fill(self, chunks: Sequence[Chunk]) -> None:
+        """Build the coefficients of some chunks."""
+        for chunk in chunks:
+            for lane in range(chunk.count):
+                self.x[chunk.values[lane]] = coefficient(_ValueAt(self, chunk, lane))
+
+    def solved(self, place: int, guesses: Sequence[Term]) -> list[Term]:
+        """Return the unknowns of a stage, corrected from guesses."""
+        stage, right = self.program.stages[place], []
+        for force, momentum in zip(stage.right, stage.left, strict=True):
+            rate = None if force is None else self.share(self.before(force))
+            right.append(less(rate, None if momentum is None else self.x[momentum]))
+        return [plus(x, guess) for x, guess in zip(self.systems[place].solve(right), guesses, strict=True)]
+
+    def write(self) -> None:
+        """Write the row."""
+        row, zero = self.rows.at(self.k * self.layout.width), self.p.real(0.0)
+        for i in range(2 * self.program.dimension):
+            row[i] = zero if self.x[i] is None else self.x[i]
+
+    def before(self, number: int) -> Term:
+        """Return a coefficient of the order before."""
+        return self.orders[self.k - 1][number]
+
+    def share(self, x: Term) -> Term:
+        """Return x scale / k; see `At`."""
+        high, low = reciprocal(self.k)
+        scale = self.scale
+        small = scale * low if low and self.k <= EXACT else None
+        return divided(self, x, scale if high == 1.0 else scale * high, small)
+
+    def part(self, x: Term) -> Term:
+        """Return x / k; see `At`."""
+        high, low = reciprocal(self.k)
+        return divided(self, x, self.p.real(high), self.p.real(low) if low and self.k <= EXACT else None)
+
+
+class _ValueAt:
+    """A value at an order, the lane of a chunk; see `At`."""
+
+    def __init__(self, jet: WrittenJet, chunk: Chunk, lane: int) -> None:
+        self.jet, self.chunk, self.lane, self.p = jet, chunk, lane, jet.p
+
+    def number(self, which: int) -> int:
+        """Return the number of an argument, or of the value itself."""
+        return (self.chunk.whole if which == OWN else self.chunk.args[which]).values[self.lane]
+
+    def now(self, which: int) -> Term:
+        """Return the coefficient of an argument at the order at hand."""
+        return self.jet.x[self.number(which)]
+
+    def before(self, which: int) -> Term:
+        """Return the coefficient of an argument at the order before."""
+        return self.jet.before(self.number(which))
+
+    def first(self, which: int) -> Real:
+        """Return an argument, or the value itself, at order 0."""
+        found: Real = self.jet.origin[self.number(which)]
+        return found
+
+    def total(self, which: int) -> Term:
+        """Return the sum over 0 < j < k, the oldest coefficients first."""
+        k, p = self.jet.k, self.p
+        a, b = self.chunk.sums[which]
+        total: Term = None
+        for j in sorted(range(1, k), key=lambda j: (max(j, k - j), j)):
+            if a != b or 2 * j < k:
+                total = fma(p, self.factor(a, j), self.factor(b, k - j), total)
+        if a != b:
+            return total
+        total = plus(total, total)
+        middle = self.factor(a, k // 2)
+        return fma(p, middle, middle, total) if k % 2 == 0 else total
+
+    def factor(self, operand: Operand, k: int) -> Term:
+        """Return a factor of a sum at an order."""
+        number, jet = operand.values[self.lane], self.jet
+        x = jet.orders[k][number]
+        if not operand.ranked or x is None or k == 1:
+            return x
+        if (number, k) not in jet.ranked:
+            jet.ranked[number, k] = x * float(k)
+        return jet.ranked[number, k]
+
+    def over(self, which: int) -> Real:
+        """Return one over an argument, or over the value itself, at order 0."""
+        number, known = self.number(which), self.jet.reciprocals
+        if number not in known:
+            known[number] = 1.0 / self.first(which)
+        return known[number]
+
+    def known(self, which: int) -> float | None:
+        """Return a coefficient of the rule if it is known now."""
+        return self.jet.program.numbers[self.chunk.coefficients[which][self.lane]]
+
+    def constant(self, which: int) -> Real:
+        """Return a coefficient of the rule."""
+        return self.jet.constants[self.chunk.coefficients[which][self.lane]]
+
+    def share(self, x: Term) -> Term:
+        """Return x scale / k."""
+        return self.jet.share(x)
+
+    def part(self, x: Term) -> Term:
+        """Return x / k."""
+        return self.jet.part(x)
+
+    def start(self) -> Term:
+        """Return the coefficient of time: the scale at k = 1, else 0."""
+        return self.jet.scale if self.jet.k == 1 else None
+
+
+def reciprocal(k: int) -> tuple[float, float]:
+    """Return 1 / k as the sum of two doubles."""
+    high = 1.0 / k
+    return high, float(Fraction(1, k) - Fraction(high))
