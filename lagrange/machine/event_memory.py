@@ -25,7 +25,8 @@ ROOM = 4096
 class Reaction(NamedTuple):
     """What is to happen at zeros of something that is watched; see `lagrange.procedure.taylor.watching`.
 
-    `first` is where its resets begin among all, and `entries` are those of the state that they are for.
+    `first` is where its resets begin among all, and `entries` are those of the state that they are for. What is
+    `smooth` does not jump.
     """
 
     direction: int = 0
@@ -33,6 +34,7 @@ class Reaction(NamedTuple):
     first: int = 0
     entries: tuple[int, ...] = ()
     root: bool = False
+    smooth: bool = False
 
 
 def idle(program: SeriesProgram) -> EventMemory:
@@ -50,7 +52,9 @@ def _tilts(dimension: int) -> FloatArray:
 @lru_cache(maxsize=64)
 def _settings(reactions: tuple[Reaction, ...]) -> NDArray[np.int64]:
     """Return the settings of all that is watched, which the loop only reads."""
-    own = [(one.direction, one.terminal, one.first, len(one.entries), int(one.root)) for one in reactions]
+    own = [
+        (one.direction, one.terminal, one.first, len(one.entries), int(one.root), int(one.smooth)) for one in reactions
+    ]
     settings = [x for block in zip(*own, strict=True) for x in block]
     if len(settings) != SETTINGS * len(reactions):
         raise AssertionError("there is a block for each setting")

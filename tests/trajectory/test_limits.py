@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sympy import cos
+from sympy import cos, sin
 
 import lagrange as lg
 from lagrange.compiler import model_of
@@ -211,3 +211,21 @@ def test_a_pipe_is_told_nothing(capfd: pytest.CaptureFixture[str], monkeypatch: 
     monkeypatch.setattr(progress, "SILENT_SECONDS", 0.0)
     pendulum().run(0.1, progress=True)
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", "rk4", "verlet", "radau5", "scipy-dop853"])
+def test_time_is_kept_while_events_are_located(method: str) -> None:
+    """A step with hundreds of zeros takes a while; a block of steps is not looked at to its end first."""
+    x = lg.coordinate("x")
+    free = lg.System(kinetic=x.dot**2 / 2, potential=0, initial={x.dot: 1})
+    given: dict[str, Any] = {
+        "method": method,
+        "events": [sin(1e5 * x)],
+        "step": 1e-2 if method in ("rk4", "verlet") else None,
+    }
+    free.run(1e-3, **given)
+    began = time.perf_counter()
+    found = free.run(1000.0, max_wall=0.3, **given)
+    assert found.status is lg.Status.MAX_WALL and time.perf_counter() - began < 4.0
+    times = found.t_events[0]
+    assert len(times) > 50 and (np.diff(times) > 3e-5).all() and times[-1] <= found.t[-1]

@@ -10,6 +10,7 @@ from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
 from lagrange.procedure.outcome import Outcome
 from lagrange.procedure.step.constants import MOST_SURVEYS
 from lagrange.procedure.taylor.arguments import Arguments
+from lagrange.procedure.taylor.contradiction import contradicts
 from lagrange.procedure.taylor.defect_test import defect_is_small, record_step, reject_step, retries_exhausted
 from lagrange.procedure.taylor.floors import first_floors
 from lagrange.procedure.taylor.memory import TaylorLayout
@@ -101,10 +102,27 @@ def _test_defect(given: Arguments, weights: Memory, singular: Flag) -> None:
         power_of_two = p.operation("mantissa", failed).equals(1.0)
         _leave_unscaled(given, (failed > 1.0) & power_of_two)
         p.leave(Outcome.PAUSED)
+    if given.watched:
+        _test_events(given, length)
     kept = given.run, counts, given.taylor, held, given.outputs, series.work
     p.call(record_step(layout), *kept, given.times, given.rows)
     if given.watched:
         prove_sides(given.watched)
+
+
+def _test_events(given: Arguments, length: Real) -> None:
+    """Reject the last step where what is watched is on another side than its series says, as often as that may help."""
+    p, layout, watched = given.p, given.layout, given.watched
+    if watched is None:
+        return
+    numbers = given.run.t, given.run.rtol, length
+    wrong: Flag = p.call(contradicts(layout), *numbers, *watched.handed, *given.series.handed).called("wrong")
+    with p.when(wrong, likely=False):
+        given.taylor.inspect = 1
+        with p.when(~retries_exhausted(given.taylor)):
+            p.call(reject_step(layout), given.run, given.counts, given.taylor, given.held, given.series.work)
+            restore_sides(watched)
+            p.leave(Outcome.PAUSED)
 
 
 def _leave_unscaled(given: Arguments, asked: Flag) -> None:

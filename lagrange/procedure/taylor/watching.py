@@ -70,12 +70,12 @@ SIGN, NEAR, STARTING, COUNT = range(4)
 """For each thing that is watched: the side before the present step (see `roots`), whether it starts at zero there, and
 how often it counted. Behind them the same as before the step that is not proven."""
 
-DIRECTION, TERMINAL, RESET_AT, RESET_SIZE, ROOT = range(5)
+DIRECTION, TERMINAL, RESET_AT, RESET_SIZE, ROOT, SMOOTH = range(6)
 """For each thing that is watched: the direction that counts, after how many times the run ends, or 0; where among the
-results of all resets its own begin, and how many there are; and 1 for a square root. Behind them stand the entries of
-the state that are reset."""
+results of all resets its own begin, and how many there are; 1 for a square root; and 1 for an event that does not jump.
+Behind them stand the entries of the state that are reset."""
 
-SIDES, SETTINGS = 4, 5
+SIDES, SETTINGS = 4, 6
 """How many blocks of these there are."""
 
 COLUMN = MOST_COEFFICIENTS + 1

@@ -11,7 +11,7 @@ import numpy as np
 from lagrange.equations.euler_lagrange import Equations
 from lagrange.errors import listing
 from lagrange.graph.differentiate import tangents
-from lagrange.graph.node import Node
+from lagrange.graph.node import Kind, Node, reachable
 from lagrange.machine.backend import Kernel
 from lagrange.machine.model import Model
 from lagrange.statement.declare import state_rows
@@ -20,6 +20,9 @@ from lagrange.trajectory.constraints.projection import Projection
 from lagrange.trajectory.constraints.residuals import residuals_of
 from lagrange.trajectory.events.ending import EventResult, nowhere, off_constraints
 from lagrange.trajectory.trajectory import FloatArray
+
+JUMPING = frozenset(("sign", "atan2", "piecewise"))
+"""Functions that jump where they are defined."""
 
 ALIKE = 1e-9
 """Two resets of one entry at one time agree to this part: they are rounded, and so is the time."""
@@ -47,6 +50,12 @@ class Impact:
     def reset(self) -> bool:
         """Whether the state jumps."""
         return self.kernel is not None
+
+    @property
+    def smooth(self) -> bool:
+        """Whether the expression does not jump from one side of zero to the other."""
+        calls = (one.data for one in reachable([self.node]) if one.kind is Kind.CALL)
+        return not self.root and JUMPING.isdisjoint(calls)
 
     @property
     def contact(self) -> bool:

@@ -60,7 +60,9 @@ class SharedWatch(EventLog):
 
     def _made(self, series: Series, parameters: FloatArray) -> EventMemory:
         """Return new memory for the loop."""
-        reactions = [Reaction(one.direction, one.terminal, one.first, one.rows, one.root) for one in self.impacts]
+        reactions = [
+            Reaction(one.direction, one.terminal, one.first, one.rows, one.root, one.smooth) for one in self.impacts
+        ]
         resets = next((one.kernel for one in self.impacts if one.kernel is not None), None)
         size = 2 * series.program.dimension
         return EventMemory(size, self.surfaces, reactions, series.values, resets, parameters)

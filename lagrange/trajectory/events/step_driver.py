@@ -26,7 +26,8 @@ S = DriverState
 class Cut:
     """Where steps are set back to: so many of them are kept, the last of them up to a time and a state.
 
-    `length` is that of the step in which it is, or before which; `whole` is the end of a step that is cut within.
+    `length` is that of the step in which it is, or before which; `whole` is the end of a step that is cut within. Where
+    the review was `late`, nothing happens there: the time for the run is used up.
     """
 
     steps: int
@@ -34,6 +35,7 @@ class Cut:
     y: FloatArray
     length: float
     whole: tuple[float, FloatArray] | None = None
+    late: bool = False
 
 
 class Reviewer(Protocol):
@@ -218,7 +220,7 @@ class EventDriver:
         cut = self._watch.review(*path, run.begin - shift, last + 1 - shift, memory.taken - 1 + shift)
         if cut is not None:
             self._set_back(state, cut, cut.steps - 1 + shift, times, rows)
-            return Outcome.WATCHED
+            return Outcome.PAUSED if cut.late else Outcome.WATCHED
         run.begin, run.starts = last + 1, 0
         self._reviewed = self._memory.reviewed
         return None if memory.waits else self._accept(state, times, rows)

@@ -7,6 +7,7 @@ place, and what lies behind it has not happened. What is regular is done in mach
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -74,6 +75,7 @@ class StepWatch(EventLog):
         self._pending: list[EventZero] = []
         self._whole: tuple[float, FloatArray] | None = None
         self._verdict: EventResult | None = None
+        self._deadline = math.inf
 
     @cached_property
     def _isolate(self) -> Isolate:
@@ -97,6 +99,8 @@ class StepWatch(EventLog):
     def begin(self, state: DriverState) -> EventResult:
         """Begin at the start of the run."""
         self.state = state
+        limit = self.problem.max_wall
+        self._deadline = math.inf if limit is None else time.perf_counter() + limit
         path = self.path_of(np.array([state.t]), state.y[None].copy())
         self.memory.dense = self.path_of.known
         self.shared.run.both = int(isinstance(path, StepPath) and path.joins)
@@ -201,6 +205,8 @@ class StepWatch(EventLog):
             if cut is not None:
                 return cut
             step += 1
+            if step < len(times) - 1 and time.perf_counter() > self._deadline:
+                return replace(_cut(batch, step - 1, batch.sample(step - 1), 1.0), late=True)
 
     def set_back(self, cut: Cut) -> None:
         """Note that the run was set back to a cut."""
