@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -194,3 +195,30 @@ def test_erf_is_refused_by_name(target: str, tmp_path: Path) -> None:
     ):
         system.export(target, tmp_path, ["energy"])
     assert system.export("python", tmp_path, ["energy"]).files
+
+
+FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+PROGRAMS = {
+    "javascript": ("js", "program.mjs", "node program.mjs"),
+    "rust": ("rust", "program.rs", "./program"),
+    "python": ("py", "program.py", "python program.py"),
+}
+
+
+@every_target
+def test_the_program_on_the_page_runs(target: str, tmp_path: Path) -> None:
+    language, name, start = PROGRAMS[target]
+    page = (Path(__file__).resolve().parents[2] / "docs" / "export" / f"{target}.md").read_text("utf-8")
+    system = lg.scene("double-pendulum")
+    made = system.export(target, tmp_path, ["rhs", "energy", "dop853", "main"])
+    (program,) = (body for kind, body in FENCE.findall(page) if kind == language)
+    (tmp_path / name).write_text(program)
+    lines = [line for kind, body in FENCE.findall(page) if kind == "sh" for line in body.splitlines()]
+    if target == "rust":
+        run(next(line for line in lines if name in line), tmp_path)
+    found = [float(word) for word in run(start, tmp_path).split()]
+    ours = system.run(2.0, initial={"theta1": 1.0, "theta2": 0.5}, parameters={"l2": 0.5}, rtol=1e-12)
+    # dop853 at 1e-10 over two units of time
+    assert found[:2] == pytest.approx(ours.y[:2, -1], abs=1e-8)
+    assert found[2] == pytest.approx(ours.energy[0], rel=1e-9)
+    assert " && ".join(made.commands) in lines  # how the self-test is run
