@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from lagrange.errors import StatementError, listing, shown, suggestion
+from lagrange.export.divisors import SOLVED, divisors, guarded
 from lagrange.export.identifiers import ascii_name
 from lagrange.export.module import Integrator, Quantity, Run, SourceModule
 from lagrange.export.self_test import check_of, in_python, prepared_numbers, step_check
@@ -133,10 +134,14 @@ def module_of(
     every = [*programs.values()]
     if projected:
         every.append(model.law("projection").program)
-    prepared = Prepared.of(every)
+    alone = divisors(model) if any(name in SOLVED for name in programs) else None
+    prepared = Prepared.of([*every, alone] if alone else every)
     given = {"state_names": state, "parameter_names": tuple(p.name for p in statement.parameters)}
     about = "Write the parameters into p, and behind them what depends on them alone."
     procedures = {name: kernel(one, prepared, name, _about(name), **given) for name, one in programs.items()}
+    if alone:
+        entries = kernel(alone, prepared, "divisors", "The entries of the matrix that are divided by.", **given)
+        procedures |= {name: guarded(procedures[name], entries) for name in SOLVED if name in procedures}
     laws = {"law": procedures["rhs"], "jacobian": procedures["rhs"]} if asked.methods else {}
     if projected:
         laws["projection"] = kernel(every[-1], prepared, "projection", "Corrections onto the constraints.", **given)

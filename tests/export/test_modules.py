@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from sympy import cos, erf
+from sympy import cos, erf, sin
 
 import lagrange as lg
+from lagrange.export.contents import MAIN_RTOL
 from lagrange.export.registry import find
 from lagrange.procedure.outcome import Outcome
 from tests.export.callers import LANGUAGES, Call, called, main_command, missing, run, write
@@ -42,12 +44,11 @@ def conforms(target: str, scene: str, folder: Path) -> None:
     head, *rows = run(main_command(start, end, 4), folder).splitlines()
     assert head.split(",") == ["t", *find_names(system)]
     found = np.array([row.split(",") for row in rows], dtype=float)
-    # The same steps from the same numbers: what differs is the rounding of each, which the motion makes grow.
-    settings = system.statement.run
-    rtol = 1e-10 if settings.rtol is None else settings.rtol
+    # Both take the tolerance of main. Ours is interpolated where main stops, so the steps are not the same.
+    rtol = min(MAIN_RTOL, float(system.statement.run.rtol or MAIN_RTOL))
     ours = system.run(end, method="dop853", rtol=rtol, atol=rtol, t_eval=found[:, 0]).y.T
     assert found[:, 0] == pytest.approx(np.linspace(0.0, end, 5), rel=1e-15)
-    assert found[:, 1:] == pytest.approx(ours, rel=100 * float(rtol), abs=100 * float(rtol) * np.abs(ours).max())
+    assert found[:, 1:] == pytest.approx(ours, rel=1000 * rtol, abs=1000 * rtol * np.abs(ours).max())
 
 
 def find_names(system: lg.System) -> list[str]:
@@ -137,6 +138,19 @@ def test_awkward_names(target: str, tmp_path: Path) -> None:
     assert [run(command, tmp_path) for command in made.commands][-1].endswith("results are right\n")
 
 
+def on_a_sphere() -> lg.System:
+    """Return a system whose matrix is diagonal, and singular at x = 0."""
+    x, z = lg.coordinates("x z")
+    m, g = lg.parameters("m g")
+    return lg.System(
+        kinetic=m * (x.dot**2 + sin(x) ** 2 * z.dot**2) / 2,
+        potential=m * g * x**2 / 2,
+        parameters={m: 1, g: 2},
+        initial={x: 1.0, z.dot: 0.5},
+        name="sphere",
+    )
+
+
 def coupled() -> lg.System:
     """Return a system whose matrix is singular at x = 0."""
     x, z = lg.coordinates("x z")
@@ -151,10 +165,11 @@ def coupled() -> lg.System:
 
 
 @every_target
-def test_a_singular_matrix_is_a_status(target: str, tmp_path: Path) -> None:
-    system = coupled()
+@pytest.mark.parametrize("stated", [coupled, on_a_sphere])
+def test_a_singular_matrix_is_a_status(target: str, stated: Callable[[], lg.System], tmp_path: Path) -> None:
+    system = stated()
     system.export(target, tmp_path, ["rhs", "jacobian", "energy", "rk4", "dop853"])
-    file = tmp_path / "coupled"
+    file = tmp_path / system.statement.name
     zero, good = [0.0, 0.0, 0.5, 0.1], [1.0, 0.0, 0.0, 0.5]
     quantities = [Call("rhs", 0.0, zero, 4), Call("jacobian", 0.0, zero, 16), Call("energy", 0.0, zero, 1)]
     steps = [Call("rk4", 0.0, zero, step=0.1), Call("dop853", 0.0, zero, end=1.0), Call("rk4", 0.0, good, step=0.1)]
@@ -205,7 +220,7 @@ PROGRAMS = {
 }
 
 
-@every_target
+@pytest.mark.parametrize("target", [one for one in TARGETS if one.values[0] in PROGRAMS])
 def test_the_program_on_the_page_runs(target: str, tmp_path: Path) -> None:
     language, name, start = PROGRAMS[target]
     page = (Path(__file__).resolve().parents[2] / "docs" / "export" / f"{target}.md").read_text("utf-8")
