@@ -134,7 +134,7 @@ def test_awkward_names(target: str, tmp_path: Path) -> None:
     system = named(AWKWARD[:8], AWKWARD[8:], "while")
     made = system.export(target, tmp_path, ["rhs", "energy", "rk4"])
     for command in LANGUAGES[target].strict:
-        run(command.format(module="while"), tmp_path)
+        run(command.format(module=made.files[0].stem), tmp_path)
     assert [run(command, tmp_path) for command in made.commands][-1].endswith("results are right\n")
 
 
