@@ -14,6 +14,20 @@ for built_in in BUILT_IN:
     register(built_in)
 
 
+ALIASES: Mapping[str, str] = {
+    **dict.fromkeys(("c99", "ansi-c"), "c"),
+    **dict.fromkeys(("c++", "cxx", "c++17"), "cpp"),
+    **dict.fromkeys(("js", "node", "es", "esm"), "javascript"),
+    **dict.fromkeys(("rs",), "rust"),
+    **dict.fromkeys(("numpy", "py"), "python"),
+    **dict.fromkeys(("f90", "f08", "fortran2008"), "fortran"),
+    **dict.fromkeys(("jl",), "julia"),
+    **dict.fromkeys(("matlab", "m"), "octave"),
+    **dict.fromkeys(("fmi", "fmi2", "fmi3"), "fmu"),
+}
+"""Other names that targets go by."""
+
+
 class TargetTable(Mapping[str, str]):
     """The targets: each name with a line about it; prints as a table."""
 
@@ -44,6 +58,8 @@ def targets() -> TargetTable:
 
 def find(name: str) -> Target:
     """Return a target by name. Raises StatementError for an unknown one, with the list."""
+    if isinstance(name, str) and name not in REGISTERED:
+        name = ALIASES.get(name.lower(), name)
     return REGISTERED[one_of(name, REGISTERED, "there is no target {given}; the targets are {known}.")]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 import shutil
 import subprocess
@@ -94,3 +95,25 @@ def test_switching_surfaces_are_refused_by_name(tmp_path: Path) -> None:
     with pytest.raises(StatementError, match=r"crosses no switching surfaces .*leave out the content taylor"):
         lg.scene("falling-ball").export("c", tmp_path / "made", ["taylor"])
     assert not (tmp_path / "made").exists()
+def test_the_program_of_the_page_runs(tmp_path: Path) -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs" / "export" / "c.md").read_text("utf-8")
+    program, build = (re.findall(rf"```{kind}\n(.*?)```", page, re.DOTALL) for kind in ("c", "sh"))
+    system = lg.scene("double-pendulum")
+    system.export("c", tmp_path, ["rhs", "energy", "dop853"])
+    (tmp_path / "program.c").write_text(program[0])
+    run(build[1], tmp_path)
+    found = [float(number) for number in run("./program", tmp_path).split()]
+    ours = system.run(2.0, {"theta1": 1.0, "theta2": 0.5}, parameters={"l2": 0.5}, rtol=1e-12)
+    # the tolerance of the page is 1e-10; two units of time multiply an error by less than a thousand
+    assert found == pytest.approx([*ours.y[:2, -1], ours.energy[-1]], abs=1e-7)
+
+
+@needs_cc
+def test_events_are_functions(tmp_path: Path) -> None:
+    system = lg.scene("pendulum")
+    (theta,) = system.coordinates
+    made = system.export("c", tmp_path, events=[theta.dot, lg.event(theta - 1, direction=1)])
+    assert "out: event0, event1" in (tmp_path / "pendulum.h").read_text()
+    for command in made.commands:
+        said = run(command, tmp_path)
+    assert said == "pendulum: 30 of 30 results are right\n"

@@ -1,0 +1,155 @@
+"""Exported right-hand sides against our kernels and C by hand, and what an export and its compilation take."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from measure import Page, best, shown, verdict
+from native import FLAGS, compiled
+from systems import chain, double_pendulum
+
+import lagrange as lg
+
+CALLS = 20_000
+LINKS = (5, 10)
+SCRIPT = Path(__file__).with_name("exported_calls.mjs")
+
+
+def library(source: Path) -> ctypes.CDLL:
+    """Return an exported C file as a library."""
+    target = source.with_suffix(".so")
+    subprocess.run(["gcc", *FLAGS, "-shared", "-fPIC", "-o", target, source, "-lm"], check=True)
+    return ctypes.CDLL(str(target))
+
+
+def exported(system: lg.System, folder: str, contents: list[str]) -> tuple[ctypes.CDLL, str]:
+    """Return the library of a system's exported C, and the prefix of its functions."""
+    made = system.export("c", folder, contents)
+    source = next(path for path in made.files if path.suffix == ".c")
+    return library(source), f"{source.stem}_"
+
+
+class Calls:
+    """Calls of right-hand sides from C, each waiting for the one before."""
+
+    def __init__(self) -> None:
+        self.waiting = compiled("right_side.c").waiting
+        self.kept: list[Any] = []
+
+    def of(self, address: int, p: Any, y: Any) -> Any:
+        """Return a function that calls a right-hand side `CALLS` times."""
+        self.kept += [p, y]
+        where = [ctypes.c_void_p(address), *(ctypes.c_void_p(one.ctypes.data) for one in (p, y))]
+        counts = ctypes.c_int64(len(y)), ctypes.c_int64(CALLS)
+        return lambda: self.waiting(*where, *counts)
+
+
+def address(function: Any) -> int:
+    """Return the address of a function of a library."""
+    return ctypes.cast(function, ctypes.c_void_p).value or 0
+
+
+def rivals(calls: Calls, system: lg.System, quantity: str, folder: str) -> dict[str, Any]:
+    """Return the exported function and the kernel of a quantity, at a state of the system."""
+    loaded, prefix = exported(system, f"{folder}/{quantity}", [quantity])
+    model, n = system.compile(), len(system.coordinates)
+    values = np.ascontiguousarray(model.parameter_array())
+    p, y = np.zeros(10_000), np.linspace(0.3, 1.2, 2 * n)
+    getattr(loaded, f"{prefix}prepare")(ctypes.c_void_p(values.ctypes.data), ctypes.c_void_p(p.ctypes.data))
+    kernel = model.kernel(quantity)
+    calls.kept += [loaded, kernel]
+    return {
+        "exported C": calls.of(address(getattr(loaded, f"{prefix}{quantity}")), p, y),
+        "our kernel": calls.of(kernel.address, kernel.prepare(values), y),
+    }
+
+
+def right_sides(page: Page, folder: str) -> None:
+    """Compare the double pendulum with C by hand, and chains with our kernels."""
+    calls, rows = Calls(), []
+    system = double_pendulum()
+    by_hand, y = compiled("double_pendulum.c"), np.linspace(0.3, 1.2, 4)
+    calls.kept.append(by_hand)
+    hand = calls.of(address(by_hand.by_hand), np.ascontiguousarray(system.compile().parameter_array()), y)
+    times = best({**rivals(calls, system, "accelerations", folder), "C by hand": hand})
+    ratio = times["exported C"] / times["C by hand"]
+    rows.append(["double pendulum, accelerations", *row(times), "C by hand", shown(ratio), verdict(ratio, 1.1)])
+    for n in LINKS:
+        times = best(rivals(calls, lg.System(**chain(n)), "rhs", folder))
+        ratio = times["exported C"] / times["our kernel"]
+        rows.append([f"{n} links, rhs", *row(times), "our kernel", shown(ratio), verdict(ratio, 1.1)])
+    head = ["function", "exported C, ns", "our kernel, ns", "C by hand, ns", "against", "ratio", "at most 1.1"]
+    page.table(head, rows)
+
+
+def row(times: dict[str, float]) -> list[str]:
+    """Return nanoseconds a call of each rival."""
+    names = ("exported C", "our kernel", "C by hand")
+    return [shown(times[name] / CALLS * 1e9) if name in times else "" for name in names]
+
+
+def javascript(page: Page, folder: str) -> None:
+    """Compare exported JavaScript in node with exported C."""
+    if shutil.which("node") is None:
+        page.text("node is not installed here: JavaScript was not measured.")
+        return
+    system, calls = double_pendulum(), Calls()
+    made = system.export("javascript", folder, ["rhs"])
+    y = [repr(float(x)) for x in np.linspace(0.3, 1.2, 4)]
+    command = ["node", str(SCRIPT), str(made.files[0].resolve()), "2000000", *y]
+    found = [float(subprocess.run(command, check=True, capture_output=True, text=True).stdout) for _ in range(5)]
+    times = best(rivals(calls, system, "rhs", folder))
+    c, ratio = times["exported C"] / CALLS * 1e9, min(found) / (times["exported C"] / CALLS * 1e9)
+    head = ["double pendulum, rhs", "ns a call", "of C's time", "at most 2"]
+    page.table(head, [["C", shown(c), "1", ""], ["JavaScript", shown(min(found)), shown(ratio), verdict(ratio, 2.0)]])
+
+
+def compilation(page: Page, folder: str) -> None:
+    """Measure exports of chains, and gcc -O2 of what they write."""
+    rows = []
+    for n, most_export, most_compile in ((2, 3.0, 2.0), (10, 3.0, 2.0), (30, 3.0, 20.0)):
+        system = lg.System(**chain(n))
+        before = perf_counter()
+        made = system.export("c", folder)
+        export = perf_counter() - before
+        source = next(path for path in made.files if path.suffix == ".c")
+        seconds = []
+        for _ in range(3):
+            before = perf_counter()
+            subprocess.run(["gcc", "-O2", "-c", "-o", f"{folder}/object.o", source], check=True)
+            seconds.append(perf_counter() - before)
+        worst = max(export / most_export, min(seconds) / most_compile)
+        lines = len(source.read_text().splitlines())
+        bars = f"{most_export:g} and {most_compile:g}"
+        rows.append([n, lines, shown(export), shown(min(seconds)), bars, verdict(worst, 1.0)])
+    page.table(["links", "lines of C", "export, s", "gcc -O2, s", "at most, s", "within"], rows)
+
+
+def main() -> None:
+    """Measure, print and write the page."""
+    page = Page(
+        "Exported code",
+        __file__,
+        f"Exported C, gcc {' '.join(FLAGS)}, against our own kernels, which LLVM compiles, and against "
+        "`double_pendulum.c`, which was written by hand; calls from C through a pointer, each at a state that waits "
+        "for the slopes before, as the stages of an integrator do, in turns.",
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        page.text("## Right-hand sides")
+        right_sides(page, folder)
+        page.text("## JavaScript\n\nIn node, called likewise from JavaScript, the least of five processes.")
+        javascript(page, folder)
+        page.text("## Export and compilation\n\nContents rhs and energy with the self-test; times on the clock.")
+        compilation(page, folder)
+    page.write()
+
+
+if __name__ == "__main__":
+    main()
