@@ -120,26 +120,34 @@ def difference(system: lg.System, table: str) -> float:
     return float(np.abs(few[:, 1 : n + 1].T - ours.y).max() / max(1.0, np.abs(ours.y).max()))
 
 
+def section(target: str, cells: dict[str, Cell]) -> str:
+    """Return the part of the page about a target."""
+    mine = list(cells.values())
+    good, ran = sum(one.good and one.ran for one in mine), sum(one.ran for one in mine)
+    told = f"{good} of {ran} scenes that ran are right; {len(mine) - ran} did not run."
+    rows = [f"| {scene} | {one.text} |" for scene, one in cells.items()]
+    return "\n".join([f"## {target}", "", told, "", "| scene | result |", "|---|---|", *rows])
+
+
+def known_sections() -> dict[str, str]:
+    """Return the parts of the page that is there, by target."""
+    parts = PAGE.read_text("utf-8").split("\n## ")[1:] if PAGE.exists() else []
+    return {part.partition("\n")[0]: f"## {part}".rstrip("\n") for part in parts}
+
+
 def main(names: list[str], scenes: list[str]) -> int:
-    """Write the page for all targets, or for those named."""
-    targets = names or list(lg.targets())
-    cells = {(scene, target): cell(scene, target) for target in targets for scene in scenes}
-    lines = ["# Conformance of exported files", "", (__doc__ or "").partition("\n\n")[2].strip(), ""]
-    lines.append("Contents: all quantities that the scene has, " + ", ".join(METHODS) + " where they apply, and main.")
-    for target in targets:
-        mine = [cells[scene, target] for scene in scenes]
-        good, ran = sum(one.good and one.ran for one in mine), sum(one.ran for one in mine)
-        lines += [
-            "",
-            f"## {target}",
-            "",
-            f"{good} of {ran} scenes that ran are right; {len(mine) - ran} did not run.",
-            "",
-        ]
-        lines += ["| scene | result |", "|---|---|"]
-        lines += [f"| {scene} | {cells[scene, target].text} |" for scene in scenes]
-    PAGE.write_text("\n".join(lines) + "\n")
-    bad = [f"{target}, {scene}: {one.text}" for (scene, target), one in cells.items() if not one.good]
+    """Write the page for all targets; where some are named, the others keep what the page says of them."""
+    sections, bad = known_sections(), []
+    for target in names or list(lg.targets()):
+        cells = {scene: cell(scene, target) for scene in scenes}
+        bad += [f"{target}, {scene}: {one.text}" for scene, one in cells.items() if not one.good]
+        sections[target] = section(target, cells)
+        methods = ", ".join(METHODS)
+        about = f"Contents: all quantities that the scene has, {methods} where they apply, and main."
+        head = ["# Conformance of exported files", (__doc__ or "").partition("\n\n")[2].strip(), about]
+        kept = [sections[name] for name in lg.targets() if name in sections]
+        PAGE.write_text("\n\n".join([*head, *kept]) + "\n", encoding="utf-8")
+        print(f"{target}: written", flush=True)
     print("\n".join(bad) or "all cells that ran are right")
     return 1 if bad else 0
 

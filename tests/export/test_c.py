@@ -95,6 +95,8 @@ def test_switching_surfaces_are_refused_by_name(tmp_path: Path) -> None:
     with pytest.raises(StatementError, match=r"crosses no switching surfaces .*leave out the content taylor"):
         lg.scene("falling-ball").export("c", tmp_path / "made", ["taylor"])
     assert not (tmp_path / "made").exists()
+
+
 def test_the_program_of_the_page_runs(tmp_path: Path) -> None:
     page = (Path(__file__).resolve().parents[2] / "docs" / "export" / "c.md").read_text("utf-8")
     program, build = (re.findall(rf"```{kind}\n(.*?)```", page, re.DOTALL) for kind in ("c", "sh"))
