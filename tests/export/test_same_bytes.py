@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+TARGETS = ("c", "fortran", "julia", "octave")
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPT = """
 import hashlib, pathlib, sys, tempfile
@@ -31,7 +32,7 @@ print(found.hexdigest())
 def digest(seed: int) -> str:
     environment = {**os.environ, "PYTHONHASHSEED": str(seed), "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
-        [sys.executable, "-c", SCRIPT, "c"], env=environment, capture_output=True, text=True, check=True
+        [sys.executable, "-c", SCRIPT, *TARGETS], env=environment, capture_output=True, text=True, check=True
     )
     return done.stdout.strip()
 

@@ -1,0 +1,249 @@
+"""A reader of the part of Julia that exported files use: it checks them, and makes Python of them.
+
+Every statement stands on a line of its own. What is not known here is refused, so that new text is looked at.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from lagrange.machine.python_source import defined
+
+WORDS = ("function", "for", "while", "if", "module", "mutable struct")
+"""What opens a block that `end` closes."""
+
+TOKEN = re.compile(r"\s+|[A-Za-z_]\w*!?(?!=)|[A-Za-z_]\w*|\d+(?:\.\d+)?(?:e[+-]?\d+)?|&&|\|\||[-+*/%^<>=!?:(),.\[\]]")
+CLOSING = {"(": ")", "[": "]"}
+
+
+def _real(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function of reals that raises an error outside of its domain, as Julia's do."""
+
+    def found(*args: float) -> Any:
+        value = function(*args)
+        if np.isnan(value) and not np.isnan(args).any():
+            raise ValueError(f"DomainError: {function.__name__}{args}")
+        return value
+
+    return found
+
+
+NAMED = ("sin", "cos", "tan", "sqrt", "log", "exp", "sinh", "cosh", "tanh", "copysign")
+BASE: Mapping[str, Any] = {
+    **{name: _real(getattr(np, name)) for name in NAMED},
+    **{f"a{name}": _real(getattr(np, f"arc{name}")) for name in ("sin", "cos", "sinh", "cosh", "tanh")},
+    "atan": lambda a, b=None: np.arctan(a) if b is None else np.arctan2(a, b),
+    "round": np.rint,
+    "abs": abs,
+    "max": np.maximum,
+    "min": np.minimum,
+    "ifelse": lambda condition, a, b: a if condition else b,
+    "div": lambda a, b: int(a / b),
+    "trunc": lambda x: int(x) if np.isfinite(x) else x,
+    "isinf": np.isinf,
+    "isfinite": np.isfinite,
+    "ldexp": np.ldexp,
+    "significand": lambda x: 2 * np.frexp(x)[0],
+    "exponent": lambda x: np.frexp(x)[1] - 1,
+    "floatmin": lambda _: 2.0**-1022,
+    "oftype": lambda _, value: value,
+    "one": lambda _: np.float64(1.0),
+    "length": len,
+    "Float64": np.float64,
+    "Int64": int,
+    "Inf": np.float64(math.inf),
+    "NaN": np.float64(math.nan),
+}
+
+
+class Ones:
+    """An array whose first place is 1: a list, from one of its places on."""
+
+    def __init__(self, values: list[Any], start: int = 0) -> None:
+        self.values, self.start = values, start
+
+    def __len__(self) -> int:
+        return len(self.values) - self.start
+
+    def _place(self, place: int) -> int:
+        assert 1 <= place <= len(self), f"there is no place {place} among {len(self)}"
+        return self.start + place - 1
+
+    def __getitem__(self, place: int) -> Any:
+        return self.values[self._place(place)]
+
+    def __setitem__(self, place: int, value: Any) -> None:
+        self.values[self._place(place)] = value
+
+
+def reals(values: Iterable[float]) -> Ones:
+    """Return an array of doubles."""
+    return Ones([np.float64(value) for value in values])
+
+
+KNOWN: Mapping[str, Any] = {
+    **BASE,
+    "view": lambda array, begin, end: Ones(array.values, array._place(begin) if end == len(array) else -1),
+    "zeros": lambda kind, count: Ones([kind(0)] * count),
+    "_from_to": lambda start, *rest: range(start, rest[-1] + 1, *rest[:-1]),
+    "_record": SimpleNamespace,
+}
+
+
+def statements(text: str) -> list[str]:
+    """Return the lines of a file that say something: no comments, no texts for help."""
+    without_help = re.sub(r'"""\n(.|\n)*?"""\n', "", text)
+    lines = (re.sub(r"\s*#.*$", "", line) for line in without_help.splitlines())
+    return [line for line in lines if line.strip()]
+
+
+def check(text: str) -> None:
+    """Check that all text is known, that brackets and blocks close, and that names are defined before they are used."""
+    blocks: list[int] = []
+    for line in statements(text):
+        body, indent = line.strip(), len(line) - len(line.lstrip())
+        plain = re.sub(r'"[^"]*"', "0", body).replace("::", ":")
+        assert "".join(TOKEN.findall(plain)) == plain, line
+        left: list[str] = []
+        for letter in plain:
+            if letter in CLOSING:
+                left.append(CLOSING[letter])
+            elif letter in CLOSING.values():
+                assert left, line
+                assert left.pop() == letter, line
+        assert not left, line
+        if body in ("end", "else"):
+            assert blocks, line
+            assert blocks[-1] == indent, line
+            if body == "end":
+                blocks.pop()
+        elif body.startswith(tuple(f"{word} " for word in WORDS)):
+            blocks.append(indent)
+    assert not blocks
+    tree = ast.parse(translated(text))
+    known = dict.fromkeys(
+        [*KNOWN, *(name for one in tree.body if isinstance(one, ast.Assign) for name in _targets(one))]
+    )
+    for one in tree.body:
+        if isinstance(one, ast.FunctionDef):
+            _scope(one.body, dict.fromkeys([*known, *(arg.arg for arg in one.args.args), one.name]))
+            known[one.name] = None
+
+
+def _scope(body: Iterable[ast.stmt], known: dict[str, None]) -> None:
+    """Check statements in order; what a loop defines is unknown behind it, as in Julia."""
+    for one in body:
+        if isinstance(one, ast.For | ast.While):
+            inside = dict(known)
+            _used(one.iter if isinstance(one, ast.For) else one.test, known)
+            if isinstance(one, ast.For):
+                inside |= dict.fromkeys(_names(one.target))
+            _scope(one.body, inside)
+        elif isinstance(one, ast.If):
+            _used(one.test, known)
+            branches = [dict(known), dict(known)]
+            _scope(one.body, branches[0])
+            _scope(one.orelse, branches[1])
+            known |= {name: None for name in branches[0] if name in branches[1]}
+        elif isinstance(one, ast.Assign):
+            _used(one.value, known)
+            for target in one.targets:
+                if not isinstance(target, ast.Name | ast.Tuple):
+                    _used(target, known)
+                known |= dict.fromkeys(_names(target))
+        else:
+            _used(one, known)
+
+
+def _targets(one: ast.Assign) -> list[str]:
+    return [name for target in one.targets for name in _names(target)]
+
+
+def _names(target: ast.expr) -> list[str]:
+    return [one.id for one in ast.walk(target) if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Store)]
+
+
+def _used(node: ast.AST, known: Mapping[str, None]) -> None:
+    for one in ast.walk(node):
+        if isinstance(one, ast.Name) and isinstance(one.ctx, ast.Load):
+            assert one.id in known, f"{one.id} is not defined"
+
+
+def expression(text: str) -> str:
+    """Return an expression or an assignment in Python."""
+    text = re.sub(r"\b(\w+)!\(", r"\1_changes(", text).replace("::", ":").replace("^", "**")
+    text = text.replace("trunc(Int64, ", "trunc(").replace("&&", " and ").replace("||", " or ")
+    text = re.sub(r"view\((\w+), (.+?):length\((\w+)\)\)", r"view(\1, \2, length(\3))", text)
+    text = re.sub(r"!(?!=)", " not ", text)
+    return re.sub(r"\bfalse\b", "False", re.sub(r"\btrue\b", "True", text)).strip()
+
+
+def chosen(text: str) -> str:
+    """Return an expression with conditions in Python."""
+    found = re.fullmatch(r"([^?]+) \? (\(.+\)|[^:]+) : (.+)", text)
+    if found is None:
+        return text
+    then = found[2][1:-1] if found[2].startswith("(") else found[2]
+    return f"(({chosen(then)}) if ({found[1]}) else ({chosen(found[3])}))"
+
+
+def translated(text: str) -> str:
+    """Return a module as Python: constants, records and functions; what changes its arguments is NAME_changes."""
+    out: list[str] = []
+    fields: list[str] = []
+    depth = 0
+    for line in statements(text):
+        word, _, rest = line.strip().partition(" ")
+        if word == "module" or (line == "end" and not depth and not fields):
+            continue
+        if word == "mutable":
+            fields = [rest.split()[-1]]
+        elif fields and "::" in word:
+            fields.append(word.partition("::")[0])
+        elif fields and word == "end":
+            out.append(f"def {fields[0]}(): return _record({', '.join(f'{one}=0' for one in fields[1:])})")
+            fields = []
+        elif fields:
+            assert line.strip() == f"{fields[0]}() = new({', '.join('0' for _ in fields[1:])})"
+        elif word == "end":
+            depth -= 1
+        else:
+            out.append("    " * (depth - (word == "else")) + _line(word, rest))
+            depth += word in ("for", "while", "if", "function")
+    return "\n".join(out) + "\n"
+
+
+def _line(word: str, rest: str) -> str:
+    body = f"{word} {rest}".strip()
+    short = re.fullmatch(r"(\w+)\(([\w, ]+)\) = (.+)", body)
+    if short:
+        return f"def {short[1]}({short[2]}): return {chosen(expression(short[3]))}"
+    if " && throw(" in body:
+        return f"assert not ({expression(body.partition(' && ')[0])})"
+    match word:
+        case "const":
+            return rest.replace("Float64[", "[")
+        case "else":
+            return "else:"
+        case "for":
+            index, _, places = rest.partition(" in ")
+            return f"for {index} in _from_to({', '.join(map(expression, places.split(':')))}):"
+        case "while" | "if":
+            return f"{word} {expression(rest)}:"
+        case "function":
+            return f"def {expression(rest)}:"
+        case _:
+            return expression(body)
+
+
+def loaded(text: str) -> dict[str, Any]:
+    """Return the names of a module."""
+    known: dict[str, Any] = defined(f"{translated(text)}\ndef _names(): return globals()\n", "_names", KNOWN)()
+    return known
