@@ -11,7 +11,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from lagrange.export.languages import fortran_spelling, javascript_spelling, octave_spelling, python, rust_spelling
+from lagrange.export.languages import (
+    c_spelling,
+    fortran_spelling,
+    javascript_spelling,
+    octave_spelling,
+    python,
+    rust_spelling,
+)
 from lagrange.export.module import SourceModule
 from lagrange.export.registry import find
 
@@ -53,6 +60,52 @@ class Language:
 
 
 LANGUAGES: Mapping[str, Language] = {
+    "cpp": Language(
+        tool="g++",
+        suffix="cpp",
+        head="""\
+#include "{module}.cpp"
+#include <cstdio>
+#include <vector>
+namespace m = lagrange::{module};
+static m::Prepared p;
+static void told(std::int64_t status, const std::vector<double> &values) {{
+    std::printf("%d", static_cast<int>(status));
+    for (double value : values) {{
+        std::printf(" %.17g", value);
+    }}
+    std::printf("\\n");
+}}
+[[maybe_unused]] static void quantity(
+    bool (*f)(double, const double *, const double *, double *), double t, std::vector<double> y, std::size_t count) {{
+    std::vector<double> out(count);
+    const bool status = f(t, y.data(), p.data(), out.data());
+    told(status, out);
+}}
+[[maybe_unused]] static void change(std::int64_t (*f)(double *), std::vector<double> y) {{
+    const std::int64_t status = f(y.data());
+    told(status, y);
+}}
+int main() {{
+    const m::Parameters parameters = {{{parameters}}};
+    told(m::prepare(parameters, p), {{}});
+""",
+        quantity="    quantity(m::{name}, {t}, {{{y}}}, {count});",
+        step="    change([](double *y) {{ return m::{name}({t}, {step}, y, p.data()); }}, {{{y}}});",
+        run="""\
+    change(
+        [](double *y) {{
+            double t = {t};
+            return m::{name}(&t, {end}, y, p.data(), 1e-10, 1e-10, 10000);
+        }},
+        {{{y}}});""",
+        tail="}\n",
+        commands=("g++ -std=c++17 -O1 -Wall -Wextra -Werror -o caller caller.cpp", "./caller"),
+        strict=(
+            "g++ -std=c++17 -O1 -Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror -Wold-style-cast"
+            " -c {module}.cpp",
+        ),
+    ),
     "javascript": Language(
         tool="node",
         suffix="mjs",
@@ -208,6 +261,7 @@ told(status, []);
 }
 
 LITERALS = {
+    "cpp": c_spelling.real_literal,
     "fortran": fortran_spelling.real_literal,
     "octave": octave_spelling.real_literal,
     "javascript": javascript_spelling.real_literal,

@@ -1,4 +1,4 @@
-"""Models exported to JavaScript, Rust, Python, Fortran or Octave: no warnings, right numbers, and a status."""
+"""Models exported to C++, JavaScript, Rust, Python, Fortran or Octave: no warnings, right numbers, and a status."""
 
 from __future__ import annotations
 
@@ -70,6 +70,7 @@ def test_every_scene_conforms(target: str, scene: str, tmp_path: Path) -> None:
 
 
 WRONG: dict[str, tuple[str, str]] = {
+    "cpp": ("out[1] = ", "out[1] = 1.00000000001 * "),
     "fortran": ("out(1) = ", "out(1) = 1.00000000001_dp * "),
     "octave": ("    out(2) = ", "    out(2) = 1.00000000001 * "),
     "javascript": ("out[out_at + 1] = ", "out[out_at + 1] = 1.00000000001 * "),
