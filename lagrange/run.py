@@ -16,6 +16,7 @@ from lagrange.statement.number import flag
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrate import integrate as trajectory_of
 from lagrange.trajectory.integrate import time_span
+from lagrange.trajectory.messages import interrupted
 from lagrange.trajectory.options import RunOptions
 
 
@@ -65,7 +66,11 @@ def integrate_since(
             trajectory, values = trajectory_of(model, span, initial, options, progress=report, began=began)
     else:
         trajectory, values = trajectory_of(model, span, initial, options, began=began)
-    return Solution(with_stiff_end(model, trajectory, values, float(span[1])), model, values)
+    try:
+        found = with_stiff_end(model, trajectory, values, float(span[1]))
+    except KeyboardInterrupt:
+        found = interrupted(trajectory, span)
+    return Solution(found, model, values)
 
 
 def flow(

@@ -222,7 +222,10 @@ class Solution:
 
     @property
     def final(self) -> dict[str, float]:
-        """The state at the last output by name: `other.run(t_end, solution.final, t_start=solution.t[-1])` goes on."""
+        """The state at the last output by name: `other.run(t_end, solution.final, t_start=solution.t[-1])` goes on.
+
+        With `t_eval` an event may end the run behind that; `y_events` has the state there.
+        """
         self._check_output()
         return dict(zip(self.names, self.y[:, -1].tolist(), strict=True))
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from lagrange.errors import listing
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.memory_limit import memory_limit
 from lagrange.trajectory.tolerances import Tolerances
-from lagrange.trajectory.trajectory import FloatArray, Status
+from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 _SENTENCES: dict[Status, str] = {
     Status.SUCCESS: "reached t = {t}.",
@@ -170,6 +171,27 @@ def outputs_alone(problem: Problem) -> str:
         f"The steps of the run took more than max_memory = {number(memory_limit(problem))} bytes, so it kept only the "
         "states at its output times: ask for others in t_eval, or raise max_memory."
     )
+
+
+def interrupted(run: Trajectory, span: Sequence[float]) -> Trajectory:
+    """Return a run over a span that was interrupted while the cause of its end was looked for."""
+    end = f"at t = {number(run.span[1])} on the way from {number(span[0])} to {number(span[1])}"
+    sentence = f"{run.method} {_SENTENCES[Status.INTERRUPTED].format(where=end)}"
+    return replace(run, status=Status.INTERRUPTED, message=sentence)
+
+
+def events_fill(problem: Problem) -> str:
+    """Return the cause and the remedy where a run that keeps no steps has no memory for more events."""
+    return (
+        f"The times and states of its events have used up max_memory = {number(memory_limit(problem))} bytes. Raise "
+        "max_memory, end the run earlier and go on from there, or watch fewer zeros, as by a direction."
+    )
+
+
+def event_behind_outputs(t: FloatArray) -> str:
+    """Return the note on a run that an event has ended behind its last output, of the output times (N,)."""
+    last = f"The last output before it is at t = {number(t[-1])}" if len(t) else "No output lies before it"
+    return f"{last}; y_events has the state at the event."
 
 
 def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tolerances) -> Iterator[str]:

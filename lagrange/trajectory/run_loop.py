@@ -12,10 +12,19 @@ from lagrange.machine.backend import Driver, SingularMassMatrix
 from lagrange.machine.calls import quickly
 from lagrange.machine.state import DriverState, Outcome, Outputs
 from lagrange.trajectory.events.ending import EventResult
+from lagrange.trajectory.events.event_log import EventLog
 from lagrange.trajectory.inertia import lost_inertia, rank_lost
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.memory_limit import compiled_late, memory_limit
-from lagrange.trajectory.messages import UNPROJECTED, coarse, message, outputs_alone, unsolved
+from lagrange.trajectory.messages import (
+    UNPROJECTED,
+    coarse,
+    event_behind_outputs,
+    events_fill,
+    message,
+    outputs_alone,
+    unsolved,
+)
 from lagrange.trajectory.outputs import AcceptedStates
 from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.plan import PathFunction, Plan, Planned, StepPlan, Watcher
@@ -79,6 +88,7 @@ def _driven(problem: Problem, kept: Prepared, name: str) -> Trajectory:
     rows.look_at_constraints(problem.model, parameters, problem.t1 - problem.t0)
     # An idle driver has run with these parameters, and a constant mass matrix is what it was then.
     inert = idle is None or not problem.model.equations.structure.constant_mass
+    detail = ""
     status, sentence = _check_first_slope(problem, name, parameters, inertia=inert)
     watch = None
     if status is None and (late := compiled_late(problem)):
@@ -101,6 +111,32 @@ def _driven(problem: Problem, kept: Prepared, name: str) -> Trajectory:
             )
         except SingularMassMatrix:
             status, detail = Status.SINGULAR, ""
+    end = partial(_ended, problem, plan, state, rows, watch, name, began)
+    try:
+        found = end(status, detail, sentence)
+    except KeyboardInterrupt:
+        # It came behind the last step. What is left to do is done again, and what only explains the end is left out.
+        found = end(Status.INTERRUPTED, "", "")
+    if found.status is Status.SUCCESS:
+        tried = min(found.steps + found.rejected + 2, MOST_STEPS_PER_CALL)
+        kept.give(problem, idle, steps, state, tried if found.wall < SECONDS_PER_CALL else 0, watch)
+    return found
+
+
+def _ended(
+    problem: Problem,
+    plan: Plan,
+    state: DriverState,
+    rows: AcceptedStates,
+    watch: Watcher | None,
+    name: str,
+    began: float,
+    status: Status,
+    detail: str,
+    sentence: str,
+) -> Trajectory:
+    """Return the trajectory of a run that has ended with a status, a detail and a sentence, which may be empty."""
+    if not sentence:
         status, detail = _why(problem, plan, state, rows, (status, detail))
         sentence = _final_sentence(problem, plan, name, state, status, detail)
     rows.follow(last=True)
@@ -110,13 +146,9 @@ def _driven(problem: Problem, kept: Prepared, name: str) -> Trajectory:
     looked_at = len(problem.model.equations.constraints) > 0 and status is not Status.INTERRUPTED
     if looked_at and not rows.dropped:
         found = until_dependent(problem, plan.tolerances.rtol, found, accepted)
-        status = found.status
     if rows.passed is not None:
         series = plan.writes_outputs and not rows.dropped
         found = until_discontinuity(problem, found, rows.passed, series=series)
-    if status is Status.SUCCESS:
-        tried = min(found.steps + found.rejected + 2, MOST_STEPS_PER_CALL)
-        kept.give(problem, idle, steps, state, tried if found.wall < SECONDS_PER_CALL else 0, watch)
     return found
 
 
@@ -155,6 +187,9 @@ def _trajectory(
     notes = [*tolerances.notes, *coarse(problem, status, states, tolerances)]
     if rows.dropped:
         notes.append(outputs_alone(problem))
+    if status is Status.EVENT and problem.t_eval is not None and (not len(t) or t[-1] != times[-1]):
+        notes.append(event_behind_outputs(t))
+    watched = EventLog(len(problem.events), len(problem.y0)) if watch is None else watch
     return Trajectory(
         t=t,
         y=y,
@@ -171,8 +206,8 @@ def _trajectory(
         step=None if tolerances.rtol else tolerances.step,
         rtol=tolerances.rtol or None,
         atol=tolerances.atol if tolerances.rtol and not tolerances.share else None,
-        t_events=() if watch is None else watch.t_events[: len(problem.events)],
-        y_events=() if watch is None else watch.y_events[: len(problem.events)],
+        t_events=watched.t_events[: len(problem.events)],
+        y_events=watched.y_events[: len(problem.events)],
     )
 
 
@@ -260,7 +295,7 @@ def _advance_to_end(
                 return Status.MAX_WALL, ""
             room = rows.make_room(limit - state.kept)
             if state.t != problem.t1 and room <= 0:
-                return Status.MAX_MEMORY, ""
+                return Status.MAX_MEMORY, events_fill(problem) if rows.dropped else ""
             budget = min(per_call, left, room) if left > 0 and room > 0 else 1
             # A reset is written as a row too: steps and resets are one for each turn of the loop, and the last step.
             times, states = np.empty(budget + 1), np.empty((budget + 5, dimension))
