@@ -84,14 +84,15 @@ class Image:
             yield lane, begin, count
             lane += count
 
-    def filled(self) -> Iterator[tuple[int, int]]:
-        """Return every place and the value that stands there, but for coefficients times their order."""
-        for place, value in self.repeated.items():
-            yield place, value
-        for operand, place in self.places.items():
-            for lane, value in enumerate(operand.values):
-                if not operand.ranked and value != ZERO_LANE:
-                    yield place + lane, value
+    def filled(self) -> dict[int, int]:
+        """Return the value at each place that is read at order 0: in the row, and of what rules read there."""
+        found = {place: value for place, value in self.repeated.items() if place < self.width}
+        initial = dict.fromkeys(self.packing.initial)
+        for operand, begin in self.places.items():
+            if not operand.ranked and (begin < self.width or operand in initial):
+                places = enumerate(operand.values, begin)
+                found |= {place: value for place, value in places if value != ZERO_LANE}
+        return found
 
 
 def read(packing: Packing) -> Iterator[Operand]:

@@ -125,10 +125,11 @@ class LoopedJet(Jet):
             for c in vector:
                 self.arrays["constants"][place] = self.constants[c]
                 place += 1
-        self.clear(self.arrays["first"], self.image.size)
-        for at, value in dict(self.image.filled()).items():
-            if value in self.origin:
-                self.arrays["first"][at] = self.origin[value]
+        first, zero = self.arrays["first"], p.real(0.0)
+        self.clear(first, self.image.width)
+        for at, value in self.image.filled().items():
+            if value in self.origin or at >= self.image.width:
+                first[at] = self.origin.get(value, zero)
         self.find_divisors(chunks)
         if program.stages:
             self.prepare_systems()
