@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,9 @@ STRICT = {
     "rust": ("rustc ", "rustc -D warnings "),
 }
 """What makes a warning an error, where the commands of a target do not ask for it."""
+
+PACKAGES = {"jax": "jax", "casadi": "casadi"}
+"""What a target needs of Python, beside NumPy."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +79,7 @@ def cell(scene: str, target: str) -> Cell:
             made = system.export(target, folder, contents_of(system, target))
         except lg.StatementError as error:
             return Cell(f"refused: {error}", good=False, ran=False)
-        missing = missing_tool(made.commands)
+        missing = missing_tool(target, made.commands)
         if missing:
             return Cell(f"not run: {missing} is not installed", good=True, ran=False)
         done = run(made.commands, target, folder)
@@ -92,8 +96,11 @@ def cell(scene: str, target: str) -> Cell:
         return Cell(f"{text}; {error:.0e}", good=error <= TRAJECTORY, ran=True)
 
 
-def missing_tool(commands: Any) -> str:
-    """Return a program of the commands that is not there."""
+def missing_tool(target: str, commands: Any) -> str:
+    """Return a package or a program of the commands that is not there."""
+    package = PACKAGES.get(target)
+    if package and find_spec(package) is None:
+        return package
     words = [command.split()[0] for command in commands]
     return next((word for word in words if not word.startswith("./") and shutil.which(word) is None), "")
 

@@ -12,6 +12,9 @@ from lagrange.export.languages.straight_line import (
     StraightLinePrinter,
     described,
 )
+from lagrange.export.languages.straight_line_module import straight_line_module
+from lagrange.export.module import SourceModule
+from lagrange.export.target import Target
 from lagrange.procedure.syntax import ATOM
 from lagrange.program.program import Program
 
@@ -69,6 +72,36 @@ def _solved(factors, *right):
 LIBRARY = Library("CasADi", "import casadi as ca", OPERATIONS, HELPERS, SYSTEMS)
 
 
+class CasADi(Target):
+    """CasADi; see `Target`."""
+
+    name = "casadi"
+    about = "CasADi: a Python module that makes a casadi.Function of each quantity, quantities only"
+    contents = frozenset()
+
+    def files(self, module: SourceModule) -> Mapping[str, str]:
+        """Return the module, which tests itself when it is run."""
+        return {f"{module.name}_casadi.py": straight_line_module(module, LIBRARY, "", functions, USE, EVALUATED)}
+
+    def commands(self, module: SourceModule) -> list[str]:
+        """Return what runs the test."""
+        return [f"python {module.name}_casadi.py"]
+
+
+USE = """\
+NAME() returns a casadi.Function of t, y and the parameters p, of SX symbols, and NAME(ca.MX) one of MX symbols; its
+result is NaN throughout where a matrix is singular to round-off. NAME_checked() makes one with a second result, 1 where
+it is singular and 0 elsewhere. Given numbers for p and symbols for y, a function of SX symbols leaves nothing to be
+computed that depends on p alone."""
+
+EVALUATED = '''\
+def _evaluated(make, times, states):
+    """Return the results at some states, a list for each, and whether a matrix is singular there."""
+    function = make()
+    found = [function(t, y, DEFAULT_PARAMETERS) for t, y in zip(times, states)]
+    return [result.T.elements() for result, _ in found], [float(singular) != 0.0 for _, singular in found]'''
+
+
 def source(program: Program, name: str, about: Sequence[str] = ()) -> str:
     """Return a file that defines `name(kind=ca.SX)` and `name_checked(kind=ca.SX)`, which return a `casadi.Function`.
 
@@ -76,12 +109,6 @@ def source(program: Program, name: str, about: Sequence[str] = ()) -> str:
     Where a mass matrix is singular, the result of the first is NaN throughout. Raises StatementError for mathematics
     that CasADi does not have.
     """
-    printer = StraightLinePrinter(program, LIBRARY)
-    body = textwrap.indent("\n".join(printer.body()), "    ")
-    results = "ca.vertcat(*results)"
-    if len(program.shape) > 1:
-        rows, columns = program.shape
-        results = f"ca.reshape({results}, {columns}, {rows}).T"
     lines = "".join(f"{line}\n" for line in ("", *about)) if about else ""
     return f'''\
 """{name}(t, y, p) for CasADi: {described(program)}.
@@ -93,6 +120,18 @@ mass matrix is singular; {name}_checked() makes one with a second result, 1 wher
 {LIBRARY.text_before(program)}
 
 
+{functions(program, name)}'''
+
+
+def functions(program: Program, name: str) -> str:
+    """Return the text of `name` and `name_checked`."""
+    printer = StraightLinePrinter(program, LIBRARY)
+    body = textwrap.indent("\n".join(printer.body()), "    ")
+    results = "ca.vertcat(*results)"
+    if len(program.shape) > 1:
+        rows, columns = program.shape
+        results = f"ca.reshape({results}, {columns}, {rows}).T"
+    return f'''\
 def {name}_checked(kind=ca.SX):
     """Return a Function of t, y, p with {described(program)}, and whether a mass matrix is singular."""
     inputs = t, *vectors = kind.sym("t"), kind.sym("y", {program.states}), kind.sym("p", {program.parameters})

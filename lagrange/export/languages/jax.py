@@ -12,6 +12,9 @@ from lagrange.export.languages.straight_line import (
     StraightLinePrinter,
     described,
 )
+from lagrange.export.languages.straight_line_module import straight_line_module
+from lagrange.export.module import SourceModule
+from lagrange.export.target import Target
 from lagrange.procedure.syntax import ATOM
 from lagrange.program.program import Program
 
@@ -91,16 +94,44 @@ def _solved(factors, *right):
 LIBRARY = Library("JAX", HEAD, OPERATIONS, HELPERS, SYSTEMS)
 
 
+class Jax(Target):
+    """JAX; see `Target`."""
+
+    name = "jax"
+    about = "JAX: a Python module of functions for jax.jit, jax.grad and jax.vmap, quantities only"
+    contents = frozenset()
+
+    def files(self, module: SourceModule) -> Mapping[str, str]:
+        """Return the module, which tests itself when it is run."""
+        return {f"{module.name}_jax.py": straight_line_module(module, LIBRARY, DOUBLE, functions, USE, EVALUATED)}
+
+    def commands(self, module: SourceModule) -> list[str]:
+        """Return what runs the test."""
+        return [f"python {module.name}_jax.py"]
+
+
+DOUBLE = 'jax.config.update("jax_enable_x64", True)  # double precision, for all of JAX in this process'
+
+USE = """\
+NAME(t, y, p) returns a quantity for y of shape (STATE,) and parameters p of shape (PARAMETERS,); NaN throughout where a
+matrix is singular to round-off. NAME_checked(t, y, p) returns (result, whether it is singular). Both are functions of
+arrays alone: take jax.jit, jax.grad, jax.jacfwd and jax.vmap of them. What depends on p alone is computed once for a
+batch of states where p is not in the batch: jax.vmap(rhs, (None, 0, None))."""
+
+EVALUATED = '''\
+def _evaluated(function, times, states):
+    """Return the results at some states, a list for each, and whether a matrix is singular there."""
+    batch = jax.jit(jax.vmap(function, (0, 0, None)))
+    results, singular = batch(jnp.array(times), jnp.array(states), jnp.array(DEFAULT_PARAMETERS))
+    return results.reshape(len(times), -1).tolist(), singular.tolist()'''
+
+
 def source(program: Program, name: str, about: Sequence[str] = ()) -> str:
     """Return a file that defines `name(t, y, p)` and `name_checked(t, y, p)`, which returns (result, singular).
 
     `about` are lines of its docstring. Where a mass matrix is singular, the result of `name` is NaN throughout. Raises
     StatementError for mathematics that JAX does not have.
     """
-    printer = StraightLinePrinter(program, LIBRARY)
-    body = textwrap.indent("\n".join(printer.body()), "    ")
-    wanted = f"(), ({program.states},), ({program.parameters},)"
-    shape = "" if program.shape == (len(program.outputs),) else f".reshape({program.shape!r})"
     lines = "".join(f"{line}\n" for line in ("", *about)) if about else ""
     return f'''\
 """{name}(t, y, p) for JAX: {described(program)}.
@@ -112,6 +143,16 @@ mass matrix is singular; {name}_checked returns (result, whether it is singular)
 {LIBRARY.text_before(program)}
 
 
+{functions(program, name)}'''
+
+
+def functions(program: Program, name: str) -> str:
+    """Return the text of `name` and `name_checked`."""
+    printer = StraightLinePrinter(program, LIBRARY)
+    body = textwrap.indent("\n".join(printer.body()), "    ")
+    wanted = f"(), ({program.states},), ({program.parameters},)"
+    shape = "" if program.shape == (len(program.outputs),) else f".reshape({program.shape!r})"
+    return f'''\
 def {name}_checked(t, y, p):
     """Return {described(program)}, and whether a mass matrix is singular."""
     t, y, p = (jnp.asarray(x, jnp.float64) for x in (t, y, p))

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from lagrange.errors import LagrangeError
-from lagrange.export.comments import commented, number_lines, plain
+from lagrange.export.comments import commented, number_lines
 from lagrange.export.descriptions import (
     MOST_STEPS,
     TEST,
@@ -16,15 +16,15 @@ from lagrange.export.descriptions import (
     columns,
     integrator_of,
     outcomes,
-    places,
     run_of,
     sizes,
 )
 from lagrange.export.identifiers import ascii_name, distinct
 from lagrange.export.languages.python_spelling import FILES, HELPERS, RESERVED, helper_lines
 from lagrange.export.module import Check, SourceModule, StepCheck
+from lagrange.export.python_module import named_places, number, statement_comment
 from lagrange.export.target import Target
-from lagrange.machine.python_source import Printer, literal
+from lagrange.machine.python_source import Printer
 from lagrange.procedure.form import REAL, Array, Part, Procedure
 
 
@@ -93,7 +93,7 @@ def source(module: SourceModule) -> str:
     file = _File()
     functions = [_ExportPrinter(procedure, file).function() for procedure in module.procedures]
     lines = [
-        *(f"# {plain(line)}".rstrip() for line in module.statement),
+        *statement_comment(module),
         "",
         "import math",
         "import sys",
@@ -139,22 +139,11 @@ if __name__ == "__main__":
     sys.exit({run}test())"""
 
 
-def number(value: float) -> str:
-    """Return a double with all its digits."""
-    return literal(REAL, value)[1]
-
-
 def constants(module: SourceModule) -> Iterator[str]:
     """Yield sizes, names, and comments on arrays and functions."""
     for name, count, about in sizes(module):
         yield f"{name.upper()} = {count}  # {about}"
-    yield ""
-    yield from commented(places("y", module.state), "#")
-    yield from commented(places("parameters", module.parameters), "#")
-    for name, names in (("STATE_NAMES", module.state), ("PARAMETER_NAMES", module.parameters)):
-        yield f"{name} = {tuple(names)!a}"
-    yield f"DEFAULT_PARAMETERS = {module.values!a}"
-    yield ""
+    yield from named_places(module, "parameters")
     yield from commented(
         "Each function of t, y and p returns False, or True where a matrix is singular to round-off: out is then not "
         "to be used. Arrays that are written are of float64.",

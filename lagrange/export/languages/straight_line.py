@@ -140,9 +140,9 @@ class Library:
     helpers: Mapping[str, str]
     systems: str
 
-    def text_before(self, program: Program) -> str:
-        """Return what stands before the function of a program: imports and the helpers that it needs."""
-        used = dict.fromkeys(one.op for one in program.instructions)
+    def text_before(self, *programs: Program) -> str:
+        """Return what stands before the functions of some programs: imports and the helpers that they need."""
+        used = dict.fromkeys(one.op for program in programs for one in program.instructions)
         parts = [self.head, *(self.helpers[op] for op in used if op in self.helpers)]
         return "\n\n\n".join([*parts, *([self.systems.strip()] if "factor" in used else [])])
 
