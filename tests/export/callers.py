@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+from lagrange.export import python_module
 from lagrange.export.languages import (
     c_spelling,
     fortran_spelling,
     javascript_spelling,
     octave_spelling,
-    python,
     rust_spelling,
 )
 from lagrange.export.module import SourceModule
@@ -266,7 +266,7 @@ LITERALS = {
     "octave": octave_spelling.real_literal,
     "javascript": javascript_spelling.real_literal,
     "rust": rust_spelling.real_literal,
-    "python": python.number,
+    "python": python_module.number,
 }
 
 
