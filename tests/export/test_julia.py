@@ -20,21 +20,21 @@ from tests.export.systems import named
 from tests.export.test_c import CONTENTS
 from tests.export.test_modules import AWKWARD, coupled
 
-RHS = '''\
+ENERGY = '''\
 """
-    rhs!(out, t, y, p)
+    energy!(out, t, y, p)
 
-The right-hand side of y' = f(t, y). out: theta_dot, theta_ddot.
+The energy v.p - L, which is T + V where T is quadratic in the velocities. out: energy.
 """
-function rhs!(out, t, y, p)
+function energy!(out, t, y, p)
     length(y) < 2 && throw(DimensionMismatch("y has fewer than 2 numbers"))
-    length(p) < 7 && throw(DimensionMismatch("p has fewer than 7 numbers"))
-    length(out) < 2 && throw(DimensionMismatch("out has fewer than 2 numbers"))
+    length(p) < 5 && throw(DimensionMismatch("p has fewer than 5 numbers"))
+    length(out) < 1 && throw(DimensionMismatch("out has fewer than 1 numbers"))
+    m = p[1]
     theta = y[1]
     theta_dot = y[2]
-    x9 = p[4] * sin_of(theta)
-    out[1] = theta_dot
-    out[2] = x9
+    x14 = p[4] * (theta_dot * theta_dot)
+    out[1] = m * (x14 - (p[5] * cos_of(theta) + 0.5 * x14))
     return false
 end
 '''
@@ -56,10 +56,11 @@ def test_the_text_of_the_pendulum(tmp_path: Path) -> None:
         assert not text.endswith("\n\n")
     assert texts[0].startswith("# pendulum: equations of motion, made by lagrange\n# A plane pendulum, ")
     assert "\nmodule Pendulum\n" in texts[0]
-    assert f"\n{RHS}\n" in texts[0]
     assert "        if Pendulum.rhs!(out, times[k], states[k], p)\n" in texts[1]
     assert texts[1].endswith("\nexit(test_all() > 0 ? 1 : 0)\n")
     assert "        outcome = Pendulum.dop853!(t, y, next, p, 1e-12, 1e-12, 10000000)\n" in texts[2]
+    lg.scene("pendulum").export("julia", tmp_path, ["energy"])
+    assert f"\n{ENERGY}\n" in made.files[0].read_text()
 
 
 def right(made: SourceModule) -> None:

@@ -15,6 +15,7 @@ import lagrange as lg
 from lagrange.export.contents import MAIN_RTOL
 from lagrange.export.registry import find
 from lagrange.procedure.outcome import Outcome
+from lagrange.program.program import Instruction, Program, ProgramBlock
 from tests.export.callers import LANGUAGES, Call, called, main_command, missing, run, write
 from tests.export.graphs import as_module, graph, points, rarer, rarer_results, wrong
 from tests.export.systems import named
@@ -238,3 +239,24 @@ def test_the_program_on_the_page_runs(target: str, tmp_path: Path) -> None:
     assert found[:2] == pytest.approx(ours.y[:2, -1], abs=1e-8)
     assert found[2] == pytest.approx(ours.energy[0], rel=1e-9)
     assert " && ".join(made.commands) in lines  # how the self-test is run
+
+
+@every_target
+def test_operations_on_constants_have_the_values_of_doubles(target: str, tmp_path: Path) -> None:
+    code = [Instruction("constant", value=value) for value in (1.0, 0.0, 1e300, -1.0)]
+    code += [
+        Instruction("div", (0, 1)),
+        Instruction("mul", (2, 2)),
+        Instruction("sqrt", (3,)),
+        Instruction("log", (1,)),
+    ]
+    code += [Instruction("sub", (4, 5)), Instruction("mul", (4, 3)), Instruction("div", (0, 2))]
+    outputs = tuple(range(4, len(code)))
+    state = ProgramBlock("y", 4)
+    program = Program("constants", (state,), 0, tuple(code), 0, outputs, (ProgramBlock("v", 7),), (7,))
+    file = write(target, as_module([program]), tmp_path)
+    for command in LANGUAGES[target].strict:
+        run(command.format(module=file.stem), tmp_path)
+    _, found = called(target, file, [Call("constants", 0.0, [0.0] * 4, 7)])
+    inf, nan = math.inf, math.nan
+    np.testing.assert_array_equal(found.values, [inf, inf, nan, -inf, nan, -inf, 1e-300])
