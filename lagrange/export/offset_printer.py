@@ -53,6 +53,10 @@ class OffsetPrinter(SourcePrinter):
         self.write(self.define(self.name(part.ref), WHOLE, text))
         self._parts[part.ref] = whole._replace(names=(*whole.names, self.text(part.ref)))
 
+    def begins(self, array: int, place: Place) -> None:
+        """Say where an array begins."""
+        self._parts[array] = place
+
     def place_of(self, array: int) -> Place:
         """Return where an array begins that may be a part of another."""
         return self._parts.get(array, Place(array))
@@ -64,7 +68,7 @@ class OffsetPrinter(SourcePrinter):
         if place in self.constants:
             text, number = "", number + self.constants[place]
         else:
-            text = self.whole_text(self.text(place))
+            text = self.whole_text(self.text(place, self.spelled["add"][0]))
         return begin.array, summed([*begin.names, *([text] if text else [])], number)
 
     def beginning(self, array: int) -> tuple[int, str | None]:

@@ -42,9 +42,22 @@ def graph(seed: int, without: Sequence[str] = ()) -> Program:
         reals = [k for k, one in enumerate(code) if one.op not in CONDITIONS]
         args = [rng.choice(flags if place < holds else reals[-6:]) for place in range(ARITY[op] or 0)]
         code.append(Instruction(op, tuple(args)))
+    return _with_results(f"graph_{seed}", code)
+
+
+def _with_results(name: str, code: Sequence[Instruction]) -> Program:
     outputs = tuple(range(STATES, len(code)))
     values = (ProgramBlock("values", len(outputs)),)
-    return Program(f"graph_{seed}", (ProgramBlock("y", STATES),), 0, tuple(code), 0, outputs, values, (len(outputs),))
+    return Program(name, (ProgramBlock("y", STATES),), 0, tuple(code), 0, outputs, values, (len(outputs),))
+
+
+def edges(without: Sequence[str] = ()) -> Program:
+    """Return a program of every operation of one or two numbers on the first of its inputs."""
+    code = [Instruction("state", place=k) for k in range(STATES)]
+    for op, arity in ARITY.items():
+        if op not in (*LEAVES, *without, "and", "or", "not") and arity in (1, 2):
+            code.append(Instruction(op, tuple(range(arity))))
+    return _with_results("edges", code)
 
 
 def points(seed: int, count: int) -> list[list[float]]:

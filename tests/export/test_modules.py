@@ -17,7 +17,7 @@ from lagrange.export.registry import find
 from lagrange.procedure.outcome import Outcome
 from lagrange.program.program import Instruction, Program, ProgramBlock
 from tests.export.callers import LANGUAGES, Call, called, main_command, missing, run, write
-from tests.export.graphs import as_module, graph, points, rarer, rarer_results, wrong
+from tests.export.graphs import SPECIAL, as_module, edges, graph, points, rarer, rarer_results, wrong
 from tests.export.systems import named
 from tests.export.test_c import CONTENTS
 
@@ -96,9 +96,11 @@ def test_a_wrong_number_fails_the_self_test(target: str, tmp_path: Path) -> None
 
 
 def check_graphs(target: str, count: int, folder: Path) -> None:
-    programs = [graph(seed, without=sorted(find(target).inexpressible)) for seed in range(count)]
+    without = sorted(find(target).inexpressible)
+    programs = [*(graph(seed, without) for seed in range(count)), edges(without)]
     file = write(target, as_module(programs, [rarer()]), folder)
     states = {program.name: points(k, 6) for k, program in enumerate(programs)}
+    states["edges"] = [[a, b, 0.0, 0.0] for a in SPECIAL for b in (*SPECIAL, 0.5, -2.5)]
     calls = [Call(one.name, 0.0, y, len(one.outputs)) for one in programs for y in states[one.name]]
     pairs = [(2.5, -7.0), (-0.4, -0.0), (3.5, 9.0), (-1e300, 4.0), (5e-324, -3.0), (math.inf, 1.0), (math.nan, -2.0)]
     _, *found = called(target, file, [*calls, *(Call("rarer", 0.0, [*pair, 0.0, 0.0], 8) for pair in pairs)])
@@ -127,7 +129,25 @@ AWKWARD = (
     *("x0", "lam1", "t_", "θ", "ω2", "theta", "a" * 63, "a" * 64, "m", "M", "t1", "y", "p", "out", "h"),
     *("sinus", "cosine", "Math", "math", "np", "bits", "powf", "cell", "cells", "at", "part", "singular", "inf", "nan"),
     *("fn", "let", "self", "Self", "default", "true", "null", "this", "new", "var", "void", "mut", "match", "loop"),
-    *("use", "mod", "crate", "super", "where", "dyn", "type", "i", "x7", "eval", "power", "abs_", "A0", "Reals"),
+    *(
+        "use",
+        "mod",
+        "crate",
+        "super",
+        "where",
+        "dyn",
+        "type",
+        "i",
+        "x7",
+        "eval",
+        "power",
+        "abs_",
+        "A0",
+        "Reals",
+        "STATE",
+        "ENERGY",
+        "None_",
+    ),
 )
 
 

@@ -55,7 +55,11 @@ def _node(module: SourceModule, function: str, given: str) -> str:
 
 def source(module: SourceModule) -> str:
     """Return the module."""
-    file = File(shifted_parameters(module.procedures, _places_given(module)), module.public)
+    file = File(
+        shifted_parameters(module.procedures, _places_given(module)),
+        module.public,
+        [one.name for one in module.procedures],
+    )
     functions = [function(procedure, file) for procedure in module.procedures]
     lines = [
         *(f"// {plain(line)}".rstrip() for line in module.statement),

@@ -8,45 +8,32 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 from lagrange.errors import LagrangeError
 from lagrange.export.braced import BracedPrinter
 from lagrange.export.comments import commented
 from lagrange.export.languages.javascript_spelling import FUNCTIONS, HELPERS, OPERANDS, RESERVED, SPELLED, literal
+from lagrange.export.offset_printer import OffsetPrinter, Place
 from lagrange.export.offsets import Shifted
-from lagrange.procedure.form import FLAG, Array, Call, Kind, Let, Part, Procedure, Record
+from lagrange.procedure.form import FLAG, Array, Call, Kind, Let, Procedure, Record
 from lagrange.procedure.source_printer import results_of
 from lagrange.procedure.syntax import ATOM
-
-ADD = SPELLED["add"][0]
 
 
 @dataclass(frozen=True)
 class File:
     """What the functions of one file share.
 
-    `shifted` has the array parameters that begin at a place. `memory` collects the declarations of local arrays and
-    records by name, `helpers` the operations whose definitions the file needs.
+    `shifted` has the array parameters that begin at a place, `functions` the names of all functions. `memory` collects
+    the declarations of local arrays and records by name, `helpers` the operations whose definitions the file needs.
     """
 
     shifted: Shifted
     public: Sequence[Procedure]
+    functions: Sequence[str]
     memory: dict[str, str] = field(default_factory=dict)
     helpers: dict[str, None] = field(default_factory=dict)
-
-
-class Place(NamedTuple):
-    """Where an array begins: the name of the memory, a constant, and the name of a variable behind it, if any."""
-
-    memory: str
-    constant: int = 0
-    variable: str = ""
-
-    @property
-    def start(self) -> str:
-        """The place as a sum."""
-        return " + ".join([one for one in (self.variable, str(self.constant or "")) if one]) or "0"
 
 
 def function(procedure: Procedure, file: File) -> str:
@@ -59,13 +46,13 @@ def results_name(procedure: Procedure) -> str:
     return f"{procedure.name}_results"
 
 
-class _JavaScriptPrinter(BracedPrinter):
+class _JavaScriptPrinter(BracedPrinter, OffsetPrinter):
     spelled = SPELLED
     operands = OPERANDS
 
     def __init__(self, procedure: Procedure, file: File) -> None:
         self.file = file
-        self.places: dict[int, Place] = {}
+        self.offsets: list[str] = []
         own = [one.name for one in procedure.parameters]
         words = (*RESERVED, *(name for name, _ in HELPERS.values()), *map(results_name, procedure.callees))
         super().__init__(procedure, [word for word in words if word not in own])
@@ -73,7 +60,7 @@ class _JavaScriptPrinter(BracedPrinter):
     def head(self) -> list[str]:
         public = self.procedure in self.file.public
         given = [self.text(one.ref) for one in self.procedure.parameters]
-        given += [f"{one.variable}{' = 0' if public else ''}" for one in self.places.values()]
+        given += [f"{one}{' = 0' if public else ''}" for one in self.offsets]
         about = commented(self.procedure.about, "//")
         return [*about, f"{'export ' if public else ''}function {self.procedure.name}({', '.join(given)}) {{"]
 
@@ -83,8 +70,8 @@ class _JavaScriptPrinter(BracedPrinter):
             self.name(parameter.ref, parameter.name)
         for k, parameter in enumerate(self.procedure.parameters):
             if k in self.file.shifted[self.procedure]:
-                at = self.name(-1 - parameter.ref, f"{parameter.name}_at")
-                self.places[parameter.ref] = Place(self.texts[parameter.ref][1], 0, at)
+                self.offsets.append(self.name(-1 - parameter.ref, f"{parameter.name}_at"))
+                self.begins(parameter.ref, Place(parameter.ref, (self.offsets[-1],)))
         head = self.head()
         self.block(self.procedure.body)
         return "\n".join([*head, *self.lines, *self.tail(), ""])
@@ -114,24 +101,9 @@ class _JavaScriptPrinter(BracedPrinter):
     def declare(self, name: str, kind: Kind, text: str) -> str:
         return f"let {name} = {text};"
 
-    def place(self, array: int) -> Place:
-        return self.places.get(array) or Place(self.text(array))
-
     def element(self, array: int, place: int) -> str:
-        memory, constant, variable = self.place(array)
-        if place in self.constants:
-            return f"{memory}[{Place(memory, constant + self.constants[place], variable).start}]"
-        parts = [variable, str(constant or ""), self.text(place, ADD)]
-        return f"{memory}[{' + '.join(part for part in parts if part)}]"
-
-    def part(self, part: Part) -> None:
-        memory, constant, variable = self.place(part.array)
-        if part.start in self.constants:
-            self.places[part.ref] = Place(memory, constant + self.constants[part.start], variable)
-            return
-        start = " + ".join(one for one in (variable, str(constant or ""), self.text(part.start, ADD)) if one)
-        self.write(f"const {self.name(part.ref)} = {start};")
-        self.places[part.ref] = Place(memory, 0, self.texts[part.ref][1])
+        whole, index = self.index(array, place)
+        return f"{self.text(whole)}[{index}]"
 
     def reserve(self, ref: int, array: Array) -> None:
         name = self.memory_name(ref)
@@ -148,15 +120,15 @@ class _JavaScriptPrinter(BracedPrinter):
         """Return the name of a local array or record in the file."""
         stem = self.procedure.names.get(ref, f"x{ref}")
         name = self.name(ref, f"{self.procedure.name}_{stem}")
-        while name in self.file.memory:
+        while name in self.file.memory or name in self.file.functions:
             name = self.name(ref, f"{name}_{ref}")
         return name
 
     def call(self, call: Call) -> None:
         callee = call.callee
         assert isinstance(callee, Procedure)
-        args = [self.place(arg).memory if arg in self.places else self.text(arg) for arg in call.args]
-        args += [self.place(arg).start for k, arg in enumerate(call.args) if k in self.file.shifted[callee]]
+        args = [self.text(self.place_of(arg).array) for arg in call.args]
+        args += [self.beginning(arg)[1] or "0" for k, arg in enumerate(call.args) if k in self.file.shifted[callee]]
         made = f"{callee.name}({', '.join(args)})"
         kinds = results_of(self, call)
         if len(kinds) != 1 or call.refs[0] not in self.uses:

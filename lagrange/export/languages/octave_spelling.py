@@ -78,8 +78,8 @@ HELPERS: Mapping[str, tuple[str, str]] = {
     "power": _helper(
         "power_of",
         "x, y",
-        "if isinf(x) || isinf(y)\n    odd = mod(y, 2) == 1;\n    r = abs(x)^y;\n    if x < 0 && odd\n        r = -r;\n"
-        "    end\nelseif x < 0 && y ~= fix(y)\n    r = NaN;\nelse\n    r = x^y;\nend",
+        "if x < 0 && isfinite(x) && y ~= fix(y)\n    r = NaN;\nelse\n    r = abs(x)^y;\n"
+        "    if (x < 0 || (x == 0 && 1 / x < 0)) && mod(y, 2) == 1\n        r = -r;\n    end\nend",
     ),
     "select": _helper("pick", "condition, a, b", "if condition\n    r = a;\nelse\n    r = b;\nend"),
     "min": _helper("smaller", "a, b", "if a < b || a ~= a\n    r = a;\nelse\n    r = b;\nend"),

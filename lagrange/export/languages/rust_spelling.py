@@ -8,6 +8,7 @@ from typing import Any
 
 from lagrange.export.languages.c_spelling import OPERANDS as C_OPERANDS
 from lagrange.export.languages.c_spelling import SPELLED as C_SPELLED
+from lagrange.export.target import QUANTITIES
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Kind
 from lagrange.procedure.syntax import ATOM
 
@@ -100,6 +101,9 @@ HELPERS: Mapping[str, tuple[str, tuple[str, ...]]] = {
         "acosh",
         (
             "fn acosh(x: f64) -> f64 {",
+            "    if x < 1.0 {",
+            "        return f64::NAN;",
+            "    }",
             "    if x > 1.0e8 {",
             "        return math::log(x) + core::f64::consts::LN_2;",
             "    }",
@@ -152,7 +156,11 @@ _RESERVED = (
     "mod "
     "y p out t h parameters "
 )
-RESERVED = (*_RESERVED.split(),)
+RESERVED = (
+    *_RESERVED.split(),
+    *(name.upper() for name in (*QUANTITIES, "state", "parameters", "prepared")),
+    *("STATE_NAMES", "PARAMETER_NAMES", "DEFAULT_PARAMETERS"),
+)
 """Words that are not names of values: keywords, what the file uses, and what parameters of functions are called."""
 
 
