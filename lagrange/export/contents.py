@@ -60,7 +60,8 @@ def wanted(target: Target, model: Model, contents: Sequence[str] | None, events:
     quantities = [name for name in QUANTITIES if name in names]
     methods = [name for name in names if name not in (*QUANTITIES, STEP, MAIN, TAYLOR)]
     methods += [STEP_METHOD] * (STEP in names)
-    if MAIN in names and TAYLOR not in names and not any(_adaptive(name) for name in methods):
+    steps_itself = TAYLOR in names or "steps" not in target.contents or any(_adaptive(name) for name in methods)
+    if MAIN in names and not steps_itself:
         methods.append(ADAPTIVE_METHOD)
     _refuse(target, model, names, methods, events)
     steps = tuple((name, step_of(name)) for name in dict.fromkeys(methods))

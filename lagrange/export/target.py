@@ -17,9 +17,10 @@ class Target(ABC):
     """A language or a format that models are written in.
 
     `name` is what users say, `about` a line about it. `contents` are those that it can have beside the quantities:
-    "steps" (a step of any explicit method and adaptive drivers), "taylor" and "main"; `always` are those that it has
-    without being asked, because its format needs them. `inexpressible` are the operations that it has no function for.
-    A class of your own is registered with `register`.
+    "steps" (a step of any explicit method and adaptive drivers), "taylor" and "main", which without "steps" is run
+    by what reads the file; `always` are those that it has without being asked, because its format needs them.
+    `inexpressible` are the operations that it has no function for. A class of your own is registered with
+    `register`.
     """
 
     name: ClassVar[str]

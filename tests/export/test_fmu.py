@@ -229,6 +229,7 @@ def test_units_are_defined_and_given(tmp_path: Path) -> None:
 def test_the_commands_test_the_sources(tmp_path: Path) -> None:
     made = lg.scene("pendulum").export("fmu", tmp_path)
     assert [run(command, tmp_path) for command in made.commands][-1].endswith("results are right\n")
+    assert [run(command, tmp_path) for command in made.run_commands][-1].startswith("t,theta,theta_dot\n0,")
 
 
 def test_without_a_compiler_there_is_no_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

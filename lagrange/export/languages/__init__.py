@@ -10,10 +10,24 @@ from lagrange.export.languages.fortran import Fortran
 from lagrange.export.languages.javascript import JavaScript
 from lagrange.export.languages.jax import Jax
 from lagrange.export.languages.julia import Julia
+from lagrange.export.languages.modelica import Modelica
 from lagrange.export.languages.octave import Octave
 from lagrange.export.languages.python import Python
 from lagrange.export.languages.rust import Rust
 from lagrange.export.target import Target
 
-BUILT_IN: tuple[type[Target], ...] = (C, Cpp, Fortran, Julia, Octave, JavaScript, Rust, Python, Jax, CasADi, Fmu)
+BUILT_IN: tuple[type[Target], ...] = (
+    C,
+    Cpp,
+    Fortran,
+    Julia,
+    Octave,
+    JavaScript,
+    Rust,
+    Python,
+    Jax,
+    CasADi,
+    Modelica,
+    Fmu,
+)
 """In the order in which they are listed."""

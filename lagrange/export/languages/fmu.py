@@ -19,7 +19,7 @@ from lagrange.errors import LagrangeError
 from lagrange.export.fmu.description import build_description, fmi2_description, fmi3_description
 from lagrange.export.fmu.model_header import model_header
 from lagrange.export.languages.c import header, source
-from lagrange.export.languages.c_programs import test_macro
+from lagrange.export.languages.c_programs import main_macro, test_macro
 from lagrange.export.module import SourceModule
 from lagrange.export.target import Target
 
@@ -46,13 +46,21 @@ class Fmu(Target):
 
     def commands(self, module: SourceModule) -> list[str]:
         """Return what unpacks the FMU of FMI 3.0, and compiles and runs the test of the sources inside."""
-        name = module.name
-        sources = f"{name}_fmi3/sources/{name}.c"
-        return [
-            f"python3 -m zipfile -e {name}_fmi3.fmu {name}_fmi3",
-            f"cc -std=c99 -O2 -D{test_macro(module)} -o {name}_test {sources} -lm",
-            f"./{name}_test",
-        ]
+        return _built(module, test_macro(module), f"{module.name}_test")
+
+    def run_commands(self, module: SourceModule) -> list[str]:
+        """Return what compiles and runs the initial state by the sources inside."""
+        return _built(module, main_macro(module), f"{module.name}_main")
+
+
+def _built(module: SourceModule, macro: str, program: str) -> list[str]:
+    """Return what compiles a program that a macro switches on in the sources of the FMU of FMI 3.0, and runs it."""
+    unpacked = f"{module.name}_fmi3"
+    return [
+        f"python3 -m zipfile -e {unpacked}.fmu {unpacked}",
+        f"cc -std=c99 -O2 -D{macro} -o {program} {unpacked}/sources/{module.name}.c -lm",
+        f"./{program}",
+    ]
 
 
 def contents(module: SourceModule, major: int) -> dict[str, str | bytes]:
