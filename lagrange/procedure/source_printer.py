@@ -44,7 +44,7 @@ from lagrange.procedure.form import (
     Write,
 )
 from lagrange.procedure.syntax import ATOM, Syntax
-from lagrange.procedure.uses import uses_of
+from lagrange.procedure.uses import loop_depth, uses_of
 
 INDICES = ("i", "j", "k", "l", "i5", "i6", "i7", "i8")
 """Names of loop indices, from the outermost on."""
@@ -64,7 +64,9 @@ class SourcePrinter(Syntax):
         self.types: dict[int, Type] = {}
         """The types of arrays, records and functions, and the kinds of values."""
         called = (self.function_name(callee) for callee in procedure.callees)
-        self.taken: dict[str, None] = dict.fromkeys(map(self.key, (*INDICES, *called, *taken)))
+        self.taken: dict[str, None] = dict.fromkeys(
+            map(self.key, (*INDICES[: loop_depth(procedure.body)], *called, *taken))
+        )
         self.uses = uses_of(procedure.body)
         self.waiting: dict[int, None] = {}
         """The values that have been printed nowhere yet."""

@@ -63,3 +63,9 @@ def _defined(block: Block) -> frozenset[int]:
     """Return the values that a block defines."""
     here = (one.ref for one in block if isinstance(one, (Let, Load, Read, Get)))
     return frozenset(here).union(*(_defined(body) for one in block for body in inner(one)))
+
+
+def loop_depth(block: Block) -> int:
+    """Return how many loops stand inside one another at most."""
+    depths = (loop_depth(body) + isinstance(one, (Loop, Each)) for one in block for body in inner(one))
+    return max(depths, default=0)
