@@ -56,8 +56,7 @@ def large() -> Procedure:
     y, _, out = p.array("y", size=STATES, read=True), p.array("p", size=1, read=True), p.array("out", size=1)
     work = p.reserve(10_000, name="work")
     with p.loop(0, 100) as i:
-        begin = i * 100
-        part = p.part(p.part(work, begin), 0)
+        part = p.part(p.part(work, i * 90), i * 10)
         with p.loop(0, 100) as j:
             part[j] = p.real(i) * y[0] + p.real(j)
     total = p.variable(p.real(0.0), "total")
