@@ -6,6 +6,7 @@ Every statement stands on a line of its own. What is not known here is refused, 
 from __future__ import annotations
 
 import ast
+import keyword
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -20,6 +21,8 @@ WORDS = ("function", "for", "while", "if", "module", "mutable struct")
 """What opens a block that `end` closes."""
 
 TOKEN = re.compile(r"\s+|[A-Za-z_]\w*!?(?!=)|[A-Za-z_]\w*|\d+(?:\.\d+)?(?:e[+-]?\d+)?|&&|\|\||[-+*/%^<>=!?:(),.\[\]]")
+PYTHON_ALONE = [word for word in keyword.kwlist if word not in ("else", "for", "if", "in", "return", "break", "while")]
+"""Words of Python that are names in Julia."""
 CLOSING = {"(": ")", "[": "]"}
 
 
@@ -178,6 +181,7 @@ def _used(node: ast.AST, known: Mapping[str, None]) -> None:
 
 def expression(text: str) -> str:
     """Return an expression or an assignment in Python."""
+    text = re.sub(r"\b[A-Za-z]\w*\b", lambda word: f"{word[0]}_word" if word[0] in PYTHON_ALONE else word[0], text)
     text = re.sub(r"\b(\w+)!\(", r"\1_changes(", text).replace("::", ":").replace("^", "**")
     text = text.replace("trunc(Int64, ", "trunc(").replace("&&", " and ").replace("||", " or ")
     text = re.sub(r"view\((\w+), (.+?):length\((\w+)\)\)", r"view(\1, \2, length(\3))", text)
