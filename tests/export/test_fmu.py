@@ -24,7 +24,7 @@ fmpy: Any = pytest.importorskip("fmpy", reason="FMPy is not installed")
 validation: Any = pytest.importorskip("fmpy.validation", reason="FMPy is not installed")
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="cc is not installed")
 
-WARNINGS = "cc -std=c99 -Wall -Wextra -Wpedantic -Wconversion -Werror -shared -fPIC -o library"
+WARNINGS = "cc -std=c99 -O2 -Wall -Wextra -Wpedantic -Wconversion -Werror -shared -fPIC -o library"
 HEADERS = Path(fmpy.__file__).parent / "c-code"
 CONTENTS = ("energy", "jacobian", "mass_matrix", "momenta", "accelerations")
 
@@ -101,12 +101,13 @@ def test_every_scene_is_valid_and_its_sources_are_right(scene: str, tmp_path: Pa
 
 
 def test_the_sources_compile_without_a_warning_by_the_headers_of_the_standard(tmp_path: Path) -> None:
-    system = lg.scene("pendulum")
-    for contents in ([], ["jacobian"]):
+    x = lg.coordinate("x")
+    bare = lg.System(kinetic=x.dot**2 / 2, potential=cos(x), initial={x: 0.5}, name="pendulum")  # without parameters
+    for system, contents in ((bare, []), (lg.scene("pendulum"), ["jacobian"])):
         for major, path in written(system, tmp_path, *contents).items():
+            sources = tmp_path / f"{major}{len(contents)}" / "sources"
             with zipfile.ZipFile(path) as packed:
-                packed.extractall(tmp_path / str(major))
-            sources = tmp_path / str(major) / "sources"
+                packed.extractall(sources.parent)
             for more in ("", f"-DFMI{major}_FUNCTION_PREFIX=pendulum_ ", f"-DFMI_STANDARD_HEADERS -I{HEADERS} "):
                 run(f"{WARNINGS} {more}fmi-{major}.c pendulum.c", sources)
 
@@ -120,6 +121,7 @@ def test_parameters_and_states_are_set_and_results_are_read(tmp_path: Path) -> N
             at, n = made.references, 4
             with pytest.raises(Exception, match="3"):
                 made.put([at["theta1"]], [0.4])  # states are set as a whole now
+            made.read([at["der(theta1_dot)"]])  # what is prepared for a parameter is prepared again for another value
             made.put([at["l2"]], [0.5])
             (made.newDiscreteStates if path.stem.endswith("2") else made.updateDiscreteStates)()
             made.enterContinuousTimeMode()

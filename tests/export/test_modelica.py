@@ -145,6 +145,19 @@ def test_a_singular_matrix_is_an_assertion(stated: Callable[[], lg.System], tmp_
             machine.call(f"Functions.{name}", 0.0, np.array([0.0, 0.0, 0.5, 0.1]), p)
 
 
+def test_rows_are_exchanged(tmp_path: Path) -> None:
+    machine = exported(lg.scene("double-pendulum"), tmp_path)
+    rng = np.random.default_rng(3)
+    for n in (1, 2, 3, 5, 8) * 4:
+        matrix = rng.normal(size=(n, n))
+        matrix = matrix + matrix.T - np.diag(np.diagonal(matrix)) * 2.0 * (n > 1)  # nothing on the diagonal
+        units = 10.0 ** rng.integers(-4, 5, size=n)
+        wanted, scaled = rng.normal(size=n) / units, units[:, None] * matrix * units
+        factors = machine.call("Functions.factored", n, scaled[np.tril_indices(n)])
+        found = machine.call("Functions.solved", n, factors, scaled @ wanted)
+        assert found * units == pytest.approx(wanted * units, rel=1e-9, abs=1e-9)
+
+
 def test_a_grammar_of_another_reads_the_package(tmp_path: Path) -> None:
     parser: Any = pytest.importorskip("pymoca.parser", reason="pymoca is not installed")
     exported(lg.scene("cartesian-pendulum"), tmp_path, *CONTENTS, "multipliers")
