@@ -14,11 +14,13 @@ import numpy as np
 from measure import Page, best, shown, verdict
 from native import FLAGS, compiled
 from systems import chain, double_pendulum
+from taylor_systems import CASES, Case, rival
 
 import lagrange as lg
 
 CALLS = 20_000
 LINKS = (5, 10)
+TOLERANCES, SERIES = (1e-9, 1e-15), ("double", "solar")
 SCRIPT = Path(__file__).with_name("exported_calls.mjs")
 
 
@@ -111,6 +113,54 @@ def javascript(page: Page, folder: str) -> None:
     page.table(head, [["C", shown(c), "1", ""], ["JavaScript", shown(min(found)), shown(ratio), verdict(ratio, 2.0)]])
 
 
+def series(page: Page, folder: str) -> None:
+    """Compare exported Taylor integrators with our own flow and heyoka's integrator at the same tolerance."""
+    rows = []
+    for case in CASES:
+        if case.name not in SERIES:
+            continue
+        system = case.system()
+        loaded, prefix = exported(system, f"{folder}/series", ["taylor"])
+        values, p = np.ascontiguousarray(system.compile().parameter_array()), np.zeros(100_000)
+        getattr(loaded, f"{prefix}prepare")(ctypes.c_void_p(values.ctypes.data), ctypes.c_void_p(p.ctypes.data))
+        for tolerance in TOLERANCES:
+            run = taylor_run(getattr(loaded, f"{prefix}taylor"), case, p, tolerance)
+            flow = lg.flow(system.compile(), method="taylor", rtol=tolerance, atol=tolerance)
+            start = np.array(case.start)
+            theirs = rival(case, system, "default", tolerance)
+            times = best(
+                {
+                    "c": run,
+                    "ours": lambda flow=flow, start=start, case=case: flow(start, 0.0, case.t_end),
+                    "heyoka": lambda theirs=theirs, start=start, case=case: theirs.run(start, case.t_end),
+                }
+            )
+            ratio, other = times["c"] / times["ours"], times["c"] / times["heyoka"]
+            shares = [shown(ratio), verdict(ratio, 1.5), shown(other), verdict(other, 1.0)]
+            rows.append([case.name, tolerance, *(shown(1e6 * one) for one in times.values()), *shares])
+    head = ["system", "tolerance", "exported C, us", "ours, us", "heyoka, us"]
+    page.table([*head, "C / ours", "at most 1.5", "C / heyoka", "at most 1"], rows)
+
+
+def taylor_run(function: Any, case: Case, p: Any, tolerance: float) -> Any:
+    """Return a function that runs a case by an exported Taylor integrator."""
+    function.argtypes = [
+        *[ctypes.c_void_p, ctypes.c_double],
+        *[ctypes.c_void_p] * 2,
+        *[ctypes.c_double] * 2,
+        ctypes.c_int64,
+    ]
+    function.restype = ctypes.c_int64
+    t, y, start = np.zeros(1), np.array(case.start), np.array(case.start)
+
+    def run() -> None:
+        t[0], y[:] = 0.0, start
+        outcome = function(t.ctypes.data, case.t_end, y.ctypes.data, p.ctypes.data, tolerance, tolerance, 10_000_000)
+        assert outcome == 0
+
+    return run
+
+
 def compilation(page: Page, folder: str) -> None:
     """Measure exports of chains, and gcc -O2 of what they write."""
     rows = []
@@ -146,6 +196,8 @@ def main() -> None:
         right_sides(page, folder)
         page.text("## JavaScript\n\nIn node, called likewise from JavaScript, the least of five processes.")
         javascript(page, folder)
+        page.text("## Taylor integrators\n\nWhole runs at the same tolerance, rtol = atol; heyoka in its faster mode.")
+        series(page, folder)
         page.text("## Export and compilation\n\nContents rhs and energy with the self-test; times on the clock.")
         compilation(page, folder)
     page.write()

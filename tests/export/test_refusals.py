@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import pytest
-from sympy import erf
+from sympy import erf, sqrt
 
 import lagrange as lg
 from lagrange.export.registry import find
@@ -120,3 +120,9 @@ def test_a_function_that_a_target_does_not_have(tmp_path: Path) -> None:
 def test_what_is_no_target() -> None:
     with pytest.raises(lg.StatementError, match="is no target"):
         register(cast("Any", dict))
+
+
+def test_a_step_is_tested_elsewhere_where_there_is_no_motion_from_the_initial_state(tmp_path: Path) -> None:
+    x, y = lg.coordinates("x y")
+    kepler = lg.System(kinetic=(x.dot**2 + y.dot**2) / 2, potential=-1 / sqrt(x**2 + y**2), name="kepler")
+    assert kepler.export("c", tmp_path, ["rk4", "dop853"]).files
