@@ -182,6 +182,7 @@ def _used(node: ast.AST, known: Mapping[str, None]) -> None:
 def expression(text: str) -> str:
     """Return an expression or an assignment in Python."""
     text = re.sub(r"\b[A-Za-z]\w*\b", lambda word: f"{word[0]}_word" if word[0] in PYTHON_ALONE else word[0], text)
+    text = re.sub(r"(?<![\w.])(\d+\.\d+(?:e[+-]?\d+)?|\d+e[+-]?\d+)", r"Float64(\1)", text)
     text = re.sub(r"\b(\w+)!\(", r"\1_changes(", text).replace("::", ":").replace("^", "**")
     text = text.replace("trunc(Int64, ", "trunc(").replace("&&", " and ").replace("||", " or ")
     text = re.sub(r"view\((\w+), (.+?):length\((\w+)\)\)", r"view(\1, \2, length(\3))", text)
