@@ -98,8 +98,11 @@ def _results(procedure: Procedure) -> int:
     return size
 
 
-def wrong(program: Program, y: Sequence[float], found: Sequence[float]) -> Iterator[str]:
-    """Yield the operations whose result is further from mpmath than 4 ulp, or NaN or infinite where ours is not."""
+def wrong(program: Program, y: Sequence[float], found: Sequence[float], least: float = 0.0) -> Iterator[str]:
+    """Yield the operations whose result is further from mpmath than 4 ulp, or NaN or infinite where ours is not.
+
+    What is less than `least` may be zero.
+    """
     values: list[Any] = [*y, *found]
     for ref in range(STATES, len(program.instructions)):
         one, value = program.instructions[ref], values[ref]
@@ -109,6 +112,8 @@ def wrong(program: Program, y: Sequence[float], found: Sequence[float]) -> Itera
         expected = one.value if one.op == "constant" else OPERATIONS[one.op](*args)
         if one.op == "fma" and not abs(args[0] * args[1]) < 1e300:
             continue  # the product overflows where it is rounded by itself
+        if value == 0.0 and abs(float(expected)) < least:
+            continue
         if not _near(one.op, args, value, float(expected)):
             yield f"{program.name}, {one.op}{tuple(args)} = {value!r} instead of {float(expected)!r}"
 

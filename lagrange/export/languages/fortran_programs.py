@@ -90,7 +90,8 @@ def _test(module: SourceModule, name: str) -> Iterator[str]:
     yield "  if (no_values) call missing('prepare: a matrix is singular', 1)"
     yield from (f"  call test_{one}()" for one in checks)
     text = f"'{name}: ', checked - failures, ' of ', checked, ' results are right'"
-    yield f"  write (*, '(a, i0, a, i0, a)') {text}"
+    yield "  write (*, '(a, i0, a, i0, a)') &"
+    yield f"    {text}"
     yield "  if (failures > 0) stop 1"
     yield ""
     yield "contains"

@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator, Sequence
 
 from lagrange.export.comments import commented
 from lagrange.export.descriptions import TEST
-from lagrange.export.languages.straight_line import Library, bracketed
+from lagrange.export.languages.straight_line import Library, bracketed, constant
 from lagrange.export.module import Check, SourceModule
-from lagrange.export.python_module import named_places, number, statement_comment
+from lagrange.export.python_module import named_places, statement_comment
 from lagrange.program.program import Program
 
 
@@ -105,4 +105,4 @@ def _comparison(check: Check) -> Iterator[str]:
 
 
 def _row(values: Sequence[float], indent: int) -> list[str]:
-    return [" " * indent + line for line in bracketed("[", [*map(number, values)], "],")]
+    return [" " * indent + line for line in bracketed("[", [constant(value)[1] for value in values], "],")]

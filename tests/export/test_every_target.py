@@ -1,0 +1,229 @@
+"""What holds for every target, whatever is registered: awkward names, and operations that are those of mpmath."""
+
+from __future__ import annotations
+
+import importlib.util
+import keyword
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import lagrange as lg
+from lagrange.export.languages import (
+    c_spelling,
+    fortran_spelling,
+    javascript_spelling,
+    julia_spelling,
+    octave_spelling,
+    python_spelling,
+    rust_spelling,
+)
+from lagrange.export.module import Check
+from lagrange.export.registry import find
+from lagrange.export.target import REGISTERED
+from lagrange.program.program import Program
+from tests.export.callers import LANGUAGES, run, write
+from tests.export.graphs import as_module, graph, points, wrong
+from tests.export.systems import named
+
+STRICT = {
+    "cc -std=c99": "cc -std=c99 -Wall -Wextra -Wconversion -Werror",
+    "c++ -std=c++17": "c++ -std=c++17 -Wall -Wextra -Wpedantic -Wconversion -Werror",
+    "gfortran": "gfortran -Wall -Wextra -Werror",
+    "rustc": "rustc -D warnings",
+    "python": "python -W error",
+}
+"""What makes warnings errors, by how a command begins."""
+
+PACKAGES = {"jax": "jax", "casadi": "casadi"}
+"""What a target needs of Python, beside NumPy."""
+
+
+def missing(target: str, commands: Sequence[str] = ()) -> str:
+    """Return why a target cannot be tried here, empty if it can."""
+    package = PACKAGES.get(target)
+    if package and importlib.util.find_spec(package) is None:
+        return f"{package} is not installed"
+    words = [command.split()[0] for command in commands]
+    return next((f"{word} is not installed" for word in words if not word.startswith("./") and not found(word)), "")
+
+
+def found(word: str) -> bool:
+    return word == "python" or shutil.which(word) is not None
+
+
+def strict(command: str) -> str:
+    """Return a command whose warnings are errors."""
+    plain = next((one for one in STRICT if command.startswith(f"{one} ")), "")
+    return command.replace(plain, STRICT[plain], 1) if plain else command
+
+
+def passes(target: str, system: lg.System, folder: Path) -> None:
+    """Export a system, and run its test without warnings."""
+    steps = ["rk4"] if "steps" in find(target).contents else []
+    made = system.export(target, folder, ["rhs", "energy", *steps])
+    why = missing(target, made.commands)
+    if why:
+        pytest.skip(why)
+    said = [run(strict(command), folder) for command in made.commands][-1]
+    assert re.search(r"(\d+) of \1 results are right\n$", said), said
+
+
+# --- names
+
+WORDS = (
+    *("x0", "x1", "x2", "lam1", "_t", "t_", "t1", "dt", "θ", "θ1", "theta", "ω2", "Ω", "ψ", "φ", "ε", "λ1", "Δ", "π1"),
+    *("a" * 63, "a" * 64, "b" * 62, "m", "M", "y", "Y", "p", "P", "out", "out_at", "q", "v", "h", "rhs", "energy"),
+    *("prepare", "main", "test", "results", "singular", "inf", "nan", "jnp", "ca", "jax", "np", "pi", "e", "j", "I"),
+    *("a1", "A1", "a_1", "a__1", "M_PI", "NULL", "errno", "stdin", "model", "equation", "der", "time", "parameter"),
+    *(f"{stem}{k}" for stem in ("x", "lam", "y", "p", "t", "s", "f", "r") for k in range(20)),
+    *keyword.kwlist,
+    *c_spelling.RESERVED,
+    *fortran_spelling.RESERVED,
+    *javascript_spelling.RESERVED,
+    *julia_spelling.RESERVED,
+    *octave_spelling.RESERVED,
+    *python_spelling.RESERVED,
+    *rust_spelling.RESERVED,
+)
+TITLES = ("while", "θ", "a" * 64, "end", "math", "numpy", "class", "program", "stdio", "Main", "x0", "lambda", "julia")
+AT_ONCE, COORDINATES = 250, 8
+
+
+def awkward() -> list[str]:
+    """Return words, with other cases, that are names of coordinates and parameters."""
+    cases = dict.fromkeys(one for word in WORDS for one in (word, word.capitalize(), word.upper()))
+    return [word for word in cases if accepted(word)]
+
+
+def accepted(word: str) -> bool:
+    """Whether a statement takes a word for a name."""
+    try:
+        named([word], ["g"] if word != "g" else ["k"])
+    except lg.StatementError:
+        return False
+    return True
+
+
+def systems(at_once: int) -> Iterator[lg.System]:
+    """Yield systems with awkward names, all of which are used."""
+    words = awkward()
+    assert len(words) >= 1500
+    for k, start in enumerate(range(0, len(words), at_once)):
+        some = words[start : start + at_once]
+        yield named(some[:COORDINATES], some[COORDINATES:], TITLES[k % len(TITLES)])
+
+
+@pytest.mark.parametrize("target", [name for name in REGISTERED if name not in (*LANGUAGES, "jax")])
+def test_awkward_names(target: str, tmp_path: Path) -> None:
+    passes(target, next(systems(60)), tmp_path)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("target", REGISTERED)
+def test_more_than_a_thousand_awkward_names(target: str, tmp_path: Path) -> None:
+    for k, system in enumerate(systems(AT_ONCE)):
+        (tmp_path / str(k)).mkdir()
+        passes(target, system, tmp_path / str(k))
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("title", TITLES)
+@pytest.mark.parametrize("target", REGISTERED)
+def test_awkward_titles(target: str, title: str, tmp_path: Path) -> None:
+    passes(target, named(["x"], ["k"], title), tmp_path)
+
+
+# --- operations
+
+PRINTED = ("c", "jax", "casadi")
+"""Targets whose results are those that their test prints. Others are called by programs in their language; the sources
+in an FMU are those of C."""
+
+LEAST = {"jax": 2.0**-1022}
+"""JAX takes what is less than the least normal number for zero."""
+
+SIMPLIFIED = {"casadi": ("sub", "div", "less_equal", "equal")}
+"""CasADi takes x - x for 0, x / x for 1, and x <= x for true, whatever x is."""
+
+POINTS = 6
+
+
+def printed(
+    target: str, programs: Sequence[Program], folder: Path
+) -> Iterator[tuple[Program, list[float], list[float]]]:
+    """Yield programs with inputs and the results that the test prints: it finds each wrong, whatever it is."""
+    states = {one.name: [usual(target, y) for y in points(k, POINTS)] for k, one in enumerate(programs)}
+    checks = [
+        Check(
+            one.name,
+            (0.0,) * POINTS,
+            tuple(map(tuple, states[one.name])),
+            ((0.0,) * len(one.outputs),) * POINTS,
+            ((-1.0,) * len(one.outputs),) * POINTS,
+        )
+        for one in programs
+    ]
+    module = replace(as_module(programs), checks=tuple(checks))
+    write(target, module, folder)
+    *build, start = find(target).commands(module)
+    for command in build:
+        run(strict(command), folder)
+    words = [sys.executable if word == "python" else word for word in shlex.split(start)]
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+    count = sum(len(one.outputs) for one in programs) * POINTS
+    assert done.returncode == 1 and done.stdout.endswith(f"graphs: 0 of {count} results are right\n"), done.stderr
+    values: dict[tuple[str, int], list[float]] = {}
+    for name, state, value in re.findall(r"(\w+), state (\d+), result \d+: (\S+) instead of", done.stdout):
+        values.setdefault((name, int(state)), []).append(float(value))
+    for one in programs:
+        for k, y in enumerate(states[one.name]):
+            yield one, y, values[one.name, k]
+
+
+def usual(target: str, y: Sequence[float]) -> list[float]:
+    """Return inputs that a target takes for what they are."""
+    return [0.0 if abs(one) < LEAST.get(target, 0.0) else one for one in y]
+
+
+def usual_graph(target: str, seed: int) -> Program:
+    """Return random operations that a target leaves as they are."""
+    program = graph(seed, without=sorted(find(target).inexpressible))
+    code = [
+        one._replace(args=(one.args[0], 1 if one.args[0] == 0 else 0))
+        if one.op in SIMPLIFIED.get(target, ()) and one.args[0] == one.args[1]
+        else one
+        for one in program.instructions
+    ]
+    return replace(program, instructions=tuple(code))
+
+
+def check_graphs(target: str, count: int, folder: Path) -> None:
+    why = missing(target)
+    if why:
+        pytest.skip(why)
+    programs = [usual_graph(target, seed) for seed in range(count)]
+    complaints = [
+        line
+        for one, y, values in printed(target, programs, folder)
+        for line in wrong(one, y, values, LEAST.get(target, 0.0))
+    ]
+    assert not complaints, "\n".join(complaints[:20])
+
+
+@pytest.mark.parametrize("target", PRINTED)
+def test_random_graphs(target: str, tmp_path: Path) -> None:
+    check_graphs(target, 6, tmp_path)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("target", PRINTED)
+def test_many_random_graphs(target: str, tmp_path: Path) -> None:
+    check_graphs(target, 60, tmp_path)
