@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import re
+import shutil
+import subprocess
 from pathlib import Path
+
+import pytest
 
 from tests.export.systems import named
 
@@ -17,3 +21,14 @@ def test_names_that_differ_beyond_63_letters_stay_different(tmp_path: Path) -> N
     defined = re.findall(r"const double (\w+) =", body)
     assert len({name[:63] for name in defined}) == len(defined) >= 8
     assert max(map(len, defined)) == 63
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="cc is not installed")
+def test_constants_of_headers_are_renamed(tmp_path: Path) -> None:
+    """Compilers define more than the standard of C asks for unless they are told not to."""
+    system = named(["M_PI", "SIZE_MAX"], ["M_E", "SEEK_SET", "RAND_MAX", "INT8_MAX", "MAXFLOAT"])
+    system.export("c", tmp_path, ["rhs", "energy"])
+    for macro in ("NAMED_TEST", "NAMED_MAIN"):
+        command = ["cc", "-std=gnu99", "-Wall", "-Werror", "-fsyntax-only", f"-D{macro}", "named.c"]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr

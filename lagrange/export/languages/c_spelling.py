@@ -102,7 +102,28 @@ Those of bits read doubles as IEEE 754 has them. Sizes have the order of their b
 BITS = frozenset(("two_to", "exponent", "mantissa", "size_bits", "of_bits"))
 """The helpers that copy the bits of a number, for which a file includes string.h."""
 
+_CONSTANTS = "E LOG2E LOG10E LN2 LN10 PI PI_2 PI_4 1_PI 2_PI 2_SQRTPI SQRT2 SQRT1_2"
+_KINDS = ("", "f", "l", "f32", "f64", "f128", "f32x", "f64x")
+_INTEGERS = (
+    *(f"{sign}INT{kind}{bits}" for sign in ("", "U") for kind in ("", "_LEAST", "_FAST") for bits in (8, 16, 32, 64)),
+    *("INTMAX", "UINTMAX", "INTPTR", "UINTPTR", "PTRDIFF", "SIG_ATOMIC", "SIZE", "WCHAR", "WINT"),
+)
+_MACROS = """
+    BUFSIZ FILENAME_MAX FOPEN_MAX TMP_MAX L_tmpnam L_ctermid L_cuserid P_tmpdir SEEK_CUR SEEK_END SEEK_SET SEEK_DATA
+    SEEK_HOLE RENAME_EXCHANGE RENAME_NOREPLACE RENAME_WHITEOUT EXIT_FAILURE EXIT_SUCCESS MB_CUR_MAX RAND_MAX
+    BIG_ENDIAN BYTE_ORDER LITTLE_ENDIAN PDP_ENDIAN FD_SETSIZE NFDBITS
+    WCONTINUED WEXITED WNOHANG WNOWAIT WSTOPPED WUNTRACED
+    FP_ILOGB0 FP_ILOGBNAN FP_LLOGB0 FP_LLOGBNAN FP_INFINITE FP_NAN FP_NORMAL FP_SUBNORMAL FP_ZERO
+    FP_INT_DOWNWARD FP_INT_TONEAREST FP_INT_TONEARESTFROMZERO FP_INT_TOWARDZERO FP_INT_UPWARD
+    MATH_ERREXCEPT MATH_ERRNO math_errhandling MAXFLOAT HUGE_VALF HUGE_VALL
+    HUGE_VAL_F32 HUGE_VAL_F64 HUGE_VAL_F128 HUGE_VAL_F32X HUGE_VAL_F64X
+    SNAN SNANF SNANL SNANF32 SNANF64 SNANF128 SNANF32X SNANF64X DOMAIN OVERFLOW UNDERFLOW SING PLOSS TLOSS HUGE
+"""
+
 RESERVED = (
+    *(f"M_{one}{kind}" for one in _CONSTANTS.split() for kind in _KINDS),
+    *(f"{one}_{what}" for one in _INTEGERS for what in ("MAX", "MIN", "WIDTH")),
+    *_MACROS.split(),
     "auto",
     "break",
     "case",
