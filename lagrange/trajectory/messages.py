@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import listing
+from lagrange.graph.node import Kind, reachable
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.memory_limit import memory_limit
 from lagrange.trajectory.tolerances import Tolerances
@@ -30,8 +31,12 @@ _SENTENCES: dict[Status, str] = {
     Status.INTERRUPTED: "was interrupted {where}; what was computed until then is kept.",
 }
 
-_GIVEN_UP = "Raise {limit}, {other}{events}; a stiff system wants an implicit method such as radau5."
+_GIVEN_UP = "Raise {limit}, {other}{events}{jumps}{stiff}."
 """The remedy for a run that reached a limit."""
+
+_STIFF = "; a stiff system wants an implicit method such as radau5"
+
+_STICKS = "; where a force jumps, as with sign(v), a body may stick, in tiny steps: smooth the jump by tanh(v/0.001)"
 
 _DOMAIN = (
     "Look for a division by zero, an overflow, or a sqrt, log or power outside its domain in the energies and forces "
@@ -130,6 +135,8 @@ def _remedy(status: Status, problem: Problem, y: FloatArray, method: str, rtol: 
             limit="max_steps" if status is Status.MAX_STEPS else "max_wall",
             other=f"or, if the motion does not grow like that, {finer}" if grown else f"or {coarser}",
             events=", or end the run at an event with terminal=True" if problem.events else "",
+            jumps=_STICKS if rtol is not None and _forces_jump(problem) else "",
+            stiff="" if method == "radau5" else _STIFF,
         )
     if status is Status.MAX_MEMORY:
         other = finer if grown else "lengthen the step" if rtol is None else "loosen rtol"
@@ -144,6 +151,12 @@ def _remedy(status: Status, problem: Problem, y: FloatArray, method: str, rtol: 
         what = "Take a shorter step, or a method with step control" if rtol is None else "Take another method,"
         return f"{what} such as {other}; {_JUMPS}"
     return ""
+
+
+def _forces_jump(problem: Problem) -> bool:
+    """Return whether a sign stands in the accelerations."""
+    nodes = reachable(problem.model.equations.accelerations)
+    return any(node.kind is Kind.CALL and node.data == "sign" for node in nodes)
 
 
 def _grown(problem: Problem, y: FloatArray) -> bool:

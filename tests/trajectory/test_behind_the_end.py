@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sympy import Abs
+from sympy import Abs, Rational, sign
 
 import lagrange as lg
 from lagrange.evidence.stiffness import with_stiff_end
@@ -71,3 +71,14 @@ def test_events_that_fill_the_memory_are_named() -> None:
     found = OSCILLATOR.run(1e5, max_memory=1e5, t_eval=np.linspace(0, 1e5, 50), events=[x])
     assert found.status is lg.Status.MAX_MEMORY and "it keeps every step" not in found.message
     assert "The times and states of its events have used up max_memory = 100000 bytes." in found.message
+
+
+@pytest.mark.parametrize(("method", "limit"), [("dop853", 3000), ("radau5", 100)])
+def test_tiny_steps_where_a_body_sticks_are_explained(method: str, limit: int) -> None:
+    sticking = lg.System(kinetic=x.dot**2 / 2, potential=x**2 / 2, forces={x: -sign(x.dot) / 10}, initial={x: 1})
+    found = sticking.run(50, method=method, max_steps=limit)
+    assert found.status is lg.Status.MAX_STEPS
+    assert "as with sign(v), a body may stick, in tiny steps: smooth the jump by tanh(v/0.001)" in found.message
+    assert ("such as radau5" in found.message) == (method != "radau5")
+    smooth = lg.System(kinetic=x.dot**2 / 2, potential=x**2 / 2, forces={x: -x.dot * Rational(1, 10)}, initial={x: 1})
+    assert "sign(v)" not in smooth.run(50, method=method, max_steps=9).message

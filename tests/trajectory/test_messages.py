@@ -16,7 +16,10 @@ from lagrange.trajectory.tolerances import Tolerances
 from lagrange.trajectory.trajectory import Status
 
 NAMES = ("r", "phi")
-MODEL: Any = SimpleNamespace(statement=SimpleNamespace(names=NAMES), layout=StateLayout(NAMES, NAMES))
+EQUATIONS = SimpleNamespace(accelerations=())
+MODEL: Any = SimpleNamespace(
+    statement=SimpleNamespace(names=NAMES), layout=StateLayout(NAMES, NAMES), equations=EQUATIONS
+)
 PROBLEM = Problem(MODEL, {}, 1.0, -3.0, np.zeros(4), max_steps=7, max_wall=0.5)
 STATE = np.array([1.0, -2.0, 3e9, 4.0])
 WHERE = "at t = 0.25 on the way from 1 to -3"
