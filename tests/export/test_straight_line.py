@@ -27,6 +27,7 @@ MATHEMATICS = [op for op in ARITY if op not in STRUCTURE]
 
 VALUES = (
     *(0.0, -0.0, 1.0, -1.0, 0.3, -0.7, 0.999999, 1.01, 2.5, -3.75, 7.3, 1e-9, -1e-9, 30.0, -30.0, 600.3, -699.0),
+    *(-0.393, 0.4142, -18.91952339134551),
     *(1e17, -1e17, 1e300, math.inf, -math.inf, math.nan),
 )
 NORMAL = float(np.finfo(float).tiny)
