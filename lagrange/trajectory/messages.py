@@ -13,7 +13,7 @@ from lagrange.errors import listing
 from lagrange.graph.node import Kind, reachable
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.memory_limit import memory_limit
-from lagrange.trajectory.tolerances import Tolerances
+from lagrange.trajectory.tolerances import LEAST_ATOL, Tolerances
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 _SENTENCES: dict[Status, str] = {
@@ -205,6 +205,15 @@ def event_behind_outputs(t: FloatArray) -> str:
     """Return the note on a run that an event has ended behind its last output, of the output times (N,)."""
     last = f"The last output before it is at t = {number(t[-1])}" if len(t) else "No output lies before it"
     return f"{last}; y_events has the state at the event."
+
+
+def without_tolerance(problem: Problem, status: Status, tolerances: Tolerances, y: FloatArray) -> str:
+    """Return the cause and the remedy if a step failed where an entry of the state (2n,) may not be wrong at all."""
+    failed = status in (Status.STEP_TOO_SMALL, Status.DIVERGED)
+    if not failed or not tolerances.rtol or tolerances.atol > LEAST_ATOL or tolerances.share or y.all():
+        return ""
+    entry = row_names(problem)[int(np.argmin(np.abs(y)))]
+    return f"{entry} is 0, and atol = 0 leaves it no tolerance: leave atol out, and it follows the size of each entry."
 
 
 def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tolerances) -> Iterator[str]:

@@ -24,6 +24,7 @@ from lagrange.trajectory.messages import (
     message,
     outputs_alone,
     unsolved,
+    without_tolerance,
 )
 from lagrange.trajectory.outputs import AcceptedStates
 from lagrange.trajectory.paths.known import OutputPath
@@ -88,9 +89,8 @@ def _driven(problem: Problem, kept: Prepared, name: str) -> Trajectory:
     rows.look_at_constraints(problem.model, parameters, problem.t1 - problem.t0)
     # An idle driver has run with these parameters, and a constant mass matrix is what it was then.
     inert = idle is None or not problem.model.equations.structure.constant_mass
-    detail = ""
     status, sentence = _check_first_slope(problem, name, parameters, inertia=inert)
-    watch = None
+    watch, detail = None, ""
     if status is None and (late := compiled_late(problem)):
         status, sentence = Status.MAX_WALL, message(Status.MAX_WALL, problem, state.t, state.y, name, cause=late)
     if status is None:
@@ -364,6 +364,8 @@ def _final_sentence(problem: Problem, plan: Plan, name: str, state: DriverState,
     if status is Status.SUCCESS and not cause:
         return message(status, problem, state.t, state.y, name)
     told = partial(message, status, problem, rtol=plan.tolerances.rtol or None)
+    if found := without_tolerance(problem, status, plan.tolerances, state.y):
+        return told(state.t, state.y, name, cause=found)
     if status is Status.SINGULAR and cause:
         return told(state.t, state.y, name, detail=cause)
     if (fault := state.fault) is not None:

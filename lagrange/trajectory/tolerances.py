@@ -21,6 +21,10 @@ LEAST_SHARE = 2.0**-52
 """The absolute tolerance that follows the scale is at least the spacing of doubles at the largest size."""
 
 
+LEAST_ATOL = 1e-300
+"""Replaces an absolute tolerance of zero, so that a coordinate that is exactly zero has a finite error ratio."""
+
+
 @dataclass(frozen=True)
 class Tolerances:
     """Tolerances and step lengths of a driver, and notes for the user.

@@ -11,6 +11,7 @@ from sympy import Abs, Rational, sign
 import lagrange as lg
 from lagrange.evidence.stiffness import with_stiff_end
 from lagrange.trajectory.outputs import AcceptedStates
+from tests.trajectory.runs import OUTSIDE
 from tests.trajectory.test_contacts import METHODS, STEPS
 
 x = lg.coordinate("x")
@@ -82,3 +83,10 @@ def test_tiny_steps_where_a_body_sticks_are_explained(method: str, limit: int) -
     assert ("such as radau5" in found.message) == (method != "radau5")
     smooth = lg.System(kinetic=x.dot**2 / 2, potential=x**2 / 2, forces={x: -x.dot * Rational(1, 10)}, initial={x: 1})
     assert "sign(v)" not in smooth.run(50, method=method, max_steps=9).message
+
+
+@pytest.mark.parametrize("method", [name for name in ("scipy-lsoda", "scipy-dop853") if name in OUTSIDE])
+def test_an_entry_without_a_tolerance_is_named(method: str) -> None:
+    failed = OSCILLATOR.run(5, method=method, rtol=1e-9, atol=0.0)
+    assert not failed.status.complete
+    assert "x_dot is 0, and atol = 0 leaves it no tolerance: leave atol out" in failed.message

@@ -12,7 +12,7 @@ from lagrange.errors import StatementError, listing, shown
 from lagrange.procedure.step.constants import LEAST_FLOOR
 from lagrange.statement.number import real_number
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.tolerances import FLOOR_SHARE, LEAST_SHARE, Tolerances
+from lagrange.trajectory.tolerances import FLOOR_SHARE, LEAST_ATOL, LEAST_SHARE, Tolerances
 
 RTOL = 1e-9
 """The default relative tolerance.
@@ -32,9 +32,6 @@ A system at rest would step over it without an error.
 
 LEAST_RTOL = 100 * 2.0**-52
 """A smaller relative tolerance exceeds the precision of doubles."""
-
-LEAST_ATOL = 1e-300
-"""Replaces an absolute tolerance of zero, so that a coordinate that is exactly zero has a finite error ratio."""
 
 
 def step_size(value: Any) -> float:
