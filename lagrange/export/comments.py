@@ -6,12 +6,12 @@ import textwrap
 import unicodedata
 from collections.abc import Iterable
 
-from lagrange.statement.letters import GREEK
+from lagrange.export.identifiers import spelled_letter
 
 
 def plain(text: str) -> str:
     """Return a text in ASCII without what could end a comment: Greek letters by name, others as they look alike."""
-    spelled = "".join(GREEK.get(letter, letter) for letter in text)
+    spelled = "".join(map(spelled_letter, text))
     ascii_only = unicodedata.normalize("NFKD", spelled).encode("ascii", "replace").decode("ascii")
     printable = "".join(letter if letter.isprintable() else " " for letter in ascii_only)
     return printable.replace("*/", "* /").replace("/*", "/ *").replace("\\", "/")

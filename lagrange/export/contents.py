@@ -162,7 +162,7 @@ def module_of(
     )
     return SourceModule(
         name=ascii_name(statement.name).lower(),
-        statement=tuple(statement_lines(statement)),
+        statement=tuple(statement_lines(statement, events)),
         state=state,
         parameters=given["parameter_names"],
         values=values,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Callable, Iterable, Sequence
 from typing import TypeVar
 
@@ -16,9 +17,18 @@ Name = TypeVar("Name", bound=str)
 
 def ascii_name(name: str) -> str:
     """Return a name of ASCII letters, digits and underscores that begins with a letter: "θ1" becomes "theta1"."""
-    spelled = "".join(GREEK.get(letter, letter) for letter in name)
+    spelled = "".join(map(spelled_letter, name))
     plain = re.sub(r"[^A-Za-z0-9]+", "_", spelled).strip("_")
     return (plain if plain[:1].isalpha() else f"x{plain}")[:LONGEST]
+
+
+def spelled_letter(letter: str) -> str:
+    """Return a letter in ASCII: a Greek one by its name, one with an accent as the letter alone."""
+    bare = unicodedata.normalize("NFD", letter)[0]
+    if bare in GREEK or bare.isascii():
+        return GREEK.get(bare, bare)
+    words = unicodedata.name(bare, "").split()
+    return words[-1].lower() if words[:1] == ["GREEK"] else letter
 
 
 def distinct(

@@ -13,6 +13,7 @@ from lagrange.export.comments import wrapped
 from lagrange.show.formula import Typesetter
 from lagrange.show.text_notation import AsciiNotation
 from lagrange.show.units import unit_of
+from lagrange.statement.event import Event
 from lagrange.statement.statement import Statement
 
 WIDTH = 104
@@ -21,8 +22,8 @@ LONG = 300
 """Operations of an expression that is not put into the order of books, which takes seconds for thousands."""
 
 
-def statement_lines(statement: Statement) -> Iterator[str]:
-    """Yield lines: name, energies, forces, constraints, coordinates in order, parameters with values and units."""
+def statement_lines(statement: Statement, events: Sequence[Event] = ()) -> Iterator[str]:
+    """Yield lines: name, energies, forces, constraints, events, coordinates in order, parameters with values, units."""
     write = _writer(statement)
     yield from wrapped(f"{statement.name}: equations of motion, made by lagrange", WIDTH)
     if statement.about:
@@ -40,9 +41,19 @@ def statement_lines(statement: Statement) -> Iterator[str]:
         yield from _formula("D", write(statement.dissipation))
     for one in statement.constraints:
         yield from _formula(f"constraint {one.name}", f"{write(one.expression)} = 0")
+    for k, event in enumerate(events):
+        yield from _formula(f"event{k}", f"{write(event.expression)}{_told(event, write)}")
     yield ""
     yield from _listed("coordinates", [_with_unit(statement, name) for name in statement.names])
     yield from _listed("parameters", [_valued(statement, p) for p in statement.parameters])
+
+
+def _told(event: Event, write: Callable[[Any], str]) -> str:
+    """Return what is said of an event behind its expression: direction, end of the run, reset."""
+    said = [{1: "rising", -1: "falling"}[event.direction]] if event.direction else []
+    said += [f"terminal at occurrence {event.terminal}"] * (event.terminal > 0)
+    said += [f"reset {write(key)} to {write(value)}" for key, value in event.reset.items()]
+    return f" ({', '.join(said)}; the reset is not exported)" if event.reset else f" ({', '.join(said)})" * bool(said)
 
 
 def _writer(statement: Statement) -> Callable[[Any], str]:

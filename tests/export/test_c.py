@@ -115,7 +115,20 @@ def test_events_are_functions(tmp_path: Path) -> None:
     system = lg.scene("pendulum")
     (theta,) = system.coordinates
     made = system.export("c", tmp_path, events=[theta.dot, lg.event(theta - 1, direction=1)])
-    assert "out: event0, event1" in (tmp_path / "pendulum.h").read_text()
+    header = (tmp_path / "pendulum.h").read_text()
+    assert "out: event0, event1" in header
+    assert "event1 = theta - 1 (rising)" in header
     for command in made.commands:
         said = run(command, tmp_path)
     assert said == "pendulum: 30 of 30 results are right\n"
+
+
+@needs_cc
+@pytest.mark.parametrize("words", ["abc", "2 2.7", "nan", "2 0", "1 2 3"])
+def test_main_refuses_what_is_no_number(words: str, tmp_path: Path) -> None:
+    lg.scene("pendulum").export("c", tmp_path, ["main"])
+    run("cc -O0 -DPENDULUM_MAIN -o main pendulum.c -lm", tmp_path)
+    done = subprocess.run(["./main", *words.split()], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "give a" in done.stderr
+    assert done.stdout == ""

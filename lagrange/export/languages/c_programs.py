@@ -145,10 +145,15 @@ int main(int count, char **words) {{
     double p[{prepared}];
     double t[] = {{0.0}};
     double y[] = {{{initial}}};
-    const double t_end = count > 1 ? strtod(words[1], NULL) : {t_end};
-    const long intervals = count > 2 ? strtol(words[2], NULL, 10) : {intervals};
-    if (intervals < 1) {{
-        fprintf(stderr, "intervals: a whole number from 1\\n");
+    char *rest = NULL;
+    const double t_end = count > 1 ? strtod(words[1], &rest) : {t_end};
+    if (count > 3 || (count > 1 && (rest == words[1] || *rest != 0)) || !(fabs(t_end) <= 1e300)) {{
+        fprintf(stderr, "t_end: give a number, such as 10.0\\n");
+        return 2;
+    }}
+    const long intervals = count > 2 ? strtol(words[2], &rest, 10) : {intervals};
+    if ((count > 2 && (rest == words[2] || *rest != 0)) || intervals < 1) {{
+        fprintf(stderr, "intervals: give a whole number from 1\\n");
         return 2;
     }}
     if ({prepare}({defaults}, p)) {{

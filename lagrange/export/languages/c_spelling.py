@@ -204,7 +204,7 @@ def literal(kind: Kind, data: Any) -> tuple[int, str]:
 def real_literal(value: float) -> str:
     """Return a double with all its digits."""
     if math.isnan(value):
-        return "NAN"
+        return 'nan("")'
     if math.isinf(value):
-        return "INFINITY" if value > 0 else "-INFINITY"
+        return "HUGE_VAL" if value > 0 else "-HUGE_VAL"
     return repr(value)

@@ -74,7 +74,7 @@ def source(module: SourceModule) -> str:
         "",
         "#![cfg_attr(no_std, no_std)]",
         "// Names are those of the statement. A program may leave functions unused.",
-        "#![allow(dead_code, non_snake_case)]",
+        "#![allow(dead_code, non_snake_case, unexpected_cfgs)]",
         "",
         "use core::cell::Cell;",
         "",
