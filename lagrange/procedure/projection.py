@@ -30,6 +30,12 @@ Near a configuration where constraints become dependent, their gradients do not 
 would move the state by more than it is away from there. Half of the digits are what a double root has.
 """
 
+MOST_AT_START = 2.0**-20
+"""The largest relative violation of a state from which an exported integrator starts: it is moved onto the constraints.
+
+A start that is further off is another motion.
+"""
+
 MOST_CORRECTIONS = 8
 """Newton's method takes 2 or 3 corrections from the largest violations that a step leaves. More means no convergence.
 """
@@ -69,3 +75,17 @@ def project(dimension: int, block: int) -> Procedure:
         p.leave_if(left <= ROUND_OFF, p.whole(Outcome.DONE), moved.value, likely=True)
     p.leave(p.whole(Outcome.UNPROJECTED), moved.value)
     return p.finish(WHOLE, FLAG)
+
+
+@cache
+def starts_on_constraints(dimension: int) -> Procedure:
+    """Return whether a state is on its constraints, but for what `MOST_AT_START` allows."""
+    about = "Say whether a state is near enough to its constraints to start there."
+    p = Builder("starts_on_constraints", about, apart=True)
+    corrections, numbers = p.function("corrections", CORRECTIONS), p.array("numbers", read=True)
+    t, state = p.given("t", REAL), p.array("state", read=True)
+    found = p.reserve(dimension + 2 + MOST_WRITTEN_BEYOND, name="found")
+    p.note("A matrix that is singular here is so in the first step, which says it.")
+    p.leave_if(corrections(t, state, numbers, found), p.true)
+    p.leave(found[dimension] <= MOST_AT_START)
+    return p.finish(FLAG)

@@ -132,3 +132,25 @@ def test_main_refuses_what_is_no_number(words: str, tmp_path: Path) -> None:
     assert done.returncode == 2
     assert "give a" in done.stderr
     assert done.stdout == ""
+
+
+@needs_cc
+@pytest.mark.parametrize("method", ["taylor", "dop853", "rk4"])
+def test_a_start_off_the_constraints_is_refused(method: str, tmp_path: Path) -> None:
+    lg.scene("cartesian-pendulum").export("c", tmp_path, [method])
+    call = "0.0, 0.01, y, p" if method == "rk4" else "t, 1.0, y, p, 1e-9, 1e-9, 100000"
+    (tmp_path / "start.c").write_text(f"""\
+#include <stdio.h>
+#include <stdlib.h>
+#include "cartesian_pendulum.h"
+int main(int count, char **words) {{
+    double p[CARTESIAN_PENDULUM_PREPARED], t[] = {{0.0}}, y[] = {{0.0, -1.0, 0.0, 0.0}};
+    y[1] += strtod(words[count - 1], NULL);
+    cartesian_pendulum_prepare(cartesian_pendulum_default_parameters, p);
+    (void)t;
+    printf("%d", (int)cartesian_pendulum_{method}({call}));
+    return 0;
+}}
+""")
+    run("cc -O1 -o start start.c cartesian_pendulum.c -lm", tmp_path)
+    assert [run(f"./start {off}", tmp_path) for off in ("0", "1e-9", "1e-3", "0.2", "nan")] == ["0", "0", "9", "9", "9"]

@@ -44,7 +44,7 @@ def test_file(module: SourceModule, prefix: str) -> str:
         "    if singular",
         "        fprintf('prepare: a matrix is singular\\n');",
         "    end",
-        *(f"    failures = failures + test_{one}(p);" for one in checks),
+        *(f"    failures = failures + test_{one}_results(p);" for one in checks),
         f"    fprintf('{module.name}: %d of %d results are right\\n', {count} - failures, {count});",
         "end",
         "",
@@ -59,7 +59,7 @@ def test_file(module: SourceModule, prefix: str) -> str:
 
 def _quantity_test(check: Check, prefix: str) -> Iterator[str]:
     """Yield the test of one function."""
-    yield f"function failures = test_{check.name}(p)"
+    yield f"function failures = test_{check.name}_results(p)"
     yield from table("times", [check.times])
     for name, rows in (("states", check.states), ("wanted", check.results), ("allowed", check.allowed)):
         yield from table(name, rows)
@@ -77,7 +77,7 @@ def _quantity_test(check: Check, prefix: str) -> Iterator[str]:
 
 def _integrator_test(module: SourceModule, check: StepCheck, prefix: str) -> Iterator[str]:
     """Yield the test of an integrator."""
-    yield f"function failures = test_{check.name}(p)"
+    yield f"function failures = test_{check.name}_results(p)"
     for name, row in (("y", check.state), ("wanted", check.result), ("allowed", check.allowed)):
         yield from table(name, [row])
     time, step = real_literal(check.time), real_literal(check.length)

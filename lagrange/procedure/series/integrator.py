@@ -19,6 +19,7 @@ from lagrange.procedure.bind import bound
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
 from lagrange.procedure.outcome import Outcome
+from lagrange.procedure.projection import starts_on_constraints
 from lagrange.procedure.series.cost import cheapest_order, single_operations
 from lagrange.procedure.series.looped import LoopedJet
 from lagrange.procedure.series.numbers import SeriesNumbers
@@ -141,6 +142,9 @@ class TaylorProcedures:
         time, t_end = p.array("t", size=1), p.given("t_end", REAL)
         y, prepared = p.array("y", size=n), p.array("p", read=True)
         rtol, atol, most = p.given("rtol", REAL), p.given("atol", REAL), p.given("max_steps", WHOLE)
+        if self.projection is not None:
+            near = bound(starts_on_constraints(n), {"corrections": self.projection}, prefix="taylor_")
+            p.leave_if(~p.call(near, prepared, time[0], y), Outcome.UNPROJECTED)
         work = p.reserve(layout.size(self.highest), room=BLOCK, name="work")
         asked = p.choose(rtol < SMALLEST_RTOL, SMALLEST_RTOL, rtol).called("asked")
         order = self.chosen(p, asked)

@@ -12,7 +12,7 @@ from typing import Any
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, WHOLE, Procedure
 from lagrange.procedure.outcome import Outcome
-from lagrange.procedure.projection import CORRECTIONS, project
+from lagrange.procedure.projection import CORRECTIONS, project, starts_on_constraints
 from lagrange.procedure.step.constants import LEAST_FLOOR
 from lagrange.procedure.step.controlled_steps import controlled_steps
 from lagrange.procedure.step.memory import EFFORT, Layout
@@ -34,6 +34,8 @@ def one_step(step: StepProgram, dimension: int, name: str, *, projected: bool = 
     projection = p.function("projection", CORRECTIONS) if projected else None
     t, h = p.given("t", REAL), p.given("h", REAL)
     y, parameters = p.array("y", size=dimension), p.array("p", read=True)
+    if projection is not None:
+        _leave_off_constraints(p, projection, t, y, parameters)
     work, floors = p.reserve(layout.size, name="work"), p.reserve(dimension, name="floors")
     effort = p.reserve_record(EFFORT)
     _clear(p, work, layout)
@@ -54,6 +56,13 @@ def one_step(step: StepProgram, dimension: int, name: str, *, projected: bool = 
     p.copy(new, y, dimension, spill=False)
     p.leave(Outcome.DONE)
     return p.finish(WHOLE)
+
+
+def _leave_off_constraints(p: Builder, projection: Any, t: Any, y: Memory, parameters: Memory) -> None:
+    """Leave where a state is off the constraints: what starts there is another motion."""
+    assert y.array.size is not None
+    near = p.call(starts_on_constraints(y.array.size), projection, parameters, t, y)
+    p.leave_if(~near, Outcome.UNPROJECTED)
 
 
 def _clear(p: Builder, work: Memory, layout: Layout) -> None:
@@ -88,6 +97,8 @@ def adaptive_run(step: StepProgram, dimension: int, name: str, *, projected: boo
     time, t_end = p.array("t", size=1), p.given("t_end", REAL)
     y, parameters = p.array("y", size=dimension), p.array("p", read=True)
     rtol, atol, most = p.given("rtol", REAL), p.given("atol", REAL), p.given("max_steps", WHOLE)
+    for one in projection:
+        _leave_off_constraints(p, one, time[0], y, parameters)
     work, floors = p.reserve(layout.size, name="work"), p.reserve(dimension, name="floors")
     run, counts = p.reserve_record(RUN), p.reserve_record(COUNTS)
     effort = p.reserve_record(EFFORT)
