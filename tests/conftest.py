@@ -34,6 +34,7 @@ def load_profile(*, whole: bool) -> None:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--all", action="store_true", help="run every case of every product of parameters")
+    parser.addoption("--conformance", action="store_true", help="export every scene to every target, for an hour")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -57,6 +58,10 @@ def pytest_report_header(config: pytest.Config) -> str:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if not config.option.conformance:
+        left = [item for item in items if item.get_closest_marker("conformance")]
+        config.hook.pytest_deselected(items=left)
+        items[:] = [item for item in items if not item.get_closest_marker("conformance")]
     if chosen_by_hand(config):
         return
     quick = [item for item in items if item.get_closest_marker("exhaustive") is None]

@@ -15,7 +15,11 @@ from lagrange.errors import StatementError
 
 WARNINGS = "cc -std=c99 -O1 -Wall -Wextra -Wconversion -Werror"
 CONTENTS = ("rhs", "energy", "jacobian", "mass_matrix", "momenta", "accelerations", "rk4", "dop853", "main")
-SCENES = ("double-pendulum", "cartesian-double-pendulum", "seven-body-mechanism")
+SCENES = (
+    "double-pendulum",
+    "cartesian-double-pendulum",
+    pytest.param("seven-body-mechanism", marks=pytest.mark.exhaustive),
+)
 
 needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="cc is not installed")
 

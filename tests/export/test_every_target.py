@@ -126,7 +126,7 @@ def test_awkward_names(target: str, tmp_path: Path) -> None:
     passes(target, next(systems(60)), tmp_path)
 
 
-@pytest.mark.exhaustive
+@pytest.mark.conformance
 @pytest.mark.parametrize("target", REGISTERED)
 def test_more_than_a_thousand_awkward_names(target: str, tmp_path: Path) -> None:
     for k, system in enumerate(systems(AT_ONCE)):
@@ -134,7 +134,7 @@ def test_more_than_a_thousand_awkward_names(target: str, tmp_path: Path) -> None
         passes(target, system, tmp_path / str(k))
 
 
-@pytest.mark.exhaustive
+@pytest.mark.conformance
 @pytest.mark.parametrize("title", TITLES)
 @pytest.mark.parametrize("target", REGISTERED)
 def test_awkward_titles(target: str, title: str, tmp_path: Path) -> None:

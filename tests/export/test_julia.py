@@ -99,7 +99,7 @@ def test_a_scene_conforms(scene: str) -> None:
     conforms(scene)
 
 
-@pytest.mark.exhaustive
+@pytest.mark.conformance
 @pytest.mark.parametrize("scene", lg.scenes())
 def test_every_scene_conforms(scene: str) -> None:
     conforms(scene)

@@ -63,7 +63,7 @@ def test_a_scene_conforms(scene: str, tmp_path: Path) -> None:
     conforms(scene, tmp_path)
 
 
-@pytest.mark.exhaustive
+@pytest.mark.conformance
 @pytest.mark.parametrize("scene", lg.scenes())
 def test_every_scene_conforms(scene: str, tmp_path: Path) -> None:
     conforms(scene, tmp_path)

@@ -64,7 +64,7 @@ def test_a_scene_conforms(target: str, scene: str, tmp_path: Path) -> None:
 
 
 @every_target
-@pytest.mark.exhaustive
+@pytest.mark.conformance
 @pytest.mark.parametrize("scene", lg.scenes())
 def test_every_scene_conforms(target: str, scene: str, tmp_path: Path) -> None:
     conforms(target, scene, tmp_path)

@@ -48,7 +48,7 @@ def test_the_self_test_passes(target: str, scene: str, tmp_path: Path) -> None:
 
 
 @every_target
-@pytest.mark.exhaustive
+@pytest.mark.conformance
 @pytest.mark.parametrize("scene", lg.scenes())
 def test_every_scene_conforms(target: str, scene: str, tmp_path: Path) -> None:
     system = lg.scene(scene)
