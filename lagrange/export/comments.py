@@ -8,6 +8,9 @@ from collections.abc import Iterable
 
 from lagrange.export.identifiers import spelled_letter
 
+TOGETHER, KEPT = "\N{NO-BREAK SPACE}", "\x1f"
+"""Stands for a space at which no line is broken; and what it is while lines are broken."""
+
 
 def plain(text: str) -> str:
     """Return a text in ASCII without what could end a comment: Greek letters by name, others as they look alike."""
@@ -19,7 +22,9 @@ def plain(text: str) -> str:
 
 def wrapped(text: str, width: int) -> list[str]:
     """Return a text in lines of a width, at least one; a line that goes on is indented."""
-    return textwrap.wrap(plain(text), width, subsequent_indent="  ", break_long_words=False) or [""]
+    told = KEPT.join(map(plain, text.split(TOGETHER)))
+    lines = textwrap.wrap(told, width, subsequent_indent="  ", break_long_words=False)
+    return [line.replace(KEPT, " ") for line in lines] or [""]
 
 
 def commented(text: str, mark: str, width: int = 110) -> list[str]:

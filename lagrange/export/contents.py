@@ -12,7 +12,7 @@ from lagrange.export.identifiers import ascii_name
 from lagrange.export.module import Integrator, Quantity, Run, SourceModule
 from lagrange.export.self_test import check_of, in_python, prepared_numbers, step_check
 from lagrange.export.statement_lines import statement_lines
-from lagrange.export.target import QUANTITIES, Target
+from lagrange.export.target import QUANTITIES, REGISTERED, Target
 from lagrange.machine.model import Model
 from lagrange.procedure.bind import bound
 from lagrange.procedure.form import Procedure
@@ -92,7 +92,7 @@ def _refuse(
         if name not in registry.names():
             raise StatementError(
                 f"there are no contents {shown(name)}; they are {listing(known)}, and the names of explicit "
-                f"methods, such as 'dop853'.{suggestion(name, [*known, *registry.names()])}"
+                f"methods, such as 'dop853'.{suggestion(name, [*known, *filter(_explicit, registry.names())])}"
             )
         if step_of(name).law == "accelerations":
             check_separable(name, model)
@@ -109,14 +109,24 @@ def _refuse(
     for kind, asked in (("steps", bool(methods)), ("main", MAIN in names), ("taylor", TAYLOR in names)):
         if asked and kind not in target.contents:
             what = {"steps": listing(methods), "main": "main", "taylor": "taylor"}[kind]
-            raise StatementError(f"target {target.name!r} has no {what}: leave it out of contents, or take target 'c'.")
+            able = [name for name, other in REGISTERED.items() if kind in other.contents]
+            raise StatementError(
+                f"target {target.name!r} has no {what}: leave it out of contents, or take {listing(able)}."
+            )
+
+
+def _explicit(name: str) -> StepProgram | None:
+    """Return the step of an explicit method, None for any other."""
+    program = getattr(registry.find(name), "program", None)
+    explicit = isinstance(program, StepProgram) and not program.solves and program.starter is None
+    return program if explicit else None
 
 
 def step_of(name: str) -> StepProgram:
     """Return the step of an explicit method. Raises StatementError for any other."""
-    program = getattr(registry.find(name), "program", None)
-    if isinstance(program, StepProgram) and not program.solves and program.starter is None:
-        return program
+    found = _explicit(name)
+    if found is not None:
+        return found
     raise StatementError(
         f"the method {name!r} has no step that is exported: give an explicit method, such as 'rk4', 'verlet' or "
         "'dop853'."

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from lagrange.export.comments import plain
+from lagrange.export.comments import TOGETHER, plain
 from lagrange.export.module import Integrator, Run, SourceModule
 from lagrange.procedure.form import Procedure, Record, ReserveRecord, inner
 from lagrange.procedure.outcome import Outcome
@@ -24,7 +24,8 @@ TEST_TOLERANCE, TEST_STEPS = 1e-13, 100_000
 
 def places(array: str, names: Sequence[str], element: str = "{0}[{1}]", first: int = 0) -> str:
     """Return what stands at each place of an array, in a language that spells elements so and counts from `first`."""
-    return ", ".join(f"{element.format(array, k)} {name}" for k, name in enumerate(names, first)) or f"{array} is empty"
+    shown = [f"{element.format(array, k)}{TOGETHER}{name}" for k, name in enumerate(names, first)]
+    return ", ".join(shown) or f"{array} is empty"
 
 
 OUTCOMES: Mapping[Outcome, str] = {

@@ -105,7 +105,7 @@ def test_a_target_of_a_users_own(tmp_path: Path) -> None:
     made = pendulum().export("plain", tmp_path, ["rhs", "momenta"])
     assert (tmp_path / "spring.txt").read_text() == "rhs\nmomenta\n"
     assert made.commands == ("test -f spring.txt",)
-    with pytest.raises(lg.StatementError, match="target 'plain' has no rk4"):
+    with pytest.raises(lg.StatementError, match="target 'plain' has no rk4: leave it out of contents, or take c"):
         pendulum().export("plain", tmp_path, ["rk4"])
 
 
