@@ -10,7 +10,6 @@ Entries and time may have any units. Only an entry with itself, or two rates, ar
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from functools import partial
 
@@ -68,12 +67,6 @@ times are multiplied by the second number.
 REST_HALVINGS = 52
 """At rest, forces are also evaluated at the remaining time, its half, its quarter and so on."""
 
-FIRST_DRIFT = 2.0**-10
-"""The part of a natural period by which a state is moved on to see how accelerations are rounded off rest."""
-
-SPACING, ROUNDINGS = 2.0**-52, 8
-"""States that differ by one to so many spacings show how accelerations are rounded."""
-
 FORCE_SAMPLES = 64
 """Times along a run at which forces are evaluated before a solver of another package starts."""
 
@@ -94,33 +87,13 @@ def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
     force_points = [(when, state.y) for when in times]
     # An entry at rest may be pushed by one that reaches it in the step.
     force_points += [(t + part * drift, state.y + part * drift * slope) for part in DRIFT_STEPS]
-    sizes, coupled, _, natural = entry_sizes(law, layout, t, state.y, left, force_points)
+    sizes, coupled, _ = entry_sizes(law, layout, t, state.y, left, force_points)
     unknown = state.floors <= np.maximum(LEAST_FLOOR, share * SLOPE_NOISE * np.maximum(coupled, sizes))
     found = np.maximum(np.where(unknown, share * sizes, 0.0), SLOPE_NOISE * coupled)
-    found = np.maximum(found, _rounding(model, law, (force_points[0], force_points[-1]), natural))
     if before == MOST_SURVEYS - 1:
         found = np.maximum(found, _floors_of_others(layout, state.floors))
     state.floors[:] = np.maximum(state.floors, found)
     state.counts[DriverState.SURVEYED] += 1
-
-
-def _rounding(model: Model, law: Slopes, points: Sequence[tuple[float, FloatArray]], period: float) -> FloatArray:
-    """Return what the rounding of accelerations makes of the entries (2n,) in a period.
-
-    It is seen in the accelerations at states that differ by rounding. Where the mass matrix couples many coordinates,
-    as in a long chain of equal masses, it is much alike for all of them, however little an entry moves: those of which
-    nothing is seen, since they are at rest, have the least of the others.
-    """
-    layout, changes = model.layout, []
-    for t, y in points:
-        there, factors = law(t, y), perturbation_factors(len(y))
-        changes += [np.abs(law(t, y * (1 + k * SPACING * factors)) - there) for k in range(1, ROUNDINGS + 1)]
-    found = period * layout.split(np.max(changes, axis=0))[1]
-    found = np.where(np.isfinite(found), found, 0.0)
-    for block in map(list, model.equations.plan.blocks):
-        seen = found[block][found[block] > 0]
-        found[block] = np.maximum(found[block], seen.min(initial=np.inf) if len(seen) else 0.0)
-    return np.concatenate([period * found, found])
 
 
 def _floors_of_others(layout: StateLayout, floors: FloatArray) -> FloatArray:
@@ -134,15 +107,12 @@ def _floors_of_others(layout: StateLayout, floors: FloatArray) -> FloatArray:
 
 
 def first_floors(
-    model: Model, slopes: Slopes, t: float, y: FloatArray, left: float, share: float
+    slopes: Slopes, layout: StateLayout, t: float, y: FloatArray, left: float, share: float
 ) -> tuple[FloatArray, float]:
     """Return floors (2n,) for a solver that cannot ask for them, a share of the sizes, and the period."""
     force_points = [(t + left * k / FORCE_SAMPLES, y) for k in range(FORCE_SAMPLES + 1)]
-    sizes, coupled, period, natural = entry_sizes(slopes, model.layout, t, y, left, force_points)
-    drift = math.copysign(natural, left) * FIRST_DRIFT
-    points = (t, y), (t + drift, y + drift * np.nan_to_num(slopes(t, y)))
-    floors = [share * sizes, SLOPE_NOISE * coupled, _rounding(model, slopes, points, natural)]
-    return np.maximum(np.max(floors, axis=0), LEAST_FLOOR), period
+    sizes, coupled, period = entry_sizes(slopes, layout, t, y, left, force_points)
+    return np.maximum(np.maximum(share * sizes, SLOPE_NOISE * coupled), LEAST_FLOOR), period
 
 
 def _within(step: float, left: float) -> float:
@@ -173,11 +143,11 @@ def entry_sizes(
     y: FloatArray,
     left: float,
     force_points: Sequence[tuple[float, FloatArray]],
-) -> tuple[FloatArray, FloatArray, float, float]:
-    """Return the sizes (2n,) of entries, their sizes by coupling over a period, that period, and the natural one.
+) -> tuple[FloatArray, FloatArray, float]:
+    """Return the sizes (2n,) of entries, their sizes by coupling over the natural period, and that period.
 
-    The first is shorter where sizes would grow too much in the natural period. `left` is the remaining time of the run,
-    signed; `force_points` are times and states (2n,) at which forces are evaluated.
+    `left` is the remaining time of the run, signed; `force_points` are times and states (2n,) at which forces are
+    evaluated.
     """
     with np.errstate(all="ignore"):
         slope = slopes(t, y)
@@ -191,7 +161,7 @@ def entry_sizes(
         noise = SLOPE_NOISE * response(own(np.zeros_like(force), period))[layout.v]
         force = np.where(force > noise, force, 0.0)
         rate = max(response.rate(part * own(force, period)) for part in ((1.0,) if y.any() else (1.0, NEAR_REST)))
-        natural = period = min(period, 1 / rate) if rate > 0 else period
+        period = min(period, 1 / rate) if rate > 0 else period
         size, spread = own(force, period), np.zeros(len(y), dtype=bool)
         for _ in range(MOST_ROUNDS):
             coupled = period * response(size)
@@ -205,7 +175,7 @@ def entry_sizes(
             else:
                 break
     q, v = layout.split(coupled)
-    return size, np.concatenate([np.maximum(q, period * v), v]), period, natural
+    return size, np.concatenate([np.maximum(q, period * v), v]), period
 
 
 def _own_sizes(layout: StateLayout, y: FloatArray, force: FloatArray, period: float) -> FloatArray:

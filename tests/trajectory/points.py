@@ -31,7 +31,7 @@ class Point:
 
     statement = SimpleNamespace(names=("x",), parameters=())
     layout = StateLayout(("x",), ("x",))
-    equations = SimpleNamespace(structure=SimpleNamespace(brief=False), constraints=())
+    equations = SimpleNamespace(structure=SimpleNamespace(brief=False), constraints=(), accelerations=())
 
     def __init__(self, acceleration: Any) -> None:
         self.acceleration = acceleration

@@ -15,7 +15,7 @@ import sympy as sp
 import lagrange as lg
 from lagrange.machine.model import Model
 from lagrange.trajectory.sizes import entry_sizes, slopes_of
-from tests.trajectory.runs import ADAPTIVE, OUTSIDE
+from tests.trajectory.runs import ADAPTIVE
 
 x, y, z, a, b, c = lg.coordinates("x y z a b c")
 t = lg.t
@@ -138,7 +138,7 @@ def sizes(system: lg.System, left: float) -> tuple[Any, Any, float]:
     model = system.compile()
     state = np.array(model.statement.initial, dtype=float)
     slopes = slopes_of(model, model.parameter_array(None))
-    return entry_sizes(slopes, model.equations.layout, 0.0, state, left, [(0.0, state)])[:3]
+    return entry_sizes(slopes, model.equations.layout, 0.0, state, left, [(0.0, state)])
 
 
 @pytest.mark.parametrize("left", [10.0, 1e5, -1e3])
@@ -166,7 +166,7 @@ def test_sizes_are_the_same_in_slow_and_fast_units_of_time(potential: Any, start
         one = np.array([1.0, 1.0, 1 / second, 1 / second])
         law = slopes_of(model, model.parameter_array({k: second**-2}))
         state = np.array(start) * one
-        found, owed, period, _ = entry_sizes(law, model.layout, 0.0, state, 7 * second, [(0.0, state)])
+        found, owed, period = entry_sizes(law, model.layout, 0.0, state, 7 * second, [(0.0, state)])
         return [*(found / one), *(owed / one), period / second]
 
     plainly = in_units_of(1.0)
@@ -184,28 +184,3 @@ def test_what_never_moves_has_no_size() -> None:
     flat = lg.System(kinetic=plain(x, y), potential=x**2 + y**2 * x**2, coordinates=[x, y], initial={x: 1.0})
     found, owed, _ = sizes(flat, 10.0)
     assert found[1] == found[3] == owed[1] == owed[3] == 0
-
-
-def links(count: int) -> lg.System:
-    """A chain of equal masses on rods, hanging but for the first rod."""
-    q = lg.coordinates(" ".join(f"q{i}" for i in range(count)))
-    places = [(sum(map(sp.sin, q[: k + 1])), -sum(map(sp.cos, q[: k + 1]))) for k in range(count)]
-    return lg.System(
-        kinetic=sum(lg.kinetic_energy(1, place) for place in places),
-        potential=sp.Float(9.81) * sum(height for _, height in places),
-        coordinates=q,
-        initial={q[0]: 1.0},
-    )
-
-
-@pytest.mark.parametrize(("method", "count"), [
-    ("taylor", 24),
-    ("dop853", 12),
-    *((name, 12) for name in OUTSIDE if name == "scipy-dop853"),
-])  # fmt: skip
-def test_entries_that_are_rounding_do_not_shorten_the_steps(method: str, count: int) -> None:
-    """The rounding of the first links' accelerations is all that the last ones move by at first."""
-    model = compiled(links, count)
-    found = lg.integrate(model, (0.0, 1.0), {}, method=method, max_steps=2000).require()
-    right = lg.integrate(model, (0.0, 1.0), {}, method="taylor", rtol=1e-9, atol=1e-11).require()
-    assert found.steps < 200 and found.y[:, -1] == pytest.approx(right.y[:, -1], abs=1e-7)

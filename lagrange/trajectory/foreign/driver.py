@@ -257,7 +257,7 @@ class SolverDriver:
             return np.inf
         counted = law.counted(slopes_of(plan.problem.model, law.parameters))
         left = float(state.reals[S.END]) - t
-        state.floors[:], period = first_floors(plan.problem.model, counted, t, y, left, plan.tolerances.share)
+        state.floors[:], period = first_floors(counted, plan.problem.model.layout, t, y, left, plan.tolerances.share)
         if not plan.first:
             return np.inf
         first = float((FIRST_SHARE * plan.tolerances.rtol) ** (1 / plan.first)) * period
