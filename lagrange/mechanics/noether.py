@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import sympy
-from sympy import S
+from sympy import Float, Rational, S
 
 from lagrange.equations.identities import canonical
 from lagrange.equations.monomials import MonomialSum
@@ -72,7 +72,9 @@ def _given(statement: Statement, generator: Mapping[Any, Any]) -> dict[Any, Any]
                 + suggestion(label, list(statement.names))
             )
         what, survey = f"the motion of {label}", Survey()
-        found[by_name[label]] = expression(value, what)
+        stated = expression(value, what)
+        # Symmetries are proven with exact numbers: a decimal is the fraction that it is written as.
+        found[by_name[label]] = stated.xreplace({number: Rational(str(number)) for number in stated.atoms(Float)})
         survey.add(found[by_name[label]], what)
         known = (*statement.coordinates, *statement.parameters)
         if survey.velocities or (label == t.name and (survey.coordinates or found[t].has(t))):

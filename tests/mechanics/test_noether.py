@@ -90,3 +90,8 @@ def test_what_cannot_be_proven_is_not_claimed() -> None:
 def test_generators_that_are_refused(generator: Any, told: str) -> None:
     with pytest.raises(StatementError, match=told):
         KEPLER.noether(generator)
+
+
+def test_decimals_in_a_generator_are_fractions() -> None:
+    assert same(KEPLER.noether({lg.t: 0.5}), -KEPLER.energy / 2)
+    assert same(KEPLER.noether({x: -0.1 * y, y: 0.1 * x}), m * (x * y.dot - y * x.dot) / 10)
