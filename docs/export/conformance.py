@@ -54,8 +54,14 @@ class Cell:
 
 def contents_of(system: lg.System, target: str) -> list[str]:
     """Return all contents that a system and a target have."""
-    found = [name for name in QUANTITIES if name not in ("events", "multipliers")]
-    found += ["multipliers"] * bool(system.statement.constraints)
+    statement = system.statement
+    stated = {
+        "events": False,
+        "multipliers": bool(statement.constraints),
+        "positions": bool(statement.positions),
+        "energies": not statement.lagrangian_alone,
+    }
+    found = [name for name in QUANTITIES if stated.get(name, True)]
     known = find(target).contents
     if "steps" in known:
         found += [name for name in METHODS if allowed(system, target, name)]

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from lagrange.export.identifiers import ascii_name
+from lagrange.export.file_printer import FilePrinter
+from lagrange.export.lines import continued
 from lagrange.procedure.form import PARTIAL
-from lagrange.procedure.source_printer import SourcePrinter
 
 
-class BracedPrinter(SourcePrinter):
-    """Prints one procedure; a language says how names are declared, what is called, and how loops count."""
+class BracedPrinter(FilePrinter):
+    """Prints one procedure; a language says how names are declared, what is called, and how loops count.
+
+    `index_type` declares the index of a loop.
+    """
+
+    index_type: str
 
     def tail(self) -> list[str]:
         """Return the lines behind the body."""
         return ["}"]
 
-    def legal(self, stem: str) -> str:
-        """Return a name of the language made of a stem; it may be taken."""
-        return ascii_name(stem)
+    def broken(self, line: str) -> list[str]:
+        """Return a line as several where it is long; a comment stays whole."""
+        return [line] if line.lstrip().startswith(("//", "/*")) else continued(line)
 
     def assign(self, target: str, text: str) -> str:
         """Return an assignment."""
@@ -25,6 +30,19 @@ class BracedPrinter(SourcePrinter):
     def comment(self, text: str) -> str:
         """Return a comment of one line."""
         return f"// {text}"
+
+    def opening(self, kind: str, *texts: str) -> str:
+        """Return the line that opens a block."""
+        match kind, texts:
+            case "for", (index, start, stop, step):
+                moved = f"{index}++" if step == "1" else f"{index} += {step}"
+                return f"for ({self.index_type} {index} = {start}; {index} < {stop}; {moved}) {{"
+            case "forever", _:
+                return "for (;;) {"
+            case "else", _:
+                return "} else {"
+            case _:
+                return f"{kind} ({texts[0]}) {{"
 
     def closing(self, kind: str) -> str:
         """Return the line that closes a block."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import textwrap
 import unicodedata
-from collections.abc import Iterable
 
 from lagrange.export.identifiers import spelled_letter
 
@@ -30,9 +29,3 @@ def wrapped(text: str, width: int) -> list[str]:
 def commented(text: str, mark: str, width: int = 110) -> list[str]:
     """Return a text as lines of comment behind a mark, such as "//"."""
     return [f"{mark} {line}".rstrip() for line in wrapped(text, width - len(mark) - 1)]
-
-
-def number_lines(values: Iterable[str], indent: str, width: int = 110) -> list[str]:
-    """Return literals on lines of a width, each with a comma behind it."""
-    text = textwrap.wrap(" ".join(f"{value}," for value in values), width - len(indent), break_long_words=False)
-    return [f"{indent}{line}" for line in text]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from lagrange.errors import StatementError, listing, shown, suggestion
-from lagrange.export.divisors import SOLVED, divisors, guarded
+from lagrange.export.divisors import SOLVED, divisors, fixed, guarded
 from lagrange.export.identifiers import ascii_name
 from lagrange.export.module import Integrator, Quantity, Run, SourceModule
 from lagrange.export.self_test import check_of, in_python, prepared_numbers, step_check
@@ -60,8 +60,8 @@ def wanted(target: Target, model: Model, contents: Sequence[str] | None, events:
     quantities = [name for name in QUANTITIES if name in names]
     methods = [name for name in names if name not in (*QUANTITIES, STEP, MAIN, TAYLOR)]
     methods += [STEP_METHOD] * (STEP in names)
-    steps_itself = TAYLOR in names or "steps" not in target.contents or any(_adaptive(name) for name in methods)
-    if MAIN in names and not steps_itself:
+    runs_itself = TAYLOR in names or any(_adaptive(name) for name in methods)
+    if MAIN in names and not runs_itself and target.contents & {"steps", "runs"}:
         methods.append(ADAPTIVE_METHOD)
     _refuse(target, model, names, methods, events)
     steps = tuple((name, step_of(name)) for name in dict.fromkeys(methods))
@@ -99,6 +99,12 @@ def _refuse(
     title = model.statement.name
     if "multipliers" in names and not len(model.equations.constraints):
         raise StatementError(f"{title} has no constraints, and so no multipliers: leave them out of contents.")
+    if "positions" in names and not model.statement.positions:
+        raise StatementError(
+            f"{title} states no positions to export: state them, or leave 'positions' out of contents."
+        )
+    if "energies" in names and model.statement.lagrangian_alone:
+        raise StatementError(f"{title} states its Lagrangian alone, not T and V: leave 'energies' out of contents.")
     if "events" in names and not events:
         raise StatementError(
             f"{title} has no events to export: give them, as in system.export(..., events=[theta.dot]), or leave "
@@ -106,13 +112,30 @@ def _refuse(
         )
     if events and "events" not in names:
         raise StatementError("events are given, but contents has no 'events': add it, or leave out events.")
-    for kind, asked in (("steps", bool(methods)), ("main", MAIN in names), ("taylor", TAYLOR in names)):
+    if "runs" in target.contents:
+        _refuse_runs(target, methods)
+    steps = bool(methods) and "runs" not in target.contents
+    for kind, asked in (("steps", steps), ("main", MAIN in names), ("taylor", TAYLOR in names)):
         if asked and kind not in target.contents:
             what = {"steps": listing(methods), "main": "main", "taylor": "taylor"}[kind]
             able = [name for name, other in REGISTERED.items() if kind in other.contents]
             raise StatementError(
                 f"target {target.name!r} has no {what}: leave it out of contents, or take {listing(able)}."
             )
+
+
+def _refuse_runs(target: Target, methods: Sequence[str]) -> None:
+    """Raise StatementError unless the methods are one with error control, or none."""
+    plain = [name for name in methods if not _adaptive(name)]
+    if plain:
+        raise StatementError(
+            f"target {target.name!r} runs to the times that it is asked for with error control, and {listing(plain)} "
+            f"{'has' if len(plain) == 1 else 'have'} not: leave it out of contents, or give a method such as 'dop853'."
+        )
+    if len(methods) > 1:
+        raise StatementError(
+            f"target {target.name!r} has one method, and contents has {listing(methods)}: leave all but one out."
+        )
 
 
 def _explicit(name: str) -> StepProgram | None:
@@ -139,7 +162,7 @@ def module_of(
     """Return a model as it is exported. Raises StatementError for a parameter without a value."""
     statement, equations = model.statement, model.equations
     values = tuple(float(value) for value in model.parameter_array(parameters))
-    state = (*statement.names, *(f"{name}_dot" for name in statement.names))
+    state = statement.state_names
     programs = {name: _program(name, model, events) for name in asked.quantities}
     projected = (bool(asked.methods) or asked.taylor) and len(equations.constraints) > 0
     every = [*programs.values()]
@@ -158,14 +181,16 @@ def module_of(
         laws["projection"] = kernel(every[-1], prepared, "projection", "Corrections onto the constraints.", **given)
     prune = Pruner().pruned
     integrators = tuple(_integrator(name, step, len(state), laws, prune) for name, step in asked.methods)
-    preparing, size = prepare(prepared, about, parameter_names=given["parameter_names"]), prepared.size
+    tested = fixed(alone, prepared) if alone else ()
+    preparing = prepare(prepared, about, parameter_names=given["parameter_names"], divisors=tested)
+    size = prepared.size
     if asked.taylor:
         series = _taylor(model, prepared.size, laws.get("projection"))
         preparing, size = series.prepare(preparing), prepared.size + series.numbers.size
         own = prune(series.taylor())
         integrators = (*integrators, Integrator(TAYLOR, own.about, own, adaptive=True))
     preparing = prune(preparing)
-    p = prepared_numbers(preparing, size, values)
+    p = prepared_numbers(preparing, size, statement, values)
     quantities = tuple(
         Quantity(name, _about(name), one, prune(procedures[name]), _results(name, model, one), one.shape)
         for name, one in programs.items()
@@ -187,15 +212,19 @@ def module_of(
         ),
         step_checks=tuple(step_check(one, p, statement) for one in integrators),
         run=_run(model) if asked.main else None,
-        contents=(*asked.quantities, *(name for name, _ in asked.methods), *([TAYLOR] if asked.taylor else [])),
     )
 
 
 def _program(name: str, model: Model, events: Sequence[Event]) -> Program:
-    if name != "events":
+    statement = model.statement
+    stated: dict[str, list[Any]] = {
+        "events": [event.expression for event in events],
+        "positions": [entry for point in statement.positions.values() for entry in point],
+        "energies": [statement.kinetic, statement.potential],
+    }
+    if name not in stated:
         return model.law(name).program
-    nodes = tuple(model.equations.translate(event.expression) for event in events)
-    return model.function("events", nodes).program
+    return model.function(name, tuple(map(model.equations.translate, stated[name]))).program
 
 
 def _integrator(
@@ -224,7 +253,9 @@ ABOUT = {
     "energy": "The energy v.p - L, which is T + V where T is quadratic in the velocities.",
     "jacobian": "The derivative of the right-hand side by the state, by rows.",
     "mass_matrix": "The mass matrix, by rows.",
+    "energies": "The kinetic energy T and the potential energy V, as stated.",
     "momenta": "The conjugate momenta dL/dv.",
+    "positions": "The named points, coordinate by coordinate.",
     "multipliers": "The multipliers of the constraints.",
     "events": "The event functions, each zero where its event is.",
 }
@@ -254,6 +285,11 @@ def _results(name: str, model: Model, program: Program) -> tuple[str, ...]:
             return tuple(f"lambda_{one}" for one in model.equations.stated.names)
         case "energy":
             return ("energy",)
+        case "energies":
+            return ("kinetic", "potential")
+        case "positions":
+            points = model.statement.positions.items()
+            return tuple(f"{one}_{axis}" for one, entries in points for axis in "xyz"[: len(entries)])
         case _:
             return tuple(f"event{k}" for k in range(len(program.outputs)))
 

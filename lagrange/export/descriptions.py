@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from lagrange.export.comments import TOGETHER, plain
 from lagrange.export.module import Integrator, Run, SourceModule
-from lagrange.procedure.form import Procedure, Record, ReserveRecord, inner
+from lagrange.procedure.form import Array, Procedure, Record, ReserveRecord, inner
 from lagrange.procedure.outcome import Outcome
 
 TEST = (
@@ -14,12 +14,6 @@ TEST = (
     "small difference of large numbers, by 1e-12 of the largest one at that state."
 )
 """What is compared with what, and how closely; behind it stands what a language does with the result."""
-
-MOST_STEPS = 10_000_000
-"""Steps between two rows of `main` at most."""
-
-TEST_TOLERANCE, TEST_STEPS = 1e-13, 100_000
-"""The tolerances of an adaptive run in the test, and its steps at most."""
 
 
 def places(array: str, names: Sequence[str], element: str = "{0}[{1}]", first: int = 0) -> str:
@@ -40,9 +34,28 @@ OUTCOMES: Mapping[Outcome, str] = {
 """What the numbers mean that integrators return."""
 
 
+def statement_comment(module: SourceModule, mark: str) -> list[str]:
+    """Return the comment at the top, behind a mark: the statement that the file was made from."""
+    return [f"{mark} {plain(line)}".rstrip() for line in module.statement]
+
+
+def statuses(regular: str, singular: str) -> str:
+    """Return what quantities return, in a language that spells the two so."""
+    return (
+        f"Each function of t, y and p returns {regular}, or {singular} where a matrix is singular to round-off: out is "
+        "then not to be used."
+    )
+
+
 def outcomes() -> str:
     """Return what the numbers mean that integrators return."""
     return "Integrators return " + ", ".join(f"{int(code)}: {text}" for code, text in OUTCOMES.items()) + "."
+
+
+def outcome_texts(quote: str = '"') -> list[str]:
+    """Return what each number means that integrators return, from 0 on, in quotes, which are doubled inside."""
+    texts = [OUTCOMES.get(code, "the run ended early") for code in Outcome]
+    return [f"{quote}{text.replace(quote, 2 * quote)}{quote}" for text in texts]
 
 
 def about_of(module: SourceModule, procedure: Procedure) -> str:
@@ -61,6 +74,13 @@ def sizes(module: SourceModule) -> list[tuple[str, int, str]]:
         ("prepared", max(module.prepared, 1), "numbers in p: parameters, and what depends on them alone"),
         *((one.name, len(one.results), f"numbers in out of {one.name}") for one in module.quantities),
     ]
+
+
+def lengths(module: SourceModule, procedure: Procedure) -> dict[str, int]:
+    """Return the arrays that a public function takes, and how many numbers it reads or writes in each."""
+    arrays = {one.name: one.type for one in procedure.parameters if isinstance(one.type, Array)}
+    found = {name: module.prepared if kind.size is None else kind.size for name, kind in arrays.items()}
+    return {name: length for name, length in found.items() if length}
 
 
 def columns(module: SourceModule) -> str:

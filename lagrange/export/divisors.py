@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from lagrange.graph import node
 from lagrange.machine.model import Model
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, Array, Kind, Procedure
+from lagrange.procedure.kernel.prepared import Prepared
 from lagrange.program.program import Program
 
 SOLVED = ("rhs", "accelerations", "jacobian")
@@ -14,10 +16,24 @@ SOLVED = ("rhs", "accelerations", "jacobian")
 
 
 def divisors(model: Model) -> Program | None:
-    """Return a program of the entries by which a system divides for unknowns that stand alone, None without any."""
+    """Return a program of the entries by which a system divides for unknowns that stand alone, None without any.
+
+    A constant other than zero needs no test.
+    """
     equations = model.equations
-    alone = tuple(block[0] for block in equations.plan.blocks if len(block) == 1)
-    return model.function("divisors", tuple(equations.matrix[k][k] for k in alone)).program if alone else None
+    alone = [equations.matrix[block[0]][block[0]] for block in equations.plan.blocks if len(block) == 1]
+    entries = tuple(dict.fromkeys(one for one in alone if one.kind is not node.Kind.CONSTANT or not one.data))
+    return model.function("divisors", entries).program if entries else None
+
+
+def fixed(entries: Program, prepared: Prepared) -> list[int]:
+    """Return the places among the prepared numbers of those entries that depend on parameters alone."""
+    slots, code = prepared.of_program(entries), entries.instructions
+    return [
+        code[ref].place if code[ref].op == "parameter" else slots[ref]
+        for ref in entries.outputs
+        if code[ref].op == "parameter" or ref in slots
+    ]
 
 
 def results_of(quantity: Procedure) -> int:
@@ -38,10 +54,10 @@ def guarded(quantity: Procedure, entries: Procedure) -> Procedure:
     )
     formulas = replace(quantity, name=f"{quantity.name}_formulas")
     singular = p.variable(p.call(formulas, t, y, held, out), "singular")
-    nothing = p.variable(p.constant(0.0, REAL), "nothing")
+    zero_or_nan = p.variable(p.constant(0.0, REAL), "zero_or_nan")
     with p.loop(0, results_of(quantity)) as k:
-        nothing.value = nothing.value + 0.0 * out[k]
-    with p.when(~nothing.value.equals(0.0), likely=False):
+        zero_or_nan.value = zero_or_nan.value + 0.0 * out[k]
+    with p.when(~zero_or_nan.value.equals(0.0), likely=False):
         count = results_of(entries)
         found = p.reserve(count, name="divisors")
         p.call(entries, t, y, held, found)

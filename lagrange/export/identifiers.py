@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Callable, Iterable, Sequence
-from typing import TypeVar
+from collections.abc import Callable, Container, Iterable, Sequence
 
 from lagrange.statement.letters import GREEK
 
 LONGEST = 63
 """Characters of a name: what C and Fortran distinguish."""
-
-Name = TypeVar("Name", bound=str)
 
 
 def ascii_name(name: str) -> str:
@@ -29,6 +26,11 @@ def spelled_letter(letter: str) -> str:
         return GREEK.get(bare, bare)
     words = unicodedata.name(bare, "").split()
     return words[-1].lower() if words[:1] == ["GREEK"] else letter
+
+
+def unreserved(name: str, words: Container[str]) -> str:
+    """Return a name, with an underscore behind it if it is one of the words."""
+    return f"{name}_" if name in words else name
 
 
 def distinct(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from itertools import chain
 
 from lagrange.procedure.form import Procedure
 from lagrange.program.program import Program
@@ -43,6 +44,11 @@ class Check:
     states: tuple[tuple[float, ...], ...]
     results: tuple[tuple[float, ...], ...]
     allowed: tuple[tuple[float, ...], ...]
+
+    @property
+    def flat(self) -> list[tuple[float, ...]]:
+        """Times, states, results and what they may be off, the rows of each one behind the other."""
+        return [self.times, *(tuple(chain(*rows)) for rows in (self.states, self.results, self.allowed))]
 
 
 @dataclass(frozen=True)
@@ -93,7 +99,6 @@ class SourceModule:
     checks: tuple[Check, ...] = ()
     step_checks: tuple[StepCheck, ...] = ()
     run: Run | None = None
-    contents: tuple[str, ...] = field(default=())
 
     def quantity(self, name: str) -> Quantity | None:
         """Return a quantity by name, None where it is not exported."""

@@ -6,9 +6,8 @@ import re
 from functools import cached_property
 from typing import ClassVar, NamedTuple
 
-from lagrange.procedure.bind import reads
+from lagrange.export.file_printer import FilePrinter
 from lagrange.procedure.form import WHOLE, Array, Parameter, Part, Procedure, Record
-from lagrange.procedure.source_printer import SourcePrinter
 
 
 class Place(NamedTuple):
@@ -28,16 +27,10 @@ def written(procedure: Procedure) -> list[Parameter]:
     ]
 
 
-class OffsetPrinter(SourcePrinter):
+class OffsetPrinter(FilePrinter):
     """Prints one procedure; `first` is the index of the first element of every array."""
 
     first: ClassVar[int] = 0
-
-    @cached_property
-    def unused(self) -> list[Parameter]:
-        """The parameters that the procedure does not read."""
-        read = reads(self.procedure.body)
-        return [one for one in self.procedure.parameters if one.ref not in read]
 
     @cached_property
     def _parts(self) -> dict[int, Place]:
@@ -68,7 +61,7 @@ class OffsetPrinter(SourcePrinter):
         if place in self.constants:
             text, number = "", number + self.constants[place]
         else:
-            text = self.whole_text(self.text(place, self.spelled["add"][0]))
+            text = self.whole_text(self.text(place, self.operators["add"].binds))
         return begin.array, summed([*begin.names, *([text] if text else [])], number)
 
     def beginning(self, array: int) -> tuple[int, str | None]:

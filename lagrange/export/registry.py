@@ -5,14 +5,25 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from lagrange.errors import StatementError, listing
-from lagrange.export.languages import BUILT_IN
+from lagrange.export.languages.c import C
+from lagrange.export.languages.casadi import CasADi
+from lagrange.export.languages.cpp import Cpp
+from lagrange.export.languages.fmu import Fmu
+from lagrange.export.languages.fortran import Fortran
+from lagrange.export.languages.javascript import JavaScript
+from lagrange.export.languages.jax import Jax
+from lagrange.export.languages.julia import Julia
+from lagrange.export.languages.modelica import Modelica
+from lagrange.export.languages.octave import Octave
+from lagrange.export.languages.python import Python
+from lagrange.export.languages.rust import Rust
 from lagrange.export.module import SourceModule
 from lagrange.export.target import REGISTERED, Target, register
+from lagrange.show.notebook.html_card import table
 from lagrange.statement.choice import one_of
 
-for built_in in BUILT_IN:
+for built_in in (C, Cpp, Fortran, Julia, Octave, JavaScript, Rust, Python, Jax, CasADi, Modelica, Fmu):
     register(built_in)
-
 
 ALIASES: Mapping[str, str] = {
     **dict.fromkeys(("c99", "ansi-c"), "c"),
@@ -50,9 +61,12 @@ class TargetTable(Mapping[str, str]):
     def __repr__(self) -> str:
         return str(self)
 
+    def _repr_html_(self) -> str:
+        return table(("target", "about"), list(self._rows.items()))
+
 
 def targets() -> TargetTable:
-    """Return the targets of `system.export`, each with a line about it."""
+    """Return the targets of `System.export`, {name: a line about it}."""
     return TargetTable({name: target.about for name, target in REGISTERED.items()})
 
 
@@ -63,13 +77,19 @@ def find(name: str) -> Target:
     return REGISTERED[one_of(name, REGISTERED, "there is no target {given}; the targets are {known}.")]
 
 
+def missing_operation(target: Target, module: SourceModule) -> tuple[str, str] | None:
+    """Return a quantity and a function in it that a target cannot express, None where there is none."""
+    operations = ((one.name, each.op) for one in module.quantities for each in one.program.instructions)
+    return next((found for found in operations if found[1] in target.inexpressible), None)
+
+
 def check_operations(target: Target, module: SourceModule) -> None:
     """Raise StatementError for a function that a target cannot express, with the targets that can."""
-    for quantity in module.quantities:
-        for one in quantity.program.instructions:
-            if one.op in target.inexpressible:
-                able = [name for name, other in REGISTERED.items() if one.op not in other.inexpressible]
-                raise StatementError(
-                    f"{quantity.name} of {module.name} contains {one.op}, which target {target.name!r} has no function "
-                    f"for: {listing(able)} have one."
-                )
+    found = missing_operation(target, module)
+    if found is not None:
+        quantity, op = found
+        able = [name for name, other in REGISTERED.items() if op not in other.inexpressible]
+        raise StatementError(
+            f"{quantity} of {module.name} contains {op}, which target {target.name!r} has no function for: "
+            f"{listing(able)} have one."
+        )

@@ -7,7 +7,7 @@ from array import array
 from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 
-from lagrange.errors import StatementError
+from lagrange.errors import StatementError, listing
 from lagrange.evidence.precise_program import NoValue, evaluate
 from lagrange.evidence.sample import SampleKind, Sampler
 from lagrange.export.module import Check, Integrator, StepCheck
@@ -72,10 +72,7 @@ def check_of(name: str, program: Program, own: Evaluation, statement: Statement,
             break
     chosen = [*good, *others][:STATES]
     if len(chosen) < STATES:
-        raise StatementError(
-            f"{name} of {statement.name} has no values at {STATES} states near the initial one, which the self-test "
-            "needs: state an initial state at which it has values."
-        )
+        raise _no_states(name, program, states, statement, parameters)
     return Check(
         name,
         tuple(case.t for case in chosen),
@@ -83,6 +80,31 @@ def check_of(name: str, program: Program, own: Evaluation, statement: Statement,
         tuple(case.results for case in chosen),
         tuple(case.allowed for case in chosen),
     )
+
+
+def _no_states(
+    name: str,
+    program: Program,
+    states: Sequence[tuple[float, tuple[float, ...]]],
+    statement: Statement,
+    parameters: Sequence[float],
+) -> StatementError:
+    """Return why a quantity has no test: parameters that are zero, or the states."""
+    missing = f"{name} of {statement.name} has no values at {STATES} states near the initial one"
+    other = [value or 1.0 for value in parameters]
+    if any(_exact(program, t, y, parameters) for t, y in states) or not any(
+        _exact(program, t, y, other) for t, y in states
+    ):
+        return StatementError(f"{missing}, which the self-test needs: state an initial state at which it has values.")
+    return StatementError(
+        f"{missing} with {_zeros(statement, parameters)}, which the self-test needs: give other values of parameters."
+    )
+
+
+def _zeros(statement: Statement, parameters: Sequence[float]) -> str:
+    """Return the parameters that are zero, as they are stated."""
+    zeros = [f"{one.name} = 0" for one, value in zip(statement.parameters, parameters, strict=True) if not value]
+    return listing(zeros) if zeros else "these parameters"
 
 
 class _Case:
@@ -122,11 +144,16 @@ def _case(
     found = own(t, y)
     if found is None or not all(map(math.isfinite, found)):
         return None
+    exact = _exact(program, t, y, parameters)
+    return None if exact is None else _Case(t, y, exact, [abs(a - b) for a, b in zip(exact, found, strict=True)])
+
+
+def _exact(program: Program, t: float, y: tuple[float, ...], parameters: Sequence[float]) -> tuple[float, ...] | None:
+    """Return results from multiple precision, None where there are none."""
     try:
-        exact = [float(value) for value in evaluate(program, t, y, parameters)]
+        return tuple(float(value) for value in evaluate(program, t, y, parameters))
     except NoValue:
         return None
-    return _Case(t, y, tuple(exact), [abs(a - b) for a, b in zip(exact, found, strict=True)])
 
 
 STEP_LENGTH, RUN_LENGTH = 1e-3, 1e-1
@@ -136,13 +163,13 @@ STEP_TOLERANCE = 1e-11
 """What the state at the end of a step or of a short run may be off by, relative to the largest entry."""
 
 
-def prepared_numbers(preparing: Procedure, size: int, parameters: Sequence[float]) -> memoryview:
+def prepared_numbers(preparing: Procedure, size: int, statement: Statement, parameters: Sequence[float]) -> memoryview:
     """Return what a module prepares from its parameters. Raises StatementError where a matrix is singular."""
     p = memoryview(array("d", [0.0] * max(size, 1)))
     if loaded(preparing)(memoryview(array("d", [*parameters, 0.0])), p):
         raise StatementError(
-            "the mass matrix is singular with these parameters, wherever the system is: give other values, which the "
-            "self-test needs."
+            f"the mass matrix of {statement.name} is singular with {_zeros(statement, parameters)}, wherever the "
+            "system is: give other values, which the self-test needs."
         )
     return p
 

@@ -10,9 +10,10 @@ from sympy import count_ops
 from sympy.printing.str import StrPrinter
 
 from lagrange.export.comments import wrapped
-from lagrange.show.formula import Typesetter
-from lagrange.show.text_notation import AsciiNotation
+from lagrange.show.notation.formula import Typesetter
+from lagrange.show.notation.text import AsciiNotation
 from lagrange.show.units import unit_of
+from lagrange.statement.coordinate import name_of
 from lagrange.statement.event import Event
 from lagrange.statement.statement import Statement
 
@@ -23,7 +24,11 @@ LONG = 300
 
 
 def statement_lines(statement: Statement, events: Sequence[Event] = ()) -> Iterator[str]:
-    """Yield lines: name, energies, forces, constraints, events, coordinates in order, parameters with values, units."""
+    """Yield lines: name, energies, forces, constraints, events, coordinates in order, parameters with values, units.
+
+    Given functions of time stand by their names, as they were stated.
+    """
+    statement = statement.open_form or statement
     write = _writer(statement)
     yield from wrapped(f"{statement.name}: equations of motion, made by lagrange", WIDTH)
     if statement.about:
@@ -41,6 +46,8 @@ def statement_lines(statement: Statement, events: Sequence[Event] = ()) -> Itera
         yield from _formula("D", write(statement.dissipation))
     for one in statement.constraints:
         yield from _formula(f"constraint {one.name}", f"{write(one.expression)} = 0")
+    for known in statement.known_motions:
+        yield from wrapped(known if isinstance(known, str) else f"{name_of(known[0])} = {write(known[1])}", WIDTH)
     for k, event in enumerate(events):
         yield from _formula(f"event{k}", f"{write(event.expression)}{_told(event, write)}")
     yield ""

@@ -9,7 +9,10 @@ from typing import ClassVar
 from lagrange.errors import StatementError
 from lagrange.export.module import SourceModule
 
-QUANTITIES = ("rhs", "accelerations", "energy", "jacobian", "mass_matrix", "momenta", "multipliers", "events")
+QUANTITIES = (
+    *("rhs", "accelerations", "energy", "energies", "jacobian", "mass_matrix", "momenta", "multipliers", "positions"),
+    "events",
+)
 """Contents that are functions of time and state."""
 
 
@@ -17,10 +20,10 @@ class Target(ABC):
     """A language or a format that models are written in.
 
     `name` is what users say, `about` a line about it. `contents` are those that it can have beside the quantities:
-    "steps" (a step of any explicit method and adaptive drivers), "taylor" and "main", which without "steps" is run
-    by what reads the file; `always` are those that it has without being asked, because its format needs them.
-    `inexpressible` are the operations that it has no function for. A class of your own is registered with
-    `register`.
+    "steps" (a step of any explicit method, and runs with error control) or "runs" (one run with error control),
+    "taylor", and "main", which is run by what reads the file where the target has no steps and no runs. `always` are
+    those that it has without being asked, because its format needs them. `inexpressible` are the operations that it has
+    no function for. A class of your own is registered with `register`.
     """
 
     name: ClassVar[str]
@@ -28,8 +31,6 @@ class Target(ABC):
     contents: ClassVar[frozenset[str]] = frozenset(("steps", "main"))
     always: ClassVar[tuple[str, ...]] = ()
     inexpressible: ClassVar[frozenset[str]] = frozenset()
-    most_order: ClassVar[int | None] = None
-    """Largest linear system that it solves, None for any."""
 
     @abstractmethod
     def files(self, module: SourceModule) -> Mapping[str, str | bytes]:
@@ -40,7 +41,7 @@ class Target(ABC):
         """Return shell lines, run in the folder of the files, that build and run the test: exit status 0 if right."""
 
     def run_commands(self, module: SourceModule) -> list[str]:
-        """Return shell lines that build `main` and have it write its table; none where there is no `main`."""
+        """Return shell lines that build `main` of a module that has a run, and have it write its table."""
         del module
         return []
 

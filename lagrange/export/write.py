@@ -12,8 +12,8 @@ from lagrange.errors import StatementError
 from lagrange.export.contents import module_of, wanted
 from lagrange.export.registry import check_operations, find
 from lagrange.machine.model import Model
-from lagrange.show.atomic_file import real_path
-from lagrange.show.atomic_folder import write_together
+from lagrange.show.files.atomic_file import real_path
+from lagrange.show.files.atomic_folder import write_together
 from lagrange.statement.event import declare_events
 
 
@@ -28,6 +28,9 @@ class Exported:
     files: tuple[Path, ...]
     commands: tuple[str, ...]
     run_commands: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return str(self)
 
     def __str__(self) -> str:
         lines = [f"wrote {path}" for path in self.files]
@@ -45,8 +48,7 @@ def export(
     """Write a model for a target into a folder, all files or none; see `System.export`."""
     chosen = find(target)
     declared = () if events is None else declare_events(events, model.statement)
-    asked = wanted(chosen, model, contents, declared)
-    module = module_of(model, asked, declared, parameters)
+    module = module_of(model, wanted(chosen, model, contents, declared), declared, parameters)
     check_operations(chosen, module)
     files = chosen.files(module)
     folder, made = _folder(path)
@@ -56,7 +58,8 @@ def export(
         for one in made:
             one.rmdir()
         raise
-    return Exported(tuple(written), tuple(chosen.commands(module)), tuple(chosen.run_commands(module)))
+    runs = [] if module.run is None else chosen.run_commands(module)
+    return Exported(tuple(written), tuple(chosen.commands(module)), tuple(runs))
 
 
 def _folder(path: str | os.PathLike[str]) -> tuple[Path, list[Path]]:

@@ -47,7 +47,7 @@ def _value(node: Node, args: list[Any], context: Any) -> Any:
     if node.data == "piecewise":
         pairs = zip(args[:-1:2], args[1::2], strict=True)
         return next((value for condition, value in pairs if condition), args[-1])
-    return _CALLS[node.data](context, *args)
+    return FUNCTIONS[node.data](context, *args)
 
 
 def _fraction(value: Any, context: Any) -> Any:
@@ -58,7 +58,7 @@ def _named(name: str) -> Callable[..., Any]:
     return lambda context, *args: getattr(context, name)(*args)
 
 
-_CALLS: dict[str, Callable[..., Any]] = {
+FUNCTIONS: dict[str, Callable[..., Any]] = {
     **{name: _named(name) for name in ("sin", "cos", "tan", "asin", "acos", "atan", "atan2")},
     **{name: _named(name) for name in ("exp", "log", "sinh", "cosh", "tanh", "sign")},
     **{name: _named(name) for name in ("asinh", "acosh", "atanh", "erf")},
@@ -76,6 +76,7 @@ _CALLS: dict[str, Callable[..., Any]] = {
     "or": lambda context, a, b: a or b,
     "not": lambda context, a: not a,
 }
+"""The functions of nodes, each of a context and its arguments."""
 
 
 def precise(digits: int) -> Any:

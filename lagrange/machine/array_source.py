@@ -15,7 +15,7 @@ from lagrange.errors import LagrangeError
 from lagrange.machine.python_source import Printer, defined
 from lagrange.procedure.form import CONSTANT, REAL, Each, Let, Load, Procedure, Read, Store, Write
 from lagrange.procedure.interpreter import OPERATIONS
-from lagrange.procedure.syntax import ATOM
+from lagrange.procedure.spelling import ATOM
 
 AT_ONCE: Mapping[str, Callable[..., Any]] = {
     "select": np.where,

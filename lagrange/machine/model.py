@@ -25,6 +25,7 @@ from lagrange.statement.choice import one_of, text
 from lagrange.statement.event import check_multipliers
 from lagrange.statement.expression import expression as expression_of
 from lagrange.statement.number import real_array, real_number, whole_number
+from lagrange.statement.parameters import in_own_parameters
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 
@@ -244,7 +245,8 @@ class Model:
 
         `y` has shape (2n, batch) and `t` (batch,). Raises StatementError for an expression with anything else in it.
         """
-        expression = expression_of(expression, "the expression")
+        stated = expression_of(expression, "the expression")
+        expression = in_own_parameters(stated, self.statement.parameters)
         survey = Survey()
         survey.add(expression, "the expression", accelerations=True, multipliers=True)
         check_multipliers(survey.multipliers, "the expression", self.statement)

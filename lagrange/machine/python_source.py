@@ -17,42 +17,21 @@ from typing import Any
 from lagrange.procedure.form import PARTIAL, REAL, Array, Call, Kind, Part, Procedure, Record
 from lagrange.procedure.interpreter import OPERATIONS, Span
 from lagrange.procedure.source_printer import SourcePrinter, results_of
-from lagrange.procedure.syntax import ATOM
+from lagrange.procedure.spelling import OPERATORS as COMMON
+from lagrange.procedure.spelling import WORDS, Literals, Operator
 
-SPELLED: Mapping[str, tuple[int, str]] = {
-    "select": (1, "{1} if {0} else {2}"),
-    "or": (2, "{0} or {1}"),
-    "and": (3, "{0} and {1}"),
-    "not": (4, "not {0}"),
-    "less": (5, "{0} < {1}"),
-    "less_equal": (5, "{0} <= {1}"),
-    "equal": (5, "{0} == {1}"),
-    "add": (6, "{0} + {1}"),
-    "sub": (6, "{0} - {1}"),
-    "fma": (6, "{0} * {1} + {2}"),
-    "mul": (7, "{0} * {1}"),
-    "neg": (8, "-{0}"),
-    "abs": (9, "abs({0})"),
-    "real": (9, "float({0})"),
-    "whole": (9, "int({0})"),
+OPERATORS: Mapping[str, Operator] = {
+    **{op: one for op, one in COMMON.items() if op != "div"},
+    **WORDS,
+    "select": Operator(1, "{1} if {0} else {2}", (2, 2, 1)),
+    "neg": Operator(8, "-{0}", (8,)),
+    "abs": Operator(9, "abs({0})"),
+    "real": Operator(9, "float({0})"),
+    "whole": Operator(9, "int({0})"),
 }
-"""Python operators: their precedence and their text. The other operations are functions."""
+"""Operators of Python. The other operations are functions; a division is one since it may raise."""
 
-OPERANDS: Mapping[str, tuple[int, ...]] = {
-    "select": (2, 2, 1),
-    "or": (2, 3),
-    "and": (3, 4),
-    "not": (4,),
-    "less": (6, 6),
-    "less_equal": (6, 6),
-    "equal": (6, 6),
-    "add": (6, 7),
-    "sub": (6, 7),
-    "fma": (7, 8, 7),
-    "mul": (7, 8),
-    "neg": (8,),
-}
-"""The least precedence of each operand that needs no parentheses."""
+LITERALS = Literals("inf", "nan", ("False", "True"))
 
 
 def source(procedure: Procedure) -> str:
@@ -66,7 +45,7 @@ def loaded(procedure: Procedure) -> Callable[..., Any]:
     Arrays are memory views, which are quickest, or anything with places, or a `Span` of one. It returns nothing, a
     value or a tuple of values.
     """
-    names: dict[str, Any] = {f"_{op}": function for op, function in OPERATIONS.items() if op not in SPELLED}
+    names: dict[str, Any] = {f"_{op}": function for op, function in OPERATIONS.items() if op not in OPERATORS}
     names |= {"_part": part_of, "_reals": _reals, "_wholes": _wholes, "_record": SimpleNamespace}
     names |= {
         "nan": math.nan,
@@ -110,8 +89,8 @@ def _wholes(count: int) -> memoryview:
 class _PythonPrinter(SourcePrinter):
     """Prints one procedure as Python."""
 
-    spelled = SPELLED
-    operands = OPERANDS
+    operators = OPERATORS
+    literals = LITERALS
 
     def head(self) -> list[str]:
         given = ", ".join(self.text(parameter.ref) for parameter in self.procedure.parameters)
@@ -119,9 +98,6 @@ class _PythonPrinter(SourcePrinter):
 
     def legal(self, stem: str) -> str:
         return f"{stem.strip('_')}_" if keyword.iskeyword(stem) or stem.startswith("_") else stem
-
-    def literal(self, kind: Kind, data: Any) -> tuple[int, str]:
-        return literal(kind, data)
 
     def function_of(self, op: str) -> str:
         return f"_{op}"
@@ -192,10 +168,3 @@ class _PythonPrinter(SourcePrinter):
 
 
 Printer = _PythonPrinter
-
-
-def literal(kind: Kind, data: Any) -> tuple[int, str]:
-    """Return a constant and how tightly it binds."""
-    if kind is not REAL or math.isfinite(data):
-        return (8 if not isinstance(data, bool) and data < 0 else ATOM), repr(data)
-    return (8, "-inf") if data < 0 else (ATOM, "inf" if data > 0 else "nan")

@@ -20,6 +20,7 @@ from lagrange.mechanics.equation_row import HELD, EquationRow, row_of
 from lagrange.mechanics.motion_samples import MotionSample, motion_samples
 from lagrange.mechanics.student_equations import StudentEquation
 from lagrange.mechanics.wrong_term import wrong_term
+from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.statement import Statement
 
 MOST_TOLD = 4
@@ -29,10 +30,11 @@ SAMPLES = 5
 """States at which equations are compared: a wrong one would have to hold by chance at all of them."""
 
 
-@dataclass(frozen=True)
-class EquationsComparison:
+@dataclass(frozen=True, repr=False)
+class EquationsComparison(ShownAsPage):
     """The result: true if the equations are those of the system, else `message` names the first wrong term.
 
+    `finding` is the message without the counterexample in numbers, for a table of many results.
     `counterexample` has a state, by name, at which the first wrong equation does not hold, with the true accelerations;
     it is empty where there is none. `wrong` has the places of the wrong equations.
     """
@@ -41,12 +43,19 @@ class EquationsComparison:
     message: str
     wrong: tuple[int, ...] = ()
     counterexample: Mapping[str, float] = field(default_factory=dict)
+    finding: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "finding", self.finding or self.message)
 
     def __bool__(self) -> bool:
         return self.right
 
     def __str__(self) -> str:
         return self.message
+
+    def __repr__(self) -> str:
+        return f"<EquationsComparison: {'right' if self else 'wrong'}. {self.message}>"
 
 
 def compare_equations(
@@ -106,11 +115,18 @@ def _refuted(
     sample = _where_it_fails(row, samples)
     example = {} if sample is None else _counterexample(row, sample)
     named = wrong_term(row, derivation, samples)
-    message = f"{named} {_told(row, sample)}" if sample is not None else named
+    told = "" if sample is None else f" {_told(row, sample)}"
+    more = ""
     if len(wrong) > 1:
         others = listing(rows[i].label for i in wrong[1:])
-        message += f" {others[0].upper()}{others[1:]} {'is' if len(wrong) == 2 else 'are'} wrong, too."
-    return EquationsComparison(right=False, message=message, wrong=wrong, counterexample=MappingProxyType(example))
+        more = f" {others[0].upper()}{others[1:]} {'is' if len(wrong) == 2 else 'are'} wrong, too."
+    return EquationsComparison(
+        right=False,
+        message=named + told + more,
+        wrong=wrong,
+        counterexample=MappingProxyType(example),
+        finding=named + more,
+    )
 
 
 def _where_it_fails(row: EquationRow, samples: Sequence[MotionSample]) -> MotionSample | None:
@@ -127,7 +143,7 @@ def _where_it_fails(row: EquationRow, samples: Sequence[MotionSample]) -> Motion
 
 def _counterexample(row: EquationRow, sample: MotionSample) -> dict[str, float]:
     statement, point = row.statement, sample.point
-    keys = [*statement.names, *(f"{name}_dot" for name in statement.names), "t", *(p.name for p in point.parameters)]
+    keys = [*statement.state_names, "t", *(p.name for p in point.parameters)]
     values = [*point.q, *point.v, point.t, *point.parameters.values()]
     keys += [f"{name}_ddot" for name in statement.names]
     return dict(zip(keys, (float(x) for x in (*values, *sample.accelerations)), strict=True))

@@ -6,7 +6,7 @@ Everything here is proven as an identity, and tested by number: along the compil
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import sympy
@@ -18,24 +18,31 @@ from lagrange.mechanics.quantity_rates import check_constant
 from lagrange.mechanics.runge_lenz import runge_lenz
 from lagrange.mechanics.symmetries import SymmetryEquation, point_symmetries
 from lagrange.mechanics.symmetry_names import described, oriented, untaken
+from lagrange.statement.notebook_page import ShownAsPage
+from lagrange.statement.statement import Statement
 
 MOST_SEARCHED = 24
 """With more coordinates no symmetry is sought beside the ignorable coordinates: a chain of 20 bodies takes 1 s."""
 
 
-@dataclass(frozen=True)
-class Conserved:
+@dataclass(frozen=True, repr=False)
+class Conserved(ShownAsPage):
     """A quantity that stays constant along every motion, in coordinates, velocities, parameters and t.
 
-    `name` is "energy", "p_phi", "angular momentum z" and the like; `reason` says why it is conserved.
+    `name` is "energy", "p_phi", "angular momentum z" and the like; `reason` says why it is conserved. `statement` is
+    that of the system.
     """
 
     name: str
     expression: Any
     reason: str
+    statement: Statement = field(compare=False)
 
     def __str__(self) -> str:
         return f"{self.name} = {self.expression}: {self.reason}"
+
+    def __repr__(self) -> str:
+        return f"<Conserved: {self}>"
 
 
 def conserved_quantities(model: Model) -> list[Conserved]:
@@ -56,10 +63,11 @@ def _found(model: Model) -> Iterator[Conserved]:
     taken = [f"p_{structure.names[i]}" for i in structure.cyclic]
     if structure.conservative:
         taken.append(structure.energy_name)
-        yield Conserved(taken[-1], stated.show(stated.energy), f"{structure.energy_reason()}.")
+        yield Conserved(taken[-1], stated.show(stated.energy), f"{structure.energy_reason()}.", model.statement)
     for name, i in zip(taken, structure.cyclic, strict=False):
         how = "is not in" if structure.decisions.absent(i) else "drops out of"
-        yield Conserved(name, stated.show(stated.momenta[i]), f"{structure.names[i]} {how} the Lagrangian.")
+        reason = f"{structure.names[i]} {how} the Lagrangian."
+        yield Conserved(name, stated.show(stated.momenta[i]), reason, model.statement)
     if len(stated.q) > MOST_SEARCHED:
         return
     equation, body = SymmetryEquation(stated), place(stated)
@@ -71,9 +79,10 @@ def _found(model: Model) -> Iterator[Conserved]:
                 taken[-1],
                 stated.show(equation.quantity(symmetry)),
                 described(stated, one if one.tau != 0 else symmetry),
+                model.statement,
             )
     for name, terms in runge_lenz(stated, body) if body is not None else ():
-        yield Conserved(name, stated.show(terms), RUNGE_LENZ)
+        yield Conserved(name, stated.show(terms), RUNGE_LENZ, model.statement)
 
 
 RUNGE_LENZ = "The force falls with the square of the distance, so the axis of the orbit does not turn."

@@ -24,7 +24,7 @@ CLOSE = 1e-9
 """Its last step, relative to the coordinates and to 1."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class EigenvaluePath:
     """Eigenvalues, (k, 2n), at values (k,) of a parameter, and the equilibria that they belong to, (k, n).
 
@@ -35,6 +35,13 @@ class EigenvaluePath:
     values: FloatArray
     eigenvalues: Any
     equilibria: FloatArray
+
+    def __repr__(self) -> str:
+        count, stable = len(self.values), int(np.count_nonzero(self.stable))
+        return (
+            f"<EigenvaluePath: {self.eigenvalues.shape[1]} eigenvalues at {count} values of {self.parameter} from "
+            f"{self.values[0]:.6g} to {self.values[-1]:.6g}; no growth at {stable} of them>"
+        )
 
     @property
     def stable(self) -> Any:

@@ -27,6 +27,7 @@ from lagrange.mechanics.search import STARTS, Search
 from lagrange.mechanics.simplification import in_fractions, simplest
 from lagrange.mechanics.stability import Verdict, criterion, ignorable, stability_of
 from lagrange.statement.coordinate import t
+from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.statement import Statement
 
 FORCE_LEFT = 1e-15
@@ -43,7 +44,7 @@ MOST_PLACES = 64
 
 
 @dataclass(frozen=True, eq=False)
-class Equilibrium:
+class Equilibrium(ShownAsPage):
     """A place where the system stays, or a steady motion with `velocities` of ignorable coordinates.
 
     `coordinates` maps each coordinate to an expression in parameters; one that may have any value is mapped to itself.
@@ -51,6 +52,7 @@ class Equilibrium:
     of the parameters, None where these are missing. `stable` is True, False or None, and `reason` says why; `criterion`
     are the leading minors of the stiffness, at fixed momenta of ignorable coordinates: if all are positive, the energy
     has a minimum. `exact` is false for one that was found by number.
+    `statement` is that of the system.
     """
 
     coordinates: Mapping[Any, Any]
@@ -62,6 +64,7 @@ class Equilibrium:
     exists: bool | None
     criterion: tuple[Any, ...]
     exact: bool
+    statement: Statement
 
     def __repr__(self) -> str:
         word = {True: "stable", False: "unstable", None: "stability undecided"}[self.stable]
@@ -242,6 +245,7 @@ class _Problem:
             exists=exists,
             criterion=minors,
             exact=exact,
+            statement=self.statement,
         )
 
     def decided(self, point: StatedPoint) -> tuple[Verdict, tuple[Any, ...]]:

@@ -25,12 +25,14 @@ from lagrange.mechanics.simplification import simplest
 from lagrange.statement.coordinate import coordinate_of, t, velocity_of
 from lagrange.statement.declare import declare
 from lagrange.statement.expression import expression as expression_of
+from lagrange.statement.notebook_page import ShownAsPage
+from lagrange.statement.parameters import in_own_parameters
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 
 
 @dataclass(frozen=True, eq=False)
-class Hamiltonian:
+class Hamiltonian(ShownAsPage):
     """H(q, p, t) of a system, in SymPy, and what follows from it.
 
     `momenta` maps each coordinate to its momentum p_q, a function of time; `velocities` maps it to dq/dt as a function
@@ -99,7 +101,7 @@ class Hamiltonian:
 
     def _function(self, given: Any, what: str) -> Any:
         """Return a function of coordinates and momenta in plain symbols."""
-        stated, survey = expression_of(given, what), Survey()
+        stated, survey = in_own_parameters(expression_of(given, what), self.statement.parameters), Survey()
         survey.add(stated, what)
         for leaf in (*survey.coordinates, *survey.parameters):
             if leaf not in (*self.statement.coordinates, *self.statement.parameters):

@@ -21,19 +21,21 @@ from lagrange.mechanics.plain_form import PlainForm
 from lagrange.mechanics.point import StatedPoint
 from lagrange.mechanics.simplification import simplest
 from lagrange.statement.coordinate import t
+from lagrange.statement.notebook_page import ShownAsPage
+from lagrange.statement.statement import Statement
 
 INFINITE = (sympy.nan, sympy.zoo, sympy.oo, sympy.AccumBounds)
 """What stands where an expression has no value."""
 
 
 @dataclass(frozen=True, eq=False)
-class Linearization:
+class Linearization(ShownAsPage):
     """M x'' + C x' + K x = (input matrix) u about a point, SymPy matrices.
 
     x are changes of `coordinates`: all of the system, or with constraints those that are independent, and the changes
     of all are `basis` times x. With constraints on velocities, x' stands for independent velocities, `velocity_basis`
     times which are all, and K acts on changes of positions. `equilibrium` says whether the point stays where it is, or
-    moves steadily with the velocities given; `note` says so in a sentence.
+    moves steadily with the velocities given; `note` says so in a sentence. `statement` is that of the system.
     """
 
     coordinates: tuple[Any, ...]
@@ -47,6 +49,7 @@ class Linearization:
     velocity_basis: Any
     equilibrium: bool
     note: str
+    statement: Statement
 
     def __repr__(self) -> str:
         return f"<Linearization: {self.note} M = {self.M.tolist()}, C = {self.C.tolist()}, K = {self.K.tolist()}>"
@@ -125,6 +128,7 @@ def linearized_at(point: StatedPoint) -> Linearization:
         velocity_basis=eye,
         equilibrium=balanced and steady,
         note=_note(point, rest, balanced, steady),
+        statement=point.form.statement,
     )
 
 
@@ -251,6 +255,7 @@ class _Held:
             velocity_basis=whole,
             equilibrium=True,
             note="About an equilibrium on the constraints.",
+            statement=self.statement,
             **{name: matrix.applyfunc(simplest) for name, matrix in made.items()},
         )
 

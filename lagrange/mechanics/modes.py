@@ -21,6 +21,7 @@ from lagrange.mechanics.point import StatedPoint
 from lagrange.mechanics.simplification import rational_below, simplest, size
 from lagrange.mechanics.stability import REAL_PART, first_order_matrix, has_inertia, matrix_values, stability_of
 from lagrange.statement.coordinate import t
+from lagrange.statement.notebook_page import ShownAsPage
 
 LARGEST_SYMBOLIC = 4
 """Coordinates up to which frequencies are sought in symbols; the characteristic polynomial of five has pages."""
@@ -39,7 +40,7 @@ SMALL = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class Modes:
+class Modes(ShownAsPage):
     """The modes about an equilibrium, n of them: `frequencies` and `shapes`, column vectors in `coordinates`.
 
     A mode has the eigenvalues -decay + i frequency and -decay - i frequency. A frequency is real where the mode

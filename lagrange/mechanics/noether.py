@@ -22,7 +22,7 @@ from lagrange.mechanics.quantity_rates import check_constant, quantity_rates
 from lagrange.mechanics.symmetries import Symmetry, SymmetryEquation
 from lagrange.statement.coordinate import t
 from lagrange.statement.expression import expression
-from lagrange.statement.parameters import label_of
+from lagrange.statement.parameters import in_own_parameters, label_of
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 
@@ -72,7 +72,7 @@ def _given(statement: Statement, generator: Mapping[Any, Any]) -> dict[Any, Any]
                 + suggestion(label, list(statement.names))
             )
         what, survey = f"the motion of {label}", Survey()
-        stated = expression(value, what)
+        stated = in_own_parameters(expression(value, what), statement.parameters)
         # Symmetries are proven with exact numbers: a decimal is the fraction that it is written as.
         found[by_name[label]] = stated.xreplace({number: Rational(str(number)) for number in stated.atoms(Float)})
         survey.add(found[by_name[label]], what)

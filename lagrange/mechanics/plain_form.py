@@ -115,7 +115,8 @@ def number(given: Any, values: Mapping[Any, Any]) -> complex:
     known = prescribed(printable(given))
     if known.has(AppliedUndef):
         return complex("nan")
-    by_name = {symbol.name: x for symbol, x in values.items()}  # a given function may have another symbol of the name
+    # A given function may have another symbol of the name. An expression that is one symbol becomes what stands for it.
+    by_name = {symbol.name: sympy.Rational(x) if isinstance(x, float) else x for symbol, x in values.items()}
     found = known.xreplace({s: by_name[s.name] for s in known.free_symbols if s.name in by_name}).evalf(DIGITS)
     return complex(found) if found.is_number and found.is_finite else complex("nan")
 
@@ -163,5 +164,5 @@ def without_points(statement: Statement, gone: Iterable[Any]) -> dict[str, Any]:
     leaves = [leaf for q in gone for leaf in (q, velocity_of(q))]
     points = {name: point for name, point in statement.positions.items() if not any(x.has(*leaves) for x in point)}
     kept = ("origin", *points)
-    links = tuple(link for link in statement.links if link[0] in kept and link[1] in kept)
+    links = tuple(link for link in statement.links if link.start in kept and link.end in kept)
     return {"positions": points, "links": links}

@@ -17,7 +17,7 @@ from lagrange.mechanics.plain_form import PlainForm
 from lagrange.mechanics.rewriting import rewritten
 from lagrange.statement.coordinate import name_of, velocity_of
 from lagrange.statement.expression import entries, expression
-from lagrange.statement.parameters import label_of
+from lagrange.statement.parameters import in_own_parameters, label_of
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 
@@ -180,5 +180,4 @@ def _constant(statement: Statement, given: Any, what: str) -> Any:
     if survey.coordinates or survey.velocities:
         names = listing(name_of(q) for q in survey.coordinates)
         raise StatementError(f"{what} contains {names}: give numbers, or expressions in parameters.")
-    by_name = {p.name: p for p in statement.parameters}
-    return value.xreplace({p: by_name[p.name] for p in survey.parameters if p.name in by_name})
+    return in_own_parameters(value, statement.parameters)

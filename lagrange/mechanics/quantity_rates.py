@@ -50,7 +50,7 @@ class QuantityRates:
     def described(self, worst: int) -> str:
         """Return a state and its parameters as a user writes them."""
         statement, rates = self.rates.model.statement, self.rates
-        state = [*statement.names, *(f"{name}_dot" for name in statement.names)]
+        state = statement.state_names
         pairs = [*zip(state, rates.y[:, worst], strict=True), ("t", rates.t[worst])]
         pairs += zip((p.name for p in statement.parameters), rates.parameters, strict=True)
         return ", ".join(f"{name} = {value:.4g}" for name, value in pairs)

@@ -19,6 +19,7 @@ from lagrange.mechanics.rewriting import rewritten
 from lagrange.statement.constraint import Constraint
 from lagrange.statement.coordinate import name_of, t, velocity_of
 from lagrange.statement.expression import expression
+from lagrange.statement.parameters import in_own_parameters
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 
@@ -185,16 +186,16 @@ def _refusal(held: Sequence[Constraint], name: str, statement: Statement) -> str
 def _on_velocities(names: Sequence[str]) -> str:
     """Return why constraints on velocities eliminate nothing."""
     return (
-        f"{listing(names)} {'is one' if len(names) == 1 else 'are some'} on velocities, which may not be put into the "
-        "energies, since the forces of the constraint would be missing. Keep it, or state the constraint on positions "
-        "that it is the rate of."
+        f"{listing(names)} {'is a constraint' if len(names) == 1 else 'are constraints'} on velocities, which may not "
+        "be put into the energies, since the forces of the constraint would be missing. Keep it, or state the "
+        "constraint on positions that it is the rate of."
     )
 
 
 def _checked(held: Sequence[Constraint], name: str, given: Any, statement: Statement) -> tuple[Constraint, Any]:
     """Return the constraint that a given expression solves, and the expression in plain symbols."""
     what, q = f"the value of {name}", statement.coordinates[statement.names.index(name)]
-    stated = expression(given, what)
+    stated = in_own_parameters(expression(given, what), statement.parameters)
     survey = Survey()
     survey.add(stated, what)
     if q in survey.coordinates or survey.velocities:

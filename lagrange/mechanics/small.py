@@ -130,7 +130,7 @@ class _Expansion:
     @property
     def where(self) -> str:
         """The point in words: every coordinate, and the velocities that are not zero."""
-        names = (*self.form.statement.names, *(f"{name}_dot" for name in self.form.statement.names))
+        names = self.form.statement.state_names
         n = len(self.form.q)
         pairs = zip(names, self.values, strict=True)
         return listing(f"{name} = {shown(x)}" for i, (name, x) in enumerate(pairs) if i < n or x != 0)

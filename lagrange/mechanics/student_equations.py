@@ -76,7 +76,7 @@ def equations_of_text(given: str, statement: Statement) -> list[StudentEquation]
         if line.strip():
             found.append(StudentEquation(f"equation {len(found) + 1}", *reader.text(line, f"line {number}")))
     if not found:
-        raise StatementError("the file has no equation: write one a line, such as  theta_ddot + g/l*sin(theta) = 0.")
+        raise StatementError("there is no equation: write one a line, such as  theta_ddot + g/l*sin(theta) = 0.")
     return found
 
 

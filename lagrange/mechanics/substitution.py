@@ -11,7 +11,7 @@ from lagrange.statement.coordinate import name_of, t
 from lagrange.statement.expression import expression
 from lagrange.statement.given import given as given_function
 from lagrange.statement.motion import motion_of
-from lagrange.statement.parameters import label_of
+from lagrange.statement.parameters import in_own_parameters, label_of
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 
@@ -66,7 +66,7 @@ def _value(parameter: Any, given: Any, by_name: Mapping[str, Any]) -> Any:
             f"{what} is {str(value)[:60]}, which is not constant: state the system with it, so that its derivatives "
             "are taken."
         )
-    value = value.xreplace({p: by_name[p.name] for p in survey.parameters if p.name in by_name})
+    value = in_own_parameters(value, tuple(by_name.values()))
     if parameter.is_nonnegative and value.is_negative:
         raise StatementError(
             f"{what} is {value}, but {parameter} was declared positive, and SymPy may have dropped an abs or a root "

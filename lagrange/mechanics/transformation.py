@@ -26,7 +26,7 @@ from lagrange.mechanics.simplification import simplest
 from lagrange.statement.coordinate import acceleration_of, name_of, t, velocity_of
 from lagrange.statement.declared_order import COORDINATES
 from lagrange.statement.expression import entries, expression
-from lagrange.statement.parameters import coordinate_name, label_of
+from lagrange.statement.parameters import coordinate_name, in_own_parameters, label_of
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 
@@ -189,15 +189,12 @@ def _transformation(statement: Statement, given: Mapping[Any, Any], positive: An
             f"the expressions contain {next(iter(survey.velocities))}: a point transformation has coordinates, "
             "parameters and t in it, no velocities."
         )
-    known = {p.name: p for p in statement.parameters}
-    same = {p: known[p.name] for p in survey.parameters if p.name in known}
+    old = tuple(in_own_parameters(value, statement.parameters) for value in table.values())
     stays = [q for q in statement.coordinates if q not in table]
     new = tuple(COORDINATES.of((name_of(q), q) for q in survey.coordinates if q not in stays))
     if len(new) != len(table):
         raise StatementError(_count(table, new))
-    return Transformation(
-        statement, tuple(table), tuple(x.xreplace(same) for x in table.values()), new, _positive(positive, new)
-    )
+    return Transformation(statement, tuple(table), old, new, _positive(positive, new))
 
 
 def _count(table: Mapping[Any, Any], new: Sequence[Any]) -> str:

@@ -271,19 +271,24 @@ def _rank(meant: _Meant) -> tuple[Any, ...]:
     return meant.differing_terms + BENT * meant.bent, -meant.agreeing, simple, accelerates
 
 
-def _difference(product: Any, there: Any, wanted: Any, numbers: Callable[[Any], Numbers | None]) -> str:
-    """Return how the coefficient of a product differs from what it should be."""
+def _difference(
+    product: Any, there: Any, wanted: Any, numbers: Callable[[Any], Numbers | None], *, part: bool = False
+) -> str:
+    """Return how the coefficient of a product, or a part of it, differs from what it should be."""
 
     def text(coefficient: Any) -> str:
         return spelled(coefficient * product)
 
+    def named(coefficient: Any) -> str:
+        return f"the {'sum' if (coefficient * product).is_Add else 'term'} {text(coefficient)}"
+
     def known(coefficient: Any) -> str:
-        return f"the term {text(coefficient)}" if product == 1 else f"the term with {spelled(product)}"
+        return named(coefficient) if part or product == 1 else f"the term with {spelled(product)}"
 
     if there == 0:
-        return f"the term {text(wanted)} is missing."
+        return f"{named(wanted)} is missing."
     if wanted == 0:
-        return f"the term {text(there)} should not be there."
+        return f"{named(there)} should not be there."
     ratio = _ratio(numbers(there), numbers(wanted))
     if ratio is not None:
         return _scaled(known(there), ratio, text(there), text(wanted))
@@ -302,6 +307,11 @@ def _difference(product: Any, there: Any, wanted: Any, numbers: Callable[[Any], 
             for other in summands(wanted):
                 if one != other and _ratio(off, numbers(one - other)) == 1:
                     return f"the term {text(one)} is wrong: it should be {text(other)}."
+    right = [one for one in sympy.Add.make_args(there) if one in sympy.Add.make_args(wanted)]
+    if right:
+        return _difference(product, there - sympy.Add(*right), wanted - sympy.Add(*right), numbers, part=True)
+    if part or product == 1:
+        return f"{known(there)} is wrong: it should be {text(wanted)}."
     return f"{known(there)} is wrong: it is {text(there)}, and should be {text(wanted)}."
 
 

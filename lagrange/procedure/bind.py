@@ -13,22 +13,14 @@ from lagrange.procedure.form import (
     Block,
     Call,
     Callee,
-    Declare,
     Each,
-    Leave,
-    Let,
-    Load,
     Loop,
-    Part,
     Procedure,
-    Read,
     Repeat,
-    Set,
     Statement,
-    Store,
     When,
-    Write,
 )
+from lagrange.procedure.uses import reads
 from lagrange.procedure.verify import verify
 
 Functions = Mapping[str, Procedure]
@@ -97,40 +89,3 @@ class _Binder:
         made = self.bound(call.callee, functions)
         args = tuple(arg for arg, keep in zip(call.args, self.kept[made], strict=True) if keep)
         return call._replace(callee=made, args=args)
-
-
-def reads(block: Block) -> frozenset[int]:
-    """Return the numbers of all that a block reads, parts of arrays and records that it writes among them."""
-    found: dict[int, None] = {}
-    for statement in block:
-        found |= dict.fromkeys(_read(statement))
-    return frozenset(found)
-
-
-def _read(statement: Statement) -> tuple[int, ...]:
-    match statement:
-        case Let(args=args) | Leave(values=args):
-            return args
-        case Call(callee=callee, args=args):
-            return args if isinstance(callee, Procedure) else (callee, *args)
-        case Part(array=array, start=place) | Load(array=array, place=place):
-            return array, place
-        case Store(array=array, place=place, value=value):
-            return array, place, value
-        case Read(record=record):
-            return (record,)
-        case Write(record=record, value=value):
-            return record, value
-        case Declare(value=value) | Set(value=value):
-            return (value,)
-        case When(condition=condition, then=then, otherwise=otherwise):
-            return condition, *reads(then), *reads(otherwise)
-        case Loop(start=start, stop=stop, body=body):
-            return start, stop, *reads(body)
-        case Repeat(test=test, condition=condition, body=body):
-            return condition, *reads(test), *reads(body)
-        case Each(iterations=count, body=body, folds=folds):
-            values = (value for fold in folds for value in (fold.value, fold.factor) if value is not None)
-            return count, *values, *reads(body)
-        case _:
-            return ()

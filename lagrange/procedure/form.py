@@ -74,6 +74,11 @@ class Array:
     read: bool = False
     room: int = 1
 
+    @property
+    def length(self) -> int:
+        """Of how many values a local array is made in languages that read and write them one by one, at least one."""
+        return (self.size or 0) + max(self.room - 1, 0) or 1
+
 
 @dataclass(frozen=True)
 class Callee:

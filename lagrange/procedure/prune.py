@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from lagrange.procedure.bind import reads
 from lagrange.procedure.form import (
     Block,
     Call,
@@ -25,6 +24,7 @@ from lagrange.procedure.form import (
     When,
     inner,
 )
+from lagrange.procedure.uses import operands
 
 MADE = (Let, Load, Read, Part, Reserve, ReserveRecord, Get)
 """Statements that make a value or memory, and do nothing else."""
@@ -66,25 +66,19 @@ class _Pass:
 
     def statement(self, statement: Statement) -> Statement:
         """Return a statement with pruned blocks and callees, and note what it reads."""
+        self.needed.update(operands(statement))
         match statement:
             case Call(callee=Procedure() as callee):
-                statement = statement._replace(callee=self.pruner.pruned(callee))
+                return statement._replace(callee=self.pruner.pruned(callee))
             case When(then=then, otherwise=otherwise):
-                statement = statement._replace(then=self.block(then), otherwise=self.block(otherwise))
-            case Loop(body=body):
-                statement = statement._replace(body=self.block(body))
-            case Each(folds=folds, body=body):
-                self.needed |= {ref for fold in folds for ref in (fold.value, fold.factor) if ref is not None}
-                statement = statement._replace(body=self.block(body))
-            case Repeat(test=test, condition=condition, body=body):
-                self.needed.add(condition)
+                return statement._replace(then=self.block(then), otherwise=self.block(otherwise))
+            case Loop(body=body) | Each(body=body):
+                return statement._replace(body=self.block(body))
+            case Repeat(test=test, body=body):
                 body = self.block(body)
-                statement = statement._replace(test=self.block(test), body=body)
+                return statement._replace(test=self.block(test), body=body)
             case _:
-                self.needed.update(reads((statement,)))
                 return statement
-        self.needed.update(_operands(statement))
-        return statement
 
     def idle(self, statement: Statement) -> bool:
         """Whether nobody would miss a statement."""
@@ -97,21 +91,6 @@ class _Pass:
                 return True
             case _:
                 return isinstance(statement, MADE) and statement.ref not in self.needed
-
-
-def _operands(statement: Statement) -> tuple[int, ...]:
-    """Return what a call, a branch or a loop reads itself, without its blocks."""
-    match statement:
-        case Call(callee=callee, args=args):
-            return args if isinstance(callee, Procedure) else (callee, *args)
-        case When(condition=condition) | Repeat(condition=condition):
-            return (condition,)
-        case Loop(start=start, stop=stop):
-            return start, stop
-        case Each(iterations=count):
-            return (count,)
-        case _:
-            return ()
 
 
 def _variables_read(block: Block) -> frozenset[int]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from functools import cached_property
 from typing import Any
 
 from lagrange.procedure.form import (
@@ -30,6 +31,7 @@ from lagrange.procedure.form import (
     Load,
     Loop,
     Note,
+    Parameter,
     Part,
     Procedure,
     Read,
@@ -43,8 +45,9 @@ from lagrange.procedure.form import (
     When,
     Write,
 )
-from lagrange.procedure.syntax import ATOM, Syntax
-from lagrange.procedure.uses import loop_depth, uses_of
+from lagrange.procedure.spelling import ATOM
+from lagrange.procedure.syntax import Syntax
+from lagrange.procedure.uses import loop_depth, reads, uses_of
 
 INDICES = ("i", "j", "k", "l", "i5", "i6", "i7", "i8")
 """Names of loop indices, from the outermost on."""
@@ -54,7 +57,10 @@ LONGEST_VALUE = 60
 
 
 class SourcePrinter(Syntax):
-    """Prints one procedure in a language; a subclass says how its statements look."""
+    """Prints one procedure in a language; a subclass says how its statements look.
+
+    `taken` are words that no value is named by, but for parameters that have such a name.
+    """
 
     def __init__(self, procedure: Procedure, taken: Iterable[str] = ()) -> None:
         self.procedure = procedure
@@ -63,9 +69,10 @@ class SourcePrinter(Syntax):
         """The text of each value, and how tightly it binds."""
         self.types: dict[int, Type] = {}
         """The types of arrays, records and functions, and the kinds of values."""
+        own = [one.name for one in procedure.parameters]
         called = (self.function_name(callee) for callee in procedure.callees)
         self.taken: dict[str, None] = dict.fromkeys(
-            map(self.key, (*INDICES[: loop_depth(procedure.body)], *called, *taken))
+            map(self.key, (*INDICES[: loop_depth(procedure.body)], *called, *(one for one in taken if one not in own)))
         )
         self.uses = uses_of(procedure.body)
         self.waiting: dict[int, None] = {}
@@ -78,11 +85,16 @@ class SourcePrinter(Syntax):
 
     def function(self) -> str:
         """Return the function."""
+        self.name_parameters()
+        self.block(self.procedure.body)
+        lines = [*self.head(), *self.lines, *self.tail()]
+        return "\n".join([*(part for line in lines for part in self.broken(line)), ""])
+
+    def name_parameters(self) -> None:
+        """Choose the names of the parameters."""
         for parameter in self.procedure.parameters:
             self.types[parameter.ref] = parameter.type
             self.name(parameter.ref, parameter.name)
-        self.block(self.procedure.body)
-        return "\n".join([*self.head(), *self.lines, *self.tail(), ""])
 
     def function_name(self, procedure: Procedure) -> str:
         """Return the name of a procedure."""
@@ -98,6 +110,12 @@ class SourcePrinter(Syntax):
         self.taken[self.key(wanted)] = None
         self.texts[ref] = ATOM, wanted
         return wanted
+
+    @cached_property
+    def unused(self) -> list[Parameter]:
+        """The parameters that the procedure does not read."""
+        read = reads(self.procedure.body)
+        return [one for one in self.procedure.parameters if one.ref not in read]
 
     def key(self, name: str) -> str:
         """Return what two names that are the same to the language have in common."""
@@ -197,19 +215,18 @@ class SourcePrinter(Syntax):
         if let.op == CONSTANT:
             self.constants[let.ref] = let.data
             self.types[let.ref] = let.kind
-            self.texts[let.ref] = self.literal(let.kind, let.data)
+            self.texts[let.ref] = self.literals.spelled(let.kind, let.data)
             return
         self.made(let.ref, let.kind, *self.operation(let))
 
     def operation(self, let: Let) -> tuple[int, str]:
         """Return the text of an operation and how tightly it binds."""
-        places = ", ".join(f"{{{i}}}" for i in range(len(let.args)))
-        level, spelled = self.spelled.get(let.op) or (ATOM, f"{self.function_of(let.op)}({places})")
-        least = self.operands.get(let.op, (0,) * len(let.args))
-        args = [self.text(arg, one) for arg, one in zip(let.args, least, strict=True)]
-        if let.op in self.greater and let.op in self.spelled and let.args[0] in self.constants:
-            spelled = self.greater[let.op]
-        return level, spelled.format(*args)
+        operator = self.operators.get(let.op)
+        if operator is None:
+            return ATOM, f"{self.function_of(let.op)}({', '.join(map(self.text, let.args))})"
+        if let.op in self.greater and let.args[0] in self.constants:
+            operator = operator._replace(text=self.greater[let.op])
+        return operator.binds, operator.applied(self.text, let.args)
 
     def made(self, ref: int, kind: Kind, level: int, text: str) -> None:
         """Keep a value for the place where it is used, or print it here: where it has a name, or is used more."""
@@ -288,7 +305,7 @@ class SourcePrinter(Syntax):
         for fold in each.folds:
             self.settle()
             self.begin_fold(fold)
-        self.iterations(each.place, (self.literal(WHOLE, 0)[1], count, "1"), each.body, each.folds)
+        self.iterations(each.place, (self.literals.whole(0), count, "1"), each.body, each.folds)
         for fold in each.folds:
             self.types[fold.ref] = REAL
             self.end_fold(fold)
@@ -299,7 +316,7 @@ class SourcePrinter(Syntax):
         if fold.op in SUMS:
             self.partial_sums(fold.ref)
         else:
-            start = self.literal(REAL, 0.0 if fold.op == "magnitude" else float("-inf"))[1]
+            start = self.literals.real(0.0 if fold.op == "magnitude" else float("-inf"))
             self.put(self.declare(self.name(fold.ref), REAL, start))
 
     def end_fold(self, fold: Fold) -> None:
@@ -313,22 +330,22 @@ class SourcePrinter(Syntax):
         """Print the four partial sums of a fold, zeros at first."""
         self.reserve(ref, Array(REAL, PARTIAL))
         for k in range(PARTIAL):
-            self.put(self.assign(self.partial(ref, str(k)), self.literal(REAL, 0.0)[1]))
+            self.put(self.assign(self.partial(ref, str(k)), self.literals.real(0.0)))
 
     def folded(self, fold: Fold, index: int) -> tuple[str, str]:
         """Return the target and the text of the assignment that takes one more value of a fold."""
         if fold.op in SUMS:
             target = self.partial(fold.ref, self.modulo(self.text(index)))
-            product = self.spelled["mul"][0]
+            product = self.operators["mul"].binds
             if fold.factor is None:
                 return target, f"{target} + {self.text(fold.value, product)}"
             left, right = self.text(fold.value, product), self.text(fold.factor, product + 1)
             return target, f"{target} + {left} * {right}"
         name, value = self.text(fold.ref), self.text(fold.value)
         if fold.op == "most":
-            greater = f"{self.text(fold.value, self.spelled['less'][0] + 1)} > {name}"
-            chosen = self.text(fold.value, self.operands["select"][1])
-            return name, self.spelled["select"][1].format(greater, chosen, name)
+            greater = f"{self.text(fold.value, self.operators['less'].operands[1])} > {name}"
+            select = self.operators["select"]
+            return name, select.text.format(greater, self.text(fold.value, select.operands[1]), name)
         return name, f"{self.function_of(fold.op)}({name}, {value})"
 
 

@@ -4,24 +4,21 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from lagrange.procedure.form import Array, Call, Kind, Part, Record
-
-ATOM = 10
-"""How tightly a name or a call binds; operators bind less."""
+from lagrange.procedure.spelling import ATOM, Literals, Operator
 
 
 class Syntax(ABC):
     """How a language spells a procedure.
 
-    `spelled` has the operations that are operators: how tightly each binds, and its text; `operands` how tightly each
-    operand must bind to stand without parentheses. The other operations are functions. `greater` are the comparisons
-    with the operands exchanged, for a constant that comes first.
+    `operators` has the operations that are operators; the others are functions. `literals` writes constants. `greater`
+    are the comparisons with the operands exchanged, for a constant that comes first.
     """
 
-    spelled: Mapping[str, tuple[int, str]]
-    operands: Mapping[str, tuple[int, ...]]
+    operators: Mapping[str, Operator]
+    literals: Literals
     greater: ClassVar[Mapping[str, str]] = {"less": "{1} > {0}", "less_equal": "{1} >= {0}"}
     indent: ClassVar[str] = "    "
     longest: ClassVar[int] = 63
@@ -37,13 +34,13 @@ class Syntax(ABC):
         """Return the lines behind the body."""
         return []
 
+    def broken(self, line: str) -> list[str]:
+        """Return a line as several where it is too long for the language."""
+        return [line]
+
     @abstractmethod
     def legal(self, stem: str) -> str:
         """Return a name of the language made of a stem; it may be taken."""
-
-    @abstractmethod
-    def literal(self, kind: Kind, data: Any) -> tuple[int, str]:
-        """Return a constant and how tightly it binds."""
 
     @abstractmethod
     def function_of(self, op: str) -> str:

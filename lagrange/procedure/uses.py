@@ -1,8 +1,6 @@
-"""How often the values of a procedure are used."""
+"""What the statements of a procedure read, and how often its values are used."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 from lagrange.procedure.form import (
     Block,
@@ -15,9 +13,11 @@ from lagrange.procedure.form import (
     Load,
     Loop,
     Part,
+    Procedure,
     Read,
     Repeat,
     Set,
+    Statement,
     Store,
     When,
     Write,
@@ -25,32 +25,48 @@ from lagrange.procedure.form import (
 )
 
 
+def operands(statement: Statement) -> tuple[int, ...]:
+    """Return the numbers of all that a statement reads itself, without its blocks.
+
+    Parts of arrays and records to which it writes are among them, variables are not.
+    """
+    match statement:
+        case Let(args=args) | Leave(values=args):
+            return args
+        case Call(callee=callee, args=args):
+            return args if isinstance(callee, Procedure) else (callee, *args)
+        case Part(array=array, start=place) | Load(array=array, place=place):
+            return array, place
+        case Store(array=array, place=place, value=value):
+            return array, place, value
+        case Read(record=record):
+            return (record,)
+        case Write(record=record, value=value):
+            return record, value
+        case Declare(value=value) | Set(value=value):
+            return (value,)
+        case When(condition=condition) | Repeat(condition=condition):
+            return (condition,)
+        case Loop(start=start, stop=stop):
+            return start, stop
+        case Each(iterations=count, folds=folds):
+            return count, *(ref for fold in folds for ref in (fold.value, fold.factor) if ref is not None)
+        case _:
+            return ()
+
+
+def reads(block: Block) -> frozenset[int]:
+    """Return the numbers of all that a block reads."""
+    inside = (reads(body) for statement in block for body in inner(statement))
+    return frozenset(ref for statement in block for ref in operands(statement)).union(*inside)
+
+
 def uses_of(block: Block) -> dict[int, int]:
     """Count how often each value is used; what is used inside of a loop that does not make it counts as often."""
     found: dict[int, int] = {}
-
-    def use(refs: Sequence[int]) -> None:
-        for ref in refs:
-            found[ref] = found.get(ref, 0) + 1
-
     for statement in block:
-        match statement:
-            case Let(args=args) | Call(args=args) | Leave(values=args):
-                use(args)
-            case Part(start=one) | Load(place=one) | Write(value=one) | Declare(value=one) | Set(value=one):
-                use([one])
-            case Store(place=index, value=value):
-                use([index, value])
-            case When(condition=one):
-                use([one])
-            case Loop(start=start, stop=stop):
-                use([start, stop])
-            case Each(iterations=count, folds=folds):
-                use([count, *(ref for fold in folds for ref in (fold.value, fold.factor) if ref is not None)])
-            case Repeat(condition=condition):
-                use([condition])
-            case _:
-                continue
+        for ref in operands(statement):
+            found[ref] = found.get(ref, 0) + 1
         loops = isinstance(statement, (Loop, Repeat, Each))
         for body in inner(statement):
             made = _defined(body)

@@ -25,6 +25,9 @@ class JaxFunction:
     checked: Callable[[Any, Any, Any], Any]
     source: str
 
+    def __repr__(self) -> str:
+        return "<JaxFunction of (t, y, p)>"
+
     def __call__(self, t: Any, y: Any, p: Any) -> Any:
         """Return the quantity, NaN throughout where a mass matrix is singular."""
         return self.function(t, y, p)

@@ -35,6 +35,9 @@ class NumbaFunction:
     function: Callable[[float, FloatArray, FloatArray], FloatArray]
     fill: Callable[[float, FloatArray, FloatArray, FloatArray], bool]
 
+    def __repr__(self) -> str:
+        return "<NumbaFunction: prepare(p), function(t, y, prepared) and fill(t, y, prepared, out)>"
+
 
 def numba_function(model: Model, quantity: str) -> NumbaFunction:
     """Return a quantity for Numba; see `Model.as_numba`."""

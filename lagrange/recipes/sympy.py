@@ -64,6 +64,10 @@ class SympyForm:
     results: tuple[Any, ...]
     shape: tuple[int, ...]
 
+    def __repr__(self) -> str:
+        shape = " x ".join(map(str, self.shape)) or "a number"
+        return f"<SympyForm: {shape}, of {len(self.arguments)} arguments, {len(self.replacements)} common expressions>"
+
     @property
     def arguments(self) -> tuple[Any, ...]:
         """All symbols that the results depend on: t, then q, v and p."""

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from lagrange.export import python_module
 from lagrange.export.languages import (
     c_spelling,
     fortran_spelling,
@@ -21,6 +20,7 @@ from lagrange.export.languages import (
 )
 from lagrange.export.module import SourceModule
 from lagrange.export.registry import find
+from lagrange.machine import python_source
 
 
 class Call(NamedTuple):
@@ -261,12 +261,12 @@ told(status, []);
 }
 
 LITERALS = {
-    "cpp": c_spelling.real_literal,
-    "fortran": fortran_spelling.real_literal,
-    "octave": octave_spelling.real_literal,
-    "javascript": javascript_spelling.real_literal,
-    "rust": rust_spelling.real_literal,
-    "python": python_module.number,
+    "cpp": c_spelling.LITERALS.real,
+    "fortran": fortran_spelling.LITERALS.real,
+    "octave": octave_spelling.LITERALS.real,
+    "javascript": javascript_spelling.LITERALS.real,
+    "rust": rust_spelling.LITERALS.real,
+    "python": python_source.LITERALS.real,
 }
 
 
@@ -276,11 +276,16 @@ def missing(target: str) -> str:
     return "" if shutil.which(tool) else f"{tool} is not installed"
 
 
-def run(command: str, folder: Path) -> str:
-    """Run a shell line; what it runs must end well and complain of nothing."""
+def tried(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run a shell line, however it ends."""
     words = shlex.split(command)
     words[0] = sys.executable if words[0] == "python" else words[0]
-    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+    return subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+
+
+def run(command: str, folder: Path) -> str:
+    """Run a shell line; what it runs must end well and complain of nothing."""
+    done = tried(command, folder)
     assert done.returncode == 0 and not done.stderr, f"{command}\n{done.stdout[-2000:]}{done.stderr[:4000]}"
     return done.stdout
 

@@ -10,6 +10,17 @@ from sympy import cos
 import lagrange as lg
 
 
+def held(system: lg.System) -> list[str]:
+    """Return the contents that only some systems have, and this one has."""
+    statement = system.statement
+    found = {
+        "multipliers": bool(statement.constraints),
+        "positions": bool(statement.positions),
+        "energies": not statement.lagrangian_alone,
+    }
+    return [name for name, there in found.items() if there]
+
+
 def named(coordinates: Sequence[str], parameters: Sequence[str], name: str = "named") -> lg.System:
     """Return coupled pendulums whose coordinates and parameters have given names, every one of which is used."""
     q = [lg.coordinates(one) for one in coordinates]

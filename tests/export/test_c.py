@@ -12,6 +12,7 @@ import pytest
 
 import lagrange as lg
 from lagrange.errors import StatementError
+from tests.export.systems import held
 
 WARNINGS = "cc -std=c99 -O1 -Wall -Wextra -Wconversion -Werror"
 CONTENTS = ("rhs", "energy", "jacobian", "mass_matrix", "momenta", "accelerations", "rk4", "dop853", "main")
@@ -34,8 +35,7 @@ def run(command: str, folder: Path) -> str:
 @pytest.mark.parametrize("scene", SCENES)
 def test_the_self_test_passes(scene: str, tmp_path: Path) -> None:
     system = lg.scene(scene)
-    held = ["multipliers"] if system.statement.constraints else []
-    made = system.export("c", tmp_path, [*CONTENTS, *held])
+    made = system.export("c", tmp_path, [*CONTENTS, *held(system)])
     name = scene.replace("-", "_")
     assert [path.name for path in made.files] == [f"{name}.h", f"{name}.c"]
     run(f"{WARNINGS} -D{name.upper()}_TEST -o warned {name}.c -lm", tmp_path)

@@ -17,7 +17,7 @@ from sympy import cos, sin
 import lagrange as lg
 from lagrange.errors import LagrangeError
 from lagrange.export.languages import fmu as target
-from tests.export.systems import named
+from tests.export.systems import held, named
 from tests.export.test_c import run
 
 fmpy: Any = pytest.importorskip("fmpy", reason="FMPy is not installed")
@@ -74,11 +74,13 @@ def instance(path: Path, kind: str, folder: Path, messages: list[str] | None = N
 def conforms(scene: str, folder: Path) -> None:
     """Run both FMUs in both ways; the drift of a constrained system from its constraints is that of CVODE."""
     system = lg.scene(scene)
-    held = ["multipliers"] if system.statement.constraints else []
     end = min(1.0, system.statement.run.t_end)
     ours = system.run(end, method="dop853", rtol=1e-13, atol=1e-13)
-    for path in written(system, folder, *CONTENTS, *held).values():
-        for kind, allowed in (("CoSimulation", 1e-9), ("ModelExchange", 1e-8 if held else 1e-9)):
+    for path in written(system, folder, *CONTENTS, *held(system)).values():
+        for kind, allowed in (
+            ("CoSimulation", 1e-9),
+            ("ModelExchange", 1e-8 if system.statement.constraints else 1e-9),
+        ):
             last = simulated(path, kind, end)[-1]
             assert last[0] == end
             assert list(last)[1:] == pytest.approx(ours.y[:, -1], rel=allowed, abs=allowed), (path.name, kind)
@@ -93,9 +95,8 @@ def test_a_simulation_equals_ours(scene: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("scene", lg.scenes())
 def test_every_scene_is_valid_and_its_sources_are_right(scene: str, tmp_path: Path) -> None:
     system = lg.scene(scene)
-    held = ["multipliers"] if system.statement.constraints else []
-    written(system, tmp_path, *CONTENTS, *held, "rk4")
-    for command in system.export("fmu", tmp_path, [*CONTENTS, *held]).commands:
+    written(system, tmp_path, *CONTENTS, *held(system))
+    for command in system.export("fmu", tmp_path, [*CONTENTS, *held(system)]).commands:
         said = run(command, tmp_path)
     assert said.endswith("results are right\n")
 
@@ -191,6 +192,19 @@ def test_a_singular_matrix_is_a_status_with_a_message(tmp_path: Path) -> None:
             with pytest.raises(Exception, match="2"):  # discard
                 made.read([made.references["der(x_dot)"]])
         assert any("a matrix is singular to round-off at this state" in one for one in messages)
+
+
+def test_a_parameter_that_makes_a_matrix_singular_is_named_as_the_cause(tmp_path: Path) -> None:
+    x = lg.coordinate("x")
+    m = lg.parameters("m")
+    system = lg.System(kinetic=m * x.dot**2 / 2, potential=x**2, parameters={m: 1}, initial={x: 0.5}, name="singular")
+    for path in written(system, tmp_path).values():
+        messages: list[str] = []
+        with instance(path, "ModelExchange", tmp_path, messages) as made:
+            made.put([made.references["m"]], [0.0])
+            with pytest.raises(Exception, match="2"):  # discard
+                made.read([made.references["der(x_dot)"]])
+        assert any("a matrix is singular to round-off with these parameters" in one for one in messages)
 
 
 def test_both_archives_are_the_same_bytes_again(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from lagrange.export.registry import find
 from lagrange.procedure.outcome import Outcome
 from tests.export.graphs import as_module, graph, points, rarer, rarer_results, wrong
 from tests.export.julia_reader import check, loaded, reals
-from tests.export.systems import named
+from tests.export.systems import held, named
 from tests.export.test_c import CONTENTS
 from tests.export.test_modules import AWKWARD, coupled
 
@@ -43,6 +43,15 @@ end
 def module(system: lg.System, contents: list[str]) -> SourceModule:
     model = system.compile("numpy")
     return module_of(model, wanted(find("julia"), model, contents, ()), ())
+
+
+@pytest.mark.parametrize("name", ["test", "random", "dict", "base", "sin"])
+def test_no_module_has_the_name_of_one_of_the_library(name: str, tmp_path: Path) -> None:
+    x = lg.coordinate("x")
+    lg.System(kinetic=x.dot**2 / 2, potential=x**2, name=name).export("julia", tmp_path, ["rhs"])
+    own = f"{name.capitalize()}_2" if name != "sin" else "Sin"  # sin is a function, and Sin nothing
+    assert f"\nmodule {own}\n" in (tmp_path / f"{name}.jl").read_text()
+    assert f"{own}.rhs!(" in (tmp_path / f"{name}_test.jl").read_text()
 
 
 def test_the_text_of_the_pendulum(tmp_path: Path) -> None:
@@ -91,7 +100,7 @@ def run(known: dict[str, Any], step: Any, y: Any, p: Any) -> int:
 
 def conforms(scene: str) -> None:
     system = lg.scene(scene)
-    right(module(system, [*CONTENTS, *(["multipliers"] if system.statement.constraints else [])]))
+    right(module(system, [*CONTENTS, *held(system)]))
 
 
 @pytest.mark.parametrize("scene", ["double-pendulum", "cartesian-double-pendulum"])

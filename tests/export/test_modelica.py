@@ -14,7 +14,7 @@ from lagrange.export.languages.modelica import functions
 from lagrange.export.languages.modelica_printer import Hoisted
 from tests.export.graphs import as_module, graph, points, wrong
 from tests.export.modelica_reader import Failed, Machine
-from tests.export.systems import named
+from tests.export.systems import held, named
 from tests.export.test_modules import coupled, on_a_sphere
 
 CONTENTS = ("rhs", "energy", "jacobian", "mass_matrix", "momenta", "accelerations")
@@ -33,10 +33,9 @@ def conforms(scene: str, folder: Path) -> None:
     """Run the test in the file, and ten steps with its right-hand side; its model has the initial state."""
     system = lg.scene(scene)
     statement = system.statement
-    held = ["multipliers"] if statement.constraints else []
-    machine = exported(system, folder, *CONTENTS, *held)
+    machine = exported(system, folder, *CONTENTS, *held(system))
     tests = [name for name in machine.reader.functions if name.startswith("test_")]
-    assert len(tests) == len(CONTENTS) + len(held)
+    assert len(tests) == len(CONTENTS) + len(held(system))
     assert [machine.call(name) for name in tests] == [0] * len(tests), machine.warnings[:5]
     motion = machine.reader.models["Motion"]
     n = len(statement.initial)

@@ -16,9 +16,9 @@ from lagrange.export.contents import MAIN_RTOL
 from lagrange.export.registry import find
 from lagrange.procedure.outcome import Outcome
 from lagrange.program.program import Instruction, Program, ProgramBlock
-from tests.export.callers import LANGUAGES, Call, called, main_command, missing, run, write
+from tests.export.callers import LANGUAGES, Call, called, main_command, missing, run, tried, write
 from tests.export.graphs import SPECIAL, as_module, edges, graph, points, rarer, rarer_results, wrong
-from tests.export.systems import named
+from tests.export.systems import held, named
 from tests.export.test_c import CONTENTS
 
 TARGETS = [
@@ -31,8 +31,7 @@ every_target = pytest.mark.parametrize("target", TARGETS)
 def conforms(target: str, scene: str, folder: Path) -> None:
     """Compile all contents of a scene, run the self-test, and compare the table of main with our trajectory."""
     system = lg.scene(scene)
-    held = ["multipliers"] if system.statement.constraints else []
-    made = system.export(target, folder, [*CONTENTS, *held])
+    made = system.export(target, folder, [*CONTENTS, *held(system)])
     for text in (file.read_text() for file in made.files):
         assert text.isascii() and text.endswith("\n") and not text.endswith("\n\n")
     for command in LANGUAGES[target].strict:
@@ -265,3 +264,20 @@ def test_operations_on_constants_have_the_values_of_doubles(target: str, tmp_pat
     _, found = called(target, file, [Call("constants", 0.0, [0.0] * 4, 7)])
     inf, nan = math.inf, math.nan
     np.testing.assert_array_equal(found.values, [inf, inf, nan, -inf, nan, -inf, 1e-300])
+
+
+@every_target
+def test_main_writes_the_times_of_the_grid_and_says_why_it_ends_early(target: str, tmp_path: Path) -> None:
+    x = lg.coordinate("x")
+    falls = lg.System(kinetic=x.dot**2 / 2, potential=-1 / x**2, initial={x: 1}, name="falls")
+    *build, start = falls.export(target, tmp_path, ["main"]).run_commands
+    for command in build:
+        run(command, tmp_path)
+    done = tried(main_command(start, 7.0, 100), tmp_path)
+    assert done.returncode == 1
+    assert "the run stopped at t = 0.70710678" in done.stderr  # it reaches x = 0 at 1/sqrt(2)
+    assert done.stderr.splitlines()[0].endswith(": the step became too small")
+    times = [row.split(",")[0] for row in done.stdout.splitlines()[1:]]
+    assert list(map(float, times)) == [7.0 * k / 100 for k in range(11)]
+    # Fortran has no shortest form of a number.
+    assert target == "fortran" or max(map(len, times)) <= len("0.07")

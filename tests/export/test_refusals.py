@@ -32,6 +32,7 @@ def pendulum(**stated: Any) -> lg.System:
         ({"target": "basic"}, "there is no target 'basic'; the targets are c"),
         ({"target": "cc"}, "Did you mean 'c'?"),
         ({"contents": ["multipliers"]}, "spring has no constraints, and so no multipliers"),
+        ({"contents": ["positions"]}, "spring states no positions to export: state them"),
         ({"contents": ["events"]}, "spring has no events to export: give them"),
         ({"contents": ["jacobain"]}, "Did you mean 'jacobian'?"),
         ({"contents": ["radau5"]}, "the method 'radau5' has no step that is exported"),
@@ -39,6 +40,9 @@ def pendulum(**stated: Any) -> lg.System:
         ({"contents": []}, "contents is []: give a list of names"),
         ({"contents": [3]}, "contents is [3]: give a list of names"),
         ({"parameters": {"z": 1}}, "z"),
+        ({"parameters": {"m": 0}}, "the mass matrix of spring is singular with m = 0, wherever the system is"),
+        ({"target": "fmu", "contents": ["rk4"]}, "runs to the times that it is asked for with error control, and rk4"),
+        ({"target": "fmu", "contents": ["dop853", "tsit5"]}, "one method, and contents has dop853 and tsit5"),
     ],
 )
 def test_a_wrong_argument(given: dict[str, Any], said: str, tmp_path: Path) -> None:
@@ -49,6 +53,11 @@ def test_a_wrong_argument(given: dict[str, Any], said: str, tmp_path: Path) -> N
     assert not (tmp_path / "out").exists()
 
 
+def test_energies_of_a_system_that_states_its_lagrangian_alone(tmp_path: Path) -> None:
+    with pytest.raises(lg.StatementError, match="two-point-vortices states its Lagrangian alone, not T and V"):
+        lg.scene("two-point-vortices").export("c", tmp_path, ["energies"])
+
+
 def test_a_parameter_without_a_value(tmp_path: Path) -> None:
     theta = lg.coordinate("theta")
     m, k = lg.parameters("m k")
@@ -56,6 +65,12 @@ def test_a_parameter_without_a_value(tmp_path: Path) -> None:
     with pytest.raises(lg.StatementError, match="k"):
         system.export("c", tmp_path)
     assert system.export("c", tmp_path, parameters={k: 3.0}).files
+
+
+def test_a_parameter_that_leaves_no_values_anywhere(tmp_path: Path) -> None:
+    system = lg.scene("double-pendulum")
+    with pytest.raises(lg.StatementError, match="near the initial one with l2 = 0, which the self-test needs"):
+        system.export("c", tmp_path, parameters={"l2": 0.0})
 
 
 def test_a_splitting_of_a_system_that_does_not_split(tmp_path: Path) -> None:

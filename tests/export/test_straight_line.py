@@ -14,7 +14,7 @@ import pytest
 
 from lagrange.errors import StatementError
 from lagrange.export.languages import casadi, jax
-from lagrange.export.languages.straight_line import STRUCTURE, StraightLinePrinter, constant
+from lagrange.export.languages.straight_line import LITERALS, STRUCTURE, StraightLinePrinter
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.python_text import FLAG_OPERATIONS
 from lagrange.machine.python_source import defined
@@ -125,7 +125,7 @@ def test_mathematics_that_a_library_does_not_have_is_refused_by_name() -> None:
 
 @pytest.mark.parametrize("value", [0.1, -0.1, 1e-320, -0.0, 1 / 3, math.pi, math.inf, -math.inf, math.nan, 2.0**70])
 def test_literals_are_read_back_as_the_same_double(value: float) -> None:
-    found = defined(f"def f():\n    return {constant(value)[1]}\n", "f", {})()
+    found = defined(f"def f():\n    return {LITERALS.real(value)}\n", "f", {})()
     assert np.float64(found).tobytes() == np.float64(value).tobytes() or (math.isnan(found) and math.isnan(value))
 
 

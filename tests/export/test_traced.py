@@ -11,6 +11,7 @@ import pytest
 
 import lagrange as lg
 from tests.export.callers import run
+from tests.export.systems import held
 from tests.export.test_modules import coupled
 
 QUANTITIES = ("rhs", "energy", "jacobian", "mass_matrix", "momenta", "accelerations")
@@ -52,8 +53,7 @@ def test_the_self_test_passes(target: str, scene: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("scene", lg.scenes())
 def test_every_scene_conforms(target: str, scene: str, tmp_path: Path) -> None:
     system = lg.scene(scene)
-    held = ["multipliers"] if system.statement.constraints else []
-    assert printed(system, target, [*QUANTITIES, *held], tmp_path).endswith("results are right\n")
+    assert printed(system, target, [*QUANTITIES, *held(system)], tmp_path).endswith("results are right\n")
 
 
 @every_target

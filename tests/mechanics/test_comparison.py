@@ -144,6 +144,14 @@ def test_the_counterexample_is_one() -> None:
     assert f"differ by {left:.5g}." in result.message
 
 
+def test_the_finding_is_the_message_without_numbers() -> None:
+    """A table of many results has room for it."""
+    wrong = system("cartesian-pendulum").compare(["x_ddot = x", "m*y_ddot = y"])
+    assert wrong.finding == wrong.message.partition(" At x = ")[0] + " Equation 2 is wrong, too."
+    right = system("pendulum").compare("l*theta_ddot = -g*sin(theta)")
+    assert right.finding == right.message
+
+
 PENDULUM = "theta_ddot + g/l*sin(theta)"
 
 
@@ -166,7 +174,8 @@ PENDULUM = "theta_ddot + g/l*sin(theta)"
         ),
         (
             "theta_ddot = \u2212g/l\u00b7(theta - theta**3/6)",
-            "In equation 1, that of theta, with all terms on the left, the term -g*theta**3/(6*l) + g*theta/l is ",
+            "In equation 1, that of theta, with all terms on the left, the sum -g*theta**3/(6*l) + g*theta/l is "
+            "wrong: it should be g*sin(theta)/l. At ",
         ),
         ("theta_dot**2*l/2 - g*cos(theta) = 0", "Equation 1 does not hold, and contains no acceleration: it is no"),
         ("l*theta_ddot", "In equation 1, that of theta, the term g*sin(theta) is missing. At "),
@@ -281,5 +290,29 @@ def test_refusals(given: Any, message: str) -> None:
 def test_files_are_refused_by_line() -> None:
     with pytest.raises(StatementError, match=r"^line 3 contains 'c', which this system does not have"):
         system("pendulum").compare_text("theta_ddot + g/l*sin(theta)\n\nc*theta_dot = 0\n")
-    with pytest.raises(StatementError, match=r"^the file has no equation: write one a line"):
+    with pytest.raises(StatementError, match=r"^there is no equation: write one a line"):
         system("pendulum").compare_text("# nothing\n")
+
+
+@pytest.mark.parametrize(
+    ("spring", "message"),
+    [
+        ("+ k*(sin(a) - sin(b))*cos(b)", "the sum k*sin(a)*cos(b) - k*sin(b)*cos(b) has the wrong sign: it is "),
+        (
+            "- 2*k*(sin(a) - sin(b))*cos(b)",
+            "the sum -2*k*sin(a)*cos(b) + 2*k*sin(b)*cos(b) has the wrong factor: it is ",
+        ),
+        ("- k*(a - b)", "the sum -a*k + b*k is wrong: it should be -k*sin(a)*cos(b) + k*sin(b)*cos(b)."),
+        ("", "the sum -k*sin(a)*cos(b) + k*sin(b)*cos(b) is missing."),
+    ],
+)
+def test_of_a_sum_only_the_part_that_is_wrong_is_named(spring: str, message: str) -> None:
+    a, b = lg.coordinates("a b")
+    m, g, k = lg.parameters("m g k")
+    pendulums = lg.System(
+        kinetic=m * (a.dot**2 + b.dot**2) / 2,
+        potential=-m * g * (sp.cos(a) + sp.cos(b)) + k * (sp.sin(a) - sp.sin(b)) ** 2 / 2,
+    )
+    right = "m*a_ddot + m*g*sin(a) + k*(sin(a) - sin(b))*cos(a) = 0"
+    result = pendulums.compare([right, f"m*b_ddot + m*g*sin(b) {spring} = 0"])
+    assert result.finding.startswith(f"In equation 2, that of b, {message}"), result.finding

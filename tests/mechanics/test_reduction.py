@@ -11,6 +11,7 @@ from sympy import cos, exp, sin, sqrt
 
 import lagrange as lg
 from lagrange.errors import StatementError
+from lagrange.statement.link import Link
 
 m, g, l, a, c = lg.parameters("m g l a c")
 x, y, z, u, theta = lg.coordinates("x y z u theta")
@@ -41,7 +42,7 @@ def test_a_bead_keeps_one_coordinate_and_all_that_was_stated() -> None:
     assert sympy.expand(small.dissipation - c * (2 * a * x * x.dot) ** 2 / 2) == 0
     assert sympy.expand(small.forces[0] - (-x - 2 * l * a * x)) == 0
     assert small.positions["bead"] == (x, a * x**2)
-    assert small.links == (("origin", "bead"),)
+    assert small.links == (Link("origin", "bead"),)
     assert small.initial == (0.6, 0.2)
     assert small.defaults == bead().statement.defaults
     assert small.name == "bead"
@@ -210,11 +211,15 @@ def pair(**constraints: Any) -> lg.System:
         (
             {"roll": x.dot - y * theta.dot},
             (x,),
-            "x is in no constraint on positions: roll is one on velocities, which may not be put into the energies, "
-            "since the forces of the constraint would be missing. Keep it, or state the constraint on positions that "
-            "it is the rate of.",
+            "x is in no constraint on positions: roll is a constraint on velocities, which may not be put into the "
+            "energies, since the forces of the constraint would be missing. Keep it, or state the constraint on "
+            "positions that it is the rate of.",
         ),
-        ({"roll": x.dot - y * theta.dot}, ("roll",), "roll determines no coordinate: roll is one on velocities, which"),
+        (
+            {"roll": x.dot - y * theta.dot},
+            ("roll",),
+            "roll determines no coordinate: roll is a constraint on velocities, which",
+        ),
         ({"rod": ROD}, ({y: l - x},), "y = 'l - x' solves no constraint on positions that y is in; they are rod."),
         ({"rod": ROD}, ({theta: x},), "theta = 'x' solves no constraint on positions that theta is in: it is in none."),
         (

@@ -65,16 +65,8 @@ static fmi2Status tell(Instance *model, fmi2Status status, const char *function,
 }
 
 static fmi2Status status_of(Instance *model, int found, const char *function) {
-    switch (found) {
-    case FINE:
-        return fmi2OK;
-    case SINGULAR:
-        return tell(model, fmi2Discard, function, "a matrix is singular to round-off at this state");
-    case NO_VARIABLE:
-        return tell(model, fmi2Error, function, "there is no such variable");
-    default:
-        return tell(model, fmi2Error, function, "this variable cannot be set now");
-    }
+    const fmi2Status status = found == FINE ? fmi2OK : found == SINGULAR ? fmi2Discard : fmi2Error;
+    return found == FINE ? status : tell(model, status, function, message_of(model, found));
 }
 
 /* Leave the calling function with an error unless the instance is in one of some phases. */
@@ -223,34 +215,15 @@ EXPORTED fmi2Status FMI(fmi2GetDirectionalDerivative)(
     const fmi2Real seed[],
     fmi2Real sensitivity[]) {
     NEEDS(EVALUATING, "fmi2GetDirectionalDerivative")
-    double direction[Model_STATES] = {0.0};
-    for (size_t i = 0; i < count; i++) {
-        if (!is_state(references[i])) {
-            return tell(model, fmi2Error, "fmi2GetDirectionalDerivative", "derivatives are those by the state");
-        }
-        direction[references[i] - FIRST_STATE] = seed[i];
-    }
-    for (size_t i = 0; i < unknown_count; i++) {
-        const int found = derivative_of(model, unknowns[i], direction, &sensitivity[i]);
-        if (found != FINE) {
-            return status_of(model, found, "fmi2GetDirectionalDerivative");
-        }
-    }
-    return fmi2OK;
+    const int found = derivatives_of(model, unknowns, unknown_count, references, count, seed, sensitivity);
+    return status_of(model, found, "fmi2GetDirectionalDerivative");
 }
 
 /* --- the state as a whole */
 
 EXPORTED fmi2Status FMI(fmi2GetFMUstate)(fmi2Component component, fmi2FMUstate *state) {
     NEEDS(INSTANTIATED | EVALUATING, "fmi2GetFMUstate")
-    if (*state == NULL) {
-        *state = malloc(sizeof(Numbers));
-    }
-    if (*state == NULL) {
-        return tell(model, fmi2Error, "fmi2GetFMUstate", "there is no memory");
-    }
-    memcpy(*state, &model->now, sizeof(Numbers));
-    return fmi2OK;
+    return status_of(model, keep(state, &model->now), "fmi2GetFMUstate");
 }
 
 EXPORTED fmi2Status FMI(fmi2SetFMUstate)(fmi2Component component, fmi2FMUstate state) {
@@ -258,9 +231,7 @@ EXPORTED fmi2Status FMI(fmi2SetFMUstate)(fmi2Component component, fmi2FMUstate s
     if (state == NULL) {
         return tell(model, fmi2Error, "fmi2SetFMUstate", "there is no state");
     }
-    memcpy(&model->now, state, sizeof(Numbers));
-    model->prepared = 0;
-    changed(model);
+    restore(model, state);
     return fmi2OK;
 }
 
@@ -296,14 +267,7 @@ EXPORTED fmi2Status FMI(fmi2DeSerializeFMUstate)(
     if (size != sizeof(Numbers)) {
         return tell(model, fmi2Error, "fmi2DeSerializeFMUstate", "the bytes are not those of a state");
     }
-    if (*state == NULL) {
-        *state = malloc(sizeof(Numbers));
-    }
-    if (*state == NULL) {
-        return tell(model, fmi2Error, "fmi2DeSerializeFMUstate", "there is no memory");
-    }
-    memcpy(*state, bytes, sizeof(Numbers));
-    return fmi2OK;
+    return status_of(model, keep(state, bytes), "fmi2DeSerializeFMUstate");
 }
 
 /* --- model exchange */

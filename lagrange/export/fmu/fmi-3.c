@@ -77,16 +77,8 @@ static fmi3Status tell(Instance *model, fmi3Status status, const char *function,
 }
 
 static fmi3Status status_of(Instance *model, int found, const char *function) {
-    switch (found) {
-    case FINE:
-        return fmi3OK;
-    case SINGULAR:
-        return tell(model, fmi3Discard, function, "a matrix is singular to round-off at this state");
-    case NO_VARIABLE:
-        return tell(model, fmi3Error, function, "there is no such variable");
-    default:
-        return tell(model, fmi3Error, function, "this variable cannot be set now");
-    }
+    const fmi3Status status = found == FINE ? fmi3OK : found == SINGULAR ? fmi3Discard : fmi3Error;
+    return found == FINE ? status : tell(model, status, function, message_of(model, found));
 }
 
 /* Leave the calling function with an error unless the instance is in one of some phases. */
@@ -405,23 +397,11 @@ EXPORTED fmi3Status FMI(fmi3GetDirectionalDerivative)(
     fmi3Float64 sensitivity[],
     size_t sensitivities) {
     NEEDS(EVALUATING, "fmi3GetDirectionalDerivative")
-    double direction[Model_STATES] = {0.0};
     if (seeds != count || sensitivities != unknown_count) {
         return tell(model, fmi3Error, "fmi3GetDirectionalDerivative", "the number of values is another");
     }
-    for (size_t i = 0; i < count; i++) {
-        if (!is_state(references[i])) {
-            return tell(model, fmi3Error, "fmi3GetDirectionalDerivative", "derivatives are those by the state");
-        }
-        direction[references[i] - FIRST_STATE] = seed[i];
-    }
-    for (size_t i = 0; i < unknown_count; i++) {
-        const int found = derivative_of(model, unknowns[i], direction, &sensitivity[i]);
-        if (found != FINE) {
-            return status_of(model, found, "fmi3GetDirectionalDerivative");
-        }
-    }
-    return fmi3OK;
+    const int found = derivatives_of(model, unknowns, unknown_count, references, count, seed, sensitivity);
+    return status_of(model, found, "fmi3GetDirectionalDerivative");
 }
 
 EXPORTED fmi3Status FMI(fmi3GetAdjointDerivative)(
@@ -492,14 +472,7 @@ EXPORTED fmi3Status FMI(fmi3ExitConfigurationMode)(fmi3Instance component) {
 
 EXPORTED fmi3Status FMI(fmi3GetFMUState)(fmi3Instance component, fmi3FMUState *state) {
     NEEDS(INSTANTIATED | EVALUATING, "fmi3GetFMUState")
-    if (*state == NULL) {
-        *state = malloc(sizeof(Numbers));
-    }
-    if (*state == NULL) {
-        return tell(model, fmi3Error, "fmi3GetFMUState", "there is no memory");
-    }
-    memcpy(*state, &model->now, sizeof(Numbers));
-    return fmi3OK;
+    return status_of(model, keep(state, &model->now), "fmi3GetFMUState");
 }
 
 EXPORTED fmi3Status FMI(fmi3SetFMUState)(fmi3Instance component, fmi3FMUState state) {
@@ -507,9 +480,7 @@ EXPORTED fmi3Status FMI(fmi3SetFMUState)(fmi3Instance component, fmi3FMUState st
     if (state == NULL) {
         return tell(model, fmi3Error, "fmi3SetFMUState", "there is no state");
     }
-    memcpy(&model->now, state, sizeof(Numbers));
-    model->prepared = 0;
-    changed(model);
+    restore(model, state);
     return fmi3OK;
 }
 
@@ -545,14 +516,7 @@ EXPORTED fmi3Status FMI(fmi3DeserializeFMUState)(
     if (size != sizeof(Numbers)) {
         return tell(model, fmi3Error, "fmi3DeserializeFMUState", "the bytes are not those of a state");
     }
-    if (*state == NULL) {
-        *state = malloc(sizeof(Numbers));
-    }
-    if (*state == NULL) {
-        return tell(model, fmi3Error, "fmi3DeserializeFMUState", "there is no memory");
-    }
-    memcpy(*state, bytes, sizeof(Numbers));
-    return fmi3OK;
+    return status_of(model, keep(state, bytes), "fmi3DeserializeFMUState");
 }
 
 /* --- model exchange */

@@ -30,7 +30,7 @@ enum { FIRST_RESULT = FIRST_PARAMETER + Model_PARAMETERS };
 enum { INSTANTIATED = 1, INITIALIZING = 2, EVENTS = 4, CONTINUOUS = 8, STEPPING = 16, TERMINATED = 32 };
 enum { EVALUATING = INITIALIZING | EVENTS | CONTINUOUS | STEPPING | TERMINATED };
 
-enum { FINE, SINGULAR, NO_VARIABLE, NOT_SET_NOW };
+enum { FINE, SINGULAR, NO_VARIABLE, NOT_SET_NOW, NO_STATE, NO_MEMORY };
 
 /* All that is saved and restored as the state of an FMU. */
 typedef struct {
@@ -101,6 +101,23 @@ static int prepare(Instance *model) {
         model->prepared = 1;
     }
     return model->singular ? SINGULAR : FINE;
+}
+
+/* What is said of a function that is not fine. */
+static const char *message_of(const Instance *model, int found) {
+    switch (found) {
+    case SINGULAR:
+        return model->singular ? "a matrix is singular to round-off with these parameters"
+                               : "a matrix is singular to round-off at this state";
+    case NO_VARIABLE:
+        return "there is no such variable";
+    case NO_STATE:
+        return "derivatives are those by the state";
+    case NO_MEMORY:
+        return "there is no memory";
+    default:
+        return "this variable cannot be set now";
+    }
 }
 
 /* Compute a quantity, unless it is known at the present time, state and parameters. */
@@ -211,6 +228,49 @@ static int derivative_of(Instance *model, uint32_t unknown, const double *direct
 
 static int is_state(uint32_t reference) {
     return reference >= FIRST_STATE && reference < FIRST_PARAMETER;
+}
+
+/* The derivatives of unknowns in the direction of a seed for some entries of the state. */
+static int derivatives_of(
+    Instance *model,
+    const uint32_t *unknowns,
+    size_t unknown_count,
+    const uint32_t *references,
+    size_t count,
+    const double *seed,
+    double *sensitivity) {
+    double direction[Model_STATES] = {0.0};
+    for (size_t i = 0; i < count; i++) {
+        if (!is_state(references[i])) {
+            return NO_STATE;
+        }
+        direction[references[i] - FIRST_STATE] = seed[i];
+    }
+    for (size_t i = 0; i < unknown_count; i++) {
+        const int found = derivative_of(model, unknowns[i], direction, &sensitivity[i]);
+        if (found != FINE) {
+            return found;
+        }
+    }
+    return FINE;
+}
+
+/* Copy numbers to where a state is kept, in new memory unless there is some. */
+static int keep(void **state, const void *numbers) {
+    if (*state == NULL) {
+        *state = malloc(sizeof(Numbers));
+    }
+    if (*state == NULL) {
+        return NO_MEMORY;
+    }
+    memcpy(*state, numbers, sizeof(Numbers));
+    return FINE;
+}
+
+static void restore(Instance *model, const void *state) {
+    memcpy(&model->now, state, sizeof(Numbers));
+    model->prepared = 0;
+    changed(model);
 }
 
 #endif

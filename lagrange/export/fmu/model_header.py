@@ -6,7 +6,8 @@ from lagrange.export.descriptions import OUTCOMES, run_of
 from lagrange.export.fmu.variables import places
 from lagrange.export.languages.c import statement_comment
 from lagrange.export.languages.c_programs import numbers
-from lagrange.export.languages.c_spelling import real_literal
+from lagrange.export.languages.c_spelling import LITERALS
+from lagrange.export.lines import continued
 from lagrange.export.module import SourceModule
 
 
@@ -28,7 +29,7 @@ def model_header(module: SourceModule, token: str) -> str:
         "INDICATORS": 0 if events is None else len(events.results),
         "FIRST_INDICATOR": first.get("events", 0),
         **({"JACOBIAN": quantities.index("jacobian")} if "jacobian" in quantities else {}),
-        "RTOL": real_literal(run.rtol),
+        "RTOL": LITERALS.real(run.rtol),
         "PREPARE": f"{name}_prepare",
         "DEFAULTS": f"{name}_default_parameters",
         "RUN": f"{name}_{integrator.name}",
@@ -54,7 +55,7 @@ def model_header(module: SourceModule, token: str) -> str:
         *(f"    {{{name}_{one}, {first[one] - base}}}," for one in quantities),
         "};",
         "",
-        f"static const double model_initial[] = {{{numbers(run.initial)}}};",
+        *continued(f"static const double model_initial[] = {{{numbers(run.initial)}}};"),
         "",
         "static const char *model_outcome(int outcome) {",
         "    switch (outcome) {",

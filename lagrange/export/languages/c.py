@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from lagrange.export.comments import plain
-from lagrange.export.descriptions import about_of, outcomes, places, records_of, sizes
+from lagrange.export.descriptions import about_of, outcomes, places, records_of, sizes, statuses
 from lagrange.export.languages.c_printer import Dialect, comment, function
-from lagrange.export.languages.c_programs import main_macro, numbers, programs, test_macro
+from lagrange.export.languages.c_programs import numbers, programs
+from lagrange.export.lines import continued
 from lagrange.export.module import SourceModule
+from lagrange.export.programs import compiled
 from lagrange.export.target import Target
 from lagrange.procedure.form import Kind, Procedure
 
@@ -26,16 +28,11 @@ class C(Target):
 
     def commands(self, module: SourceModule) -> list[str]:
         """Return what compiles and runs the test."""
-        return _built_with(module, test_macro(module), f"{module.name}_test")
+        return compiled(module, "test", "cc -std=c99 -O2", f"{module.name}.c -lm")
 
     def run_commands(self, module: SourceModule) -> list[str]:
         """Return what compiles and runs the initial state."""
-        return [] if module.run is None else _built_with(module, main_macro(module), f"{module.name}_main")
-
-
-def _built_with(module: SourceModule, macro: str, program: str) -> list[str]:
-    """Return what compiles a program that a macro switches on, and runs it."""
-    return [f"cc -std=c99 -O2 -D{macro} -o {program} {module.name}.c -lm", f"./{program}"]
+        return compiled(module, "main", "cc -std=c99 -O2", f"{module.name}.c -lm")
 
 
 def dialect_of(module: SourceModule) -> Dialect:
@@ -72,10 +69,7 @@ def header(module: SourceModule) -> str:
         *comment(places("parameters", module.parameters)),
         f"extern const double {module.name}_default_parameters[];",
         "",
-        *comment(
-            "Each function of t, y and p returns 0, or 1 where a matrix is singular to round-off: out is then not to "
-            "be used."
-        ),
+        *comment(statuses("0", "1")),
         *(comment(outcomes()) if module.integrators else []),
         "",
     ]
@@ -103,8 +97,8 @@ def statement_comment(module: SourceModule) -> list[str]:
 def source(module: SourceModule) -> str:
     """Return the source file."""
     dialect = dialect_of(module)
-    defaults = f"const double {module.name}_default_parameters[] = {{{values(module)}}};\n"
-    functions = definitions(module, dialect, defaults)
+    defaults = continued(f"const double {module.name}_default_parameters[] = {{{values(module)}}};")
+    functions = definitions(module, dialect, *defaults, "")
     lines = [
         *statement_comment(module),
         "",

@@ -5,27 +5,23 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any
 
-from lagrange.errors import LagrangeError
+from lagrange.export.braced import BracedPrinter
 from lagrange.export.comments import wrapped
-from lagrange.export.identifiers import ascii_name
+from lagrange.export.identifiers import unreserved
 from lagrange.export.languages.c_spelling import (
     BITS,
     CASTS,
     FUNCTIONS,
     HELPERS,
     KINDS,
-    OPERANDS,
+    LITERALS,
+    OPERATORS,
     RESERVED,
-    SPELLED,
-    literal,
 )
-from lagrange.procedure.bind import reads
-from lagrange.procedure.form import PARTIAL, Array, Call, Fold, Kind, Let, Part, Procedure, Record, Type
-from lagrange.procedure.source_printer import SourcePrinter, results_of
-from lagrange.procedure.syntax import ATOM
+from lagrange.procedure.form import Array, Call, Fold, Kind, Let, Part, Procedure, Record, Type
+from lagrange.procedure.source_printer import results_of
+from lagrange.procedure.spelling import ATOM, Literals, Operator
 
 WIDTH = 110
 """Characters of a line of comment or of a head."""
@@ -36,12 +32,11 @@ class Dialect:
     """What differs between C and C++, and between modules.
 
     `prefix` begins the names of functions, `public` those of functions as they are called from outside, `standard`
-    those of the library. `zeros` initializes a record, `restrict` says that arrays do not overlap, `nothing` is an
-    empty list of parameters, `pointer` makes a pointer of a constant array, `structure` are the first and the last line
-    of the definition of a record. `translation` turns C that is the same in every module into the dialect. `kinds` are
-    the types of numbers, `casts` the operations that change the kind, `cast_operand` is how tightly what they are
-    applied to must bind. `words` are the names that values cannot have. `helpers` collects the operations whose
-    definitions the file needs.
+    those of the library. `zeros` initializes a record, `restrict` says that arrays do not overlap, `no_parameters`
+    stands where a function has none, `pointer` makes a pointer of a constant array, `structure` are the first and the
+    last line of the definition of a record. `translation` turns C that is the same in every module into the dialect.
+    `kinds` are the types of numbers, `literals` write constants, `casts` are the operations that change the kind.
+    `words` are the names that values cannot have. `needed` collects the operations whose definitions the file needs.
     """
 
     prefix: str
@@ -49,21 +44,20 @@ class Dialect:
     standard: str = ""
     zeros: str = "{0}"
     restrict: str = "restrict "
-    nothing: str = "void"
+    no_parameters: str = "void"
     pointer: str = ""
     structure: tuple[str, str] = ("typedef struct {{", "}} {};")
     translation: Sequence[tuple[str, str]] = ()
     kinds: Mapping[Kind, str] = field(default_factory=lambda: KINDS)
-    flags: tuple[str, str] = ("0", "1")
-    casts: Mapping[str, tuple[int, str]] = field(default_factory=lambda: CASTS)
-    cast_operand: int = 9
+    literals: Literals = LITERALS
+    casts: Mapping[str, Operator] = field(default_factory=lambda: CASTS)
     words: Sequence[str] = RESERVED
-    helpers: dict[str, None] = field(default_factory=dict)
+    needed: dict[str, None] = field(default_factory=dict)
 
     @property
     def copies_bits(self) -> bool:
         """Whether a helper copies the bits of numbers."""
-        return not BITS.isdisjoint(self.helpers)
+        return not BITS.isdisjoint(self.needed)
 
     def library(self, name: str) -> str:
         """Return the name of a function of the library."""
@@ -71,7 +65,7 @@ class Dialect:
 
     def definitions(self) -> list[str]:
         """Return the definitions of the functions that the file needs."""
-        return [f"static {self.translated(HELPERS[op][1])}\n" for op in sorted(self.helpers)]
+        return [f"static {self.translated(HELPERS[op][1])}\n" for op in sorted(self.needed)]
 
     def translated(self, text: str) -> str:
         """Return text of C as the dialect writes it."""
@@ -81,7 +75,7 @@ class Dialect:
 
     def function(self, name: str) -> str:
         """Return the name of a function of the module where it is defined."""
-        return f"{self.prefix}{name}{'_' * (f'{self.prefix}{name}' in self.words)}"
+        return unreserved(f"{self.prefix}{name}", self.words)
 
     @property
     def defaults(self) -> str:
@@ -91,13 +85,6 @@ class Dialect:
     def called(self, name: str) -> str:
         """Return the name of a function of the module as it is called from outside."""
         return f"{self.public}{self.function(name).removeprefix(self.prefix)}"
-
-    def helper(self, op: str) -> str:
-        """Return the name of a function that is defined in the file."""
-        if op not in HELPERS:
-            raise LagrangeError(f"C has no function for {op}.")
-        self.helpers[op] = None
-        return HELPERS[op][0]
 
     def record(self, record: Record) -> str:
         """Return the type of a record."""
@@ -128,7 +115,7 @@ class Dialect:
             for one, name in zip(procedure.parameters, names, strict=True)
         ]
         head = f"{before}{self.result(procedure)} {self.function(procedure.name)}("
-        line = f"{head}{', '.join(given) or self.nothing})"
+        line = f"{head}{', '.join(given) or self.no_parameters})"
         return [line] if len(line) <= WIDTH else [head, *broken(given, "    ", WIDTH)]
 
 
@@ -158,20 +145,18 @@ def function(procedure: Procedure, dialect: Dialect, *, hidden: bool = False) ->
     return _CPrinter(procedure, dialect, hidden=hidden).function()
 
 
-class _CPrinter(SourcePrinter):
+class _CPrinter(BracedPrinter):
     """Prints one procedure."""
+
+    language = "C"
+    helpers = HELPERS
 
     def __init__(self, procedure: Procedure, dialect: Dialect, *, hidden: bool) -> None:
         self.dialect, self.hidden = dialect, hidden
-        self.spelled = {**SPELLED, **dialect.casts}
-        self.operands = {**OPERANDS, **dict.fromkeys(dialect.casts, (dialect.cast_operand,))}
-        own = [one.name for one in procedure.parameters]
-        words = (*dialect.words, *FUNCTIONS.values(), *(name for name, _ in HELPERS.values()))
-        super().__init__(procedure, [word for word in words if word not in own])
-
-    @cached_property
-    def _read(self) -> frozenset[int]:
-        return reads(self.procedure.body)
+        self.operators = {**OPERATORS, **dialect.casts}
+        self.literals, self.index_type = dialect.literals, dialect.kinds[Kind.WHOLE]
+        self.functions = {op: dialect.library(name) for op, name in FUNCTIONS.items()}
+        super().__init__(procedure, dialect.needed, (*dialect.words, *FUNCTIONS.values()))
 
     def function_name(self, procedure: Procedure) -> str:
         return self.dialect.function(procedure.name)
@@ -179,27 +164,12 @@ class _CPrinter(SourcePrinter):
     def head(self) -> list[str]:
         names = [self.text(one.ref) for one in self.procedure.parameters]
         *lines, last = self.dialect.signature(self.procedure, names, before="static " if self.hidden else "")
-        unused = [one for one in self.procedure.parameters if one.ref not in self._read]
-        ignored = [f"{self.indent}(void){self.text(one.ref)};" for one in unused]
+        ignored = [f"{self.indent}(void){self.text(one.ref)};" for one in self.unused]
         return [*comment(self.procedure.about), *lines, f"{last} {{", *ignored]
-
-    def tail(self) -> list[str]:
-        return ["}"]
-
-    def legal(self, stem: str) -> str:
-        return ascii_name(stem)
-
-    def literal(self, kind: Kind, data: Any) -> tuple[int, str]:
-        return (ATOM, self.dialect.flags[bool(data)]) if kind is Kind.FLAG else literal(kind, data)
-
-    def function_of(self, op: str) -> str:
-        if op in FUNCTIONS:
-            return self.dialect.library(FUNCTIONS[op])
-        return self.dialect.helper(op)
 
     def operation(self, let: Let) -> tuple[int, str]:
         if let.kind is Kind.WHOLE and let.op in ("min", "max"):
-            return ATOM, f"{self.dialect.helper(f'{let.op}_whole')}({', '.join(self.text(arg) for arg in let.args)})"
+            return ATOM, f"{self.function_of(f'{let.op}_whole')}({', '.join(self.text(arg) for arg in let.args)})"
         return super().operation(let)
 
     def define(self, name: str, kind: Kind, text: str) -> str:
@@ -208,16 +178,11 @@ class _CPrinter(SourcePrinter):
     def declare(self, name: str, kind: Kind, text: str) -> str:
         return f"{self.dialect.kinds[kind]} {name} = {text};"
 
-    def assign(self, target: str, text: str) -> str:
-        return f"{target} = {text};"
-
     def element(self, array: int, place: int) -> str:
         return f"{self.text(array)}[{self.text(place)}]"
 
     def reserve(self, ref: int, array: Array) -> None:
-        self.put(
-            f"{self.dialect.kinds[array.kind]} {self.name(ref)}[{(array.size or 0) + max(array.room - 1, 0) or 1}];"
-        )
+        self.put(f"{self.dialect.kinds[array.kind]} {self.name(ref)}[{array.length}];")
 
     def reserve_record(self, ref: int, record: Record) -> None:
         name = self.name(ref)
@@ -265,27 +230,6 @@ class _CPrinter(SourcePrinter):
     def comment(self, text: str) -> str:
         return f"/* {text} */"
 
-    def opening(self, kind: str, *texts: str) -> str:
-        match kind, texts:
-            case "for", (index, start, stop, step):
-                moved = f"{index}++" if step == "1" else f"{index} += {step}"
-                return f"for ({self.dialect.kinds[Kind.WHOLE]} {index} = {start}; {index} < {stop}; {moved}) {{"
-            case "forever", _:
-                return "for (;;) {"
-            case "else", _:
-                return "} else {"
-            case _:
-                return f"{kind} ({texts[0]}) {{"
-
-    def closing(self, kind: str) -> str:
-        return "}"
-
-    def leaving_loop(self) -> str:
-        return "break;"
-
-    def partial(self, ref: int, place: str) -> str:
-        return f"{self.text(ref)}[{place}]"
-
     def begin_fold(self, fold: Fold) -> None:
         if fold.op != "magnitude":
             super().begin_fold(fold)
@@ -297,14 +241,11 @@ class _CPrinter(SourcePrinter):
         if fold.op != "magnitude":
             return super().folded(fold, index)
         name, value = self.text(fold.ref), self.text(fold.value)
-        return name, f"{self.dialect.helper('max_whole')}({name}, {self.dialect.helper('size_bits')}({value}))"
+        return name, f"{self.function_of('max_whole')}({name}, {self.function_of('size_bits')}({value}))"
 
     def end_fold(self, fold: Fold) -> None:
         if fold.op != "magnitude":
             super().end_fold(fold)
             return
         bits = self.text(fold.ref)
-        self.put(self.define(self.name(fold.ref), Kind.REAL, f"{self.dialect.helper('of_bits')}({bits})"))
-
-    def modulo(self, index: str) -> str:
-        return f"{index} & {PARTIAL - 1}"
+        self.put(self.define(self.name(fold.ref), Kind.REAL, f"{self.function_of('of_bits')}({bits})"))

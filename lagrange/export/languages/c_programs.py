@@ -4,38 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from lagrange.export.descriptions import (
-    MOST_STEPS,
-    TEST,
-    TEST_STEPS,
-    TEST_TOLERANCE,
-    columns,
-    integrator_of,
-    run_of,
-)
+from lagrange.export.descriptions import TEST, columns, integrator_of
 from lagrange.export.languages.c_printer import WIDTH, Dialect, broken, comment
-from lagrange.export.languages.c_spelling import real_literal
-from lagrange.export.module import Check, Integrator, SourceModule, StepCheck
-
-
-def test_macro(module: SourceModule) -> str:
-    """Return the macro that switches the test on."""
-    return f"{module.name.upper()}_TEST"
-
-
-def main_macro(module: SourceModule) -> str:
-    """Return the macro that switches the run of the initial state on."""
-    return f"{module.name.upper()}_MAIN"
+from lagrange.export.languages.c_spelling import LITERALS
+from lagrange.export.lines import continued
+from lagrange.export.module import Check, SourceModule, StepCheck
+from lagrange.export.programs import arguments_in_test, macro, main_fields
 
 
 def numbers(values: Sequence[float]) -> str:
     """Return a list of numbers."""
-    return ", ".join(map(real_literal, values))
+    return ", ".join(map(LITERALS.real, values))
 
 
 def _table(name: str, rows: Sequence[Sequence[float]]) -> Iterator[str]:
     """Yield a table of numbers, one behind the other."""
-    values = [real_literal(value) for row in rows for value in row]
+    values = [LITERALS.real(value) for row in rows for value in row]
     yield f"static const double {name}[] = {{"
     yield from broken(values, "    ", WIDTH)[:-1]
     yield broken(values, "    ", WIDTH)[-1][:-1]
@@ -65,7 +49,7 @@ def programs(module: SourceModule, dialect: Dialect) -> str:
 def _test(module: SourceModule, dialect: Dialect) -> Iterator[str]:
     """Yield the test: a program that compares results with those of multiple precision."""
     prepare = f"{dialect.called('prepare')}({dialect.defaults}, p)"
-    yield f"#ifdef {test_macro(module)}"
+    yield f"#ifdef {macro(module, 'test')}"
     yield from comment(f"{TEST} Exit status 0 if all are right.")
     yield "#include <stdio.h>"
     yield ""
@@ -90,7 +74,7 @@ def _quantity_test(module: SourceModule, check: Check, dialect: Dialect) -> Iter
     count, states = len(check.results[0]), len(check.times)
     size = len(module.state)
     yield "{"
-    yield f"    static const double times[] = {{{numbers(check.times)}}};"
+    yield from continued(f"    static const double times[] = {{{numbers(check.times)}}};", WIDTH)
     for name, rows in (("states", check.states), ("wanted", check.results), ("allowed", check.allowed)):
         yield from (f"    {line}" for line in _table(name, rows))
     yield f"    for (int k = 0; k < {states}; k++) {{"
@@ -110,13 +94,15 @@ def _quantity_test(module: SourceModule, check: Check, dialect: Dialect) -> Iter
 
 def _integrator_test(module: SourceModule, check: StepCheck, dialect: Dialect) -> Iterator[str]:
     """Yield the test of an integrator."""
-    integrator = integrator_of(module, check.name)
     count = len(check.state)
     yield "{"
     for name, row in (("wanted", check.result), ("allowed", check.allowed)):
         yield from (f"    {line}" for line in _table(name, [row]))
-    yield f"    double y[] = {{{numbers(check.state)}}};"
-    yield from (f"    {line}" for line in _call_lines(integrator, check, dialect))
+    yield from continued(f"    double y[] = {{{numbers(check.state)}}};", WIDTH)
+    if integrator_of(module, check.name).adaptive:
+        yield f"    double t[] = {{{LITERALS.real(check.time)}}};"
+    given = arguments_in_test(module, check, LITERALS, "t")
+    yield f"    const int64_t outcome = {dialect.called(check.name)}({given});"
     yield "    if (outcome != 0) {"
     yield f'        printf("{check.name}: outcome %d\\n", (int)outcome);'
     yield f"        failures += {count};"
@@ -127,21 +113,11 @@ def _integrator_test(module: SourceModule, check: StepCheck, dialect: Dialect) -
     yield "}"
 
 
-def _call_lines(integrator: Integrator, check: StepCheck, dialect: Dialect) -> list[str]:
-    """Return the call of an integrator for its test."""
-    limits = f"{TEST_TOLERANCE}, {TEST_TOLERANCE}, {TEST_STEPS}"
-    called, end = dialect.called(check.name), real_literal(check.time + check.length)
-    if integrator.adaptive:
-        return [
-            f"double t[] = {{{real_literal(check.time)}}};",
-            f"const int64_t outcome = {called}(t, {end}, y, p, {limits});",
-        ]
-    given = f"{real_literal(check.time)}, {real_literal(check.length)}, y, p"
-    return [f"const int64_t outcome = {called}({given});"]
-
-
 MAIN = """\
 int main(int count, char **words) {{
+    static const char *const outcomes[] = {{
+{outcomes}
+    }};
     double p[{prepared}];
     double t[] = {{0.0}};
     double y[] = {{{initial}}};
@@ -162,13 +138,15 @@ int main(int count, char **words) {{
     }}
     printf("{columns}\\n");
     for (long k = 0; k <= intervals; k++) {{
-        const double end = k == intervals ? t_end : t_end * ((double)k / (double)intervals);
-        const int64_t outcome = {call};
+        const double end = k == intervals ? t_end : t_end * (double)k / (double)intervals;
+        const int64_t outcome = {method}(t, end, y, p, {rtol}, {rtol}, {steps});
         if (outcome != 0) {{
-            fprintf(stderr, "the run stopped at t = %.17g: outcome %d\\n", t[0], (int)outcome);
+            fprintf(stderr, "the run stopped at t = %.17g: %s\\n", t[0], outcomes[outcome]);
             return 1;
         }}
-        printf("%.17g", t[0]);
+        char text[32];
+        snprintf(text, sizeof text, "%.15g", t[0]);
+        printf("%.*g", strtod(text, NULL) == t[0] ? 15 : 17, t[0]);
         for (int i = 0; i < {count}; i++) {{
             printf(",%.17g", y[i]);
         }}
@@ -181,27 +159,24 @@ int main(int count, char **words) {{
 
 def _run(module: SourceModule, dialect: Dialect) -> Iterator[str]:
     """Yield a program that integrates the initial state and writes a table."""
-    found = run_of(module)
-    if found is None:
+    fields = main_fields(module, LITERALS)
+    if fields is None:
         return
-    settings, integrator = found
     yield ""
-    yield f"#ifdef {main_macro(module)}"
+    yield f"#ifdef {macro(module, 'main')}"
     yield from comment(
         f"Integrate the initial state and write a table with commas: {module.name}_main [t_end [intervals]]."
     )
     yield "#include <stdio.h>"
     yield "#include <stdlib.h>"
     yield ""
-    rtol = real_literal(settings.rtol)
-    yield MAIN.format(
+    text = MAIN.format(
+        **{**fields, "method": dialect.called(fields["method"])},
         prepare=dialect.called("prepare"),
         defaults=dialect.defaults,
         prepared=max(module.prepared, 1),
-        initial=numbers(settings.initial),
-        t_end=real_literal(settings.t_end),
-        intervals=settings.intervals,
         columns=columns(module),
-        call=f"{dialect.called(integrator.name)}(t, end, y, p, {rtol}, {rtol}, {MOST_STEPS})",
         count=len(module.state),
     )
+    for line in text.splitlines():
+        yield from continued(line)

@@ -2,51 +2,29 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from typing import Any
 
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Kind
-from lagrange.procedure.syntax import ATOM
+from lagrange.procedure.spelling import OPERATORS as COMMON
+from lagrange.procedure.spelling import Literals, Operator
 
 KINDS: Mapping[Kind, str] = {REAL: "double", WHOLE: "int64_t", FLAG: "int"}
 
-SPELLED: Mapping[str, tuple[int, str]] = {
-    "select": (1, "{0} ? {1} : {2}"),
-    "or": (2, "{0} || {1}"),
-    "and": (3, "{0} && {1}"),
-    "equal": (4, "{0} == {1}"),
-    "less": (5, "{0} < {1}"),
-    "less_equal": (5, "{0} <= {1}"),
-    "add": (6, "{0} + {1}"),
-    "sub": (6, "{0} - {1}"),
-    "fma": (6, "{0} * {1} + {2}"),
-    "mul": (7, "{0} * {1}"),
-    "div": (7, "{0} / {1}"),
-    "quotient": (7, "{0} / {1}"),
-    "neg": (8, "-{0}"),
-    "not": (8, "!{0}"),
-}
-
-CASTS: Mapping[str, tuple[int, str]] = {"real": (8, "(double){0}"), "whole": (8, "(int64_t){0}")}
-
-OPERANDS: Mapping[str, tuple[int, ...]] = {
-    "select": (4, 2, 2),
-    "or": (4, 4),
-    "and": (4, 4),
-    "equal": (6, 6),
-    "less": (6, 6),
-    "less_equal": (6, 6),
-    "add": (6, 7),
-    "sub": (6, 7),
-    "fma": (7, 8, 7),
-    "mul": (7, 8),
-    "div": (7, 8),
-    "quotient": (7, 8),
-    "neg": (9,),
-    "not": (9,),
+OPERATORS: Mapping[str, Operator] = {
+    **COMMON,
+    "select": Operator(1, "{0} ? {1} : {2}", (4, 2, 2)),
+    "or": COMMON["or"]._replace(operands=(4, 4)),
+    "and": COMMON["and"]._replace(operands=(4, 4)),
+    "quotient": COMMON["div"],
 }
 """A compiler warns of || and && without parentheses, so these ask for more than they need."""
+
+CASTS: Mapping[str, Operator] = {
+    "real": Operator(8, "(double){0}", (9,)),
+    "whole": Operator(8, "(int64_t){0}", (9,)),
+}
+
+LITERALS = Literals("HUGE_VAL", 'nan("")', ("0", "1"))
 
 FUNCTIONS: Mapping[str, str] = {
     **{name: name for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "erf")},
@@ -192,19 +170,3 @@ RESERVED = (
     "parameters",
 )
 """Words that are not names of values: keywords, macros, and what parameters of functions are called."""
-
-
-def literal(kind: Kind, data: Any) -> tuple[int, str]:
-    """Return a constant and how tightly it binds."""
-    if kind is WHOLE:
-        return (ATOM if data >= 0 else 8), str(data)
-    return (ATOM if math.isnan(data) or math.copysign(1.0, data) > 0 else 8), real_literal(data)
-
-
-def real_literal(value: float) -> str:
-    """Return a double with all its digits."""
-    if math.isnan(value):
-        return 'nan("")'
-    if math.isinf(value):
-        return "HUGE_VAL" if value > 0 else "-HUGE_VAL"
-    return repr(value)

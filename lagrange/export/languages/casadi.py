@@ -15,22 +15,22 @@ from lagrange.export.languages.straight_line import (
 from lagrange.export.languages.straight_line_module import straight_line_module
 from lagrange.export.module import SourceModule
 from lagrange.export.target import Target
-from lagrange.procedure.syntax import ATOM
+from lagrange.procedure.spelling import Operator, call
 from lagrange.program.program import Program
 
-OPERATIONS: Mapping[str, tuple[int, str]] = {
+OPERATIONS: Mapping[str, Operator] = {
     **OPERATORS,
-    **{op: (ATOM, f"ca.{op}({{0}})") for op in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "exp", "log")},
-    **{op: (ATOM, f"ca.{op}({{0}})") for op in ("sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "erf", "sign")},
-    "abs": (ATOM, "ca.fabs({0})"),
-    "power": (ATOM, "ca.power({0}, {1})"),
-    "atan2": (ATOM, "ca.atan2({0}, {1})"),
-    "min": (ATOM, "_min({0}, {1})"),
-    "max": (ATOM, "_max({0}, {1})"),
-    "and": (ATOM, "ca.logic_and({0}, {1})"),
-    "or": (ATOM, "ca.logic_or({0}, {1})"),
-    "not": (ATOM, "ca.logic_not({0})"),
-    "select": (ATOM, "ca.if_else({0}, {1}, {2})"),
+    **{op: call(f"ca.{op}({{0}})") for op in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "exp", "log")},
+    **{op: call(f"ca.{op}({{0}})") for op in ("sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "erf", "sign")},
+    "abs": call("ca.fabs({0})"),
+    "power": call("ca.power({0}, {1})"),
+    "atan2": call("ca.atan2({0}, {1})"),
+    "min": call("_min({0}, {1})"),
+    "max": call("_max({0}, {1})"),
+    "and": call("ca.logic_and({0}, {1})"),
+    "or": call("ca.logic_or({0}, {1})"),
+    "not": call("ca.logic_not({0})"),
+    "select": call("ca.if_else({0}, {1}, {2})"),
 }
 """What CasADi calls each operation."""
 

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 from lagrange.export.descriptions import about_of, outcomes, places
+from lagrange.export.identifiers import unreserved
 from lagrange.export.languages.c import definitions, names_of, statement_comment
 from lagrange.export.languages.c_printer import WIDTH, Dialect, broken, comment
-from lagrange.export.languages.c_programs import main_macro, numbers, programs, test_macro
-from lagrange.export.languages.c_spelling import RESERVED
+from lagrange.export.languages.c_programs import numbers, programs
+from lagrange.export.languages.c_spelling import LITERALS, RESERVED
+from lagrange.export.lines import continued
 from lagrange.export.module import SourceModule
+from lagrange.export.programs import compiled
 from lagrange.export.target import Target
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Procedure
-from lagrange.procedure.syntax import ATOM
+from lagrange.procedure.spelling import call
 
 WORDS = (
     *("alignas", "alignof", "and", "and_eq", "bitand", "bitor", "catch", "char16_t", "char32_t", "char8_t", "class"),
@@ -26,7 +30,7 @@ WORDS = (
 """Words of C++ beside those of C, and the names that the namespace has."""
 
 TRANSLATION = (
-    (r"\b(fabs|memcpy|printf|fprintf|strtod|strtol)\(", r"std::\1("),
+    (r"\b(fabs|memcpy|printf|fprintf|snprintf|strtod|strtol)\(", r"std::\1("),
     (r"\bint64_t (outcome|k|exponent|smaller_whole|larger_whole|size_bits|a|b|bits)\b", r"std::int64_t \1"),
     (r"\((int|double)\)(\w+)", r"static_cast<\1>(\2)"),
     (r"const int singular", "const bool singular"),
@@ -51,21 +55,16 @@ class Cpp(Target):
 
     def commands(self, module: SourceModule) -> list[str]:
         """Return what compiles and runs the test."""
-        return _built_with(module, test_macro(module), f"{module.name}_test")
+        return compiled(module, "test", "c++ -std=c++17 -O2", f"{module.name}.cpp")
 
     def run_commands(self, module: SourceModule) -> list[str]:
         """Return what compiles and runs the initial state."""
-        return [] if module.run is None else _built_with(module, main_macro(module), f"{module.name}_main")
-
-
-def _built_with(module: SourceModule, macro: str, program: str) -> list[str]:
-    """Return what compiles a program that a macro switches on, and runs it."""
-    return [f"c++ -std=c++17 -O2 -D{macro} -o {program} {module.name}.cpp", f"./{program}"]
+        return compiled(module, "main", "c++ -std=c++17 -O2", f"{module.name}.cpp")
 
 
 def namespace(module: SourceModule) -> str:
     """Return the namespace of a module: a part of its own, so that no function of the library has its name."""
-    return f"lagrange::{module.name}{'_' * (module.name in (*RESERVED, *WORDS))}"
+    return f"lagrange::{unreserved(module.name, (*RESERVED, *WORDS))}"
 
 
 def dialect_of(module: SourceModule) -> Dialect:
@@ -76,14 +75,16 @@ def dialect_of(module: SourceModule) -> Dialect:
         standard="std::",
         zeros="{}",
         restrict="__restrict ",
-        nothing="",
+        no_parameters="",
         pointer=".data()",
         structure=("struct {} {{", "}};"),
         translation=TRANSLATION,
         kinds={REAL: "double", WHOLE: "std::int64_t", FLAG: "bool"},
-        flags=("false", "true"),
-        casts={"real": (ATOM, "static_cast<double>({0})"), "whole": (ATOM, "static_cast<std::int64_t>({0})")},
-        cast_operand=0,
+        literals=replace(LITERALS, flags=("false", "true")),
+        casts={
+            "real": call("static_cast<double>({0})"),
+            "whole": call("static_cast<std::int64_t>({0})"),
+        },
         words=(*RESERVED, *WORDS),
     )
 
@@ -110,7 +111,7 @@ def header(module: SourceModule) -> str:
         *comment("Parameters, and what depends on them alone."),
         f"using Prepared = std::array<double, {max(module.prepared, 1)}>;",
         "",
-        f"inline constexpr Parameters default_parameters = {{{numbers(module.values)}}};",
+        *continued(f"inline constexpr Parameters default_parameters = {{{numbers(module.values)}}};"),
         "",
         *comment(
             "A function of t, y and p returns whether a matrix is singular to round-off: out is then not to be used."

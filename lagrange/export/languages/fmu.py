@@ -19,8 +19,8 @@ from lagrange.errors import LagrangeError
 from lagrange.export.fmu.description import build_description, fmi2_description, fmi3_description
 from lagrange.export.fmu.model_header import model_header
 from lagrange.export.languages.c import header, source
-from lagrange.export.languages.c_programs import main_macro, test_macro
 from lagrange.export.module import SourceModule
+from lagrange.export.programs import compiled
 from lagrange.export.target import Target
 
 DATE = (1980, 1, 1, 0, 0, 0)
@@ -37,7 +37,7 @@ class Fmu(Target):
 
     name = "fmu"
     about = "FMUs of FMI 2.0 and 3.0: model exchange and co-simulation, C sources inside, a library for this platform"
-    contents = frozenset(("steps", "main"))
+    contents = frozenset(("runs", "main"))
     always = ("rhs", "main")
 
     def files(self, module: SourceModule) -> Mapping[str, bytes]:
@@ -46,21 +46,18 @@ class Fmu(Target):
 
     def commands(self, module: SourceModule) -> list[str]:
         """Return what unpacks the FMU of FMI 3.0, and compiles and runs the test of the sources inside."""
-        return _built(module, test_macro(module), f"{module.name}_test")
+        return _commands(module, "test")
 
     def run_commands(self, module: SourceModule) -> list[str]:
         """Return what compiles and runs the initial state by the sources inside."""
-        return _built(module, main_macro(module), f"{module.name}_main")
+        return _commands(module, "main")
 
 
-def _built(module: SourceModule, macro: str, program: str) -> list[str]:
-    """Return what compiles a program that a macro switches on in the sources of the FMU of FMI 3.0, and runs it."""
+def _commands(module: SourceModule, program: str) -> list[str]:
+    """Return what compiles a program in the sources of the FMU of FMI 3.0, and runs it."""
     unpacked = f"{module.name}_fmi3"
-    return [
-        f"python3 -m zipfile -e {unpacked}.fmu {unpacked}",
-        f"cc -std=c99 -O2 -D{macro} -o {program} {unpacked}/sources/{module.name}.c -lm",
-        f"./{program}",
-    ]
+    source = f"{unpacked}/sources/{module.name}.c -lm"
+    return [f"python3 -m zipfile -e {unpacked}.fmu {unpacked}", *compiled(module, program, "cc -std=c99 -O2", source)]
 
 
 def contents(module: SourceModule, major: int) -> dict[str, str | bytes]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from lagrange.export.comments import plain
-from lagrange.export.descriptions import about_of, outcomes, places, records_of, sizes
+from lagrange.export.descriptions import about_of, outcomes, places, records_of, sizes, statement_comment
 from lagrange.export.identifiers import LONGEST, distinct
 from lagrange.export.languages.fortran_printer import Names, comment, listed, record_type, short, subroutine
-from lagrange.export.languages.fortran_programs import main_macro, programs, test_macro
-from lagrange.export.languages.fortran_spelling import CONSTANTS, HELPERS, KINDS, RESERVED, real_literal
+from lagrange.export.languages.fortran_programs import programs
+from lagrange.export.languages.fortran_spelling import CONSTANTS, HELPERS, KINDS, LITERALS, RESERVED
 from lagrange.export.module import SourceModule
+from lagrange.export.programs import compiled
 from lagrange.export.target import Target
 from lagrange.procedure.form import Kind, Procedure, Record
 
@@ -27,21 +27,14 @@ class Fortran(Target):
 
     def commands(self, module: SourceModule) -> list[str]:
         """Return what compiles and runs the test."""
-        name = module.name
-        return [
-            f"gfortran -std=f2008 -O2 -D{test_macro(module)} -o {name}_test {name}.F90",
-            f"./{name}_test",
-        ]
+        return compiled(module, "test", COMPILER, f"{module.name}.F90")
 
     def run_commands(self, module: SourceModule) -> list[str]:
         """Return what compiles and runs the integration of the initial state."""
-        if module.run is None:
-            return []
-        name = module.name
-        return [
-            f"gfortran -std=f2008 -O2 -D{main_macro(module)} -o {name}_main {name}.F90",
-            f"./{name}_main",
-        ]
+        return compiled(module, "main", COMPILER, f"{module.name}.F90")
+
+
+COMPILER = "gfortran -std=f2008 -O2"
 
 
 def module_name(module: SourceModule) -> str:
@@ -65,7 +58,7 @@ def source(module: SourceModule) -> str:
     names = names_of(module)
     printed = [subroutine(one, names) for one in module.procedures]
     lines = [
-        *(f"! {plain(line)}".rstrip() for line in module.statement),
+        *statement_comment(module, "!"),
         "",
         f"module {names.module}",
         "  use, intrinsic :: iso_fortran_env, only: dp => real64, int64",
@@ -79,7 +72,7 @@ def source(module: SourceModule) -> str:
         "contains",
         "",
         *printed,
-        *(HELPERS[op][1] for op in sorted(names.helpers)),
+        *(HELPERS[op][1] for op in sorted(names.needed)),
         f"end module {names.module}",
         *programs(module, names.module),
     ]
@@ -104,7 +97,7 @@ def _constants(module: SourceModule) -> Iterator[str]:
     for name, count, about in sizes(module):
         yield f"  integer, parameter, public :: {name}_size = {count} ! {about}"
     count = len(module.values)
-    values = ", ".join(map(real_literal, module.values))
+    values = ", ".join(map(LITERALS.real, module.values))
     given = f"[real(dp) :: {values}]" if count else "[real(dp) ::]"
     yield from short(f"  real(dp), parameter, public :: default_parameters({count}) = {given}")
     for name, value in CONSTANTS.items():

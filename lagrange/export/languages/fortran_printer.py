@@ -7,23 +7,21 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from lagrange.export.comments import wrapped
-from lagrange.export.identifiers import ascii_name
 from lagrange.export.languages.fortran_spelling import (
     CONVERSIONS,
     FUNCTIONS,
     HELPERS,
     KINDS,
-    OPERANDS,
+    LITERALS,
+    OPERATORS,
     RESERVED,
-    SPELLED,
-    literal,
 )
 from lagrange.export.lines import continued
 from lagrange.export.offset_printer import OffsetPrinter
 from lagrange.procedure.form import CONSTANT, PARTIAL, REAL, Array, Call, Kind, Let, Procedure, Record
 from lagrange.procedure.interpreter import OPERATIONS
 from lagrange.procedure.source_printer import results_of
-from lagrange.procedure.syntax import ATOM
+from lagrange.procedure.spelling import ATOM
 
 WIDTH, LONGEST_LINE = 110, 132
 """Characters of a line of comment, and those that a line of Fortran may have."""
@@ -36,14 +34,14 @@ LARGE = 4096
 class Names:
     """What the procedures of a module share.
 
-    `results` says what the results of those are called that users call, `abouts` what they do. `helpers` collects the
+    `results` says what the results of those are called that users call, `abouts` what they do. `needed` collects the
     operations whose definitions the module needs.
     """
 
     module: str
     results: Mapping[Procedure, str]
     abouts: Mapping[Procedure, str]
-    helpers: dict[str, None] = field(default_factory=dict)
+    needed: dict[str, None] = field(default_factory=dict)
 
 
 def comment(text: str, indent: str = "  ") -> list[str]:
@@ -83,15 +81,16 @@ def listed(head: str, names: Sequence[str], room: int = WIDTH) -> Iterator[str]:
 class _FortranPrinter(OffsetPrinter):
     """Prints one procedure."""
 
-    spelled = SPELLED
-    operands = OPERANDS
+    language = "Fortran"
+    operators = OPERATORS
+    literals = LITERALS
+    functions = FUNCTIONS
+    helpers = HELPERS
     indent = "  "
 
     def __init__(self, procedure: Procedure, names: Names) -> None:
         self.names = names
-        own = [one.name for one in procedure.parameters]
-        words = (*RESERVED, names.module, procedure.name, *(name for name, _ in HELPERS.values()))
-        super().__init__(procedure, [word for word in words if word not in own])
+        super().__init__(procedure, names.needed, (*RESERVED, names.module, procedure.name))
         self.depth = 2
         self.local: dict[str, list[str]] = {}
         """The local names of each type."""
@@ -99,9 +98,8 @@ class _FortranPrinter(OffsetPrinter):
         stem = names.results.get(procedure, "found")
         self.found = [self.name(-1 - k, f"{stem}{k or ''}") for k in range(len(procedure.results))]
 
-    def function(self) -> str:
-        lines = super().function().splitlines()
-        return "\n".join([*(one for line in lines for one in short(line)), ""])
+    def broken(self, line: str) -> list[str]:
+        return short(line)
 
     def key(self, name: str) -> str:
         return name.lower()
@@ -139,12 +137,6 @@ class _FortranPrinter(OffsetPrinter):
     def tail(self) -> list[str]:
         return [f"  end subroutine {self.procedure.name}"]
 
-    def legal(self, stem: str) -> str:
-        return ascii_name(stem)
-
-    def literal(self, kind: Kind, data: Any) -> tuple[int, str]:
-        return literal(kind, data)
-
     def let(self, let: Let) -> None:
         if let.args and all(arg in self.constants for arg in let.args):
             # A compiler refuses 1.0/0.0 and what overflows, where all of it is constant.
@@ -161,12 +153,6 @@ class _FortranPrinter(OffsetPrinter):
         if special.startswith("equal"):
             self.function_of("equal")
         return ATOM, special.format(*(self.text(one) for one in let.args))
-
-    def function_of(self, op: str) -> str:
-        if op in FUNCTIONS:
-            return FUNCTIONS[op]
-        self.names.helpers[op] = None
-        return HELPERS[op][0]
 
     def define(self, name: str, kind: Kind, text: str) -> str:
         self._local(KINDS[kind], name)
@@ -186,7 +172,7 @@ class _FortranPrinter(OffsetPrinter):
         return text if "(" in text else text.replace("_int64", "")
 
     def reserve(self, ref: int, array: Array) -> None:
-        count = (array.size or 0) + max(array.room - 1, 0) or 1
+        count = array.length
         self.reserved += count
         self._local(KINDS[array.kind], f"{self.name(ref)}(0:{count - 1})")
 

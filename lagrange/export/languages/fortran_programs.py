@@ -4,33 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from lagrange.export.descriptions import (
-    MOST_STEPS,
-    TEST,
-    TEST_STEPS,
-    TEST_TOLERANCE,
-    columns,
-    integrator_of,
-    run_of,
-)
+from lagrange.export.descriptions import TEST, columns, integrator_of, outcome_texts
 from lagrange.export.languages.fortran_printer import comment, short
-from lagrange.export.languages.fortran_spelling import real_literal
+from lagrange.export.languages.fortran_spelling import LITERALS
 from lagrange.export.module import Check, SourceModule, StepCheck
+from lagrange.export.programs import arguments_in_test, macro, main_fields, tested
 
 CHUNK = 120
 """Numbers of a table in one statement, of which a compiler need not take more than 256 lines."""
 
 ENVIRONMENT = "use, intrinsic :: iso_fortran_env, only: dp => real64, int64"
-
-
-def test_macro(module: SourceModule) -> str:
-    """Return the macro that switches the test on."""
-    return f"{module.name.upper()}_TEST"
-
-
-def main_macro(module: SourceModule) -> str:
-    """Return the macro that switches the run of the initial state on."""
-    return f"{module.name.upper()}_MAIN"
 
 
 def programs(module: SourceModule, name: str) -> Iterator[str]:
@@ -41,7 +24,7 @@ def programs(module: SourceModule, name: str) -> Iterator[str]:
 
 def _table(name: str, rows: Sequence[Sequence[float]]) -> Iterator[str]:
     """Yield the assignment of a table of numbers, one behind the other."""
-    values = [real_literal(value) for row in rows for value in row]
+    values = [LITERALS.real(value) for row in rows for value in row]
     for k in range(0, len(values), CHUNK):
         part = values[k : k + CHUNK]
         yield from short(f"    {name}({k + 1}:{k + len(part)}) = [{', '.join(part)}]")
@@ -75,9 +58,8 @@ COMPARE = """\
 
 def _test(module: SourceModule, name: str) -> Iterator[str]:
     """Yield the test: a program that compares results with those of multiple precision."""
-    checks = [*(one.name for one in module.checks), *(one.name for one in module.step_checks)]
     yield ""
-    yield f"#ifdef {test_macro(module)}"
+    yield f"#ifdef {macro(module, 'test')}"
     yield from comment(f"{TEST} Exit status 0 if all are right.", "")
     yield f"program {name}_test"
     yield f"  {ENVIRONMENT}"
@@ -88,7 +70,7 @@ def _test(module: SourceModule, name: str) -> Iterator[str]:
     yield "  logical :: no_values"
     yield "  call prepare(default_parameters, p, no_values)"
     yield "  if (no_values) call missing('prepare: a matrix is singular', 1)"
-    yield from (f"  call test_{one}()" for one in checks)
+    yield from (f"  call test_{one}()" for one in tested(module))
     text = f"'{name}: ', checked - failures, ' of ', checked, ' results are right'"
     yield "  write (*, '(a, i0, a, i0, a)') &"
     yield f"    {text}"
@@ -138,12 +120,8 @@ def _integrator_test(module: SourceModule, check: StepCheck) -> Iterator[str]:
     for array, row in (("y", check.state), ("wanted", check.result), ("allowed", check.allowed)):
         yield from _table(array, [row])
     if adaptive:
-        yield f"    t = {real_literal(check.time)}"
-        given = f"t, {real_literal(check.time + check.length)}, y, p, " + f"{real_literal(TEST_TOLERANCE)}, " * 2
-        given += f"{TEST_STEPS}_int64"
-    else:
-        given = f"{real_literal(check.time)}, {real_literal(check.length)}, y, p"
-    yield from short(f"    call {check.name}({given}, outcome)")
+        yield f"    t = {LITERALS.real(check.time)}"
+    yield from short(f"    call {check.name}({arguments_in_test(module, check, LITERALS, 't')}, outcome)")
     yield "    if (outcome /= 0_int64) then"
     yield f"      call missing('{check.name}: it did not come to the end', {count})"
     yield "    else"
@@ -159,6 +137,8 @@ program {name}_main
   use {name}
   implicit none
   character(64) :: word
+  character(60), parameter :: outcomes(0:{last}) = [character(60) :: &
+{outcomes}]
   real(dp) :: p(prepared_size), y(state_size), t(1), t_end, next
   integer(int64) :: k, intervals, outcome
   integer :: unread
@@ -166,7 +146,7 @@ program {name}_main
 {initial}
   t = 0.0_dp
   t_end = {t_end}
-  intervals = {intervals}_int64
+  intervals = {intervals}
   unread = 0
   if (command_argument_count() > 0) then
     call get_command_argument(1, word)
@@ -188,10 +168,10 @@ program {name}_main
 {columns}
   do k = 0_int64, intervals
     next = t_end
-    if (k < intervals) next = t_end * (real(k, dp) / real(intervals, dp))
-    {call}
+    if (k < intervals) next = t_end * real(k, dp) / real(intervals, dp)
+    call {method}(t, next, y, p, {rtol}, {rtol}, {steps}, outcome)
     if (outcome /= 0_int64) then
-      write (error_unit, '(a, g0.17, a, i0)') 'the run stopped at t = ', t(1), ': outcome ', outcome
+      write (error_unit, '(a, g0.17, 2a)') 'the run stopped at t = ', t(1), ': ', trim(outcomes(outcome))
       stop 1
     end if
     write (*, '(g0.17, *(:, ",", g0.17))') t, y
@@ -202,23 +182,24 @@ end program {name}_main
 
 def _run(module: SourceModule, name: str) -> Iterator[str]:
     """Yield a program that integrates the initial state and writes a table."""
-    found = run_of(module)
-    if found is None:
+    fields = main_fields(module, LITERALS)
+    if fields is None or module.run is None:
         return
-    run, integrator = found
-    rtol = real_literal(run.rtol)
+    texts = outcome_texts("'")
     heads = columns(module).split(",")
     shown = [f"  write (*, '(a)', advance='no') '{one}{',' * (k < len(heads) - 1)}'" for k, one in enumerate(heads)]
     yield ""
-    yield f"#ifdef {main_macro(module)}"
+    yield f"#ifdef {macro(module, 'main')}"
     yield from comment(
         f"Integrate the initial state and write a table with commas: {name}_main [t_end [intervals]].", ""
     )
     yield MAIN.format(
+        **{
+            **fields,
+            "initial": "\n".join(line[2:] for line in _table("y", [module.run.initial])),
+            "outcomes": ", &\n".join(f"    {text}" for text in texts),
+        },
+        last=len(texts) - 1,
         name=name,
-        initial="\n".join(line[2:] for line in _table("y", [run.initial])),
-        t_end=real_literal(run.t_end),
-        intervals=run.intervals,
         columns="\n".join([*shown, "  write (*, '()')"]),
-        call=f"call {integrator.name}(t, next, y, p, {rtol}, {rtol}, {MOST_STEPS}_int64, outcome)",
     )

@@ -2,52 +2,37 @@
 
 from __future__ import annotations
 
-import math
 import struct
 from collections.abc import Mapping
-from typing import Any
 
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Kind
-from lagrange.procedure.syntax import ATOM
+from lagrange.procedure.spelling import OPERATORS as COMMON
+from lagrange.procedure.spelling import WORDS, Literals, Operator, call
 
 KINDS: Mapping[Kind, str] = {REAL: "real(dp)", WHOLE: "integer(int64)", FLAG: "logical"}
 
-SPELLED: Mapping[str, tuple[int, str]] = {
-    "or": (1, "{0} .or. {1}"),
-    "and": (2, "{0} .and. {1}"),
-    "not": (3, ".not. {0}"),
-    "equal": (4, "{0} == {1}"),
-    "less": (4, "{0} < {1}"),
-    "less_equal": (4, "{0} <= {1}"),
-    "add": (6, "{0} + {1}"),
-    "sub": (6, "{0} - {1}"),
-    "fma": (6, "{0} * {1} + {2}"),
-    "neg": (6, "-{0}"),
-    "mul": (7, "{0} * {1}"),
-    "div": (7, "{0} / {1}"),
-    "quotient": (7, "{0} / {1}"),
-    "power": (8, "{0}**{1}"),
-    "select": (ATOM, "merge({1}, {2}, {0})"),
-}
-
-OPERANDS: Mapping[str, tuple[int, ...]] = {
-    "or": (1, 2),
-    "and": (2, 3),
-    "not": (4,),
-    "equal": (6, 6),
-    "less": (6, 6),
-    "less_equal": (6, 6),
-    "add": (6, 7),
-    "sub": (6, 7),
-    "fma": (7, 8, 7),
-    "neg": (7,),
-    "mul": (7, 8),
-    "div": (7, 8),
-    "quotient": (7, 8),
-    "power": (9, 9),
-    "select": (0, 0, 0),
+OPERATORS: Mapping[str, Operator] = {
+    **COMMON,
+    "or": WORDS["or"]._replace(text="{0} .or. {1}"),
+    "and": WORDS["and"]._replace(text="{0} .and. {1}"),
+    "not": WORDS["not"]._replace(text=".not. {0}"),
+    "neg": Operator(6, "-{0}", (7,)),
+    "quotient": COMMON["div"],
+    "power": Operator(8, "{0}**{1}", (9, 9)),
+    "select": call("merge({1}, {2}, {0})"),
 }
 """A sign does not stand behind an operator: a number with one binds as a sum does."""
+
+
+def _finite(value: float) -> str:
+    """Return a finite double; one below the normal numbers by its bits, since compilers warn of it."""
+    if 0.0 < abs(value) < 2.0**-1022:
+        (bits,) = struct.unpack("<q", struct.pack("<d", abs(value)))
+        return f"{'-' if value < 0 else ''}transfer({bits}_int64, 1.0_dp)"
+    return f"{value!r}_dp"
+
+
+LITERALS = Literals("infinity", "not_a_number", (".false.", ".true."), 6, "{}_int64".format, _finite)
 
 FUNCTIONS: Mapping[str, str] = {
     **{name: name for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "erf")},
@@ -127,24 +112,3 @@ _OWN = "y p t h parameters unused default_parameters"
 
 RESERVED = (*_STATEMENTS.split(), *_INTRINSICS.split(), *_OWN.split(), *CONSTANTS)
 """Words that are not names of values: those of statements, functions, and what parameters of procedures are called."""
-
-
-def literal(kind: Kind, data: Any) -> tuple[int, str]:
-    """Return a constant and how tightly it binds."""
-    if kind is FLAG:
-        return ATOM, ".true." if data else ".false."
-    if kind is WHOLE:
-        return (ATOM if data >= 0 else 6), f"{data}_int64"
-    return (ATOM if math.isnan(data) or math.copysign(1.0, data) > 0 else 6), real_literal(data)
-
-
-def real_literal(value: float) -> str:
-    """Return a double with all its digits; one below the normal numbers by its bits, since compilers warn of it."""
-    if math.isnan(value):
-        return "not_a_number"
-    if math.isinf(value):
-        return "infinity" if value > 0 else "-infinity"
-    if 0.0 < abs(value) < 2.0**-1022:
-        (bits,) = struct.unpack("<q", struct.pack("<d", abs(value)))
-        return f"{'-' if value < 0 else ''}transfer({bits}_int64, 1.0_dp)"
-    return f"{value!r}_dp"

@@ -3,26 +3,26 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
-from lagrange.export.comments import commented, number_lines, plain
+from lagrange.export.comments import commented
 from lagrange.export.descriptions import (
-    MOST_STEPS,
     TEST,
-    TEST_STEPS,
-    TEST_TOLERANCE,
     about_of,
     columns,
-    integrator_of,
+    lengths,
     outcomes,
     places,
-    run_of,
     sizes,
+    statement_comment,
+    statuses,
 )
 from lagrange.export.languages.javascript_printer import File, function
-from lagrange.export.languages.javascript_spelling import helper_lines, real_literal
+from lagrange.export.languages.javascript_spelling import LITERALS, helper_lines
+from lagrange.export.lines import continued
 from lagrange.export.module import Check, SourceModule, StepCheck
 from lagrange.export.offsets import Shifted, shifted_parameters
+from lagrange.export.programs import arguments_in_test, main_fields, tables
 from lagrange.export.target import Target
 from lagrange.procedure.form import Procedure
 
@@ -44,7 +44,7 @@ class JavaScript(Target):
 
     def run_commands(self, module: SourceModule) -> list[str]:
         """Return what runs the initial state."""
-        return [] if module.run is None else [_node(module, "main", "process.argv.slice(1)")]
+        return [_node(module, "main", "process.argv.slice(1)")]
 
 
 def _node(module: SourceModule, function: str, given: str) -> str:
@@ -54,25 +54,46 @@ def _node(module: SourceModule, function: str, given: str) -> str:
 
 
 def source(module: SourceModule) -> str:
-    """Return the module."""
+    """Return the module.
+
+    Functions that are called once for a run check the lengths of arrays; for a quantity that would be 3% of its time.
+    """
+    quantities = [one.procedure for one in module.quantities]
     file = File(
         shifted_parameters(module.procedures, _places_given(module)),
         module.public,
         [one.name for one in module.procedures],
+        {one: lengths(module, one) for one in module.public if one not in quantities},
     )
     functions = [function(procedure, file) for procedure in module.procedures]
     lines = [
-        *(f"// {plain(line)}".rstrip() for line in module.statement),
+        *statement_comment(module, "//"),
         "",
         *constants(module),
         "",
-        *helper_lines(file.helpers),
-        *(["// Local arrays and records: calls make none.", *file.memory.values(), ""] if file.memory else []),
+        *CHECK_LENGTH.splitlines(),
+        "",
+        *helper_lines(file.needed),
+        *(["// Local arrays and records: calls make none.", *_memory(file), ""] if file.memory else []),
         *functions,
         *test(module),
         *run(module),
     ]
     return "\n".join(lines).rstrip("\n") + "\n"
+
+
+CHECK_LENGTH = """\
+function check_length(name, array, least) {
+    if (!(array.length >= least)) {
+        throw new RangeError(`${name} has ${array.length} numbers: give ${least}`);
+    }
+}
+"""
+
+
+def _memory(file: File) -> Iterator[str]:
+    for declaration in file.memory.values():
+        yield from continued(declaration)
 
 
 def _places_given(module: SourceModule) -> Shifted:
@@ -92,12 +113,13 @@ def constants(module: SourceModule) -> Iterator[str]:
     yield from commented(places("y", module.state), "//")
     yield from commented(places("parameters", module.parameters), "//")
     for name, names in (("state_names", module.state), ("parameter_names", module.parameters)):
-        yield f"export const {name} = Object.freeze({json.dumps(list(names))});"
-    yield f"export const default_parameters = Object.freeze([{', '.join(map(real_literal, module.values))}]);"
+        yield from continued(f"export const {name} = Object.freeze({json.dumps(list(names))});")
+    values = ", ".join(map(LITERALS.real, module.values))
+    yield from continued(f"export const default_parameters = Object.freeze([{values}]);")
     yield ""
     yield from commented(
-        "Each function of t, y and p returns false, or true where a matrix is singular to round-off: out is then not "
-        "to be used. Arrays are Float64Array. y_at and out_at are the places where state and results begin.",
+        f"{statuses('false', 'true')} Arrays are Float64Array. y_at and out_at are the places where state and results "
+        "begin. Where an array of such a function is too short, results are NaN or missing.",
         "//",
     )
     if module.integrators:
@@ -173,34 +195,24 @@ def test(module: SourceModule) -> Iterator[str]:
 
 def _quantity_test(check: Check) -> Iterator[str]:
     yield f'    quantity("{check.name}", {check.name},'
-    for rows in ([check.times], check.states, check.results, check.allowed):
-        yield from _table([value for row in rows for value in row])
+    yield from tables(check.flat, LITERALS)
     yield "    );"
 
 
 def _integrator_test(module: SourceModule, check: StepCheck) -> Iterator[str]:
-    begin = real_literal(check.time)
-    if integrator_of(module, check.name).adaptive:
-        limits = f"{TEST_TOLERANCE}, {TEST_TOLERANCE}, {TEST_STEPS}"
-        given = f"[{begin}], {real_literal(check.time + check.length)}, y, p, {limits}"
-    else:
-        given = f"{begin}, {real_literal(check.length)}, y, p"
+    given = arguments_in_test(module, check, LITERALS, "[{0}]")
     yield f'    integrator("{check.name}", (y) => {check.name}({given}),'
-    for row in (check.state, check.result, check.allowed):
-        yield from _table(row)
+    yield from tables((check.state, check.result, check.allowed), LITERALS)
     yield "    );"
-
-
-def _table(values: Sequence[float]) -> Iterator[str]:
-    yield "        ["
-    yield from number_lines(map(real_literal, values), "            ")
-    yield "        ],"
 
 
 # --- the run of the initial state
 
 MAIN = """\
 export function main(words = [], print = console.log) {{
+    const outcomes = [
+{outcomes}
+    ];
     const p = new Float64Array(PREPARED);
     const t = new Float64Array(1);
     const y = Float64Array.of({initial});
@@ -216,10 +228,10 @@ export function main(words = [], print = console.log) {{
     }}
     print({columns});
     for (let k = 0; k <= intervals; k++) {{
-        const end = k === intervals ? t_end : t_end * (k / intervals);
+        const end = k === intervals ? t_end : (t_end * k) / intervals;
         const outcome = {method}(t, end, y, p, {rtol}, {rtol}, {steps});
         if (outcome !== 0) {{
-            console.error(`the run stopped at t = ${{t[0]}}: outcome ${{outcome}}`);
+            console.error(`the run stopped at t = ${{t[0]}}: ${{outcomes[outcome]}}`);
             return 1;
         }}
         print([t[0], ...y].join(","));
@@ -230,22 +242,14 @@ export function main(words = [], print = console.log) {{
 
 def run(module: SourceModule) -> Iterator[str]:
     """Yield a function that integrates the initial state and writes a table."""
-    found = run_of(module)
-    if found is None:
+    fields = main_fields(module, LITERALS)
+    if fields is None:
         return
-    settings, integrator = found
     yield ""
     yield from commented(
         "Integrate the initial state and print a table with commas; words may be [t_end, intervals]. Returns 0, or 1 "
         "where the run stopped.",
         "//",
     )
-    yield MAIN.format(
-        initial=", ".join(map(real_literal, settings.initial)),
-        t_end=real_literal(settings.t_end),
-        intervals=settings.intervals,
-        columns=json.dumps(columns(module)),
-        method=integrator.name,
-        rtol=real_literal(settings.rtol),
-        steps=MOST_STEPS,
-    )
+    for line in MAIN.format(**fields, columns=json.dumps(columns(module))).splitlines():
+        yield from continued(line)

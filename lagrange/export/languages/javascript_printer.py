@@ -6,34 +6,34 @@ where it begins.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
-from lagrange.errors import LagrangeError
 from lagrange.export.braced import BracedPrinter
 from lagrange.export.comments import commented
-from lagrange.export.languages.javascript_spelling import FUNCTIONS, HELPERS, OPERANDS, RESERVED, SPELLED, literal
+from lagrange.export.languages.javascript_spelling import FUNCTIONS, HELPERS, LITERALS, OPERATORS, RESERVED
 from lagrange.export.offset_printer import OffsetPrinter, Place
 from lagrange.export.offsets import Shifted
 from lagrange.procedure.form import FLAG, Array, Call, Kind, Let, Procedure, Record
 from lagrange.procedure.source_printer import results_of
-from lagrange.procedure.syntax import ATOM
+from lagrange.procedure.spelling import ATOM
 
 
 @dataclass(frozen=True)
 class File:
     """What the functions of one file share.
 
-    `shifted` has the array parameters that begin at a place, `functions` the names of all functions. `memory` collects
-    the declarations of local arrays and records by name, `helpers` the operations whose definitions the file needs.
+    `shifted` has the array parameters that begin at a place, `functions` the names of all functions,
+    `lengths` those that check how many numbers there are in the arrays that they are given. `memory` collects
+    the declarations of local arrays and records by name, `needed` the operations whose definitions the file needs.
     """
 
     shifted: Shifted
     public: Sequence[Procedure]
     functions: Sequence[str]
+    lengths: Mapping[Procedure, Mapping[str, int]] = field(default_factory=dict)
     memory: dict[str, str] = field(default_factory=dict)
-    helpers: dict[str, None] = field(default_factory=dict)
+    needed: dict[str, None] = field(default_factory=dict)
 
 
 def function(procedure: Procedure, file: File) -> str:
@@ -47,45 +47,33 @@ def results_name(procedure: Procedure) -> str:
 
 
 class _JavaScriptPrinter(BracedPrinter, OffsetPrinter):
-    spelled = SPELLED
-    operands = OPERANDS
+    language = "JavaScript"
+    operators = OPERATORS
+    literals = LITERALS
+    functions = FUNCTIONS
+    helpers = HELPERS
+    index_type = "let"
 
     def __init__(self, procedure: Procedure, file: File) -> None:
         self.file = file
         self.offsets: list[str] = []
-        own = [one.name for one in procedure.parameters]
-        words = (*RESERVED, *(name for name, _ in HELPERS.values()), *map(results_name, procedure.callees))
-        super().__init__(procedure, [word for word in words if word not in own])
+        super().__init__(procedure, file.needed, (*RESERVED, *map(results_name, procedure.callees)))
 
     def head(self) -> list[str]:
         public = self.procedure in self.file.public
         given = [self.text(one.ref) for one in self.procedure.parameters]
         given += [f"{one}{' = 0' if public else ''}" for one in self.offsets]
         about = commented(self.procedure.about, "//")
-        return [*about, f"{'export ' if public else ''}function {self.procedure.name}({', '.join(given)}) {{"]
+        head = f"{'export ' if public else ''}function {self.procedure.name}({', '.join(given)}) {{"
+        lengths = self.file.lengths.get(self.procedure, {}).items()
+        return [*about, head, *(f'{self.indent}check_length("{name}", {name}, {least});' for name, least in lengths)]
 
-    def function(self) -> str:
-        for parameter in self.procedure.parameters:
-            self.types[parameter.ref] = parameter.type
-            self.name(parameter.ref, parameter.name)
+    def name_parameters(self) -> None:
+        super().name_parameters()
         for k, parameter in enumerate(self.procedure.parameters):
             if k in self.file.shifted[self.procedure]:
                 self.offsets.append(self.name(-1 - parameter.ref, f"{parameter.name}_at"))
                 self.begins(parameter.ref, Place(parameter.ref, (self.offsets[-1],)))
-        head = self.head()
-        self.block(self.procedure.body)
-        return "\n".join([*head, *self.lines, *self.tail(), ""])
-
-    def literal(self, kind: Kind, data: Any) -> tuple[int, str]:
-        return literal(kind, data)
-
-    def function_of(self, op: str) -> str:
-        if op in FUNCTIONS:
-            return FUNCTIONS[op]
-        if op not in HELPERS:
-            raise LagrangeError(f"JavaScript has no function for {op}.")
-        self.file.helpers[op] = None
-        return HELPERS[op][0]
 
     def operation(self, let: Let) -> tuple[int, str]:
         if let.op in ("real", "whole"):
@@ -107,7 +95,7 @@ class _JavaScriptPrinter(BracedPrinter, OffsetPrinter):
 
     def reserve(self, ref: int, array: Array) -> None:
         name = self.memory_name(ref)
-        self.file.memory[name] = f"const {name} = new Float64Array({(array.size or 0) + max(array.room - 1, 0) or 1});"
+        self.file.memory[name] = f"const {name} = new Float64Array({array.length});"
 
     def reserve_record(self, ref: int, record: Record) -> None:
         name = self.memory_name(ref)
@@ -150,15 +138,3 @@ class _JavaScriptPrinter(BracedPrinter, OffsetPrinter):
         for k, value in enumerate(values):
             self.write(f"{name}.r{k} = {self.text(value)};")
         self.put("return;")
-
-    def opening(self, kind: str, *texts: str) -> str:
-        match kind, texts:
-            case "for", (index, start, stop, step):
-                moved = f"{index}++" if step == "1" else f"{index} += {step}"
-                return f"for (let {index} = {start}; {index} < {stop}; {moved}) {{"
-            case "forever", _:
-                return "for (;;) {"
-            case "else", _:
-                return "} else {"
-            case _:
-                return f"{kind} ({texts[0]}) {{"

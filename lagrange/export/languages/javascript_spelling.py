@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from typing import Any
 
-from lagrange.export.languages.c_spelling import OPERANDS as C_OPERANDS
-from lagrange.export.languages.c_spelling import SPELLED as C_SPELLED
-from lagrange.procedure.form import FLAG, WHOLE, Kind
-from lagrange.procedure.syntax import ATOM
+from lagrange.export.languages.c_spelling import OPERATORS as C_OPERATORS
+from lagrange.procedure.spelling import ATOM, Literals, Operator
 
-_C_CASTS = ("real", "whole", "quotient")
-
-SPELLED: Mapping[str, tuple[int, str]] = {
-    **{op: text for op, text in C_SPELLED.items() if op not in _C_CASTS},
-    "equal": (4, "{0} === {1}"),
-    "quotient": (ATOM, "Math.trunc({0} / {1})"),
+OPERATORS: Mapping[str, Operator] = {
+    **C_OPERATORS,
+    "equal": C_OPERATORS["equal"]._replace(text="{0} === {1}"),
+    "quotient": Operator(ATOM, "Math.trunc({0} / {1})", C_OPERATORS["div"].operands),
 }
 
-OPERANDS: Mapping[str, tuple[int, ...]] = {op: least for op, least in C_OPERANDS.items() if op not in _C_CASTS[:2]}
+LITERALS = Literals("Infinity", "NaN")
 
 _MATH = (
     *("abs", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log"),
@@ -112,26 +106,8 @@ _RESERVED = (
     "export extends false finally for function get if implements import in instanceof interface let new null "
     "of package private protected public return set static super switch this throw true try typeof var void "
     "while with yield Array ArrayBuffer DataView Float64Array Infinity Math NaN Number Object String "
-    "console globalThis process undefined bits test main default_parameters state_names parameter_names "
+    "console globalThis process undefined bits check_length test main default_parameters state_names parameter_names "
     "y p out t h parameters "
 )
 RESERVED = (*_RESERVED.split(),)
 """Words that are not names of values: keywords, what the file uses, and what parameters of functions are called."""
-
-
-def literal(kind: Kind, data: Any) -> tuple[int, str]:
-    """Return a constant and how tightly it binds."""
-    if kind is FLAG:
-        return ATOM, "true" if data else "false"
-    if kind is WHOLE:
-        return (ATOM if data >= 0 else 8), str(data)
-    return (ATOM if math.isnan(data) or math.copysign(1.0, data) > 0 else 8), real_literal(data)
-
-
-def real_literal(value: float) -> str:
-    """Return a double with all its digits."""
-    if math.isnan(value):
-        return "NaN"
-    if math.isinf(value):
-        return "Infinity" if value > 0 else "-Infinity"
-    return repr(value)

@@ -15,28 +15,28 @@ from lagrange.export.languages.straight_line import (
 from lagrange.export.languages.straight_line_module import straight_line_module
 from lagrange.export.module import SourceModule
 from lagrange.export.target import Target
-from lagrange.procedure.syntax import ATOM
+from lagrange.procedure.spelling import Operator, call
 from lagrange.program.program import Program
 
 WRITTEN_OUT = 4
 """Largest matrix that is eliminated entry by entry. In a batch a matrix of order 2 then takes 30 ns instead of LAPACK's
 290, of order 4 200 instead of 520; one of order 6 takes as long either way, and five times as long to compile."""
 
-OPERATIONS: Mapping[str, tuple[int, str]] = {
+OPERATIONS: Mapping[str, Operator] = {
     **OPERATORS,
-    **{op: (ATOM, f"jnp.{op}({{0}})") for op in ("sqrt", "sin", "cos", "tan", "exp")},
-    **{op: (ATOM, f"_{op}({{0}})") for op in ("log", "sinh", "cosh", "tanh", "atanh")},
-    **{op: (ATOM, f"jnp.arc{op[1:]}({{0}})") for op in ("asin", "acos", "atan", "asinh", "acosh")},
-    **{op: (ATOM, f"jnp.{op}({{0}})") for op in ("abs", "sign")},
-    "power": (ATOM, "jnp.power({0}, {1})"),
-    "atan2": (ATOM, "jnp.arctan2({0}, {1})"),
-    "erf": (ATOM, "jax.scipy.special.erf({0})"),
-    "min": (ATOM, "jnp.minimum({0}, {1})"),
-    "max": (ATOM, "jnp.maximum({0}, {1})"),
-    "and": (ATOM, "jnp.logical_and({0}, {1})"),
-    "or": (ATOM, "jnp.logical_or({0}, {1})"),
-    "not": (ATOM, "jnp.logical_not({0})"),
-    "select": (ATOM, "jnp.where({0}, {1}, {2})"),
+    **{op: call(f"jnp.{op}({{0}})") for op in ("sqrt", "sin", "cos", "tan", "exp")},
+    **{op: call(f"_{op}({{0}})") for op in ("log", "sinh", "cosh", "tanh", "atanh")},
+    **{op: call(f"jnp.arc{op[1:]}({{0}})") for op in ("asin", "acos", "atan", "asinh", "acosh")},
+    **{op: call(f"jnp.{op}({{0}})") for op in ("abs", "sign")},
+    "power": call("jnp.power({0}, {1})"),
+    "atan2": call("jnp.arctan2({0}, {1})"),
+    "erf": call("jax.scipy.special.erf({0})"),
+    "min": call("jnp.minimum({0}, {1})"),
+    "max": call("jnp.maximum({0}, {1})"),
+    "and": call("jnp.logical_and({0}, {1})"),
+    "or": call("jnp.logical_or({0}, {1})"),
+    "not": call("jnp.logical_not({0})"),
+    "select": call("jnp.where({0}, {1}, {2})"),
 }
 """What JAX calls each operation."""
 

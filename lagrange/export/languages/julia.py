@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from lagrange.export.comments import plain
-from lagrange.export.descriptions import about_of, outcomes, places, records_of, run_of, sizes
-from lagrange.export.identifiers import distinct
-from lagrange.export.languages.julia_printer import Names, comment, field_name, function, record_type
+from lagrange.export.descriptions import about_of, outcomes, places, records_of, run_of, sizes, statement_comment
+from lagrange.export.identifiers import distinct, unreserved
+from lagrange.export.languages.julia_printer import Names, comment, function, record_type
 from lagrange.export.languages.julia_programs import main_file, test_file
-from lagrange.export.languages.julia_spelling import HELPERS, KINDS, MODULES, real_literal
+from lagrange.export.languages.julia_spelling import HELPERS, KEYWORDS, KINDS, LITERALS, MODULES
 from lagrange.export.module import SourceModule
 from lagrange.export.target import Target
 from lagrange.procedure.form import Record
@@ -36,7 +35,7 @@ class Julia(Target):
 
     def run_commands(self, module: SourceModule) -> list[str]:
         """Return what runs the integration of the initial state."""
-        return [f"julia {module.name}_main.jl"] if module.run is not None else []
+        return [f"julia {module.name}_main.jl"]
 
 
 def module_name(module: SourceModule) -> str:
@@ -50,14 +49,14 @@ def source(module: SourceModule) -> str:
     names = Names({one: about_of(module, one).replace("t[0]", "t[1]") for one in module.public})
     printed = [function(one, names) for one in module.procedures]
     lines = [
-        *(f"# {plain(line)}".rstrip() for line in module.statement),
+        *statement_comment(module, "#"),
         "",
         f"module {module_name(module)}",
         "",
         *_constants(module),
         "",
         *(line for record in records_of(module.procedures) for line in _type(record)),
-        *(HELPERS[op][1] for op in sorted(names.helpers)),
+        *(HELPERS[op][1] for op in sorted(names.needed)),
         *printed,
         "end",
     ]
@@ -76,7 +75,7 @@ def _constants(module: SourceModule) -> Iterator[str]:
     yield ""
     for name, count, about in sizes(module):
         yield f"const {name.upper()}_SIZE = {count} # {about}"
-    yield f"const DEFAULT_PARAMETERS = Float64[{', '.join(map(real_literal, module.values))}]"
+    yield f"const DEFAULT_PARAMETERS = Float64[{', '.join(map(LITERALS.real, module.values))}]"
 
 
 def _type(record: Record) -> Iterator[str]:
@@ -84,7 +83,7 @@ def _type(record: Record) -> Iterator[str]:
     name = record_type(record)
     yield f"mutable struct {name}"
     for one, kind in record.fields:
-        yield f"    {field_name(one)}::{KINDS[kind]}"
+        yield f"    {unreserved(one, KEYWORDS)}::{KINDS[kind]}"
     yield f"    {name}() = new({', '.join('0' for _ in record.fields)})"
     yield "end"
     yield ""

@@ -4,25 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from lagrange.export.comments import plain, wrapped
-from lagrange.export.identifiers import ascii_name
+from lagrange.export.ended import EndedPrinter
 from lagrange.export.languages.julia_spelling import (
     CONVERSIONS,
     FUNCTIONS,
     HELPERS,
     KEYWORDS,
     KINDS,
-    OPERANDS,
+    LITERALS,
+    OPERATORS,
     RESERVED,
-    SPELLED,
-    literal,
 )
-from lagrange.export.offset_printer import OffsetPrinter, written
-from lagrange.procedure.form import PARTIAL, REAL, Array, Call, Kind, Let, Parameter, Procedure, Record
+from lagrange.export.offset_printer import written
+from lagrange.procedure.form import PARTIAL, Array, Call, Kind, Let, Parameter, Procedure, Record
 from lagrange.procedure.source_printer import results_of
-from lagrange.procedure.syntax import ATOM
+from lagrange.procedure.spelling import ATOM
 
 WIDTH = 110
 """Characters of a line of comment or of a table."""
@@ -33,7 +31,7 @@ class Names:
     """What the functions of a module share: what the public ones do, and the helpers that are needed."""
 
     abouts: Mapping[Procedure, str]
-    helpers: dict[str, None] = field(default_factory=dict)
+    needed: dict[str, None] = field(default_factory=dict)
 
 
 def comment(text: str, indent: str = "") -> list[str]:
@@ -62,18 +60,20 @@ def function(procedure: Procedure, names: Names) -> str:
     return _JuliaPrinter(procedure, names).function()
 
 
-class _JuliaPrinter(OffsetPrinter):
+class _JuliaPrinter(EndedPrinter):
     """Prints one procedure."""
 
-    spelled = SPELLED
-    operands = OPERANDS
-    first = 1
+    language = "Julia"
+    operators = OPERATORS
+    literals = LITERALS
+    functions = FUNCTIONS
+    helpers = HELPERS
+    keywords = KEYWORDS
+    among = "in"
 
     def __init__(self, procedure: Procedure, names: Names) -> None:
         self.names = names
-        own = [one.name for one in procedure.parameters]
-        words = (*RESERVED, *(name for name, _ in HELPERS.values()))
-        super().__init__(procedure, [word for word in words if word not in own])
+        super().__init__(procedure, names.needed, RESERVED)
 
     def function_name(self, procedure: Procedure) -> str:
         return f"{procedure.name}!"
@@ -99,24 +99,9 @@ class _JuliaPrinter(OffsetPrinter):
             for name, size in least.items()
         ]
 
-    def tail(self) -> list[str]:
-        return ["end"]
-
-    def legal(self, stem: str) -> str:
-        return ascii_name(stem)
-
-    def literal(self, kind: Kind, data: Any) -> tuple[int, str]:
-        return literal(kind, data)
-
     def operation(self, let: Let) -> tuple[int, str]:
         special = CONVERSIONS.get((let.op, self.kind(let.args[0])))
         return super().operation(let) if special is None else (ATOM, special.format(self.text(let.args[0])))
-
-    def function_of(self, op: str) -> str:
-        if op in FUNCTIONS:
-            return FUNCTIONS[op]
-        self.names.helpers[op] = None
-        return HELPERS[op][0]
 
     def define(self, name: str, kind: Kind, text: str) -> str:
         return f"{name} = {text}"
@@ -129,14 +114,10 @@ class _JuliaPrinter(OffsetPrinter):
         return f"{self.text(whole)}[{index}]"
 
     def reserve(self, ref: int, array: Array) -> None:
-        count = (array.size or 0) + max(array.room - 1, 0) or 1
-        self.put(f"{self.name(ref)} = zeros({KINDS[array.kind]}, {count})")
+        self.put(f"{self.name(ref)} = zeros({KINDS[array.kind]}, {array.length})")
 
     def reserve_record(self, ref: int, record: Record) -> None:
         self.put(f"{self.name(ref)} = {record_type(record)}()")
-
-    def member(self, record: int, field: str) -> str:
-        return f"{self.text(record)}.{field_name(field)}"
 
     def passed(self, ref: int) -> str:
         """Return an argument of a call: the part of an array that begins at a place as a view."""
@@ -167,32 +148,8 @@ class _JuliaPrinter(OffsetPrinter):
     def comment(self, text: str) -> str:
         return f"# {plain(text)}".rstrip()
 
-    def opening(self, kind: str, *texts: str) -> str:
-        match kind, texts:
-            case "for", (index, start, stop, step):
-                last = str(int(stop) - 1) if stop.isdigit() else f"{stop} - 1"
-                return f"for {index} in {start}:{'' if step == '1' else f'{step}:'}{last}"
-            case "forever", _:
-                return "while true"
-            case _:
-                return " ".join([kind, *texts])
-
-    def closing(self, kind: str) -> str:
-        return "end"
-
-    def leaving_loop(self) -> str:
-        return "break"
-
-    def partial_sums(self, ref: int) -> None:
-        self.reserve(ref, Array(REAL, PARTIAL))
-
     def partial(self, ref: int, place: str) -> str:
-        return f"{self.text(ref)}[{int(place) + 1 if place.isdigit() else f'{place} + 1'}]"
+        return f"{self.text(ref)}[{self.partial_index(place)}]"
 
     def modulo(self, index: str) -> str:
         return f"{index} % {PARTIAL}"
-
-
-def field_name(name: str) -> str:
-    """Return the name of a field of a record, which is no keyword."""
-    return f"{name}_" if name in KEYWORDS else name

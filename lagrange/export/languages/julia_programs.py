@@ -4,18 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from lagrange.export.descriptions import (
-    MOST_STEPS,
-    TEST,
-    TEST_STEPS,
-    TEST_TOLERANCE,
-    columns,
-    integrator_of,
-    run_of,
-)
-from lagrange.export.languages.julia_printer import WIDTH, comment
-from lagrange.export.languages.julia_spelling import real_literal
+from lagrange.export.descriptions import TEST, columns, integrator_of
+from lagrange.export.languages.julia_printer import WIDTH, comment, in_order
+from lagrange.export.languages.julia_spelling import LITERALS
 from lagrange.export.module import Check, SourceModule, StepCheck
+from lagrange.export.programs import arguments_in_test, main_fields, results_tested, tested
 
 COMPARE = """\
 function compare(name, state, found, wanted, allowed)
@@ -36,7 +29,7 @@ def _table(name: str, values: Sequence[float]) -> Iterator[str]:
     yield f"    {name} = ["
     line = " " * 8
     for value in values:
-        text = f"{real_literal(value)}, "
+        text = f"{LITERALS.real(value)}, "
         if len(line) + len(text) > WIDTH:
             yield line.rstrip()
             line = " " * 8
@@ -58,9 +51,7 @@ def _rows(name: str, rows: Sequence[Sequence[float]]) -> Iterator[str]:
 
 def test_file(module: SourceModule, name: str) -> str:
     """Return the program that compares results with those of multiple precision."""
-    count = sum(len(one.results) * len(one.results[0]) for one in module.checks)
-    count += sum(len(one.result) for one in module.step_checks)
-    checks = [*(one.name for one in module.checks), *(one.name for one in module.step_checks)]
+    count = results_tested(module)
     lines = [
         *comment(f"{TEST} Exit status 0 if all are right."),
         "",
@@ -80,7 +71,7 @@ def test_file(module: SourceModule, name: str) -> str:
         "        return 1",
         "    end",
         "    failures = 0",
-        *(f"    failures += test_{one}(p)" for one in checks),
+        *(f"    failures += test_{one}(p)" for one in tested(module)),
         f'    println("{module.name}: ", {count} - failures, " of ", {count}, " results are right")',
         "    return failures",
         "end",
@@ -117,12 +108,9 @@ def _integrator_test(module: SourceModule, check: StepCheck, name: str) -> Itera
     for table, row in (("y", check.state), ("wanted", check.result), ("allowed", check.allowed)):
         yield from _table(table, row)
     if integrator_of(module, check.name).adaptive:
-        yield f"    t = [{real_literal(check.time)}]"
-        tolerances = f"{TEST_TOLERANCE}, {TEST_TOLERANCE}, {TEST_STEPS}"
-        end = real_literal(check.time + check.length)
-        yield f"    outcome = {name}.{check.name}!(t, y, {end}, p, {tolerances})"
-    else:
-        yield f"    outcome = {name}.{check.name}!(y, {real_literal(check.time)}, {real_literal(check.length)}, p)"
+        yield f"    t = [{LITERALS.real(check.time)}]"
+    given = arguments_in_test(module, check, LITERALS, "t", order=in_order)
+    yield f"    outcome = {name}.{check.name}!({given})"
     yield "    if outcome != 0"
     yield f'        println("{check.name}: outcome $outcome")'
     yield "        y .= NaN"
@@ -136,6 +124,10 @@ MAIN = """\
 # Integrate the initial state and write a table with commas: julia {file}_main.jl [t_end [intervals]].
 
 include(joinpath(@__DIR__, "{file}.jl"))
+
+const OUTCOMES = [
+{outcomes}
+]
 
 function run_all(words)
     t_end = length(words) > 0 ? parse(Float64, words[1]) : {t_end}
@@ -153,10 +145,10 @@ function run_all(words)
     t = [0.0]
     println("{columns}")
     for k in 0:intervals
-        next = k == intervals ? t_end : t_end * (k / intervals)
-        outcome = {call}
+        next = k == intervals ? t_end : t_end * k / intervals
+        outcome = {name}.{method}!(t, y, next, p, {rtol}, {rtol}, {steps})
         if outcome != 0
-            println(stderr, "the run stopped at t = $(t[1]): outcome $outcome")
+            println(stderr, "the run stopped at t = $(t[1]): $(OUTCOMES[outcome + 1])")
             return 1
         end
         println(join([t[1]; y], ","))
@@ -170,16 +162,11 @@ exit(run_all(ARGS))
 
 def main_file(module: SourceModule, name: str) -> str:
     """Return the program that integrates the initial state and writes a table."""
-    found = run_of(module)
-    assert found is not None
-    run, integrator = found
-    rtol = real_literal(run.rtol)
+    fields = main_fields(module, LITERALS)
+    assert fields is not None and module.run is not None
     return MAIN.format(
+        **{**fields, "initial": "\n".join(_table("y", module.run.initial))},
         file=module.name,
         name=name,
-        t_end=real_literal(run.t_end),
-        intervals=run.intervals,
-        initial="\n".join(_table("y", run.initial)),
         columns=columns(module),
-        call=f"{name}.{integrator.name}!(t, y, next, p, {rtol}, {rtol}, {MOST_STEPS})",
     )

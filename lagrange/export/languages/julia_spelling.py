@@ -2,46 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from typing import Any
 
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Kind
-from lagrange.procedure.syntax import ATOM
+from lagrange.procedure.spelling import OPERATORS as COMMON
+from lagrange.procedure.spelling import Literals, Operator, call
 
 KINDS: Mapping[Kind, str] = {REAL: "Float64", WHOLE: "Int64", FLAG: "Bool"}
 
-SPELLED: Mapping[str, tuple[int, str]] = {
-    "or": (1, "{0} || {1}"),
-    "and": (2, "{0} && {1}"),
-    "equal": (4, "{0} == {1}"),
-    "less": (4, "{0} < {1}"),
-    "less_equal": (4, "{0} <= {1}"),
-    "add": (6, "{0} + {1}"),
-    "sub": (6, "{0} - {1}"),
-    "fma": (6, "{0} * {1} + {2}"),
-    "mul": (7, "{0} * {1}"),
-    "div": (7, "{0} / {1}"),
-    "neg": (8, "-{0}"),
-    "not": (8, "!{0}"),
-    "select": (ATOM, "ifelse({0}, {1}, {2})"),
-}
+OPERATORS: Mapping[str, Operator] = {**COMMON, "select": call("ifelse({0}, {1}, {2})")}
 
-OPERANDS: Mapping[str, tuple[int, ...]] = {
-    "or": (1, 2),
-    "and": (2, 3),
-    "equal": (6, 6),
-    "less": (6, 6),
-    "less_equal": (6, 6),
-    "add": (6, 7),
-    "sub": (6, 7),
-    "fma": (7, 8, 7),
-    "mul": (7, 8),
-    "div": (7, 8),
-    "neg": (9,),
-    "not": (9,),
-    "select": (0, 0, 0),
-}
+LITERALS = Literals("Inf", "NaN")
 
 FUNCTIONS: Mapping[str, str] = {
     **{name: name for name in ("atan", "exp", "sinh", "cosh", "tanh", "asinh", "abs", "copysign", "min", "max")},
@@ -106,23 +77,13 @@ KEYWORDS = (*_KEYWORDS.split(),)
 RESERVED = (*KEYWORDS, *_FROM_BASE.split(), *_OWN.split())
 """Words that are not names of values: keywords, functions, and what parameters of functions are called."""
 
-MODULES = ("Base", "Core", "Main", *_FROM_BASE.split())
-"""Words that are not names of modules."""
-
-
-def literal(kind: Kind, data: Any) -> tuple[int, str]:
-    """Return a constant and how tightly it binds."""
-    if kind is FLAG:
-        return ATOM, "true" if data else "false"
-    if kind is WHOLE:
-        return (ATOM if data >= 0 else 8), str(data)
-    return (ATOM if math.isnan(data) or math.copysign(1.0, data) > 0 else 8), real_literal(data)
-
-
-def real_literal(value: float) -> str:
-    """Return a double with all its digits."""
-    if math.isnan(value):
-        return "NaN"
-    if math.isinf(value):
-        return "Inf" if value > 0 else "-Inf"
-    return repr(value)
+_LIBRARY = """
+    Base Core Main Artifacts Dates Distributed Downloads Future Libdl Logging Markdown Mmap Pkg Printf Profile Random
+    Serialization Sockets Statistics Tar Test Unicode
+    Any Array Channel Char Cmd Colon Complex Condition Dict Enum Event Exception Expr Float16 Float32 Function Int Int8
+    Int16 Int32 Integer Iterators Lockable Matrix Meta Method Missing Module Number Nothing Pair Pairs Ptr Rational Real
+    Ref Regex Returns Set Signed Some String Symbol Sys Task Text Threads Timer Tuple Type Union Unsigned Val Vector
+    Version
+"""
+MODULES = (*_LIBRARY.split(), *_FROM_BASE.split())
+"""Words that are not names of modules: modules of the standard library, and types."""

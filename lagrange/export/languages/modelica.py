@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from lagrange.export.comments import plain, wrapped
-from lagrange.export.descriptions import TEST, places
+from lagrange.export.descriptions import TEST, places, statement_comment
 from lagrange.export.identifiers import distinct
-from lagrange.export.languages.modelica_printer import FunctionPrinter, Hoisted, broken, helpers_of, number
+from lagrange.export.languages.modelica_printer import LITERALS, FunctionPrinter, Hoisted, broken, helpers_of
 from lagrange.export.module import Check, Quantity, SourceModule
 from lagrange.export.target import Target
 
@@ -65,7 +65,7 @@ def script(name: str) -> str:
 
 def text(module: SourceModule) -> Iterator[str]:
     """Yield the lines of the package."""
-    yield from (f"// {plain(line)}".rstrip() for line in module.statement)
+    yield from statement_comment(module, "//")
     yield ""
     yield f"package {package(module)}"
     yield ""
@@ -129,9 +129,9 @@ def motion(module: SourceModule, hoisted: Hoisted) -> Iterator[str]:
     yield from remark("The motion from the initial state.")
     yield "model Motion"
     for name, stated, value in zip(parameters, module.parameters, module.values, strict=True):
-        yield f"  parameter Real {name}{_unit(module, stated)} = {number(value)};"
+        yield f"  parameter Real {name}{_unit(module, stated)} = {LITERALS.real(value)};"
     for name, stated, value in zip(state, module.state, run.initial, strict=True):
-        yield f"  Real {name}(start = {number(value)}, fixed = true{_unit(module, stated, ', ')});"
+        yield f"  Real {name}(start = {LITERALS.real(value)}, fixed = true{_unit(module, stated, ', ')});"
     for name, one in zip(results, shown, strict=True):
         yield f"  Real {name}[{len(one.results)}];"
     yield "protected"
@@ -142,7 +142,7 @@ def motion(module: SourceModule, hoisted: Hoisted) -> Iterator[str]:
     yield from (f"  der({name}) = rates[{k}];" for k, name in enumerate(state, 1))
     for name, one in zip(results, shown, strict=True):
         yield from broken(f"  {name} = Functions.{one.name}(time, {_array(state)}, p);", WIDTH)
-    yield f"  annotation(experiment(StopTime = {number(run.t_end)}, Tolerance = {number(run.rtol)}));"
+    yield f"  annotation(experiment(StopTime = {LITERALS.real(run.t_end)}, Tolerance = {LITERALS.real(run.rtol)}));"
     yield "end Motion;"
 
 
@@ -185,7 +185,7 @@ def _check(module: SourceModule, one: Quantity, check: Check, hoisted: Hoisted) 
     yield f"  Real p[{hoisted.size}];"
     yield f"  Real out[{len(one.results)}];"
     yield "algorithm"
-    values = f"{{{', '.join(map(number, module.values))}}}" if module.values else "fill(0.0, 0)"
+    values = f"{{{', '.join(map(LITERALS.real, module.values))}}}" if module.values else "fill(0.0, 0)"
     yield from broken(f"  p := Functions.prepare({values});", WIDTH)
     yield "  failures := 0;"
     yield f"  for k in 1:{len(check.times)} loop"
@@ -203,4 +203,4 @@ def _check(module: SourceModule, one: Quantity, check: Check, hoisted: Hoisted) 
 
 
 def _row(values: Sequence[float]) -> str:
-    return f"{{{', '.join(map(number, values))}}}"
+    return f"{{{', '.join(map(LITERALS.real, values))}}}"

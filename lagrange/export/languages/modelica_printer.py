@@ -2,35 +2,32 @@
 
 from __future__ import annotations
 
-import math
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 
 from lagrange.machine.kernel.python_text import FLAG_OPERATIONS, uses_of
+from lagrange.procedure.form import REAL
 from lagrange.procedure.linear.ldl import PIVOT
 from lagrange.procedure.source_printer import LONGEST_VALUE
-from lagrange.procedure.syntax import ATOM
+from lagrange.procedure.spelling import ATOM, WORDS, Literals, Operator, call
+from lagrange.procedure.spelling import OPERATORS as COMMON
 from lagrange.program.program import Instruction, Program
 
 SYSTEMS = ("factor", "solve", "component")
 
-SPELLED: Mapping[str, tuple[int, str, tuple[int, ...]]] = {
-    "select": (0, "if {0} then {1} else {2}", (0, 0, 0)),
-    "or": (1, "{0} or {1}", (1, 2)),
-    "and": (2, "{0} and {1}", (2, 3)),
-    "not": (3, "not {0}", (4,)),
-    "less": (4, "{0} < {1}", (5, 5)),
-    "less_equal": (4, "{0} <= {1}", (5, 5)),
-    "equal": (4, "{0} == {1}", (5, 5)),
-    "add": (5, "{0} + {1}", (5, 6)),
-    "sub": (5, "{0} - {1}", (5, 6)),
-    "fma": (5, "{0} * {1} + {2}", (6, 7, 6)),
-    "neg": (5, "-{0}", (6,)),
-    "mul": (6, "{0} * {1}", (6, 7)),
-    "div": (6, "{0} / {1}", (6, 7)),
-    "power": (7, "{0} ^ {1}", (8, 8)),
+OPERATORS: Mapping[str, Operator] = {
+    **COMMON,
+    **WORDS,
+    "select": Operator(1, "if {0} then {1} else {2}"),
+    "neg": Operator(6, "-{0}", (7,)),
+    "power": Operator(8, "{0} ^ {1}", (9, 9)),
 }
-"""Operators: how tightly each binds, its text, and how tightly operands must bind. A sign stands before a whole sum."""
+"""A sign stands before a whole sum."""
+
+LITERALS = Literals("exp(1000.0)", "sqrt(-1.0)", signed=OPERATORS["neg"].binds)
+"""What is not finite is computed, since there are no literals of it."""
+
+SUM = OPERATORS["add"].binds
 
 EXTERNAL = ("asinh", "acosh", "atanh", "erf")
 """Functions of the C library, which the language gives access to."""
@@ -139,15 +136,6 @@ FINITE = """\
 """Behind what divides by inertias: where one is zero, results are not finite, and a simulation could not go on."""
 
 
-def number(value: float) -> str:
-    """Return a literal with all digits; what is not finite is computed, since there are no literals of it."""
-    if math.isnan(value):
-        return "sqrt(-1.0)"
-    if math.isinf(value):
-        return "exp(1000.0)" if value > 0 else "(-exp(1000.0))"
-    return repr(value)
-
-
 def broken(line: str, width: int) -> list[str]:
     """Return a line on several of a width; what is broken is indented."""
     indent = " " * (len(line) - len(line.lstrip()) + 4)
@@ -209,6 +197,12 @@ def _read(program: Program, kept: Mapping[int, int]) -> dict[int, None]:
     return found
 
 
+def _call_of(one: Instruction) -> Operator:
+    """Return an operation as a call, of a function of the package where the language has none."""
+    name = CHOSEN[one.op][0] if one.op in CHOSEN else one.op
+    return call(f"{name}({', '.join(f'{{{k}}}' for k in range(len(one.args)))})")
+
+
 class FunctionPrinter:
     """Prints what stands behind the inputs of a function: its values, and how they are computed."""
 
@@ -256,8 +250,7 @@ class FunctionPrinter:
                 case "time":
                     self.texts[i] = ATOM, "t"
                 case "constant":
-                    negative = math.copysign(1.0, one.value) < 0 and math.isfinite(one.value)
-                    self.texts[i] = 5 if negative else ATOM, number(one.value)
+                    self.texts[i] = LITERALS.spelled(REAL, one.value)
                 case "factor" | "solve" | "component":
                     self.system(program, i, one, stem)
                 case _:
@@ -283,17 +276,12 @@ class FunctionPrinter:
     def operation(self, program: Program, i: int, one: Instruction, stem: str, uses: int) -> None:
         """Print an operation, or keep it for the one place where it is read."""
         conditions = CONDITIONS.get(one.op, ())
-        if one.op in SPELLED:
-            level, form, least = SPELLED[one.op]
-        else:
-            name = CHOSEN[one.op][0] if one.op in CHOSEN else one.op
-            level, least = ATOM, (0,) * len(one.args)
-            form = f"{name}({', '.join(f'{{{k}}}' for k in range(len(one.args)))})"
+        operator = OPERATORS.get(one.op) or _call_of(one)
         args = [
             self.condition(program, arg, need) if k in conditions else self.text(arg, need)
-            for k, (arg, need) in enumerate(zip(one.args, least, strict=True))
+            for k, (arg, need) in enumerate(zip(one.args, operator.operands or (0,) * len(one.args), strict=True))
         ]
-        found = form.format(*args)
+        level, found = operator.binds, operator.text.format(*args)
         if uses > 1 or len(found) >= LONGEST_VALUE:
             kind = "Boolean" if one.op in FLAG_OPERATIONS else "Real"
             self.declared.append(f"{kind} {stem}{i}")
@@ -310,8 +298,8 @@ class FunctionPrinter:
         """Return a condition; a number is one unless it is zero."""
         if program.instructions[ref].op in FLAG_OPERATIONS:
             return self.text(ref, least)
-        found = f"{self.text(ref, 5)} <> 0.0"
-        return found if least <= SPELLED["equal"][0] else f"({found})"
+        found = f"{self.text(ref, SUM)} <> 0.0"
+        return found if least <= OPERATORS["equal"].binds else f"({found})"
 
     def number(self, program: Program, ref: int) -> str:
         """Return a result: a condition is one or zero."""

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from lagrange.export.comments import plain
-from lagrange.export.descriptions import about_of, outcomes, places, run_of
+from lagrange.export.descriptions import about_of, outcomes, places, run_of, statement_comment
 from lagrange.export.identifiers import LONGEST
 from lagrange.export.languages.octave_printer import Names, Public, comment, function, signature, table
 from lagrange.export.languages.octave_programs import main_file, test_file
@@ -39,8 +38,6 @@ class Octave(Target):
 
     def run_commands(self, module: SourceModule) -> list[str]:
         """Return what runs the integration of the initial state in Octave."""
-        if module.run is None:
-            return []
         return [f'octave-cli --quiet --no-history --eval "{prefix_of(module)}main()"']
 
 
@@ -60,7 +57,7 @@ def names_of(module: SourceModule) -> Names:
 
 
 def _statement(module: SourceModule) -> list[str]:
-    return ["%", *(f"% {plain(line)}".rstrip() for line in module.statement)]
+    return ["%", *statement_comment(module, "%")]
 
 
 def _defaults(module: SourceModule, prefix: str) -> str:
@@ -80,7 +77,7 @@ def _defaults(module: SourceModule, prefix: str) -> str:
 
 def _file(module: SourceModule, procedure: Procedure, names: Names) -> str:
     """Return the file of a function that users call, behind it those that it alone calls."""
-    names.helpers.clear()
+    names.needed.clear()
     local = [one for one in procedure.callees if one not in names.public]
     head, *body = function(procedure, names).splitlines()
     behind = [function(one, names) for one in local]
@@ -91,7 +88,7 @@ def _file(module: SourceModule, procedure: Procedure, names: Names) -> str:
         *body,
         "",
         *behind,
-        *(HELPERS[op][1] for op in sorted(names.helpers)),
+        *(HELPERS[op][1] for op in sorted(names.needed)),
     ]
     return "\n".join(lines).rstrip("\n") + "\n"
 

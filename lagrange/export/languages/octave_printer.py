@@ -8,23 +8,22 @@ from typing import Any
 
 from lagrange.errors import LagrangeError
 from lagrange.export.comments import plain, wrapped
-from lagrange.export.identifiers import ascii_name
+from lagrange.export.ended import EndedPrinter
+from lagrange.export.identifiers import unreserved
 from lagrange.export.languages.octave_spelling import (
     CONVERSIONS,
     FUNCTIONS,
     HELPERS,
     KEYWORDS,
-    OPERANDS,
+    LITERALS,
+    OPERATORS,
     RESERVED,
-    SPELLED,
-    literal,
-    real_literal,
 )
 from lagrange.export.lines import continued
-from lagrange.export.offset_printer import OffsetPrinter, written
-from lagrange.procedure.form import PARTIAL, REAL, Array, Call, Kind, Let, Parameter, Procedure, Record
+from lagrange.export.offset_printer import written
+from lagrange.procedure.form import PARTIAL, Array, Call, Kind, Let, Parameter, Procedure, Record
 from lagrange.procedure.source_printer import results_of
-from lagrange.procedure.syntax import ATOM
+from lagrange.procedure.spelling import ATOM
 
 WIDTH, LONGEST_LINE = 110, 120
 """Characters of a line of comment or of a table, and those of a statement."""
@@ -47,7 +46,7 @@ class Names:
     """What the functions of a module share: the public ones, and the helpers that the file at hand needs."""
 
     public: Mapping[Procedure, Public]
-    helpers: dict[str, None] = field(default_factory=dict)
+    needed: dict[str, None] = field(default_factory=dict)
 
 
 def comment(text: str, indent: str = "") -> list[str]:
@@ -68,7 +67,7 @@ def table(name: str, rows: Sequence[Sequence[float]], indent: str = "    ") -> l
     for row in rows:
         line = indent * 2
         for k, value in enumerate(row):
-            text = f"{real_literal(value)}{', ' if k < len(row) - 1 else ''}"
+            text = f"{LITERALS.real(value)}{', ' if k < len(row) - 1 else ''}"
             if len(line) + len(text) > WIDTH:
                 lines.append(f"{line}...")
                 line = indent * 3
@@ -97,24 +96,25 @@ def function(procedure: Procedure, names: Names) -> str:
     return _OctavePrinter(procedure, names).function()
 
 
-class _OctavePrinter(OffsetPrinter):
+class _OctavePrinter(EndedPrinter):
     """Prints one procedure."""
 
-    spelled = SPELLED
-    operands = OPERANDS
-    first = 1
+    language = "Octave"
+    operators = OPERATORS
+    literals = LITERALS
+    functions = FUNCTIONS
+    helpers = HELPERS
+    keywords = KEYWORDS
+    among = "="
 
     def __init__(self, procedure: Procedure, names: Names) -> None:
         self.names = names
         self.public = names.public.get(procedure)
-        own = [one.name for one in procedure.parameters]
-        words = (*RESERVED, *(name for name, _ in HELPERS.values()))
-        super().__init__(procedure, [word for word in words if word not in own])
+        super().__init__(procedure, names.needed, RESERVED)
         self.found = self._result_names()
 
-    def function(self) -> str:
-        lines = super().function().splitlines()
-        return "\n".join([*(one for line in lines for one in short(line)), ""])
+    def broken(self, line: str) -> list[str]:
+        return short(line)
 
     def _result_names(self) -> list[str]:
         if self.public is not None:
@@ -139,15 +139,6 @@ class _OctavePrinter(OffsetPrinter):
         made = self.public.made
         return [*lines, *([] if made is None else [f"{self.indent}{results[0]} = zeros({made}, 1);"])]
 
-    def tail(self) -> list[str]:
-        return ["end"]
-
-    def legal(self, stem: str) -> str:
-        return ascii_name(stem)
-
-    def literal(self, kind: Kind, data: Any) -> tuple[int, str]:
-        return literal(kind, data)
-
     def operation(self, let: Let) -> tuple[int, str]:
         special = CONVERSIONS.get((let.op, self.kind(let.args[0])))
         if special == "{0}":
@@ -158,12 +149,6 @@ class _OctavePrinter(OffsetPrinter):
         if let.op == "select":
             self.function_of("select")
         return super().operation(let)
-
-    def function_of(self, op: str) -> str:
-        if op in FUNCTIONS:
-            return FUNCTIONS[op]
-        self.names.helpers[op] = None
-        return HELPERS[op][0]
 
     def folded(self, fold: Any, index: int) -> tuple[str, str]:
         if fold.op == "most":
@@ -181,15 +166,11 @@ class _OctavePrinter(OffsetPrinter):
         return f"{self.text(whole)}({index})"
 
     def reserve(self, ref: int, array: Array) -> None:
-        count = (array.size or 0) + max(array.room - 1, 0) or 1
-        self.put(f"{self.name(ref)} = zeros({count}, 1);")
+        self.put(f"{self.name(ref)} = zeros({array.length}, 1);")
 
     def reserve_record(self, ref: int, record: Record) -> None:
-        fields = ", ".join(f"'{field_name(name)}', 0" for name, _ in record.fields)
+        fields = ", ".join(f"'{unreserved(name, KEYWORDS)}', 0" for name, _ in record.fields)
         self.put(f"{self.name(ref)} = struct({fields});")
-
-    def member(self, record: int, field: str) -> str:
-        return f"{self.text(record)}.{field_name(field)}"
 
     def passed(self, ref: int) -> str:
         """Return an argument of a call: the part of an array that begins at a place by its numbers."""
@@ -245,35 +226,11 @@ class _OctavePrinter(OffsetPrinter):
     def comment(self, text: str) -> str:
         return f"% {plain(text)}".rstrip()
 
-    def opening(self, kind: str, *texts: str) -> str:
-        match kind, texts:
-            case "for", (index, start, stop, step):
-                last = str(int(stop) - 1) if stop.isdigit() else f"{stop} - 1"
-                return f"for {index} = {start}:{'' if step == '1' else f'{step}:'}{last}"
-            case "forever", _:
-                return "while true"
-            case _:
-                return " ".join([kind, *texts])
-
-    def closing(self, kind: str) -> str:
-        return "end"
-
-    def leaving_loop(self) -> str:
-        return "break"
-
-    def partial_sums(self, ref: int) -> None:
-        self.reserve(ref, Array(REAL, PARTIAL))
-
     def partial(self, ref: int, place: str) -> str:
-        return f"{self.text(ref)}({int(place) + 1 if place.isdigit() else f'{place} + 1'})"
+        return f"{self.text(ref)}({self.partial_index(place)})"
 
     def modulo(self, index: str) -> str:
         return f"mod({index}, {PARTIAL})"
-
-
-def field_name(name: str) -> str:
-    """Return the name of a field of a record, which is no keyword."""
-    return f"{name}_" if name in KEYWORDS else name
 
 
 def _last(begin: str, count: int) -> str:

@@ -4,18 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from lagrange.export.descriptions import (
-    MOST_STEPS,
-    TEST,
-    TEST_STEPS,
-    TEST_TOLERANCE,
-    columns,
-    integrator_of,
-    run_of,
-)
+from lagrange.export.descriptions import TEST, columns, integrator_of, outcome_texts
 from lagrange.export.languages.octave_printer import comment, table
-from lagrange.export.languages.octave_spelling import real_literal
+from lagrange.export.languages.octave_spelling import LITERALS
 from lagrange.export.module import Check, SourceModule, StepCheck
+from lagrange.export.programs import arguments_in_test, main_fields, results_tested, tested
 
 COMPARE = """\
 function failures = compare(name, state, found, wanted, allowed)
@@ -32,9 +25,7 @@ end
 
 def test_file(module: SourceModule, prefix: str) -> str:
     """Return the function that compares results with those of multiple precision, and returns the failures."""
-    checks = [*(one.name for one in module.checks), *(one.name for one in module.step_checks)]
-    count = sum(len(one.results) * len(one.results[0]) for one in module.checks)
-    count += sum(len(one.result) for one in module.step_checks)
+    count = results_tested(module)
     lines = [
         f"function failures = {prefix}test()",
         f"% failures = {prefix}test(): how many results are wrong; 0 is right.",
@@ -44,7 +35,7 @@ def test_file(module: SourceModule, prefix: str) -> str:
         "    if singular",
         "        fprintf('prepare: a matrix is singular\\n');",
         "    end",
-        *(f"    failures = failures + test_{one}_results(p);" for one in checks),
+        *(f"    failures = failures + test_{one}_results(p);" for one in tested(module)),
         f"    fprintf('{module.name}: %d of %d results are right\\n', {count} - failures, {count});",
         "end",
         "",
@@ -80,13 +71,9 @@ def _integrator_test(module: SourceModule, check: StepCheck, prefix: str) -> Ite
     yield f"function failures = test_{check.name}_results(p)"
     for name, row in (("y", check.state), ("wanted", check.result), ("allowed", check.allowed)):
         yield from table(name, [row])
-    time, step = real_literal(check.time), real_literal(check.length)
-    if integrator_of(module, check.name).adaptive:
-        tolerances = f"{TEST_TOLERANCE}, {TEST_TOLERANCE}, {TEST_STEPS}"
-        end = real_literal(check.time + check.length)
-        yield f"    [~, y, outcome] = {prefix}{check.name}({time}, {end}, y.', p, {tolerances});"
-    else:
-        yield f"    [y, outcome] = {prefix}{check.name}({time}, {step}, y.', p);"
+    results = "~, y, outcome" if integrator_of(module, check.name).adaptive else "y, outcome"
+    given = arguments_in_test(module, check, LITERALS, "{0}", "y.'")
+    yield f"    [{results}] = {prefix}{check.name}({given});"
     yield "    if outcome ~= 0"
     yield f"        fprintf('{check.name}: outcome %d\\n', outcome);"
     yield "        y(:) = NaN;"
@@ -100,6 +87,9 @@ MAIN = """\
 function {prefix}main(t_end, intervals)
 % {prefix}main(t_end, intervals)
 % Integrate the initial state and write a table with commas.
+    outcomes = {{
+{outcomes}
+    }};
     if nargin < 1
         t_end = {t_end};
     end
@@ -120,13 +110,13 @@ function {prefix}main(t_end, intervals)
     for k = 0:intervals
         next = t_end;
         if k < intervals
-            next = t_end * (k / intervals);
+            next = t_end * k / intervals;
         end
-        [t, y, outcome] = {call};
+        [t, y, outcome] = {prefix}{method}(t, next, y, p, {rtol}, {rtol}, {steps});
         if outcome ~= 0
-            error('the run stopped at t = %.17g: outcome %d', t, outcome);
+            error('the run stopped at t = %.17g: %s', t, outcomes{{outcome + 1}});
         end
-        fprintf('%.17g', t);
+        fprintf('%.*g', 15 + 2 * (str2double(sprintf('%.15g', t)) ~= t), t);
         fprintf(',%.17g', y);
         fprintf('\\n');
     end
@@ -136,18 +126,17 @@ end
 
 def main_file(module: SourceModule, prefix: str) -> str:
     """Return the function that integrates the initial state and writes a table."""
-    found = run_of(module)
-    assert found is not None
-    run, integrator = found
-    rtol = real_literal(run.rtol)
+    fields = main_fields(module, LITERALS)
+    assert fields is not None and module.run is not None
     heads = columns(module).split(",")
     return MAIN.format(
+        **{
+            **fields,
+            "initial": "\n".join(table("y", [module.run.initial])),
+            "outcomes": "\n".join(f"        {text}" for text in outcome_texts("'")),
+        },
         prefix=prefix,
-        t_end=real_literal(run.t_end),
-        intervals=run.intervals,
-        initial="\n".join(table("y", [run.initial])),
         columns="\n".join(
             f"    fprintf('{one}{',' if k < len(heads) - 1 else chr(92) + 'n'}');" for k, one in enumerate(heads)
         ),
-        call=f"{prefix}{integrator.name}(t, next, y, p, {rtol}, {rtol}, {MOST_STEPS})",
     )

@@ -2,46 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from typing import Any
 
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Kind
-from lagrange.procedure.syntax import ATOM
+from lagrange.procedure.spelling import ATOM, Literals, Operator, call
+from lagrange.procedure.spelling import OPERATORS as COMMON
 
-SPELLED: Mapping[str, tuple[int, str]] = {
-    "or": (1, "{0} || {1}"),
-    "and": (2, "{0} && {1}"),
-    "equal": (4, "{0} == {1}"),
-    "less": (4, "{0} < {1}"),
-    "less_equal": (4, "{0} <= {1}"),
-    "add": (6, "{0} + {1}"),
-    "sub": (6, "{0} - {1}"),
-    "fma": (6, "{0} * {1} + {2}"),
-    "mul": (7, "{0} * {1}"),
-    "div": (7, "{0} / {1}"),
-    "neg": (8, "-{0}"),
-    "not": (8, "~{0}"),
-    "quotient": (ATOM, "fix({0} / {1})"),
-    "select": (ATOM, "pick({0}, {1}, {2})"),
+OPERATORS: Mapping[str, Operator] = {
+    **COMMON,
+    "not": COMMON["not"]._replace(text="~{0}"),
+    "quotient": Operator(ATOM, "fix({0} / {1})", COMMON["div"].operands),
+    "select": call("pick({0}, {1}, {2})"),
 }
 
-OPERANDS: Mapping[str, tuple[int, ...]] = {
-    "or": (1, 2),
-    "and": (2, 3),
-    "equal": (6, 6),
-    "less": (6, 6),
-    "less_equal": (6, 6),
-    "add": (6, 7),
-    "sub": (6, 7),
-    "fma": (7, 8, 7),
-    "mul": (7, 8),
-    "div": (7, 8),
-    "neg": (9,),
-    "not": (9,),
-    "quotient": (7, 8),
-    "select": (0, 0, 0),
-}
+LITERALS = Literals("Inf", "NaN")
 
 FUNCTIONS: Mapping[str, str] = {
     name: name for name in ("sin", "cos", "tan", "atan", "atan2", "exp", "sinh", "cosh", "tanh", "asinh", "erf", "abs")
@@ -122,21 +96,3 @@ _OWN = "y p t h out parameters singular outcome"
 KEYWORDS = (*_KEYWORDS.split(),)
 RESERVED = (*KEYWORDS, *_BUILT_IN.split(), *_OWN.split())
 """Words that are not names of values: keywords, functions, and what parameters and results of functions are called."""
-
-
-def literal(kind: Kind, data: Any) -> tuple[int, str]:
-    """Return a constant and how tightly it binds."""
-    if kind is FLAG:
-        return ATOM, "true" if data else "false"
-    if kind is WHOLE:
-        return (ATOM if data >= 0 else 8), str(data)
-    return (ATOM if math.isnan(data) or math.copysign(1.0, data) > 0 else 8), real_literal(data)
-
-
-def real_literal(value: float) -> str:
-    """Return a double with all its digits."""
-    if math.isnan(value):
-        return "NaN"
-    if math.isinf(value):
-        return "Inf" if value > 0 else "-Inf"
-    return repr(value)

@@ -2,29 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from lagrange.errors import LagrangeError
-from lagrange.export.comments import commented, number_lines
-from lagrange.export.descriptions import (
-    MOST_STEPS,
-    TEST,
-    TEST_STEPS,
-    TEST_TOLERANCE,
-    about_of,
-    columns,
-    integrator_of,
-    outcomes,
-    run_of,
-    sizes,
-)
+from lagrange.export.comments import commented
+from lagrange.export.descriptions import TEST, about_of, columns, lengths, outcomes, sizes, statement_comment, statuses
 from lagrange.export.identifiers import ascii_name, distinct
 from lagrange.export.languages.python_spelling import FILES, HELPERS, RESERVED, helper_lines
 from lagrange.export.module import Check, SourceModule, StepCheck
-from lagrange.export.python_module import named_places, number, statement_comment
+from lagrange.export.programs import arguments_in_test, main_fields, tables
+from lagrange.export.python_module import named_places
 from lagrange.export.target import Target
-from lagrange.machine.python_source import Printer
+from lagrange.machine.python_source import LITERALS, Printer
 from lagrange.procedure.form import REAL, Array, Part, Procedure
 
 
@@ -44,7 +34,7 @@ class Python(Target):
 
     def run_commands(self, module: SourceModule) -> list[str]:
         """Return what runs the initial state."""
-        return [] if module.run is None else [f"python {file_name(module)}.py main"]
+        return [f"python {file_name(module)}.py main"]
 
 
 def file_name(module: SourceModule) -> str:
@@ -64,8 +54,7 @@ class _ExportPrinter(Printer):
 
     def __init__(self, procedure: Procedure, file: _File) -> None:
         self.file = file
-        own = [one.name for one in procedure.parameters]
-        super().__init__(procedure, [word for word in RESERVED if word not in own])
+        super().__init__(procedure, RESERVED)
 
     def function_name(self, procedure: Procedure) -> str:
         return f"_{procedure.name}"
@@ -80,9 +69,8 @@ class _ExportPrinter(Printer):
         return f"_{op}"
 
     def reserve(self, ref: int, array: Array) -> None:
-        size = (array.size or 0) + max(array.room - 1, 0) or 1
         kind = "" if array.kind is REAL else ", np.int64"
-        self.put(f"{self.name(ref)} = np.zeros({size}{kind}).data")
+        self.put(f"{self.name(ref)} = np.zeros({array.length}{kind}).data")
 
     def part(self, part: Part) -> None:
         self.write(f"{self.name(part.ref)} = {self.text(part.array)}[{self.text(part.start)}:]")
@@ -93,7 +81,7 @@ def source(module: SourceModule) -> str:
     file = _File()
     functions = [_ExportPrinter(procedure, file).function() for procedure in module.procedures]
     lines = [
-        *statement_comment(module),
+        *statement_comment(module, "#"),
         "",
         "import math",
         "import sys",
@@ -129,7 +117,15 @@ def _written(values):
     """Return an array that is written. Raises TypeError for what is no array of float64."""
     if not (isinstance(values, np.ndarray) and values.dtype == np.float64 and values.ndim == 1):
         raise TypeError("an array that is written must be of NumPy, one-dimensional, with dtype float64")
-    return values.data'''
+    return values.data
+
+
+def _check_lengths(**arrays):
+    """Raise ValueError for an array that is no list of as many numbers as are needed."""
+    for name, (values, length) in arrays.items():
+        shape = np.shape(values)
+        if len(shape) != 1 or shape[0] < length:
+            raise ValueError(f"{name} has shape {shape}: give {length} numbers") from None'''
 
 START = """\
 
@@ -145,8 +141,7 @@ def constants(module: SourceModule) -> Iterator[str]:
         yield f"{name.upper()} = {count}  # {about}"
     yield from named_places(module, "parameters")
     yield from commented(
-        "Each function of t, y and p returns False, or True where a matrix is singular to round-off: out is then not "
-        "to be used. Arrays that are written are of float64.",
+        f"{statuses('False', 'True')} Arrays that are written are of float64.",
         "#",
     )
     if module.integrators:
@@ -163,7 +158,12 @@ def wrapper(module: SourceModule, procedure: Procedure) -> Iterator[str]:
     yield from (f"    {line.strip()}" for line in rest)
     if rest:
         yield '    """'
-    yield f"    return _{procedure.name}({', '.join(passed)})"
+    yield "    try:"
+    yield f"        return _{procedure.name}({', '.join(passed)})"
+    yield "    except (IndexError, NotImplementedError):"
+    given = (f"{name}=({name}, {length})" for name, length in lengths(module, procedure).items())
+    yield f"        _check_lengths({', '.join(given)})"
+    yield "        raise"
     yield ""
     yield ""
 
@@ -237,30 +237,16 @@ def _quantity_test(check: Check) -> Iterator[str]:
     yield "    tests.quantity("
     yield f'        "{check.name}",'
     yield f"        {check.name},"
-    for rows in ([check.times], check.states, check.results, check.allowed):
-        yield from _table([value for row in rows for value in row])
+    yield from tables(check.flat, LITERALS)
     yield "    )"
 
 
 def _integrator_test(module: SourceModule, check: StepCheck) -> Iterator[str]:
-    begin = number(check.time)
-    if integrator_of(module, check.name).adaptive:
-        limits = f"{TEST_TOLERANCE}, {TEST_TOLERANCE}, {TEST_STEPS}"
-        given = f"np.array([{begin}]), {number(check.time + check.length)}, y, p, {limits}"
-    else:
-        given = f"{begin}, {number(check.length)}, y, p"
     yield "    tests.integrator("
     yield f'        "{check.name}",'
-    yield f"        lambda y, p: {check.name}({given}),"
-    for row in (check.state, check.result, check.allowed):
-        yield from _table(row)
+    yield f"        lambda y, p: {check.name}({arguments_in_test(module, check, LITERALS, 'np.array([{0}])')}),"
+    yield from tables((check.state, check.result, check.allowed), LITERALS)
     yield "    )"
-
-
-def _table(values: Sequence[float]) -> Iterator[str]:
-    yield "        ["
-    yield from number_lines(map(number, values), "            ")
-    yield "        ],"
 
 
 # --- the run of the initial state
@@ -270,6 +256,9 @@ MAIN = '''\
 
 def main(words):
     """Integrate the initial state and write a table with commas: main [t_end [intervals]]."""
+    outcomes = (
+{outcomes}
+    )
     try:
         t_end = float(words[0]) if words else {t_end}
         intervals = int(words[1]) if len(words) > 1 else {intervals}
@@ -284,10 +273,10 @@ def main(words):
         return 1
     print({columns})
     for k in range(intervals + 1):
-        end = t_end if k == intervals else t_end * (k / intervals)
+        end = t_end if k == intervals else t_end * k / intervals
         outcome = {method}(t, end, y, p, {rtol}, {rtol}, {steps})
         if outcome != 0:
-            print(f"the run stopped at t = {{t[0]}}: outcome {{outcome}}", file=sys.stderr)
+            print(f"the run stopped at t = {{t[0]}}: {{outcomes[outcome]}}", file=sys.stderr)
             return 1
         print(",".join(map(repr, [*t.tolist(), *y.tolist()])))
     return 0'''
@@ -295,16 +284,7 @@ def main(words):
 
 def run(module: SourceModule) -> Iterator[str]:
     """Yield a function that integrates the initial state and writes a table."""
-    found = run_of(module)
-    if found is None:
+    fields = main_fields(module, LITERALS)
+    if fields is None:
         return
-    settings, integrator = found
-    yield from MAIN.format(
-        initial=", ".join(map(number, settings.initial)),
-        t_end=number(settings.t_end),
-        intervals=settings.intervals,
-        columns=ascii(columns(module)),
-        method=integrator.name,
-        rtol=number(settings.rtol),
-        steps=MOST_STEPS,
-    ).splitlines()
+    yield from MAIN.format(**fields, columns=ascii(columns(module))).splitlines()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import keyword
 from collections.abc import Mapping
 
-from lagrange.machine.python_source import SPELLED
+from lagrange.machine.python_source import OPERATORS
 
 _TOTAL = (
     "def _total(function, x, pole=nan):",
@@ -101,7 +101,7 @@ FILES = (
 
 def helper_lines(ops: Mapping[str, None]) -> list[str]:
     """Return the definitions of helpers and of those that they use."""
-    wanted = {op for op in ops if op not in SPELLED}
+    wanted = {op for op in ops if op not in OPERATORS}
     wanted |= {one for op in wanted for one in NEEDS.get(op, ())}
     lines = []
     for op in HELPERS:

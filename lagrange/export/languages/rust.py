@@ -2,34 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
-from lagrange.export.comments import commented, number_lines, plain
+from lagrange.export.comments import commented
 from lagrange.export.descriptions import (
-    MOST_STEPS,
     TEST,
-    TEST_STEPS,
-    TEST_TOLERANCE,
     about_of,
     columns,
-    integrator_of,
     outcomes,
     places,
     records_of,
-    run_of,
     sizes,
+    statement_comment,
+    statuses,
 )
 from lagrange.export.identifiers import distinct
 from lagrange.export.languages.rust_printer import File, function, record_name, result_type
 from lagrange.export.languages.rust_spelling import (
     KINDS,
+    LITERALS,
     RESERVED,
     helper_lines,
     library_lines,
     needed,
-    real_literal,
 )
+from lagrange.export.lines import continued
 from lagrange.export.module import Check, SourceModule, StepCheck
+from lagrange.export.programs import arguments_in_test, main_fields, tables
 from lagrange.export.target import Target
 from lagrange.procedure.form import Array, Kind, Procedure, Record
 
@@ -51,7 +50,7 @@ class Rust(Target):
 
     def run_commands(self, module: SourceModule) -> list[str]:
         """Return what compiles and runs the initial state."""
-        return [] if module.run is None else _built_with(file_name(module), "run", "main")
+        return _built_with(file_name(module), "run", "main")
 
 
 def _built_with(name: str, cfg: str, program: str) -> list[str]:
@@ -70,7 +69,7 @@ def source(module: SourceModule) -> str:
     functions = [function(procedure, file) for procedure in module.procedures]
     ops = needed(file.needed)
     lines = [
-        *(f"// {plain(line)}".rstrip() for line in module.statement),
+        *statement_comment(module, "//"),
         "",
         "#![cfg_attr(no_std, no_std)]",
         "// Names are those of the statement. A program may leave functions unused.",
@@ -141,15 +140,11 @@ def constants(module: SourceModule) -> Iterator[str]:
     yield from commented(places("y", module.state), "//")
     yield from commented(places("parameters", module.parameters), "//")
     for name, names in (("STATE_NAMES", module.state), ("PARAMETER_NAMES", module.parameters)):
-        yield f"pub const {name}: [&str; {len(names)}] = [{', '.join(map(quoted, names))}];"
-    values = ", ".join(map(real_literal, module.values))
-    yield f"pub const DEFAULT_PARAMETERS: [f64; {len(module.values)}] = [{values}];"
+        yield from continued(f"pub const {name}: [&str; {len(names)}] = [{', '.join(map(quoted, names))}];")
+    values = ", ".join(map(LITERALS.real, module.values))
+    yield from continued(f"pub const DEFAULT_PARAMETERS: [f64; {len(module.values)}] = [{values}];")
     yield ""
-    yield from commented(
-        "Each function of t, y and p returns false, or true where a matrix is singular to round-off: out is then not "
-        "to be used.",
-        "//",
-    )
+    yield from commented(statuses("false", "true"), "//")
     if module.integrators:
         yield from commented(outcomes(), "//")
 
@@ -179,8 +174,8 @@ def wrapper(module: SourceModule, procedure: Procedure) -> Iterator[str]:
             given.append(f"{name}: {KINDS[kind]}")
             passed.append(name)
     yield from commented(about_of(module, procedure), "///")
-    yield f"pub fn {procedure.name}({', '.join(given)}){result_type(procedure)} {{"
-    yield f"    {File(module.public).name(procedure)}({', '.join(passed)})"
+    yield from continued(f"pub fn {procedure.name}({', '.join(given)}){result_type(procedure)} {{")
+    yield from continued(f"    {File(module.public).name(procedure)}({', '.join(passed)})")
     yield "}"
     yield ""
 
@@ -288,28 +283,15 @@ def test(module: SourceModule) -> Iterator[str]:
 
 def _quantity_test(check: Check) -> Iterator[str]:
     yield f'    tests.quantity("{check.name}", {check.name},'
-    for rows in ([check.times], check.states, check.results, check.allowed):
-        yield from _table([value for row in rows for value in row])
+    yield from tables(check.flat, LITERALS, "&[")
     yield "    );"
 
 
 def _integrator_test(module: SourceModule, check: StepCheck) -> Iterator[str]:
-    begin = real_literal(check.time)
-    if integrator_of(module, check.name).adaptive:
-        limits = f"{TEST_TOLERANCE}, {TEST_TOLERANCE}, {TEST_STEPS}"
-        given = f"&mut [{begin}], {real_literal(check.time + check.length)}, y, p, {limits}"
-    else:
-        given = f"{begin}, {real_literal(check.length)}, y, p"
+    given = arguments_in_test(module, check, LITERALS, "&mut [{0}]")
     yield f'    tests.integrator("{check.name}", |y, p| {check.name}({given}),'
-    for row in (check.state, check.result, check.allowed):
-        yield from _table(row)
+    yield from tables((check.state, check.result, check.allowed), LITERALS, "&[")
     yield "    );"
-
-
-def _table(values: Sequence[float]) -> Iterator[str]:
-    yield "        &["
-    yield from number_lines(map(real_literal, values), "            ")
-    yield "        ],"
 
 
 # --- the run of the initial state
@@ -317,6 +299,9 @@ def _table(values: Sequence[float]) -> Iterator[str]:
 MAIN = """\
 #[cfg(run)]
 fn main() {{
+    let outcomes = [
+{outcomes}
+    ];
     let words: Vec<String> = std::env::args().skip(1).collect();
     let t_end = words.first().map_or(Ok({t_end}), |word| word.parse::<f64>());
     let intervals = words.get(1).map_or(Ok({intervals}), |word| word.parse::<u32>());
@@ -334,11 +319,10 @@ fn main() {{
     }}
     println!("{{}}", {columns});
     for k in 0..=intervals {{
-        let part = f64::from(k) / f64::from(intervals);
-        let end = if k == intervals {{ t_end }} else {{ t_end * part }};
+        let end = if k == intervals {{ t_end }} else {{ t_end * f64::from(k) / f64::from(intervals) }};
         let outcome = {method}(&mut t, end, &mut y, &p, {rtol}, {rtol}, {steps});
         if outcome != 0 {{
-            eprintln!("the run stopped at t = {{:?}}: outcome {{outcome}}", t[0]);
+            eprintln!("the run stopped at t = {{:?}}: {{}}", t[0], outcomes[outcome as usize]);
             std::process::exit(1);
         }}
         let row: Vec<String> = t.iter().chain(&y).map(|value| format!("{{value:?}}")).collect();
@@ -349,22 +333,14 @@ fn main() {{
 
 def run(module: SourceModule) -> Iterator[str]:
     """Yield a program that integrates the initial state and writes a table."""
-    found = run_of(module)
-    if found is None:
+    fields = main_fields(module, LITERALS)
+    if fields is None:
         return
-    settings, integrator = found
     yield ""
     yield from commented(
         f"Integrate the initial state and write a table with commas, with --cfg run: {file_name(module)} "
         "[t_end [intervals]].",
         "//",
     )
-    yield MAIN.format(
-        initial=", ".join(map(real_literal, settings.initial)),
-        t_end=real_literal(settings.t_end),
-        intervals=settings.intervals,
-        columns=quoted(columns(module)),
-        method=integrator.name,
-        rtol=real_literal(settings.rtol),
-        steps=MOST_STEPS,
-    )
+    for line in MAIN.format(**fields, columns=quoted(columns(module))).splitlines():
+        yield from continued(line)

@@ -8,17 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any
 
 from lagrange.errors import LagrangeError
 from lagrange.export.braced import BracedPrinter
 from lagrange.export.comments import commented
-from lagrange.export.languages.rust_spelling import HELPERS, KINDS, LIBRARY, OPERANDS, RESERVED, SPELLED, literal
-from lagrange.procedure.bind import reads
+from lagrange.export.languages.rust_spelling import HELPERS, KINDS, LIBRARY, LITERALS, OPERATORS, RESERVED
 from lagrange.procedure.form import FLAG, REAL, SUMS, Array, Block, Call, Fold, Kind, Let, Part, Procedure, Record
 from lagrange.procedure.source_printer import results_of
-from lagrange.procedure.syntax import ATOM
+from lagrange.procedure.spelling import ATOM
 
 SUFFIX = "_cells"
 """What ends the name of the function behind a public one, which works on cells."""
@@ -55,20 +52,16 @@ def function(procedure: Procedure, file: File) -> str:
 
 
 class _RustPrinter(BracedPrinter):
-    spelled = SPELLED
-    operands = OPERANDS
+    language = "Rust"
+    operators = OPERATORS
+    literals = LITERALS
+    helpers = HELPERS
 
     def __init__(self, procedure: Procedure, file: File) -> None:
         self.file = file
         self.counts = True
         """Whether the loop that begins uses its index."""
-        own = [one.name for one in procedure.parameters]
-        words = (*RESERVED, *(name for name, _ in HELPERS.values()))
-        super().__init__(procedure, [word for word in words if word not in own])
-
-    @cached_property
-    def _read(self) -> frozenset[int]:
-        return reads(self.procedure.body)
+        super().__init__(procedure, file.needed, RESERVED)
 
     def function_name(self, procedure: Procedure) -> str:
         return self.file.name(procedure)
@@ -90,23 +83,19 @@ class _RustPrinter(BracedPrinter):
                 given.append(f"{name}: {KINDS[kind]}")
         generic = f"<{', '.join(types)}>" if types else ""
         head = f"fn {self.function_name(self.procedure)}{generic}("
-        unused = [one for one in self.procedure.parameters if one.ref not in self._read]
         return [
             *commented(self.procedure.about, "//"),
             head,
             *(f"{self.indent}{one}," for one in given),
             f"){result_type(self.procedure)} {{",
-            *(f"{self.indent}let _ = {self.text(one.ref)};" for one in unused),
+            *(f"{self.indent}let _ = {self.text(one.ref)};" for one in self.unused),
         ]
 
-    def literal(self, kind: Kind, data: Any) -> tuple[int, str]:
-        return literal(kind, data)
-
     def function_of(self, op: str) -> str:
-        if op not in LIBRARY and op not in HELPERS:
-            raise LagrangeError(f"Rust has no function for {op}.")
-        self.file.needed[op] = None
-        return f"math::{op}" if op in LIBRARY else HELPERS[op][0]
+        if op not in LIBRARY:
+            return super().function_of(op)
+        self.needed[op] = None
+        return f"math::{op}"
 
     def operation(self, let: Let) -> tuple[int, str]:
         kind = let.kind
@@ -142,7 +131,7 @@ class _RustPrinter(BracedPrinter):
     def reserve(self, ref: int, array: Array) -> None:
         if array.kind is not REAL:
             raise LagrangeError("Rust has no local arrays of whole numbers here.")
-        size, name = (array.size or 0) + max(array.room - 1, 0) or 1, self.name(ref)
+        size, name = array.length, self.name(ref)
         self.put(f"let mut {name} = [0.0; {size}];")
         self.put(f"let {name} = Cell::from_mut(&mut {name}[..]).as_slice_of_cells();")
 

@@ -2,31 +2,22 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from typing import Any
 
-from lagrange.export.languages.c_spelling import OPERANDS as C_OPERANDS
-from lagrange.export.languages.c_spelling import SPELLED as C_SPELLED
 from lagrange.export.target import QUANTITIES
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Kind
-from lagrange.procedure.syntax import ATOM
+from lagrange.procedure.spelling import OPERATORS as COMMON
+from lagrange.procedure.spelling import Literals, Operator
 
 KINDS: Mapping[Kind, str] = {REAL: "f64", WHOLE: "i64", FLAG: "bool"}
 
-_CASTS = ("real", "whole")
-
-SPELLED: Mapping[str, tuple[int, str]] = {
-    **{op: text for op, text in C_SPELLED.items() if op not in _CASTS},
-    "select": (1, "if {0} {{ {1} }} else {{ {2} }}"),
+OPERATORS: Mapping[str, Operator] = {
+    **COMMON,
+    "select": Operator(1, "if {0} {{ {1} }} else {{ {2} }}"),
+    "quotient": COMMON["div"],
 }
 
-OPERANDS: Mapping[str, tuple[int, ...]] = {
-    **{op: least for op, least in C_OPERANDS.items() if op not in _CASTS},
-    "select": (0, 0, 0),
-    "or": (2, 3),
-    "and": (3, 4),
-}
+LITERALS = Literals("f64::INFINITY", "f64::NAN")
 
 LIBRARY: Mapping[str, str] = {
     **{name: name for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "exp", "sinh", "cosh", "tanh")},
@@ -213,21 +204,3 @@ def helper_lines(ops: Mapping[str, None]) -> list[str]:
         body = HELPERS[op][1][len(about) + 1 :]
         lines += [*about, "#[inline]", head, *body, ""]
     return lines
-
-
-def literal(kind: Kind, data: Any) -> tuple[int, str]:
-    """Return a constant and how tightly it binds."""
-    if kind is FLAG:
-        return ATOM, "true" if data else "false"
-    if kind is WHOLE:
-        return (ATOM if data >= 0 else 8), str(data)
-    return (ATOM if math.isnan(data) or math.copysign(1.0, data) > 0 else 8), real_literal(data)
-
-
-def real_literal(value: float) -> str:
-    """Return a double with all its digits."""
-    if math.isnan(value):
-        return "f64::NAN"
-    if math.isinf(value):
-        return "f64::INFINITY" if value > 0 else "-f64::INFINITY"
-    return repr(value)

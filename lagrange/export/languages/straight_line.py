@@ -7,30 +7,29 @@ symmetric matrix, whether it is singular, and the solution of a linear system, a
 
 from __future__ import annotations
 
-import math
 import sys
 import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lagrange.errors import StatementError
 from lagrange.machine.kernel.python_text import GIVEN, uses_of
-from lagrange.machine.python_source import OPERANDS, SPELLED
+from lagrange.machine.kernel.python_text import OPERATORS as PYTHON
+from lagrange.machine.python_source import LITERALS as PYTHON_LITERALS
+from lagrange.procedure.form import REAL
 from lagrange.procedure.linear.ldl import PIVOT
 from lagrange.procedure.source_printer import LONGEST_VALUE
-from lagrange.procedure.syntax import ATOM
+from lagrange.procedure.spelling import ATOM, Operator
 from lagrange.program.program import Instruction, Program, ProgramBlock
 
-OPERATORS: Mapping[str, tuple[int, str]] = {
-    **{op: SPELLED[op] for op in ("neg", "add", "sub", "mul", "fma", "less", "less_equal", "equal")},
-    "div": (SPELLED["mul"][0], "{0} / {1}"),
+OPERATORS: Mapping[str, Operator] = {
+    op: PYTHON[op] for op in ("neg", "add", "sub", "mul", "div", "fma", "less", "less_equal", "equal")
 }
-"""The operations that are operators of Python, whatever the library: how tightly they bind, and their text."""
+"""The operations that are operators of Python, whatever the library."""
 
-LEAST: Mapping[str, tuple[int, ...]] = {**{op: OPERANDS[op] for op in OPERATORS if op != "div"}, "div": OPERANDS["mul"]}
-"""How tightly each operand of an operator must bind to stand without parentheses."""
+LITERALS = replace(PYTHON_LITERALS, infinity='float("inf")', nan='float("nan")')
 
 WIDTH = 110
 """Characters of a line, but for single operations on long operands."""
@@ -136,7 +135,7 @@ class Library:
 
     name: str
     head: str
-    operations: Mapping[str, tuple[int, str]]
+    operations: Mapping[str, Operator]
     helpers: Mapping[str, str]
     systems: str
 
@@ -182,7 +181,7 @@ class StraightLinePrinter:
             elif one.op == "time":
                 self.texts[i] = ATOM, "t"
             elif one.op == "constant":
-                self.texts[i] = constant(one.value)
+                self.texts[i] = LITERALS.spelled(REAL, one.value)
             elif one.op in ("factor", "solve", "component"):
                 self.system(i, one)
             else:
@@ -221,11 +220,10 @@ class StraightLinePrinter:
 
     def operation(self, i: int, one: Instruction) -> None:
         """Print an operation, or keep it for the one place where it is read."""
-        level, form = self.library.operations[one.op]
-        least = LEAST.get(one.op, (0,) * len(one.args))
-        found = form.format(*(self.text(arg, need) for arg, need in zip(one.args, least, strict=True)))
+        operator = self.library.operations[one.op]
+        level, found = operator.binds, operator.applied(self.text, one.args)
         if one.op == "div" and all(self.program.instructions[arg].op == "constant" for arg in one.args):
-            level, found = constant(self.quotient(one))
+            level, found = LITERALS.spelled(REAL, self.quotient(one))
         if self.uses[i] > 1 or len(found) >= LONGEST_VALUE:
             self.lines.append(f"x{i} = {found}")
             level, found = ATOM, f"x{i}"
@@ -245,13 +243,6 @@ def bracketed(before: str, items: Sequence[str], after: str) -> list[str]:
         return [line]
     inside = textwrap.wrap(", ".join(items), WIDTH - 4, break_long_words=False, break_on_hyphens=False)
     return [before, *(f"    {one}" for one in inside), after]
-
-
-def constant(value: float) -> tuple[int, str]:
-    """Return a literal that is read back as the same double, and how tightly it binds."""
-    if not math.isfinite(value):
-        return ATOM, f'float("{value}")'
-    return (OPERATORS["neg"][0] if math.copysign(1.0, value) < 0 else ATOM), repr(value)
 
 
 def described(program: Program) -> str:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 
 from lagrange.export.comments import commented
-from lagrange.export.descriptions import TEST
-from lagrange.export.languages.straight_line import Library, bracketed, constant
+from lagrange.export.descriptions import TEST, statement_comment
+from lagrange.export.languages.straight_line import LITERALS, Library, bracketed
 from lagrange.export.module import Check, SourceModule
-from lagrange.export.python_module import named_places, statement_comment
+from lagrange.export.python_module import named_places
 from lagrange.program.program import Program
 
 
@@ -27,7 +27,7 @@ def straight_line_module(
     """
     head, *helpers = library.text_before(*(one.program for one in module.quantities)).split("\n\n\n")
     lines = [
-        *statement_comment(module),
+        *statement_comment(module, "#"),
         "",
         "import sys",
         "",
@@ -105,4 +105,4 @@ def _comparison(check: Check) -> Iterator[str]:
 
 
 def _row(values: Sequence[float], indent: int) -> list[str]:
-    return [" " * indent + line for line in bracketed("[", [constant(value)[1] for value in values], "],")]
+    return [" " * indent + line for line in bracketed("[", list(map(LITERALS.real, values)), "],")]

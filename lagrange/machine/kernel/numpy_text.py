@@ -21,7 +21,7 @@ from lagrange.machine.kernel.python_text import (
     rows_of,
 )
 from lagrange.procedure.linear.ldl import RESIDUAL, least_pivot
-from lagrange.procedure.syntax import ATOM
+from lagrange.procedure.spelling import ATOM
 from lagrange.program.program import Instruction, Program
 
 UFUNCS = {op: function.__name__ for op, function in OPERATIONS.items() if isinstance(function, np.ufunc)}

@@ -8,23 +8,22 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from lagrange.machine.python_source import OPERANDS, SPELLED, literal
+from lagrange.machine.python_source import LITERALS
+from lagrange.machine.python_source import OPERATORS as TOTAL
 from lagrange.procedure.form import REAL
 from lagrange.procedure.linear.ldl import RESIDUAL, least_pivot
 from lagrange.procedure.source_printer import LONGEST_VALUE
-from lagrange.procedure.syntax import ATOM
+from lagrange.procedure.spelling import ATOM, Operator
+from lagrange.procedure.spelling import OPERATORS as COMMON
 from lagrange.program.program import Instruction, Program
 
 WRITTEN_OUT = 12
 """Largest matrix whose factors L D L^T are written out."""
 
-SPELLINGS: Mapping[str, tuple[int, str]] = {**SPELLED, "div": (SPELLED["mul"][0], "{0} / {1}")}
-"""Operations that Python spells, a division among them, which may raise here. The others are functions."""
+OPERATORS: Mapping[str, Operator] = {**TOTAL, "div": COMMON["div"]}
+"""Operators of Python, a division among them, which may raise here. The other operations are functions."""
 
-NEEDED: Mapping[str, tuple[int, ...]] = {**OPERANDS, "div": OPERANDS["mul"]}
-"""How tightly each operand must bind to stand without parentheses."""
-
-SUM, PRODUCT = SPELLED["add"][0], SPELLED["mul"][0]
+SUM, PRODUCT = OPERATORS["add"].binds, OPERATORS["mul"].binds
 
 FLAG_OPERATIONS = ("less", "less_equal", "equal", "and", "or", "not")
 GIVEN = ("time", "state", "parameter", "constant")
@@ -106,7 +105,7 @@ class FloatPrinter:
     def constants(self) -> None:
         """Load the constants."""
         for i in self.places("constant"):
-            self.texts[i] = literal(REAL, self.program.instructions[i].value)
+            self.texts[i] = LITERALS.spelled(REAL, self.program.instructions[i].value)
 
     def entry(self, factor: Instruction, i: int, j: int) -> int | None:
         """Return the value of an entry of a matrix, None where it is zero."""
@@ -212,10 +211,10 @@ class FloatPrinter:
 
     def spelled(self, one: Instruction) -> tuple[int, str]:
         """Return an operation as text, and how tightly it binds."""
-        places = ", ".join(f"{{{place}}}" for place in range(len(one.args)))
-        level, form = SPELLINGS.get(one.op, (ATOM, f"{one.op}({places})"))
-        least = NEEDED.get(one.op, (0,) * len(one.args))
-        return level, form.format(*(self.text_of(arg, need) for arg, need in zip(one.args, least, strict=True)))
+        operator = OPERATORS.get(one.op)
+        if operator is None:
+            return ATOM, f"{one.op}({', '.join(map(self.text_of, one.args))})"
+        return operator.binds, operator.applied(self.text_of, one.args)
 
     def named(self, name: str, text: str) -> str:
         """Name a value, and return the name."""

@@ -33,12 +33,7 @@ LIBRARY = {
 }
 """What the C library calls an operation; many at once may have a vector routine there."""
 
-_CONVERTED = {
-    ("real", WHOLE): "sitofp i64 {} to double",
-    ("real", FLAG): "uitofp i1 {} to double",
-    ("whole", REAL): "fptosi double {} to i64",
-    ("whole", FLAG): "zext i1 {} to i64",
-}
+_CONVERTED = {("real", WHOLE): "sitofp", ("real", FLAG): "uitofp", ("whole", REAL): "fptosi", ("whole", FLAG): "zext"}
 
 
 def type_of(kind: Kind, lanes: int = 1) -> str:
@@ -55,11 +50,12 @@ def declarations() -> str:
             lines.append(f"declare void @llvm.masked.store.v{lanes}f64.p0({kind}, ptr, i32, <{lanes} x i1>)")
         for op, name in INTRINSICS.items():
             lines.append(declaration(f"llvm.{name}.{suffix(kind)}", op, lanes))
-    lines += [f"declare i64 @llvm.{name}.i64(i64, i64)" for name in (*_WHOLE_INTRINSICS.values(), "umax")]
-    for lanes in WIDTHS[1:]:
+    for lanes in WIDTHS:
         vector = type_of(WHOLE, lanes)
-        lines.append(f"declare {vector} @llvm.umax.v{lanes}i64({vector}, {vector})")
-        lines.append(f"declare i64 @llvm.vector.reduce.umax.v{lanes}i64({vector})")
+        for name in (*_WHOLE_INTRINSICS.values(), "umax"):
+            lines.append(f"declare {vector} @llvm.{name}.{whole_suffix(lanes)}({vector}, {vector})")
+        if lanes > 1:
+            lines.append(f"declare i64 @llvm.vector.reduce.umax.v{lanes}i64({vector})")
     lines += [declaration(name, op) for op, name in LIBRARY.items()]
     return "\n".join(lines)
 
@@ -115,19 +111,19 @@ def spell(e: Emitter, op: str, kinds: Sequence[Kind], args: Sequence[str], lanes
     if op in _WHOLES:
         return e.value(f"{_WHOLES[op]} {kind} {args[0]}, {args[1]}")
     if op in _WHOLE_INTRINSICS:
-        return e.value(f"call i64 @llvm.{_WHOLE_INTRINSICS[op]}.i64({typed})")
-    return _single(e, op, kinds, args, lanes)
-
-
-def _single(e: Emitter, op: str, kinds: Sequence[Kind], args: Sequence[str], lanes: int) -> str:
-    """Print what is done one number at a time."""
-    if lanes > 1:
-        raise NotImplementedError(f"{op} has no form for several iterations at once")
+        return e.value(f"call {kind} @llvm.{_WHOLE_INTRINSICS[op]}.{whole_suffix(lanes)}({typed})")
     if (op, kinds[0]) in _CONVERTED:
-        return e.value(_CONVERTED[op, kinds[0]].format(args[0]))
-    if op in LIBRARY:
-        return e.value(f"call double @{LIBRARY[op]}({', '.join(f'double {arg}' for arg in args)})")
-    return _BITS[op](e, args[0])
+        return e.value(f"{_CONVERTED[op, kinds[0]]} {typed} to {type_of(REAL if op == 'real' else WHOLE, lanes)}")
+    if op in _BITS:
+        return _BITS[op](e, args[0], lanes)
+    if lanes > 1:
+        raise NotImplementedError(f"{op} has no form for several numbers at once")
+    return e.value(f"call double @{LIBRARY[op]}({', '.join(f'double {arg}' for arg in args)})")
+
+
+def whole_suffix(lanes: int) -> str:
+    """Return the suffix of intrinsics on that many whole numbers."""
+    return "i64" if lanes == 1 else f"v{lanes}i64"
 
 
 def _sign(e: Emitter, typed: str, lanes: int) -> str:
@@ -146,8 +142,7 @@ def _magnitude(e: Emitter, args: Sequence[str], lanes: int) -> str:
     """
     kind, bits = type_of(REAL, lanes), type_of(WHOLE, lanes)
     one, other = (e.value(f"bitcast {kind} {e.fabs(arg, kind)} to {bits}") for arg in args)
-    suffix_of = "i64" if lanes == 1 else f"v{lanes}i64"
-    larger = e.value(f"call {bits} @llvm.umax.{suffix_of}({bits} {one}, {bits} {other})")
+    larger = e.value(f"call {bits} @llvm.umax.{whole_suffix(lanes)}({bits} {one}, {bits} {other})")
     return e.value(f"bitcast {bits} {larger} to {kind}")
 
 
@@ -158,21 +153,26 @@ def largest_magnitude(e: Emitter, vector: str, lanes: int) -> str:
     return e.value(f"bitcast i64 {largest} to double")
 
 
-def _two_to(e: Emitter, k: str) -> str:
-    biased = e.value(f"add i64 {k}, 1023")
-    return e.value(f"bitcast i64 {e.value(f'shl i64 {biased}, 52')} to double")
+def _two_to(e: Emitter, k: str, lanes: int) -> str:
+    whole, bias = type_of(WHOLE, lanes), splat(e, "1023", WHOLE, lanes)
+    shifted = e.value(f"shl {whole} {e.value(f'add {whole} {k}, {bias}')}, {splat(e, '52', WHOLE, lanes)}")
+    return e.value(f"bitcast {whole} {shifted} to {type_of(REAL, lanes)}")
 
 
-def _exponent(e: Emitter, x: str) -> str:
-    bits = e.value(f"bitcast double {x} to i64")
-    biased = e.value(f"and i64 {e.value(f'lshr i64 {bits}, 52')}, 2047")
-    return e.value(f"sub i64 {biased}, 1023")
+def _exponent(e: Emitter, x: str, lanes: int) -> str:
+    whole = type_of(WHOLE, lanes)
+    places, low, bias = (splat(e, value, WHOLE, lanes) for value in ("52", "2047", "1023"))
+    bits = e.value(f"bitcast {type_of(REAL, lanes)} {x} to {whole}")
+    biased = e.value(f"and {whole} {e.value(f'lshr {whole} {bits}, {places}')}, {low}")
+    return e.value(f"sub {whole} {biased}, {bias}")
 
 
-def _mantissa(e: Emitter, x: str) -> str:
-    bits = e.value(f"bitcast double {x} to i64")
-    kept = e.value(f"or i64 {e.value(f'and i64 {bits}, {2**52 - 1}')}, {1023 << 52}")
-    return e.value(f"bitcast i64 {kept} to double")
+def _mantissa(e: Emitter, x: str, lanes: int) -> str:
+    real, whole = type_of(REAL, lanes), type_of(WHOLE, lanes)
+    low, one = (splat(e, str(value), WHOLE, lanes) for value in (2**52 - 1, 1023 << 52))
+    bits = e.value(f"bitcast {real} {x} to {whole}")
+    kept = e.value(f"or {whole} {e.value(f'and {whole} {bits}, {low}')}, {one}")
+    return e.value(f"bitcast {whole} {kept} to {real}")
 
 
 _BITS = {"two_to": _two_to, "exponent": _exponent, "mantissa": _mantissa}

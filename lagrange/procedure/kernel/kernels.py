@@ -9,6 +9,8 @@ Each says whether a matrix is singular to round-off: `out` is then not to be use
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import reduce
+from operator import or_
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, Procedure
@@ -17,8 +19,13 @@ from lagrange.procedure.kernel.prepared import Prepared
 from lagrange.program.program import Program
 
 
-def prepare(prepared: Prepared, about: str, *, parameter_names: Sequence[str] = ()) -> Procedure:
-    """Return what writes the parameters and all hoisted results."""
+def prepare(
+    prepared: Prepared, about: str, *, parameter_names: Sequence[str] = (), divisors: Sequence[int] = ()
+) -> Procedure:
+    """Return what writes the parameters and all hoisted results.
+
+    `divisors` are places of results that are matrices of one unknown: one that is zero is singular.
+    """
     p = Builder("prepare", about)
     program = prepared.program
     parameters, out = p.array("parameters", size=program.parameters, read=True), p.array("p", size=prepared.size)
@@ -29,7 +36,8 @@ def prepare(prepared: Prepared, about: str, *, parameter_names: Sequence[str] = 
     body.run(range(program.hoisted))
     for ref, slot in prepared.saved.items():
         body.save(ref, out, slot)
-    p.leave(p.false if body.singular is None else body.singular.value)
+    tests = [*([] if body.singular is None else [body.singular.value]), *(out[k].equals(0.0) for k in divisors)]
+    p.leave(reduce(or_, tests) if tests else p.false)
     return p.finish(FLAG)
 
 

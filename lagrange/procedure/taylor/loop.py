@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import cache
+from typing import Any
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
@@ -13,7 +14,7 @@ from lagrange.procedure.taylor.arguments import Arguments
 from lagrange.procedure.taylor.contradiction import contradicts
 from lagrange.procedure.taylor.defect_test import defect_is_small, record_step, reject_step, retries_exhausted
 from lagrange.procedure.taylor.floors import first_floors
-from lagrange.procedure.taylor.memory import TaylorLayout
+from lagrange.procedure.taylor.memory import TaylorLayout, entries
 from lagrange.procedure.taylor.powers import logarithm
 from lagrange.procedure.taylor.step import take_step
 from lagrange.procedure.taylor.step_size import choose_exponent, weigh
@@ -31,7 +32,7 @@ def taylor_steps(layout: TaylorLayout) -> Procedure:
     counts.rows = 0
     given.held.unproven = 0
     with p.when(counts.kept.equals(0)):
-        _begin(given)
+        begin_run(p, layout, run, counts, given.taylor, given.held, given.series.work)
     p.note("Minus the binary logarithm of the relative tolerance.")
     digits = (-p.call(logarithm(), run.rtol)).called("digits")
     p.note("The last iteration only tests the last step.")
@@ -42,17 +43,16 @@ def taylor_steps(layout: TaylorLayout) -> Procedure:
     return p.finish(WHOLE)
 
 
-def _begin(given: Arguments) -> None:
+def begin_run(p: Builder, layout: TaylorLayout, run: Any, counts: Any, taylor: Any, held: Any, work: Memory) -> None:
     """Reset the compensation, the counters and the limits, and give the scale of time the sign of the run's direction.
 
     The caller may have asked for an inspection of the first step.
     """
-    p, run, taylor, layout = given.p, given.run, given.taylor, given.layout
-    given.counts.kept = 1
-    low = given.series.work.at(layout.lost)
-    with given.series.entries() as i:
+    counts.kept = 1
+    low = work.at(layout.lost)
+    with entries(p, layout) as i:
         low[i] = 0.0
-    taylor.low, given.held.h = 0.0, 0.0
+    taylor.low, held.h = 0.0, 0.0
     taylor.scale = p.choose(run.end < run.t, -1.0, p.real(1.0))
     taylor.next_limit = taylor.limit = math.inf
     taylor.rescalings = taylor.failures = 0

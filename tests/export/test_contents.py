@@ -1,0 +1,100 @@
+"""What an exported file has in it: no language that is not asked for, no test in vain, a comment for people."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from sympy import sin
+
+import lagrange as lg
+
+LOADED = """
+import sys
+import lagrange.system
+print(*sorted(name for name in sys.modules if name.startswith("lagrange.export")))
+"""
+
+
+def load(path: Path) -> Any:
+    """Import a file."""
+    spec = spec_from_file_location(path.stem, path)
+    assert spec is not None and spec.loader is not None
+    made = module_from_spec(spec)
+    spec.loader.exec_module(made)
+    return made
+
+
+def test_a_system_loads_no_language_that_it_does_not_write() -> None:
+    done = subprocess.run([sys.executable, "-c", LOADED], capture_output=True, text=True, check=True)
+    loaded = done.stdout.split()
+    assert not [name for name in loaded if name.endswith((".write", ".registry", ".c", ".rust", ".fmu", "_printer"))]
+
+
+def test_divisors_that_are_constants_are_not_tested(tmp_path: Path) -> None:
+    x, z = lg.coordinates("x z")
+    m = lg.parameters("m")
+    for name, kinetic, tested in (
+        ("constant", x.dot**2 / 2 + z.dot**2, False),
+        ("given", m * x.dot**2 / 2 + z.dot**2, True),
+    ):
+        lg.System(kinetic, x**2 + z**2, parameters={m: 2}, name=name).export("c", tmp_path)
+        assert ("divisors" in (tmp_path / f"{name}.c").read_text()) == tested
+        assert ("divisors[1]" in (tmp_path / f"{name}.c").read_text()) == tested
+
+
+def test_given_functions_stand_by_their_names_in_the_comment(tmp_path: Path) -> None:
+    x = lg.coordinate("x")
+    k = lg.parameters("k")
+    u = lg.given("u", ([0, 1, 2, 3, 4], [0, 1, 0, 1, 0]))
+    v = lg.given("v", k * sin(lg.t))
+    carried = lg.System((x.dot + v.dot) ** 2 / 2, k * (x - u) ** 2 / 2, parameters={k: 2}, name="carried")
+    (_, source) = carried.export("c", tmp_path).files
+    comment = source.read_text().partition("*/")[0]
+    assert "   V = k*(x - u)**2/2\n" in comment
+    assert "   u is given by a table of 5 times from 0 to 4.\n" in comment and "   v = k*sin(t)\n" in comment
+    assert "Piecewise" not in comment and "parameters: k = 2.0\n" in comment
+
+
+def test_arrays_that_are_too_short_are_told_by_name(tmp_path: Path) -> None:
+    system = lg.scene("double-pendulum")
+    system.export("python", tmp_path, ["rhs", "dop853"])
+    made = load(tmp_path / "double_pendulum.py")
+    p, t, four, three = np.zeros(made.PREPARED), np.zeros(1), np.zeros(4), np.zeros(3)
+    made.prepare(made.DEFAULT_PARAMETERS, p)
+    with pytest.raises(ValueError, match=r"^y has shape \(3,\): give 4 numbers$"):
+        made.rhs(0.0, three, p, four)
+    with pytest.raises(ValueError, match=r"^out has shape \(3,\): give 4 numbers$"):
+        made.rhs(0.0, four, p, three)
+    with pytest.raises(ValueError, match=r"^y has shape \(2, 2\): give 4 numbers$"):
+        made.rhs(0.0, four.reshape(2, 2), p, four)
+    with pytest.raises(ValueError, match=r"^p has shape \(3,\): give \d+ numbers$"):
+        made.dop853(t, 1.0, four, three, 1e-9, 1e-9, 100)
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
+def test_arrays_that_are_too_short_are_told_by_name_in_javascript(tmp_path: Path) -> None:
+    lg.scene("double-pendulum").export("javascript", tmp_path, ["rhs", "dop853"])
+    script = (
+        'import * as made from "./double_pendulum.mjs"; const given = (n) => new Float64Array(n);'
+        "for (const call of [() => made.prepare(given(2), given(99)), "
+        "() => made.dop853(given(1), 1, given(3), given(99), 1e-9, 1e-9, 9)])"
+        " { try { call(); } catch (error) { console.log(error.name, error.message); } }"
+    )
+    done = subprocess.run(
+        ["node", "--input-type=module", "-e", script], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "RangeError parameters has 2 numbers: give 5\nRangeError y has 3 numbers: give 4\n"
+
+
+@pytest.mark.parametrize("target", ["c", "cpp", "javascript", "rust", "octave"])
+def test_lines_are_short(target: str, tmp_path: Path) -> None:
+    contents = ["rhs", "jacobian", "dop853", "main", *(["taylor"] if target in ("c", "cpp") else [])]
+    made = lg.scene("four-bar").export(target, tmp_path, contents)
+    assert max(len(line) for file in made.files for line in file.read_text().splitlines()) <= 120
