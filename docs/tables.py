@@ -1,4 +1,4 @@
-"""Write what the pages show of the package: the tables of scenes and methods, and the picture in the README.
+"""Write what the pages show of the package: the tables of scenes and methods, and the pictures.
 
     python docs/tables.py
 
@@ -8,9 +8,14 @@ A test holds the tables against what is registered.
 from __future__ import annotations
 
 import re
+import runpy
 from pathlib import Path
 
+from matplotlib.figure import Figure
+from sympy import cos, sqrt
+
 import lagrange as lg
+from lagrange.show.files.picture import bounded_png
 from lagrange.statement.scene import LibraryScene, library
 
 DOCS = Path(__file__).resolve().parent
@@ -40,6 +45,41 @@ def filled(page: str, marker: str, table: str) -> str:
     return re.sub(pattern, lambda match: f"{match[1]}{table}\n{match[2]}", page, flags=re.DOTALL)
 
 
+def dynamics() -> Figure:
+    """Return the picture of the page on dynamics: a portrait, a section, a bifurcation diagram and basins."""
+    x, y, theta = lg.coordinates("x y theta")
+    F = lg.parameters("F")
+    damped = lg.System(
+        kinetic=theta.dot**2 / 2, potential=-cos(theta), forces={theta: -0.3 * theta.dot}, name="pendulum"
+    )
+    star = lg.System(
+        kinetic=lg.kinetic_energy(1, (x, y)), potential=(x**2 + y**2) / 2 + x**2 * y - y**3 / 3, name="Henon-Heiles"
+    )
+    force = -0.3 * x.dot + F * cos(1.2 * lg.t)
+    duffing = lg.System(
+        kinetic=x.dot**2 / 2,
+        potential=x**4 / 4 - x**2 / 2,
+        forces={x: force},
+        parameters={F: 0.2},
+        initial={x: 1.0},
+        name="Duffing oscillator",
+    )
+    magnets = [(0.0, 1.0), (0.866, -0.5), (-0.866, -0.5)]
+    pull = sum(1 / sqrt((x - a) ** 2 + (y - b) ** 2 + 0.0625) for a, b in magnets)
+    bob = (x.dot**2 + y.dot**2) / 2
+    magnetic = lg.System(bob, (x**2 + y**2) / 4 - pull, dissipation=0.2 * bob, name="magnet pendulum")
+    figure = lg.figure(2, 2, size=(12.4, 9.6))
+    portrait, section, bifurcation, basins = figure.axes
+    lg.phase_portrait(damped).plot(ax=portrait)
+    starts = [{y: place} for place in (-0.36, -0.3, -0.23, -0.15, 0.05, 0.12, 0.2, 0.33, 0.5, 0.64)]
+    starts += [{y.dot: speed} for speed in (-0.29, -0.24, 0.24, 0.29)]
+    found = lg.poincare(star, lg.event(x, direction=1), starts, energy=1 / 8, solve_for=x.dot)
+    found.plot(ax=section)
+    lg.bifurcation(duffing, F, (0.2, 0.65, 500)).plot(ax=bifurcation)
+    lg.basins(magnetic, {x: (-2, 2, 150), y: (-2, 2, 150)}).plot(ax=basins)
+    return figure
+
+
 def main() -> None:
     """Write the tables and the picture."""
     for marker, (name, make) in TABLES.items():
@@ -48,8 +88,12 @@ def main() -> None:
         print(f"wrote {name}")
     regions = lg.methods.plot_stability("euler", "rk4", "dopri5", "dop853", "radau5", "bdf2")
     regions.savefig(DOCS / "stability.png", dpi=110)
-    lg.scene("double-pendulum").run(rtol=1e-12).plot().savefig(DOCS / "double-pendulum.png", dpi=110)
-    print("wrote double-pendulum.png")
+    (DOCS / "dynamics.png").write_bytes(bounded_png(dynamics(), 80))
+    print("wrote dynamics.png")
+    svg = runpy.run_path(str(DOCS / "site" / "moving.py"))["svg"]
+    wild = lg.scene("double-pendulum").run(12.0, {"theta1": 2.0, "theta2": 2.5}, rtol=1e-12)
+    (DOCS / "double-pendulum.svg").write_text(svg(wild), "utf-8")
+    print("wrote double-pendulum.svg")
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 import lagrange as lg
-from lagrange.arguments import DONE, Answer, add_command, add_json, assignments, load_scene
+from lagrange.arguments import DONE, Answer, add_command, add_json, add_parameters, assignments, load_scene
 
 
 def add_export(commands: Any) -> None:
@@ -19,9 +19,7 @@ def add_export(commands: Any) -> None:
         metavar="LIST",
         help="names with commas, such as rhs,energy,jacobian,dop853,main; rhs,energy unless it is given",
     )
-    export_.add_argument(
-        "--set", metavar="NAME=VALUE", action="append", default=[], help="value of a parameter, such as m=2"
-    )
+    add_parameters(export_)
     add_json(export_)
     add_json(add_command(commands, "targets", targets, "list the targets of export", takes_scene=False))
 

@@ -23,7 +23,10 @@ def add_grade(commands: Any) -> None:
 def grade(request: argparse.Namespace) -> Answer:
     """Compare the equations of a file with those of a scene, and say which term is wrong."""
     system = load_scene(request.scene)
-    result = system.compare_text(_text(request.file))
+    try:
+        result = system.compare_text(_text(request.file))
+    except StatementError as error:
+        raise StatementError(f"{request.file}: {error}") from None
     data = {
         "right": bool(result),
         "message": result.message,
@@ -36,13 +39,15 @@ def grade(request: argparse.Namespace) -> Answer:
 def _text(name: str) -> str:
     """Return the text of a file. Raises StatementError where it cannot be read."""
     path = Path(name)
+    if path.is_dir():
+        raise StatementError("this is a folder. Give one of its files; a shell goes through all of them.")
     if not path.is_file():
-        raise StatementError(f"{name}: there is no such file. Give a text file with one equation a line.")
+        raise StatementError("there is no such file. Give a text file with one equation a line.")
     try:
         if path.stat().st_size > LARGEST_FILE:
-            raise StatementError(f"{name}: the file has more than {LARGEST_FILE} bytes, the most for equations.")
+            raise StatementError(f"the file has more than {LARGEST_FILE} bytes, the most for equations.")
         return path.read_text("utf-8-sig")
     except OSError as error:
-        raise StatementError(f"{name}: the file cannot be read ({error.strerror}).") from None
+        raise StatementError(f"the file cannot be read ({error.strerror}).") from None
     except UnicodeDecodeError:
-        raise StatementError(f"{name}: the file is no text in UTF-8.") from None
+        raise StatementError("the file is no text in UTF-8.") from None

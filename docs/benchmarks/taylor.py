@@ -245,7 +245,7 @@ def measure(page: Page, case: Case, options: Namespace, cache: Cache) -> Row:
     if options.heyoka_mode in (None, "both"):
         for point in theirs:
             cache.note(f"{key}-{point.tolerance:g}", point.label)
-    page.text(f"### {case.name}: {case.about}, t = {case.t_end:g}")
+    page.text(f"## {case.name}: {case.about}, t = {case.t_end:g}")
     page.text(
         f"{len(system.coordinates)} coordinates. From the statement to our model {stated:.2f} s, to flows at "
         f"{len(ours)} tolerances, each run, {swept:.2f} s more. The two runs of the reference differ by {doubt:.0e}."
@@ -322,7 +322,7 @@ def turned(page: Page, n: int, options: Namespace, cache: Cache) -> None:
             cells = (f"{other.error:.1e}", f"{p.error:.1e}", f"{other.steps:.0f}", f"{p.steps:.0f}")
             times = (microseconds(other.seconds), microseconds(p.seconds), shown(p.seconds / other.seconds))
             rows.append((f"{p.tolerance:g}", *cells, *times))
-    page.text(f"### {n} links, angles absolute and relative")
+    page.text(f"## {n} links, angles absolute and relative")
     head = ("rtol = atol", "error, abs.", "rel.", "steps, abs.", "rel.", "us, abs.", "rel.", "relative / absolute")
     page.table(head, rows)
 

@@ -8,23 +8,20 @@ from html import escape
 from typing import Any
 
 from lagrange.equations.derivation import Derivation
-from lagrange.equations.textbook_algebra import TextbookAlgebra
-from lagrange.show.formula_lines import Line, LineWriter
-from lagrange.show.latex_notation import LatexNotation
-from lagrange.show.mathml_notation import MathmlNotation
-from lagrange.show.names import latex_text, markdown_text, plain_text
-from lagrange.show.pieces import Notation
-from lagrange.show.sections import Formula, Section, sections
-from lagrange.show.styles import FORMATS, terminal_style
-from lagrange.show.text_notation import AsciiNotation, UnicodeNotation, width
+from lagrange.show.notation.formula_lines import Line, LineWriter
+from lagrange.show.notation.latex import LatexNotation
+from lagrange.show.notation.mathml import MathmlNotation
+from lagrange.show.notation.names import latex_text, markdown_text, plain_text
+from lagrange.show.notation.pieces import Notation
+from lagrange.show.notation.sections import Formula, Section, sections
+from lagrange.show.notation.text import AsciiNotation, UnicodeNotation, width
+from lagrange.show.terminal.languages import FORMATS
 from lagrange.statement.choice import one_of
 from lagrange.statement.statement import Statement
 
 INDENT = "    "
 LONG_SECTION = 12
 """Lines of formulas above which a section of an HTML page is folded."""
-NOTEBOOK = 60_000
-"""Characters of a derivation that a notebook shows; the double pendulum takes 6,000 in LaTeX, 30,000 in HTML."""
 
 
 def render(derivation: Derivation, style: str = "text", findings: Sequence[str] = ()) -> str:
@@ -41,58 +38,6 @@ def render(derivation: Derivation, style: str = "text", findings: Sequence[str] 
     one_of(style, FORMATS, "{given} is no format of a derivation; they are {known}.")
     page: Page = PAGES[style](derivation.statement)
     return page.write([*sections(derivation), *([Section("Structure", tuple(findings))] if findings else [])])
-
-
-class ShownDerivation(Derivation):
-    """A derivation with its page: str() gives it as text, a notebook shows it, and `page(style)` has every language."""
-
-    def page(self, style: str | None = None) -> str:
-        """Return the page, without a style as the terminal reads it; see `System.page`."""
-        return render(self, terminal_style() if style is None else style)
-
-    def __str__(self) -> str:
-        return self.page()
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return written_derivation, (self.statement,)
-
-    def _repr_html_(self) -> str:
-        return self._bounded(HtmlPage(self.statement).body, escape)
-
-    def _repr_markdown_(self) -> str:
-        return self._bounded(MarkdownPage(self.statement).write, markdown_text)
-
-    def _repr_latex_(self) -> str:
-        return equations_latex(self)
-
-    def _bounded(self, write: Callable[[Sequence[Section]], str], quoted: Callable[[str], str]) -> str:
-        """Return the sections as far as a notebook shows them, and a sentence about the rest."""
-        shown, left = "", NOTEBOOK
-        for section in sections(self):
-            text = write([section])
-            left -= len(text)
-            if left < 0:
-                return shown + quoted(
-                    f"The page is longer than a notebook shows, from {section.heading!r} on: print page()."
-                )
-            shown += text
-        return shown
-
-
-def written_derivation(statement: Statement) -> ShownDerivation:
-    """Return the derivation of a statement with its page."""
-    return ShownDerivation(statement, TextbookAlgebra(statement))
-
-
-def equations_latex(derivation: Derivation) -> str:
-    """Return the equations of motion, and the constraints, as one LaTeX formula, as a notebook shows them."""
-    page = LatexPage(derivation.statement)
-    laws = (*derivation.equations, *derivation.constraints)
-    lines = [line for law in laws for line in page.lines.formula(Formula((law.lhs, law.rhs)))]
-    shown = f"$\\displaystyle {page.aligned(lines, 'aligned')}$"
-    if len(shown) <= NOTEBOOK:
-        return shown
-    return f"$\\text{{{len(laws)} equations of motion, too long for a notebook: print page() or equations().}}$"
 
 
 class Page(ABC):
@@ -227,6 +172,9 @@ class MarkdownPage(LatexPage):
 class HtmlPage(Page):
     """An HTML page with MathML, whose sections fold; long ones are folded when it opens."""
 
+    cell = '<mtd style="text-align: {}">{}</mtd>'
+    """A cell of a formula in several lines, aligned to the right or to the left."""
+
     @property
     def notation(self) -> Callable[[Sequence[str]], Notation]:
         """MathML."""
@@ -259,11 +207,10 @@ class HtmlPage(Page):
         if len(lines) == 1:
             inside = f"{lines[0].left}<mo>=</mo>{lines[0].right}" if lines[0].left else lines[0].right
         else:
-            cell = '<mtd style="text-align: {}">{}</mtd>'
             rows = (
                 '<mtr class="line">'
-                + cell.format("right", f"<mrow>{line.left}<mo>=</mo></mrow>" if line.left else "")
-                + cell.format("left", f"<mrow>{line.right}</mrow>")
+                + self.cell.format("right", f"<mrow>{line.left}<mo>=</mo></mrow>" if line.left else "")
+                + self.cell.format("left", f"<mrow>{line.right}</mrow>")
                 + "</mtr>"
                 for line in lines
             )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import math
 import os
 from collections.abc import Iterator, Sequence
@@ -11,13 +10,15 @@ from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from lagrange.errors import StatementError, listing, shown
+from lagrange.errors import StatementError, counted, listing, shown
 from lagrange.evidence.work_precision import Entry, Result
-from lagrange.show.atomic_file import write_atomically, write_rows
-from lagrange.show.atomic_folder import write_together
-from lagrange.show.picture import picture
-from lagrange.show.race_plot import plot
-from lagrange.show.table import text_table
+from lagrange.show.figures.race_figure import plot
+from lagrange.show.files.atomic_file import write_atomically, write_rows
+from lagrange.show.files.atomic_folder import write_together
+from lagrange.show.files.picture import picture
+from lagrange.show.files.resolution import FILE_DPI
+from lagrange.show.notebook.html_card import folded, image, sentences, table
+from lagrange.show.terminal.table import text_table
 from lagrange.statement.number import real_number
 
 if TYPE_CHECKING:
@@ -40,6 +41,9 @@ COLUMNS = (
 
 GOALS = tuple(10.0**-k for k in (3, 6, 9, 12))
 """Errors for which the table names the fastest method."""
+
+_FOLDED = 12
+"""More runs than this stand in a table that a notebook folds."""
 
 _HEADINGS = ("method", "setting", "error", "time / ms", "steps", "evaluations", "status")
 
@@ -103,7 +107,10 @@ class Race:
         return self.result.notes
 
     def fastest(self, error: float) -> Entry | None:
-        """Return the entry with the least time among those within an error, None if none is."""
+        """Return the entry with the least time among those within an error, None if none is.
+
+        Raises StatementError for an error that is not positive.
+        """
         goal = real_number(error, "the error")
         if goal <= 0:
             raise StatementError(f"the error is {goal:g}: give a positive one, such as 1e-6.")
@@ -139,8 +146,8 @@ class Race:
         """
         return write_atomically(path, self._csv)
 
-    def to_png(self, path: str | os.PathLike[str], *, dpi: int = 150) -> Path:
-        """Write the picture of `plot()`."""
+    def to_png(self, path: str | os.PathLike[str], *, dpi: int = FILE_DPI) -> Path:
+        """Write the picture of `plot()`, of `dpi` dots to an inch; raises what `to_csv` does."""
         return write_atomically(path, picture(self.plot(), dpi))
 
     def to_folder(self, folder: str | os.PathLike[str]) -> list[Path]:
@@ -157,22 +164,23 @@ class Race:
         records = self.records
         write_rows(file, COLUMNS, [[record[name] for record in records] for name in COLUMNS])
 
-    def plot(self) -> Figure:
-        """Return a Matplotlib figure of error against time, one line per method, both axes logarithmic."""
-        return plot(self)
+    def plot(self, *, style: str = "light") -> Figure:
+        """Return a Matplotlib figure of error against time, one line per method, both axes logarithmic.
+
+        `style` is "light" or "dark". Raises StatementError for another one, and where no run reached the end.
+        """
+        return plot(self, style)
 
     def __repr__(self) -> str:
         table = text_table(_HEADINGS, _aligned([_cells(entry) for entry in self]))
         return "\n".join([self._title(), "", table, "", *self._remarks()])
 
     def _repr_html_(self) -> str:
-        head = "".join(f"<th>{html.escape(name)}</th>" for name in _HEADINGS)
-        rows = "".join(
-            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in _cells(entry)) + "</tr>" for entry in self
-        )
-        remarks = "".join(f"<p>{html.escape(line)}</p>" for line in self._remarks())
-        title = html.escape(self._title())
-        return f"<table><caption style='text-align:left'>{title}</caption><tr>{head}</tr>{rows}</table>{remarks}"
+        rows = table(_HEADINGS, [_cells(entry) for entry in self])
+        shown = folded(f"table of {counted(len(self), 'run')}", rows) if len(self) > _FOLDED else rows
+        drawn = any(entry.complete and 0 < entry.error < math.inf for entry in self)
+        picture = image(self.plot(), f"error against time: {self._title()}") if drawn else ""
+        return sentences([self._title(), *self._remarks()]) + picture + shown
 
     def _title(self) -> str:
         return f"{self.system}, t = {self.span[0]:g} to {self.span[1]:g}: {self.measure()}"

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import html
 import json
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -18,17 +17,22 @@ from numpy.typing import ArrayLike
 from lagrange.errors import LagrangeError, RunError, StatementError, counted, listing, shown, suggestion
 from lagrange.evidence.stiffness import Stiffness, stiffness
 from lagrange.machine.model import Model
-from lagrange.show.atomic_file import Writer, write_atomically, write_rows
-from lagrange.show.atomic_folder import write_together
-from lagrange.show.constraint_drift import ConstraintDrift, constraint_drift
-from lagrange.show.constraint_forces import ConstraintForces
-from lagrange.show.data_sets import data_frame, data_set, event_arrays, finite
-from lagrange.show.drift import EnergyDrift, energy_drift
-from lagrange.show.invariants import drift_lines, invariants, momentum_drifts
-from lagrange.show.picture import picture
-from lagrange.show.plot import plot
+from lagrange.show.animation.animation import Animation, animate
+from lagrange.show.card import card_of, event_lines, setting_lines
+from lagrange.show.figures.run_figure import DPI, plot_runs
+from lagrange.show.files.atomic_file import Writer, write_atomically, write_rows
+from lagrange.show.files.atomic_folder import write_together
+from lagrange.show.files.data_sets import data_frame, data_set, event_arrays
+from lagrange.show.files.picture import picture
+from lagrange.show.files.resolution import FILE_DPI
+from lagrange.show.measures.constraint_drift import ConstraintDrift, constraint_drift
+from lagrange.show.measures.constraint_forces import ConstraintForces
+from lagrange.show.measures.drift import EnergyDrift, energy_drift, since_start
+from lagrange.show.measures.invariants import drift_lines, invariants, momentum_drifts
+from lagrange.show.measures.sampling import states_at, times_at
+from lagrange.show.notebook.html_card import image, pairs
 from lagrange.show.rows import row_label
-from lagrange.show.table import duration, text_table
+from lagrange.show.terminal.table import duration, text_table
 from lagrange.show.units import unit_of
 from lagrange.statement.multiplier import multiplier
 from lagrange.statement.number import real_array
@@ -39,9 +43,6 @@ if TYPE_CHECKING:
     import pandas
     import xarray
     from matplotlib.figure import Figure
-
-_CLIPPED = 1e-12
-"""Times beyond an end by less than this part of the span are that end, written with other round-off."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -135,17 +136,15 @@ class Solution:
 
         Raises StatementError for a time that the run did not reach: nothing is extrapolated.
         """
-        times = real_array(t, "t", width=len(self.names))
-        if times.ndim > 1 or not np.isfinite(times).all():
-            raise StatementError(f"{shown(t)} is not a time: give a finite number or a list of them.")
-        low, high = sorted(self.trajectory.span)
-        slack = _CLIPPED * (high - low)
-        if times.size and not (low - slack <= times.min() and times.max() <= high + slack):
-            outside = float(times.min() if times.min() < low - slack else times.max())
-            raise StatementError(f"t = {outside:.6g} is outside the run, which went from {low:.6g} to {high:.6g}.")
-        with np.errstate(all="ignore"):
-            states = self.trajectory.dense(np.clip(np.atleast_1d(times).astype(float), low, high))
-        return states if times.ndim else states[:, 0]
+        return states_at(self.trajectory, t, len(self.names))
+
+    def sampled(self, t: ArrayLike) -> Solution:
+        """Return the same run with other output times (K,), and the states of the dense output there.
+
+        Raises StatementError for a time that the run did not reach.
+        """
+        times = np.atleast_1d(real_array(t, "t"))
+        return replace(self, trajectory=replace(self.trajectory, t=times, y=self.at(times)))
 
     @cached_property
     def energy(self) -> FloatArray:
@@ -154,9 +153,13 @@ class Solution:
 
     @cached_property
     def drift(self) -> EnergyDrift:
-        """How far the energy moved over the output times."""
+        """How far the energy moved from the start over the output times, or from the first if no start is known."""
         self._check_output()
-        return energy_drift(self.model, self.energy, self.t, self.y, self.parameters)
+        return energy_drift(self.model, *self._since_start, self.parameters)
+
+    @cached_property
+    def _since_start(self) -> tuple[FloatArray, FloatArray, bool]:
+        return since_start(self.trajectory)
 
     @cached_property
     def invariants(self) -> Mapping[str, FloatArray]:
@@ -166,7 +169,8 @@ class Solution:
     @cached_property
     def momentum_drift(self) -> Mapping[str, FloatArray]:
         """How far momenta of ignorable coordinates are from their first values, (N,), relative to their terms."""
-        return momentum_drifts(self.model, self.t, self.y, self.parameters)
+        found = momentum_drifts(self.model, *self._since_start[:2], self.parameters)
+        return {name: drift[-len(self.t) :] for name, drift in found.items()}
 
     @property
     def constraint_error(self) -> FloatArray:
@@ -237,48 +241,26 @@ class Solution:
 
     def card(self) -> dict[str, Any]:
         """Return the status card as JSON-ready data; numbers that are not finite are None."""
-        card: dict[str, Any] = {
-            "system": self.model.statement.name,
-            "target": self.model.target,
-            "status": self.status.value,
-            "complete": self.status.complete,
-            "message": self.message,
-            "method": self.method,
-            "form": self.trajectory.form,
-            "step": finite(self.trajectory.step),
-            "rtol": finite(self.trajectory.rtol),
-            "atol": finite(self.trajectory.atol),
-            "steps": self.steps,
-            "rejected": self.trajectory.rejected,
-            "evaluations": self.evaluations,
-            "wall": finite(self.wall),
-            "events": [len(times) for times in self.t_events],
-            "outputs": len(self.t),
-            "t_start": finite(self.trajectory.span[0]),
-            "t_end": finite(self.trajectory.span[1]),
-            "energy": self._energy_card(),
-            "constraints": self.constraint_drift.card if self.constraint_drift else None,
-            "stiff": self.stiff.sentence() if self.stiff else None,
-            "units": {name: unit for name in (*self.names, "t") if (unit := unit_of(self.model.statement, name))},
-            "parameters": {row_label(key): finite(value) for key, value in self.parameters.items()},
-        }
-        for when, column in (("initial", 0), ("final", -1)):
-            card[when] = {name: finite(row[column]) for name, row in zip(self.names, self.y, strict=True) if len(row)}
-        return card
+        return card_of(self)
 
-    def to_csv(self, path: str | os.PathLike[str]) -> Path:
+    def to_csv(self, path: str | os.PathLike[str], *, rate: float | None = None, t: ArrayLike | None = None) -> Path:
         """Write t, the coordinates, their velocities and the multipliers, one line per output time; numbers round-trip.
 
-        Like all files here it is written whole or not at all. Raises StatementError for a path that cannot be
-        written, RunError if the disk is full.
+        With `rate` there are so many lines to a unit of time from the first output on, with `t` (K,) lines at those
+        times, both from the dense output. Like all files here it is written whole or not at all. Raises
+        StatementError for a path that cannot be written and a time that the run did not reach, RunError if the disk
+        is full.
         """
-        return write_atomically(path, self._csv)
+        if rate is not None and t is not None:
+            raise StatementError("give rate= or t= and not both: each says at which times there are lines.")
+        times = times_at(self.trajectory, rate) if rate is not None else t
+        return write_atomically(path, self._csv if times is None else self.sampled(times)._csv)
 
     def to_npz(self, path: str | os.PathLike[str]) -> Path:
         """Write NumPy arrays t (N,), y (2n, N), energy (N,), names (2n,), card and statement (JSON); none needs pickle.
 
         With m constraints also constraint_error (N,), multipliers (m, N), and constraints (m,), their names; with
-        events t_event_0 (k,) and y_event_0 (k, 2n) for the first, and so on. `lagrange.load` reads it.
+        events t_event_0 (k,), y_event_0 (k, 2n), and so on. `lagrange.load` reads it. Raises what `to_csv` does.
         """
         texts = {"card": json.dumps(self.card()), "statement": json.dumps(stored(self.model.statement))}
         arrays = {"t": self.t, "y": self.y, "names": np.array(self.names)}
@@ -293,9 +275,9 @@ class Solution:
         energy = self.energy if self.has_energy else np.full(len(self.t), np.nan)
         return write_atomically(path, lambda file: np.savez(file, allow_pickle=False, energy=energy, **arrays))
 
-    def to_png(self, path: str | os.PathLike[str], *, dpi: int = 150) -> Path:
-        """Write the picture of `plot()`."""
-        return write_atomically(path, picture(self.plot(), dpi))
+    def to_png(self, path: str | os.PathLike[str], *, dpi: int = FILE_DPI) -> Path:
+        """Write the picture of `plot()`, of `dpi` dots to an inch; raises what `to_csv` does."""
+        return write_atomically(path, picture(self.plot(dpi=dpi), dpi))
 
     def to_folder(self, folder: str | os.PathLike[str]) -> list[Path]:
         """Write trajectory.csv, trajectory.png and card.json, all of them or none, and return their paths.
@@ -333,28 +315,63 @@ class Solution:
         """
         return data_set(self.t, self._columns, self.card())
 
-    def plot(self) -> Figure:
-        """Return a Matplotlib figure: coordinates over time, the energy, and the path where positions are named."""
-        return plot(self)
+    def plot(
+        self,
+        what: Any = None,
+        *,
+        of: Any = None,
+        ax: Any = None,
+        size: Any = None,
+        style: str = "light",
+        dpi: int = DPI,
+    ) -> Figure:
+        """Return a Matplotlib figure of the run, every curve from dense output and within a pixel.
+
+        `what` is one of "coordinates", "velocities", "phase", "energies" (T, V and E), "drift" (of the energy),
+        "invariants", "path", "multipliers" and "violation", a coordinate or any SymPy expression, or a list of them;
+        else it is the coordinates, the drifts and the paths of named points. `of` chooses coordinates. With `ax`,
+        Matplotlib axes or a list of them, one panel is drawn in each and their figure returned. The look is
+        `size=(width, height)` in inches, `style="light"` or "dark", and `dpi`, dots to an inch for which curves are
+        drawn. Raises StatementError for a run without output, and for what the system does not have.
+        """
+        return plot_runs([self], what, of=of, ax=ax, size=size, style=style, dpi=dpi)
+
+    def animate(
+        self,
+        path: str | os.PathLike[str] | None = None,
+        *,
+        fps: float = 30.0,
+        speed: float | None = None,
+        size: tuple[int, int] | None = None,
+        style: str = "auto",
+        trail: float | None = None,
+        progress: bool = False,
+    ) -> Animation:
+        """Return the run as a picture that moves, which a notebook shows; with a path it is written as well.
+
+        The ending of the path says how: .html is a page with a player, .gif a picture, .mp4 a film, which needs ffmpeg.
+        Drawn are the stated positions with rods and springs, without any the coordinates; and the energies.
+        `speed` is time of the run per time on the screen: without it 1 where the run has 1 to 100 s, else a round one.
+        `size` is (width, height) in pixels, `trail` the time that trails go back, 0 for none; `style` is light, dark,
+        or auto, with which a page follows its reader. At most 3000 frames are shown; what is not as asked for is said
+        in `.notes`. Raises StatementError for what cannot be drawn or written, RunError if the disk is full.
+        """
+        return animate(self, path, fps=fps, speed=speed, size=size, style=style, trail=trail, progress=progress)
 
     def __repr__(self) -> str:
         return f"{self.model.statement.name}: {self.status.value}\n{text_table(('', ''), self._lines())}"
 
     def _repr_html_(self) -> str:
-        rows = "".join(
-            f"<tr><th style='text-align:left'>{html.escape(name)}</th>"
-            f"<td style='text-align:left'>{html.escape(value)}</td></tr>"
-            for name, value in self._lines()
-        )
-        heading = html.escape(f"{self.model.statement.name}: {self.status.value}")
-        return f"<table><caption style='text-align:left'>{heading}</caption>{rows}</table>"
+        heading = f"{self.model.statement.name}: {self.status.value}"
+        picture = image(self.plot(), f"plot of {heading}") if len(self.t) else ""
+        return pairs(heading, self._lines()) + picture
 
     def _lines(self) -> list[tuple[str, str]]:
         begun, reached = self.trajectory.span
         outputs = counted(len(self.t), "output") if len(self.t) else "no outputs"
         return [
             ("method", ", ".join(part for part in (self.method, self.trajectory.form) if part)),
-            *self._setting_lines(),
+            *setting_lines(self.trajectory),
             ("time", f"{begun:.6g} to {reached:.6g}{self._time_unit}, {outputs}"),
             ("steps", f"{self.steps} ({self.trajectory.rejected} rejected), {counted(self.evaluations, 'evaluation')}"),
             (
@@ -363,7 +380,7 @@ class Solution:
             ),
             *drift_lines(self.momentum_drift),
             *([("constraint drift", self.constraint_drift.sentence())] if self.constraint_drift else []),
-            *self._event_lines(),
+            *event_lines(self.t_events),
             *([("stiffness", self.stiff.sentence())] if self.stiff else []),
             ("wall time", duration(self.wall)),
             ("message", self.message),
@@ -374,27 +391,6 @@ class Solution:
         unit = unit_of(self.model.statement, "t")
         return f" {unit}" if unit else ""
 
-    def _setting_lines(self) -> list[tuple[str, str]]:
-        run = self.trajectory
-        if run.step is not None:
-            return [("step", f"{run.step:.6g}")]
-        if run.rtol is None:
-            return []
-        atol = "follows the scale" if run.atol is None else f"= {run.atol:g}"
-        return [("tolerances", f"rtol = {run.rtol:g}, atol {atol}")]
-
-    def _event_lines(self) -> list[tuple[str, str]]:
-        if not self.t_events:
-            return []
-        counts = (f"event {i}: {counted(len(times), 'time')}" for i, times in enumerate(self.t_events))
-        return [("events", ", ".join(counts))]
-
     def _check_output(self) -> None:
         if not len(self.t):
             raise StatementError("the run has no output: it ended before the first of its output times.")
-
-    def _energy_card(self) -> dict[str, Any] | None:
-        if not self.has_energy:
-            return None
-        drift = {**asdict(self.drift), "relative": self.drift.relative}
-        return {key: finite(value) if isinstance(value, float) else value for key, value in drift.items()}

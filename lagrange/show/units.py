@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lagrange.statement.coordinate import t
-from lagrange.statement.dimension import Dimension, named
+from lagrange.statement.dimension import Dimension, named, read_dimension
 from lagrange.statement.statement import Statement
 
 
@@ -30,6 +30,18 @@ def unit_of(statement: Statement, name: str) -> str:
 def length_unit(statement: Statement) -> str:
     """Return the unit of positions: that with which a length was stated."""
     return _unit(statement, named("length")) if has_units(statement) else ""
+
+
+def energy_unit(statement: Statement) -> str:
+    """Return the unit of energies: that with which one was stated, J, or made of those of mass, length and time."""
+    if not has_units(statement):
+        return ""
+    stated = _unit(statement, named("energy"))
+    mass, length, time = _unit(statement, named("mass")), length_unit(statement), unit_of(statement, "t")
+    if stated or not (mass and length):
+        return stated
+    made = read_dimension(f"{mass}*{length}**2/{time}**2", "the unit of energy")
+    return "J" if made.fits(named("joule")) else f"{mass}·{length}²/{time}²"
 
 
 def _unit(statement: Statement, dimension: Dimension | None) -> str:

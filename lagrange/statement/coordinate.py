@@ -112,7 +112,10 @@ def _refusing(numpy: str, ours: str) -> Callable[[Any], NoReturn]:
 
 
 def coordinates(names: str) -> Any:
-    """Return the coordinates named in a text such as ``"x y"``: a tuple, or one coordinate for one name."""
+    """Return the coordinates named in a text such as ``"x y"``: a tuple, or one coordinate for one name.
+
+    Raises StatementError for a name that `coordinate` refuses.
+    """
     given = _names(names, "coordinate")
     found = tuple(map(coordinate_of, given))
     COORDINATES.declare(given)
@@ -122,7 +125,8 @@ def coordinates(names: str) -> Any:
 def parameters(names: str, *, positive: bool = True) -> Any:
     """Return parameters named in a text such as ``"m g l"``: real symbols, positive unless told otherwise.
 
-    One name gives one symbol, several give a tuple.
+    One name gives one symbol, several give a tuple. Raises StatementError for a name that is not an identifier, or that
+    has a meaning.
     """
     found = []
     positive, given = flag(positive, "positive"), _names(names, "parameter")

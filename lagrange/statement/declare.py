@@ -21,6 +21,7 @@ from lagrange.statement.dimension_check import with_dimensions
 from lagrange.statement.expression import entries, expression
 from lagrange.statement.given import check_given, coordinate_or_given
 from lagrange.statement.letters import NAME
+from lagrange.statement.link import KINDS, Link
 from lagrange.statement.motion import motion_of
 from lagrange.statement.number import real_number
 from lagrange.statement.parameters import check_rate, default_values, label_of, parameter_symbols, table_of
@@ -305,19 +306,25 @@ def _positions(given: Mapping[str, Any] | None, survey: Survey) -> dict[str, tup
     return points
 
 
-def _links(links: Iterable[Sequence[str]], points: dict[str, Any]) -> tuple[tuple[str, str], ...]:
+def _links(links: Iterable[Sequence[str]], points: dict[str, Any]) -> tuple[Link, ...]:
     known = [ORIGIN, *points]
     given = entries(links, "links")
     if given is None:
         raise StatementError(f"links is {shown(links)}: give a list of pairs of point names.")
-    pairs = []
+    made = []
     for link in given:
-        if not _has_length(link, 2):
-            raise StatementError(f"links contains {shown(link)}: give pairs of point names, such as ('origin', 'bob').")
-        for end in link:
-            one_of(end, known, "links names {given}, which is no position; they are {known}.")
-        pairs.append((str(link[0]), str(link[1])))
-    return tuple(pairs)
+        if not _has_length(link, 2, 3):
+            raise StatementError(
+                f"links contains {shown(link)}: give pairs of point names, such as ('origin', 'bob'), or "
+                "('origin', 'bob', 'spring')."
+            )
+        start, end, *kind = link
+        for point in (start, end):
+            one_of(point, known, "links names {given}, which is no position; they are {known}.")
+        for given_kind in kind:
+            one_of(given_kind, KINDS, "links has the kind {given}; the kinds are {known}.")
+        made.append(Link(*map(str, link)))
+    return tuple(made)
 
 
 def _has_length(value: Any, *lengths: int) -> bool:

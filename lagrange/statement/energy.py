@@ -14,7 +14,10 @@ from lagrange.statement.expression import entries, expression, vector
 
 
 def kinetic_energy(mass: Any, position: Sequence[Any] | Any) -> Any:
-    """Return m |dr/dt|^2 / 2 of a point mass at `position`, a vector of any length (or one expression)."""
+    """Return m |dr/dt|^2 / 2 of a point mass at `position`, a vector (k,) of any length or one expression.
+
+    Units are those of the mass and the position. Raises StatementError for what is no expression, such as a text.
+    """
     point = vector(position, "the position")
     return expression(mass, "the mass") * sum((sympy.diff(x, t) ** 2 for x in point), sympy.S.Zero) / 2
 
@@ -23,7 +26,8 @@ def rotational_energy(inertia: Any, angular_velocity: Any) -> Any:
     """Return w . I w / 2.
 
     `inertia` is a scalar, a vector of principal moments (k,) or a matrix (k, k); `angular_velocity` a scalar
-    or a vector (k,) in the same axes. Raises StatementError for a component that is an angle.
+    or a vector (k,) in the same axes. Raises StatementError for a component that is an angle, and for shapes that
+    do not fit together. Goldstein, Poole, Safko, Classical Mechanics, 3rd ed., section 5.3.
     """
     rates = vector(angular_velocity, "the angular velocity")
     for i, rate in enumerate(rates):
@@ -68,7 +72,10 @@ def _tensor(inertia: Any, k: int) -> Any:
 
 
 def gravity(mass: Any, position: Sequence[Any] | Any, g: Any, up: Sequence[Any] | None = None) -> Any:
-    """Return m g times the height of `position` along `up`, by default the last axis: y in the plane, z in space."""
+    """Return m g times the height of `position` (k,) along `up` (k,), by default the last axis: y, in space z.
+
+    `up` is scaled to unit length. Raises StatementError for an `up` of another length, or zero.
+    """
     point = vector(position, "the position")
     direction = vector([0] * (len(point) - 1) + [1] if up is None else up, "the upward direction")
     if len(direction) != len(point):
@@ -83,7 +90,8 @@ def gravity(mass: Any, position: Sequence[Any] | Any, g: Any, up: Sequence[Any] 
 def spring(stiffness: Any, a: Sequence[Any] | Any, b: Sequence[Any] | Any | None = None, rest_length: Any = 0) -> Any:
     """Return k (|a - b| - rest_length)^2 / 2 of a spring between two points of the same dimension.
 
-    Without `b` the spring goes to the origin.
+    Points are vectors (k,); without `b` the spring goes to the origin. Raises StatementError for ends of different
+    dimensions.
     """
     start = vector(a, "the first end")
     end = [sympy.S.Zero] * len(start) if b is None else vector(b, "the second end")

@@ -18,6 +18,7 @@ from lagrange.statement.declare import state_rows
 from lagrange.statement.expression import entries, expression
 from lagrange.statement.multiplier import multiplier
 from lagrange.statement.number import real_number
+from lagrange.statement.parameters import in_own_parameters
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 
@@ -142,7 +143,8 @@ def declare_events(events: Any, statement: Statement) -> tuple[Event, ...]:
     listed = entries(events, "events")
     if listed is None:
         raise StatementError(f"events is {shown(events)!r}: give a list of expressions, or of lg.event(...).")
-    found = tuple(given if isinstance(given, Event) else _either_way(given) for given in listed)
+    stated = (given if isinstance(given, Event) else _either_way(given) for given in listed)
+    found = tuple(_in_own_parameters(one, statement.parameters) for one in stated)
     for place, one in enumerate(found):
         survey = _check(one.expression, f"event {place}", statement, motion=True)
         if not survey.coordinates and not survey.multipliers and not one.expression.has(t):
@@ -172,6 +174,15 @@ def _either_way(given: Any) -> Event:
 
 
 _kept = lru_cache(maxsize=256)(event)
+
+
+@lru_cache(maxsize=256)
+def _in_own_parameters(one: Event, parameters: tuple[Any, ...]) -> Event:
+    """Return an event in a system's own parameters, itself where it is; kept, as what is prepared for it is."""
+    zero = in_own_parameters(one.expression, parameters)
+    reset = {key: in_own_parameters(value, parameters) for key, value in one.reset.items()}
+    same = zero == one.expression and reset == one.reset
+    return one if same else Event(zero, one.direction, one.terminal, reset)
 
 
 @lru_cache(maxsize=256)

@@ -303,4 +303,6 @@ def _refuse_character(text: str, offset: int) -> NoReturn:
             "digits and + - * / **, and spell Greek letters out, as in theta.",
             offset,
         )
+    if character == "'" and offset and _LETTER.match(text[offset - 1]):
+        refuse("a prime is no derivative here: the velocity of x is x_dot, its acceleration x_ddot.", offset)
     refuse(f"{character!r} cannot stand in an expression: {_REMEDIES.get(character, _ALLOWED)}.", offset)

@@ -101,6 +101,16 @@ def parameter_symbols(
     return ordered, unify
 
 
+def in_own_parameters(value: Any, parameters: Sequence[Any]) -> Any:
+    """Return an expression with a system's own parameters for symbols of the same name.
+
+    Those of a scene are not said to be positive, and those of `lg.parameters` are: SymPy takes them for others.
+    """
+    by_name = {p.name: p for p in parameters}
+    others = {s: by_name[s.name] for s in value.free_symbols if s.name in by_name and s not in parameters}
+    return value.xreplace(others) if others else value
+
+
 _MEANT = {t.name: "time: use lg.t for time", "pi": "the constant: use sympy.pi for the constant"}
 """What a plain symbol with one of these names probably stands for, and what to write instead."""
 

@@ -17,6 +17,7 @@ from lagrange.statement.coordinate import check_name, check_symbol, coordinate_o
 from lagrange.statement.declare import ORIGIN, declare
 from lagrange.statement.document import Document, kind_of
 from lagrange.statement.given import given
+from lagrange.statement.link import KINDS, Link
 from lagrange.statement.statement import REDUNDANT, REFUSE, RunSettings, Statement
 
 LIBRARY = Path(__file__).resolve().parents[1] / "scenes"
@@ -255,8 +256,8 @@ class _Scene:
             points[name] = tuple(self.document.expression(names, "positions", name, i) for i in range(len(entries)))
         return points
 
-    def links(self) -> list[tuple[str, str]]:
-        """Return the pairs of points between which to draw."""
+    def links(self) -> list[Link]:
+        """Return the pairs of points between which to draw, with what to draw."""
         known = [ORIGIN, *self.document.table("positions")]
         links = self.data.get("links", [])
         if not isinstance(links, list):
@@ -264,16 +265,19 @@ class _Scene:
                 f'links is {kind_of(links)}: write a list of pairs of points, such as [["origin", "bob"]].', "links"
             )
         for i, link in enumerate(links):
-            if not isinstance(link, list) or len(link) != 2:
-                self.document.refuse('a link is a pair of points, such as ["origin", "bob"].', "links", i)
-            for j, end in enumerate(link):
-                if end not in known:
-                    shown = repr(end[:80]) if isinstance(end, str) else kind_of(end)
-                    hint = suggestion(end[:80], known) if isinstance(end, str) else ""
+            if not isinstance(link, list) or len(link) not in (2, 3):
+                self.document.refuse(
+                    'a link is a pair of points, such as ["origin", "bob"] or ["origin", "bob", "spring"].', "links", i
+                )
+            for j, word in enumerate(link):
+                allowed, what = (known, "position") if j < 2 else (KINDS, "kind of link")
+                if word not in allowed:
+                    shown = repr(word[:80]) if isinstance(word, str) else kind_of(word)
+                    hint = suggestion(word[:80], allowed) if isinstance(word, str) else ""
                     self.document.refuse(
-                        f"links names {shown}, which is no position; they are {listing(known)}.{hint}", "links", i, j
+                        f"links names {shown}, which is no {what}; they are {listing(allowed)}.{hint}", "links", i, j
                     )
-        return [(link[0], link[1]) for link in links]
+        return [Link(*link) for link in links]
 
     def run(self) -> RunSettings:
         """Return how the scene asks to be run."""

@@ -14,6 +14,7 @@ from lagrange.errors import listing
 from lagrange.statement.constraint import Constraint
 from lagrange.statement.coordinate import acceleration_of, name_of, velocity_of
 from lagrange.statement.dimension import Dimension
+from lagrange.statement.link import Link
 from lagrange.statement.motion import motion_of
 
 REFUSE, ALLOW = REDUNDANT = ("refuse", "allow")
@@ -60,7 +61,7 @@ class Statement:
     defaults: Mapping[Symbol, float]
     initial: tuple[float, ...]
     positions: Mapping[str, tuple[Any, ...]]
-    links: tuple[tuple[str, str], ...]
+    links: tuple[Link, ...]
     name: str
     about: str = ""
     source: str = ""
@@ -74,6 +75,9 @@ class Statement:
     prescribed: tuple[tuple[Any, Any], ...] = ()
     inferred: tuple[str, ...] = ()
     open_form: Statement | None = None
+
+    def __repr__(self) -> str:
+        return f"<Statement of {self.name}: {', '.join(self.names)}>"
 
     def __getstate__(self) -> dict[str, Any]:
         # Read-only views of dicts do not pickle.
@@ -92,6 +96,16 @@ class Statement:
     def names(self) -> tuple[str, ...]:
         """The coordinates' names, n of them."""
         return tuple(name_of(q) for q in self.coordinates)
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """The names of the 2n entries of a state: coordinates, then velocities with ``_dot``."""
+        return (*self.names, *(f"{name}_dot" for name in self.names))
+
+    @property
+    def lagrangian_alone(self) -> bool:
+        """Whether the Lagrangian was stated, and not T and V."""
+        return bool(self.potential == 0 and self.kinetic == self.lagrangian)
 
     def highest(self, function: Any) -> int:
         """Return the highest derivative of a given function that may be asked for: equations contain one more."""

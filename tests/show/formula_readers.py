@@ -11,7 +11,7 @@ from unicodedata import normalize
 
 import sympy
 
-from lagrange.show.formula import Typesetter
+from lagrange.show.notation.formula import Typesetter
 
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     name: getattr(sympy, name)
@@ -159,6 +159,8 @@ def _plain(node: ElementTree.Element) -> str:
             return f"sqrt({''.join(parts)})"
         case "mrow":
             return "".join(parts)
+        case "mspace":
+            return " "
     signs = {"\N{MINUS SIGN}": "-", "·": "*", "\N{FUNCTION APPLICATION}": " "}
     return f" {signs.get(node.text or '', node.text)} "
 

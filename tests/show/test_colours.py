@@ -6,7 +6,7 @@ import pytest
 from matplotlib.colors import to_rgb
 
 from lagrange.methods import names, plot_stability
-from lagrange.show.colours import COLOURS, colours
+from lagrange.show.figures.colours import COLOURS, colours
 
 
 @pytest.mark.parametrize("count", [0, 1, 8, 9, 39, 100])

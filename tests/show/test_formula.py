@@ -12,14 +12,14 @@ import sympy
 from sympy import Abs, Float, Function, Max, Piecewise, Rational, cos, exp, log, pi, sin, sqrt
 
 import lagrange as lg
-from lagrange.show.derivation import NOTEBOOK, render
-from lagrange.show.formula_lines import LineWriter
-from lagrange.show.latex_notation import LatexNotation
-from lagrange.show.mathml_notation import MathmlNotation
-from lagrange.show.pieces import Notation
-from lagrange.show.sections import READABLE, Formula
-from lagrange.show.styles import terminal_style
-from lagrange.show.text_notation import AsciiNotation, UnicodeNotation
+from lagrange.show.derivation import render
+from lagrange.show.notation.formula_lines import LineWriter
+from lagrange.show.notation.latex import LatexNotation
+from lagrange.show.notation.mathml import MathmlNotation
+from lagrange.show.notation.pieces import Notation
+from lagrange.show.notation.sections import READABLE, Formula
+from lagrange.show.notation.text import AsciiNotation, UnicodeNotation
+from lagrange.show.terminal.languages import terminal_style
 from lagrange.statement.declare import declare
 from tests.models import shared_scene
 
@@ -217,16 +217,6 @@ def test_html_folds_and_speaks_no_markup_of_the_statement() -> None:
         "http://www.w3.org/1998", ""
     )
     assert "<details><summary>" in render(shared_scene("spinning-top").derivation(), "html")
-
-
-def test_notebooks_are_bounded() -> None:
-    long, short = shared_scene("spinning-top").derivation(), shared_scene("pendulum").derivation()
-    for derivation in (short, long):
-        for shown in (derivation._repr_html_(), derivation._repr_markdown_(), derivation._repr_latex_()):
-            assert len(shown) <= NOTEBOOK + 200
-    assert "The page is longer than a notebook shows" in long._repr_html_()
-    assert "Structure" not in short._repr_markdown_() and "## Energy" in short._repr_markdown_()
-    assert str(short) == short.page("text")
 
 
 def test_the_double_pendulum_fits_on_two_pages() -> None:

@@ -13,10 +13,10 @@ import pytest
 import sympy
 
 import lagrange as lg
-from lagrange.show.formula_lines import LineWriter
-from lagrange.show.latex_notation import LatexNotation
-from lagrange.show.mathml_notation import MathmlNotation
-from lagrange.show.sections import (
+from lagrange.show.notation.formula_lines import LineWriter
+from lagrange.show.notation.latex import LatexNotation
+from lagrange.show.notation.mathml import MathmlNotation
+from lagrange.show.notation.sections import (
     Formula,
     Grid,
     Partial,
@@ -28,7 +28,7 @@ from lagrange.show.sections import (
     Transpose,
     sections,
 )
-from lagrange.show.text_notation import AsciiNotation, UnicodeNotation
+from lagrange.show.notation.text import AsciiNotation, UnicodeNotation
 from tests.models import shared_scene
 from tests.show import formula_readers
 

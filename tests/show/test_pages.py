@@ -13,7 +13,7 @@ from matplotlib.mathtext import MathTextParser
 from sympy import cos, sin
 
 import lagrange as lg
-from lagrange.show.names import GREEK
+from lagrange.show.notation.names import GREEK
 from tests.models import shared_scene
 
 PAGES = Path(__file__).parent / "pages"
@@ -118,3 +118,11 @@ def test_a_chain_of_five_links_is_derived_without_its_accelerations() -> None:
     page = chain.page("unicode")  # takes 1 s
     assert "Accelerations\n    The formulas are too long to be read" in page
     assert "(m₁ + m₂ + m₃ + m₄ + m₅) l² q̈₁ + (m₂ + m₃ + m₄ + m₅) l² q̈₂ cos(q₁ − q₂)" in page
+
+
+def test_names_of_functions_have_thin_spaces_in_mathml() -> None:
+    page = shared_scene("spherical-pendulum").page("html")
+    space, theta = '<mspace width="0.17em"/>', "<mi>θ</mi>"
+    assert f"<mi>l</mi>{space}<mrow><mi>sin</mi><mo>\N{FUNCTION APPLICATION}</mo>{space}{theta}</mrow>" in page
+    assert f"{space}<mrow><msup><mi>sin</mi><mn>2</mn></msup>" in page
+    assert f"(</mo>{space}" not in page

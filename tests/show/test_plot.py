@@ -19,9 +19,9 @@ from lagrange.trajectory.trajectory import Status
 from tests.show.examples import free, m, oscillator, solved, x
 
 
-def drawn(solution: Solution) -> Any:
+def drawn(solution: Solution, **asked: Any) -> Any:
     """Return the figure after it was really drawn; warnings are errors here."""
-    figure = solution.plot()
+    figure = solution.plot(**asked)
     figure.savefig(io.BytesIO(), format="png", dpi=60)
     return figure
 
@@ -36,7 +36,7 @@ def labels(figure: Any) -> list[str]:
 
 def test_one_coordinate_and_its_energy() -> None:
     figure = drawn(oscillator())
-    assert titles(figure) == ["coordinates over time t", "energy drift: (E - E0) relative to the initial energy"]
+    assert titles(figure) == ["", "energy drift: (E − E₀) relative to the initial energy"]
     assert labels(figure)[0] == "$x$" and "oscillator   exact, 50 steps" in figure.get_suptitle()
     (line,) = figure.axes[0].lines
     times, values = line.get_data()
@@ -56,7 +56,7 @@ def test_fourteen_coordinates_each_have_a_panel() -> None:
 
 def test_a_hundred_coordinates_share_panels() -> None:
     figure = drawn(free(100))
-    assert len(figure.axes) == 26 and labels(figure)[0] == "x1 ... x4"
+    assert len(figure.axes) == 26 and titles(figure)[0] == "coordinates x1 to x4"
     assert sum(len(axis.lines) for axis in figure.axes[:-1]) == 100
 
 
@@ -64,14 +64,15 @@ def test_a_long_name_stands_above() -> None:
     q = coordinate("angle_of_the_first_link")
     statement = declare(kinetic=q.dot**2 / 2, name="s")
     figure = drawn(solved(statement, np.array([0.0, 1.0]), lambda t: np.array([t, np.ones_like(t)])))
-    assert figure.axes[0].get_title("right") == "angle_of_the_first_link"
+    assert titles(figure)[0] == "angle_of_the_first_link" and labels(figure)[0] == ""
 
 
 def test_an_energy_that_is_not_conserved_is_shown_itself() -> None:
     solution = oscillator(forces={x: -x.dot / 10})
     figure = drawn(solution)
     assert titles(figure)[1] == "energy (the system does not conserve it)"
-    np.testing.assert_array_equal(figure.axes[1].lines[0].get_ydata(), solution.energy)
+    times, energy = figure.axes[1].lines[0].get_data()
+    np.testing.assert_array_equal(energy, solution.model.energy(*np.split(solution.at(times), 2)))
 
 
 def double_pendulum() -> Solution:
@@ -90,15 +91,14 @@ def double_pendulum() -> Solution:
 def test_the_path_in_the_plane_with_links_at_the_end() -> None:
     figure = drawn(double_pendulum())
     path = figure.axes[-1]
-    assert path.get_title("left") == "path in the plane; open circles: start"
+    assert path.get_title("left") == "path; open circles: start"
     assert (path.get_xlabel(), path.get_ylabel()) == ("x", "y")
     data = [line.get_xydata() for line in path.lines]
     np.testing.assert_allclose(data[0], [(0, 0), (np.sin(2), -np.cos(2))], atol=1e-12)
     np.testing.assert_allclose(data[1], [(np.sin(2), -np.cos(2)), (0, -2 * np.cos(2))], atol=1e-12)
     curve = data[2]
     np.testing.assert_allclose(np.hypot(*curve.T), 1.0)
-    texts = [text.get_text() for legend in figure.subfigs[1].legends for text in legend.get_texts()]
-    assert texts == ["first", "second"]
+    assert [text.get_text() for text in path.get_legend().get_texts()] == ["first", "second"]
     assert path.get_aspect() == 1.0
 
 
@@ -109,16 +109,24 @@ def in_space(*parts: Any) -> Solution:
     return solved(statement, np.linspace(0, 2, 9), lambda t: np.array([t, t**2, np.ones_like(t), 2 * t]))
 
 
-def test_a_path_in_space_is_seen_from_a_side_with_the_axes_shown() -> None:
+def test_a_path_in_space_is_seen_from_a_side_over_a_floor_with_numbers() -> None:
     axis = drawn(in_space(lambda a, b: a, lambda a, b: b, lambda a, b: a * b)).axes[-1]
-    assert axis.get_title("left") == "path in space; open circles: start"
-    assert [text.get_text() for text in axis.texts if text.get_text()] == ["x", "y", "z"]
-    curve = axis.lines[1].get_xydata()
+    texts = [text.get_text() for text in axis.texts]
+    assert [text for text in texts if text in "xyz"] == ["x", "y", "z"]
+    assert texts[-4:] == ["2.5", "5.0", "7.5", "z"]
     azimuth, elevation = np.radians(-60), np.radians(25)
     end = np.array([2.0, 4.0, 8.0])
     across = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     eye = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
-    np.testing.assert_allclose(curve[-1], [across @ end, np.cross(eye, across) @ end])
+    seen = np.array([across @ end, np.cross(eye, across) @ end])
+    (last,) = [line for line in axis.lines if line.get_label() == "p"]
+    np.testing.assert_allclose(last.get_xydata()[0], seen)
+    depths = [line for line in axis.lines if 2.0 <= line.get_zorder() < 3.0 and len(line.get_xdata())]
+    widths = [line.get_linewidth() for line in depths]
+    assert len(depths) > 1 and widths == sorted(set(widths)), "what is near is wider"
+    shadow = next(line for line in axis.lines if line.get_zorder() == 1.0).get_xydata()
+    np.testing.assert_allclose(shadow[-1, 0], seen[0])
+    assert shadow[-1, 1] < seen[1]
 
 
 @pytest.mark.parametrize(
@@ -132,12 +140,26 @@ def test_a_path_in_space_is_seen_from_a_side_with_the_axes_shown() -> None:
 def test_a_plane_in_space_is_seen_from_above(parts: Any, expected: tuple[str, str]) -> None:
     axis = drawn(in_space(*parts)).axes[-1]
     assert (axis.get_xlabel(), axis.get_ylabel()) == expected
-    np.testing.assert_allclose(axis.lines[1].get_xydata()[-1], [2.0, 4.0])
+    (last,) = [line for line in axis.lines if line.get_label() == "p"]
+    np.testing.assert_allclose(last.get_xydata()[-1], [2.0, 4.0])
 
 
 def test_a_thread_is_not_drawn_to_scale_but_a_straight_line_is() -> None:
-    assert drawn(in_space(lambda a, b: 100 * a, lambda a, b: b)).axes[-1].get_aspect() == "auto"
-    assert drawn(in_space(lambda a, b: 100 * a, 0.0)).axes[-1].get_aspect() == 1.0
+    thread = drawn(in_space(lambda a, b: 100 * a, lambda a, b: b)).axes[-1]
+    assert thread.get_aspect() == "auto" and "not to scale" in thread.get_title("left")
+    assert drawn(in_space(lambda a, b: 3 * a, lambda a, b: b)).axes[-1].get_aspect() == 1.0
+
+
+@pytest.mark.parametrize(
+    ("parts", "label", "ticks"),
+    [((lambda a, b: a, 0.0), "x", "yticks"), ((0.0, lambda a, b: b), "y", "xticks")],
+)
+def test_motion_on_a_line_has_a_row_or_a_column_and_no_square(parts: Any, label: str, ticks: str) -> None:
+    figure = drawn(in_space(*parts))
+    axis = figure.axes[-1]
+    assert (axis.get_xlabel() or axis.get_ylabel()) == label and not len(getattr(axis, f"get_{ticks}")())
+    box = axis.get_window_extent()
+    assert max(box.width / box.height, box.height / box.width) > 2.5
 
 
 @pytest.mark.parametrize("times", [[0.0], [0.0, -3.0, -4.0], np.linspace(0, 5, 100_001)])
@@ -180,3 +202,17 @@ def test_matplotlib_comes_with_the_first_picture_only_and_none_of_its_global_sta
         "sys.exit('matplotlib.pyplot' in sys.modules or settings() != before)"
     )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+
+
+def test_the_title_of_a_path_that_is_shaded_stays_in_the_picture() -> None:
+    a, b = coordinates("a b")
+    points = {"first": (sin(a), -cos(a)), "second": (2 * sin(b), -2 * cos(b))}
+    statement = declare(kinetic=a.dot**2 + b.dot**2, positions=points, name="turns")
+    solution = solved(
+        statement, np.linspace(0.0, 2000.0, 9), lambda t: np.array([t, -t, np.ones_like(t), -np.ones_like(t)])
+    )
+    figure: Any = solution.plot()
+    figure.draw_without_rendering()
+    path = figure.axes[-1]
+    assert path._left_title.get_window_extent().x1 <= figure.bbox.x1
+    assert "shaded: before" in path.get_title("left")

@@ -144,7 +144,7 @@ def test_the_picture_has_a_line_for_each_method_that_got_there() -> None:
 
 def test_what_the_reference_cannot_tell_is_drawn_open() -> None:
     told, untold = made().plot().axes[0].get_lines()[:2]
-    assert untold.get_markerfacecolor() == "white" != told.get_markerfacecolor()
+    assert untold.get_markerfacecolor() == "#ffffff" != told.get_markerfacecolor()
     assert untold.get_linestyle() == "None"
     assert "is a bound" in made().plot().get_supxlabel()
     assert "is a bound" not in made(ENTRIES[2:]).plot().get_supxlabel()
@@ -163,10 +163,12 @@ def test_what_is_not_shown_is_said() -> None:
     assert "did not reach" not in made(ENTRIES[:4]).plot().get_supxlabel()
 
 
-def test_no_two_methods_share_a_colour() -> None:
+def test_no_two_methods_look_alike() -> None:
     entries = [replace(ENTRIES[0], method=f"method-{k}") for k in range(39)]
     lines = made(entries).plot().axes[0].get_lines()
-    assert len({line.get_color() for line in lines}) == 39
+    assert len({(line.get_color(), line.get_marker()) for line in lines}) == 39
+    dark = made(entries).plot(style="dark")
+    assert dark.get_facecolor() == dark.axes[0].get_facecolor() != made(entries).plot().get_facecolor()
 
 
 def test_the_picture_is_written(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ import sympy
 from sympy import sqrt
 from sympy.physics.mechanics import dynamicsymbols
 
+import lagrange as lg
 from lagrange.errors import RunError, StatementError, counted
 from lagrange.show.solution import Solution
 from lagrange.statement.coordinate import coordinate, coordinates, t
@@ -287,3 +288,29 @@ def test_the_card_shows_the_time_reached_and_not_that_of_the_last_output(t_eval:
     assert f"0 to 1.34164, {outputs}" in repr(run) and "at t = 1.34164" in run.message
     assert run.card()["t_end"] == pytest.approx(1.8**0.5)
     assert "event 0: 1 time, event 1: 0 times, event 2: 0 times" in repr(run)
+
+
+@pytest.mark.parametrize("outputs", [[10.0], [9.0, 10.0], [0.0, 10.0], None])
+def test_the_drift_is_from_the_start_whatever_the_first_output_is(outputs: list[float] | None) -> None:
+    run = lg.scene("pendulum").run(10, method="euler", step=0.001, t_eval=outputs)
+    every = lg.scene("pendulum").run(10, method="euler", step=0.001)
+    assert run.drift.first == pytest.approx(every.energy[0], rel=1e-14)
+    assert run.drift.absolute == pytest.approx(np.abs(run.energy - every.energy[0]).max(), rel=1e-12)
+    assert run.drift.relative > 1e-2 and run.drift.against == "the initial energy"
+
+
+def test_a_run_whose_start_is_not_known_says_from_where_its_energy_drifts(tmp_path: Path) -> None:
+    run = lg.scene("pendulum").run(10, method="euler", step=0.001, t_eval=[9.0, 10.0])
+    loaded = lg.load(run.to_npz(tmp_path / "run.npz"))
+    assert loaded.drift.against == "the energy at the first output" and loaded.drift.first == loaded.energy[0]
+    assert "of the energy at the first output" in repr(loaded)
+
+
+def test_momenta_drift_from_the_start_too() -> None:
+    x, y = lg.coordinates("x y")
+    free = lg.System(kinetic=(1 + y**2) * x.dot**2 / 2 + y.dot**2 / 2, potential=y**2 / 2, name="bead")
+    start = {x.dot: 0.5, y: 1.5}
+    whole = free.run(5.0, start, method="euler", step=0.01)
+    late = free.run(5.0, start, method="euler", step=0.01, t_eval=[4.0, 5.0])
+    assert abs(late.momentum_drift["p_x"][0]) > 1e-4
+    assert late.momentum_drift["p_x"][-1] == pytest.approx(whole.momentum_drift["p_x"][-1], rel=0.5)

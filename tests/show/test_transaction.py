@@ -14,8 +14,8 @@ from typing import Any, BinaryIO
 import pytest
 
 from lagrange.errors import RunError, StatementError
-from lagrange.show.atomic_file import write_atomically
-from lagrange.show.atomic_folder import ARRIVING, LEAVING, WRITING, recover, write_together
+from lagrange.show.files.atomic_file import write_atomically
+from lagrange.show.files.atomic_folder import ARRIVING, LEAVING, WRITING, recover, write_together
 from tests.covering import share
 
 posix = pytest.mark.skipif(os.name != "posix", reason="locks and signals are those of POSIX")
@@ -106,7 +106,7 @@ def test_a_single_file_stopped_anywhere_is_whole(how: str) -> None:
 LIMITED = """
 import resource, sys
 from lagrange.errors import RunError
-from lagrange.show.atomic_folder import write_together
+from lagrange.show.files.atomic_folder import write_together
 resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
 text = lambda size: lambda file: file.write(b"n" * size)
 try:

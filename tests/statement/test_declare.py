@@ -14,6 +14,7 @@ from sympy.physics.mechanics import dynamicsymbols
 from lagrange.errors import StatementError
 from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
 from lagrange.statement.declare import declare, initial_state
+from lagrange.statement.link import Link
 from lagrange.statement.multiplier import multiplier
 from lagrange.statement.parameters import parameter_values
 from lagrange.statement.statement import Statement
@@ -53,7 +54,7 @@ def test_a_pendulum() -> None:
     assert found.defaults == {m: 1.0, g: 9.81}
     assert found.initial == (2.0, 0.5)
     assert found.positions == {"bob": (l * sin(theta), -l * cos(theta))}
-    assert found.links == (("origin", "bob"),)
+    assert found.links == (Link("origin", "bob"),)
     assert found.name == "pendulum"
 
 
@@ -264,7 +265,8 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"positions": {"a": (0, 0), "b": (0, 0, 0)}}, "positions mixes points in the plane with points in space"),
     ({"links": [("origin", "bob")]}, "links names 'bob', which is no position; they are origin."),
     ({"positions": {"bob": (0, 0)}, "links": [("origin", "bo")]}, "Did you mean 'bob'?"),
-    ({"links": ["origin"]}, "links contains 'origin': give pairs of point names, such as ('origin', 'bob')."),
+    ({"links": ["origin"]}, "links contains 'origin': give pairs of point names, such as ('origin', 'bob')"),
+    ({"positions": {"bob": (0, 0)}, "links": [("origin", "bob", "sprnig")]}, "Did you mean 'spring'?"),
     ({"links": [("origin",)]}, "links contains ('origin',): give pairs of point names"),
     ({"links": [3]}, "links contains 3: give pairs of point names"),
 ]

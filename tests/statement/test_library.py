@@ -12,6 +12,7 @@ import pytest
 import sympy
 
 from lagrange.statement.coordinate import t
+from lagrange.statement.link import Link
 from lagrange.statement.scene import LIBRARY, library
 from lagrange.statement.statement import Statement
 from tests.mechanisms.scenes import FORMULATIONS
@@ -214,7 +215,7 @@ def test_the_double_pendulum_starts_at_30_degrees_with_free_masses_and_lengths()
     statement = loaded("double-pendulum")
     assert statement.initial == pytest.approx((math.radians(30), math.radians(30), 0, 0), rel=1e-15)
     assert {symbol.name for symbol in statement.parameters} == {"m1", "m2", "l1", "l2", "g"}
-    assert statement.links == (("origin", "bob1"), ("bob1", "bob2"))
+    assert statement.links == (Link("origin", "bob1"), Link("bob1", "bob2"))
 
 
 def test_the_hoop_turns_with_time() -> None:

@@ -11,6 +11,7 @@ import sympy
 from lagrange.errors import SceneError, StatementError
 from lagrange.statement import scene as module
 from lagrange.statement.coordinate import coordinate, t, velocity_of
+from lagrange.statement.link import Link
 from lagrange.statement.scene import library, library_path, load, read_scene
 from lagrange.statement.statement import RunSettings
 from tests.statement.scenes import DROP, write
@@ -42,7 +43,7 @@ def test_a_scene_becomes_a_statement(tmp_path: Path) -> None:
     }  # fmt: skip
     assert found.initial == (float(sympy.pi / 2), -1.0)
     assert dict(found.positions) == {"bob": (l * sympy.sin(theta), -l * sympy.cos(theta))}
-    assert found.links == (("origin", "bob"),)
+    assert found.links == (Link("origin", "bob"),)
     assert (found.name, found.about, found.source) == ("pendulum", "swings to and fro", "a book")
     assert found.run == RunSettings(float(2 * sympy.pi), "dop853", 1e-9, 0.0, 0.1)
 
@@ -174,11 +175,13 @@ FIELDS: list[Bad] = [
     ({"positions": {"bob": ["0", "l*sin(phi)"]}}, 8, 35, "positions.bob[1]: 'phi' is not declared"),
     ({"positions": {"a": [0, 0], "b": [0, 0, 0]}}, 8, 34, "some positions have two entries and some three"),
     ({"links": "bob"}, 9, 9, 'links is a text: write a list of pairs of points, such as [["origin", "bob"]].'),
-    ({"links": ["bob"]}, 9, 10, 'a link is a pair of points, such as ["origin", "bob"].'),
+    ({"links": ["bob"]}, 9, 10, 'a link is a pair of points, such as ["origin", "bob"] or ["origin", "bob", "sp'),
     ({"links": [["origin"]]}, 9, 10, "a link is a pair of points"),
     ({"links": [["origin", "bobb"]]}, 9, 21, "links names 'bobb', which is no position; they are origin and bob."),
     ({"links": [["origin", "bobb"]]}, 9, 21, "Did you mean 'bob'?"),
     ({"links": [["origin", 3]]}, 9, 21, "links names an integer, which is no position"),
+    ({"links": [["origin", "bob", "sprung"]]}, 9, 28, "links names 'sprung', which is no kind of link; they are rod"),
+    ({"links": [["origin", "bob", 3]]}, 9, 28, "links names an integer, which is no kind of link; they are rod and"),
     # run
     ({"run": {"tend": 1}}, 10, 8, "'tend' is no setting of [run]; there are t_end, method, rtol, atol and step."),
     ({"run": {"t_end": 0}}, 10, 18, "t_end is 0: give the time at which the run ends, other than the start."),

@@ -48,6 +48,7 @@ REFUSALS = {
     "x!": (2, "write a factorial out as a number"),
     "x[0]": (2, "nothing is indexed here"),
     "{x}": (1, "group with ( and )"),
+    "x'' + 1": (2, "a prime is no derivative here: the velocity of x is x_dot, its acceleration x_ddot."),
     "'x'": (1, "write names and numbers without quotation marks"),
     '"x"': (1, "write names and numbers without quotation marks"),
     "x; y": (2, "give one expression"),

@@ -1,0 +1,80 @@
+"""Write the notebooks of examples/ as they are stored: without outputs and counts, with the same metadata in each.
+
+    python docs/notebooks.py
+
+Run it after a notebook was edited in Jupyter. A test holds the notebooks against it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+FOLDER = ROOT / "examples"
+METADATA = {
+    "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
+    "language_info": {"name": "python"},
+}
+
+
+def stored(text: str) -> str:
+    """Return a notebook as it is stored. Cells keep their order, their names and their source."""
+    cells = [_stored_cell(cell) for cell in json.loads(text)["cells"]]
+    notebook = {"cells": cells, "metadata": METADATA, "nbformat": 4, "nbformat_minor": 5}
+    return json.dumps(notebook, indent=1, sort_keys=True, ensure_ascii=False) + "\n"
+
+
+def _stored_cell(cell: dict[str, Any]) -> dict[str, Any]:
+    lines = cell["source"]
+    source = (lines if isinstance(lines, str) else "".join(lines)).strip("\n")
+    kept = {
+        "cell_type": cell["cell_type"],
+        "id": cell["id"],
+        "metadata": {},
+        "source": source.splitlines(keepends=True),
+    }
+    return kept | ({"execution_count": None, "outputs": []} if cell["cell_type"] == "code" else {})
+
+
+def digest(paths: Sequence[Path]) -> str:
+    """Return what is another text for other files."""
+    made = hashlib.sha256()
+    for path in paths:
+        if path.suffix not in (".pyc", ".pyo"):
+            made.update(path.read_bytes())
+    return made.hexdigest()
+
+
+def kept(path: Path) -> Path:
+    """Return where the outputs of a notebook are kept, for its cells as they are and the package as it is."""
+    known = digest([path, *sorted((ROOT / "lagrange").rglob("*.*"))])
+    return ROOT / "build" / "notebooks" / f"{path.stem}-{known[:16]}.ipynb"
+
+
+def keep(path: Path, text: str) -> None:
+    """Keep a notebook with its outputs, for the site, and what it gave before no longer."""
+    place = kept(path)
+    place.parent.mkdir(parents=True, exist_ok=True)
+    for old in place.parent.glob(f"{path.stem}-*.ipynb"):
+        old.unlink(missing_ok=True)
+    written = place.with_suffix(f".{os.getpid()}")
+    written.write_text(text, "utf-8")
+    written.replace(place)
+
+
+def main() -> None:
+    """Write each notebook that is not in that form."""
+    for path in sorted(FOLDER.glob("*.ipynb")):
+        text = path.read_text("utf-8")
+        if (wanted := stored(text)) != text:
+            path.write_text(wanted, "utf-8")
+            print(f"wrote {path.name}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,47 @@
+"""The order of the site: which page stands under which heading. Sphinx refuses a page without a place."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+SECTIONS = {
+    "Start": ("tour", "tutorials/index", "gallery/index"),
+    "How to": (
+        "Homework <howto/homework>",
+        "Teaching <howto/teaching>",
+        "In a notebook <howto/notebooks>",
+        "Pictures of runs <howto/pictures>",
+        "Pictures that move <howto/animation>",
+        "A web page <howto/web-page>",
+        "Many runs <howto/ensembles>",
+        "Other solvers <howto/other-solvers>",
+        "Research <howto/research>",
+    ),
+    "Subjects": ("mechanics", "dynamics", "constraints", "choosing-an-integrator", "scenes", "tutorial-methods"),
+    "Hand on": ("recipes/README", "export/README"),
+    "Look up": ("reference", "api/index", "commands", "errors", "limits"),
+    "Behind it": ("theory", "benchmarks/README", "extending", "procedures", "changes"),
+}
+"""Pages of the sidebar by heading."""
+
+PAGES_WITH_PICTURES = ("tour", "dynamics", "howto/homework", "howto/teaching", "howto/research")
+"""Pages whose code draws: what it saves is shown behind it."""
+
+FOLDERS = ("benchmarks", "export", "recipes")
+"""Folders whose README leads to all pages beside it."""
+
+
+def toctree(entries: tuple[str, ...], caption: str = "") -> str:
+    """Return a directive that puts pages into the navigation and shows nothing itself."""
+    options = f":caption: {caption}\n" if caption else ""
+    return f"\n```{{toctree}}\n:hidden:\n{options}\n" + "\n".join(entries) + "\n```\n"
+
+
+def added(name: str, source: Path) -> str:
+    """Return what the navigation adds to the end of a page of docs/."""
+    if name == "index.md":
+        return "".join(toctree(entries, caption) for caption, entries in SECTIONS.items())
+    for folder in FOLDERS:
+        if name == f"{folder}/README.md":
+            return toctree(tuple(sorted(path.stem for path in source.glob("*.md") if path.name != "README.md")))
+    return ""

@@ -1,0 +1,90 @@
+"""The pictures that the code on a page saves, shown behind it: the site runs the page and keeps what it drew.
+
+A page is run again only when it or the package has changed.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import shutil
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import redirect_stdout
+from multiprocessing import get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from navigation import PAGES_WITH_PICTURES
+from stage import DOCS, ROOT, write_changed
+from tutorials import STORED
+
+BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+SAVED = re.compile(r"\b(?:savefig|to_png)\(\"([\w-]+\.png)\"")
+KEPT = ROOT / "build" / "site" / "shown"
+DOTS = 160
+"""To an inch: some two for each of the page."""
+
+
+def groups(text: str) -> list[list[str]]:
+    """Return the blocks of Python of a page: each that imports the package, with those that go on from it."""
+    found: list[list[str]] = []
+    for body in BLOCK.findall(text):
+        if re.search(r"^(import|from) lagrange", body, re.MULTILINE) or not found:
+            found.append([body])
+        else:
+            found[-1].append(body)
+    return found
+
+
+def run(name: str, folder: Path) -> None:
+    """Run the code of a page that draws, and move the pictures that it saves into a folder."""
+    import matplotlib
+
+    matplotlib.rcParams["savefig.dpi"] = DOTS
+    text = (DOCS / f"{name}.md").read_text("utf-8")
+    with TemporaryDirectory() as scratch:
+        os.chdir(scratch)
+        for blocks in groups(text):
+            if SAVED.search("".join(blocks)):
+                script = Path("page.py")
+                script.write_text("\n".join(blocks), "utf-8")
+                with redirect_stdout(io.StringIO()):
+                    run_path(script)
+        folder.mkdir(parents=True, exist_ok=True)
+        for picture in sorted(Path().glob("*.png")):
+            shutil.move(picture, folder / picture.name)
+        os.chdir(DOCS)
+
+
+def run_path(script: Path) -> None:
+    """Run a script in a namespace of its own."""
+    import runpy
+
+    runpy.run_path(str(script))
+
+
+def with_pictures(name: str, text: str) -> str:
+    """Return the text of a page with each picture behind the code that saves it."""
+
+    def shown(found: re.Match[str]) -> str:
+        pictures = [f"![{Path(one).stem}]({stem}-{one})" for one in SAVED.findall(found[1])]
+        return "\n\n".join([found[0], *pictures])
+
+    stem = Path(name).name
+    return BLOCK.sub(shown, text)
+
+
+def write(source: Path) -> None:
+    """Run the pages that draw, and put their pictures into the staged ones."""
+    package = sorted((ROOT / "lagrange").rglob("*.*"))
+    folders = {name: KEPT / STORED["digest"]([DOCS / f"{name}.md", *package])[:16] for name in PAGES_WITH_PICTURES}
+    missing = [(name, folder) for name, folder in folders.items() if not folder.exists()]
+    with ProcessPoolExecutor(mp_context=get_context("spawn"), max_tasks_per_child=1) as pool:
+        for made in [pool.submit(run, *one) for one in missing]:
+            made.result()
+    for name, folder in folders.items():
+        page = source / f"{name}.md"
+        write_changed(page, with_pictures(name, page.read_text("utf-8")))
+        for picture in folder.glob("*.png"):
+            shutil.copy2(picture, page.parent / f"{page.stem}-{picture.name}")

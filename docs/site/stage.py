@@ -1,0 +1,77 @@
+"""The source of the site: the pages of docs/ as they are, with the links that lead out of docs/ led to their copies."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from pathlib import Path
+
+from navigation import FOLDERS, added
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+DOCS = ROOT / "docs"
+LINK = re.compile(r"(\]\()([^)\s#:]+)(#[^)\s]*)?(\))")
+OUTSIDE = {"CHANGELOG.md": "changes.md", "README.md": "index.md", "examples": "tutorials/index.md"}
+"""What a page outside docs/ is called on the site."""
+COPIED = ("howto", *FOLDERS)
+MADE = ("commands.md",)
+
+
+def write_changed(path: Path, text: str) -> None:
+    """Write a file unless it has that text: Sphinx reads again what is newer."""
+    if not path.exists() or path.read_text("utf-8") != text:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, "utf-8")
+
+
+def place_on_site(path: Path) -> str:
+    """Return where a file or folder of the tree is on the site; ValueError for one that is not there."""
+    inside = path.relative_to(ROOT)
+    if inside.as_posix() in OUTSIDE:
+        return OUTSIDE[inside.as_posix()]
+    if inside.parts[0] == "docs":
+        return (inside.relative_to("docs") / ("README.md" if path.is_dir() else "")).as_posix()
+    if inside.parts[0] == "examples":
+        return f"tutorials/{inside.name if inside.suffix == '.ipynb' else 'scripts.md'}"
+    raise ValueError(f"{inside} is not on the site")
+
+
+def target_on_site(page: Path, target: str) -> str:
+    """Return what a link of a page becomes."""
+    if not target:
+        return target
+    start = Path(place_on_site(page)).parent
+    return Path(os.path.relpath(place_on_site((page.parent / target).resolve()), start)).as_posix()
+
+
+def with_links(page: Path, text: str) -> str:
+    """Return text of a page with its links as they are on the site, code as it is."""
+
+    def changed(found: re.Match[str]) -> str:
+        return f"{found[1]}{target_on_site(page, found[2])}{found[3] or ''}{found[4]}"
+
+    blocks = re.split(r"(^```.*?^```$)", text, flags=re.MULTILINE | re.DOTALL)
+    return "".join(block if k % 2 else LINK.sub(changed, block) for k, block in enumerate(blocks))
+
+
+def stage(source: Path) -> None:
+    """Copy the pages and pictures of docs/, and the list of changes; a page that is gone there goes here too."""
+    kept = {source / "changes.md"}
+    for path in sorted(DOCS.rglob("*")):
+        place = source / path.relative_to(DOCS)
+        if path.suffix == ".md":
+            name = path.relative_to(DOCS).as_posix()
+            write_changed(place, with_links(path, path.read_text("utf-8")) + added(name, path.parent))
+        elif path.suffix in (".png", ".svg", ".gif"):
+            place.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(path, place)
+        else:
+            continue
+        kept.add(place)
+    changes = ROOT / "CHANGELOG.md"
+    write_changed(source / "changes.md", with_links(changes, changes.read_text("utf-8")))
+    for old in (*source.glob("*.md"), *(page for folder in COPIED for page in source.glob(f"{folder}/*.md"))):
+        if old not in kept and old.name not in MADE:
+            old.unlink()

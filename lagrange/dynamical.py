@@ -1,0 +1,298 @@
+"""Functions that show the dynamics of a system: portraits, sections, bifurcations, maps of starts, energies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lagrange.dynamics.axes import plane_of
+from lagrange.dynamics.basins import basins as basins_of
+from lagrange.dynamics.branches import equilibrium_branches
+from lagrange.dynamics.driving import depends_on_time
+from lagrange.dynamics.energy_exchange import energy_exchange as exchange_of
+from lagrange.dynamics.passage import CELLS
+from lagrange.dynamics.passage import first_passage as passage_of
+from lagrange.dynamics.portrait import CELLS as CELLS_OF_PLANE
+from lagrange.dynamics.portrait import portrait
+from lagrange.dynamics.runs import Runs
+from lagrange.dynamics.section import section as section_of
+from lagrange.dynamics.sweep import parameter_of, sweep, values_of, with_value
+from lagrange.errors import StatementError, shown
+from lagrange.machine.model import Model
+from lagrange.show.dynamics import (
+    Basins,
+    Bifurcation,
+    EnergyExchange,
+    EquilibriumBranches,
+    FirstPassage,
+    PhasePortrait,
+    PoincareSection,
+    shown_as,
+)
+from lagrange.show.solution import Solution
+from lagrange.show.terminal.progress import compiling, counter
+from lagrange.statement.number import flag, real_number
+from lagrange.statement.statement import Statement
+from lagrange.system import System
+from lagrange.trajectory.methods.registry import find
+from lagrange.trajectory.options import RunOptions
+
+TIGHT, USUAL = 1e-12, 1e-9
+"""Relative tolerances where none is given: of portraits and sections, whose orbits are seen to close; and of maps."""
+
+
+def phase_portrait(
+    system: System | Model,
+    window: Mapping[Any, Any] | None = None,
+    *,
+    at: Mapping[Any, Any] | None = None,
+    starts: Any = None,
+    parameters: Mapping[Any, Any] | None = None,
+    t: float = 0.0,
+    t_end: float | None = None,
+    method: Any = None,
+    rtol: float | None = None,
+    step: float | None = None,
+    progress: bool = False,
+) -> PhasePortrait:
+    """Return the phase portrait on a plane of the state: field, zero lines, equilibria, separatrices and orbits.
+
+    `window` gives two entries of the state with their ranges, {theta: (-3, 3), theta.dot: (-5, 5)}, the first to the
+    right; (low, high, count) says how many arrows there are. Without it a system with one coordinate has its
+    equilibria and the motions between them in it. A system with more coordinates is cut: `at` holds all other entries,
+    {phi: 0, phi.dot: 0}, and orbits leave the plane. `starts` are initial states, dicts or rows (m, 2n); without them
+    orbits fill the plane evenly. Each is followed forwards and backwards for `t_end`, 20 periods of small motions by
+    default, until it leaves the window or closes. A coordinate with a period of 2 pi is an angle, and wrapped.
+
+    Separatrices begin on the eigenvectors of a saddle, where they are off by less than 1e-10 of the window. For a
+    system that depends on time the field is that of the time `t`, at which orbits begin. Ctrl-C keeps what is there,
+    as `Status.INTERRUPTED`. Raises StatementError for a plane that cannot be.
+    """
+    _, runs = _runs(system, (method, rtol, step), TIGHT, parameters, progress)
+    reach = None if t_end is None else _positive(t_end, "t_end, the time for which orbits are followed,")
+    total, noun = (CELLS_OF_PLANE**2, "cell") if starts is None else (_length(starts), "orbit")
+    with counter(total, noun, wanted=progress) as report:
+        found = portrait(runs, window, at, starts, time=real_number(t, "t"), reach=reach, progress=report)
+    return shown_as(PhasePortrait, found)
+
+
+def poincare(
+    system: System | Model,
+    event: Any,
+    starts: Any = None,
+    *,
+    crossings: int = 500,
+    skip: int = 0,
+    energy: float | None = None,
+    solve_for: Any = None,
+    longest: float | None = None,
+    parameters: Mapping[Any, Any] | None = None,
+    method: Any = None,
+    rtol: float | None = None,
+    step: float | None = None,
+    progress: bool = False,
+) -> PoincareSection:
+    """Return the Poincare section of orbits from many starts: their states each time an event happens.
+
+    `event` is an expression that is zero on the section, or `lg.event(x, direction=1)` for one way through it; a
+    number, or an expression in parameters such as 2*pi/w, is a time after which the states are taken again and again,
+    as for a driven system. `starts` are initial states, a list of dicts or rows (m, 2n); what a dict does not name is
+    the system's own. With `energy` all starts have that energy: the velocity `solve_for` follows from it, in the
+    direction of the event. Each orbit is followed for `skip` crossings, and then `crossings` that are kept; it ends
+    where it waits for one longer than `longest`, 200 periods of small motions by default.
+
+    The result has `times` and `states`, (k,) and (k, 2n) for each start, `points` of all, and `plot(x, y)`. Ctrl-C
+    keeps what is there. Raises StatementError for a section that cannot be, and for starts above the energy.
+    """
+    _, runs = _runs(system, (method, rtol, step), TIGHT, parameters, progress)
+    with counter(_length(starts), "orbit", wanted=progress) as report:
+        found = section_of(
+            runs,
+            event,
+            starts,
+            crossings=crossings,
+            skip=skip,
+            energy=energy,
+            solve_for=solve_for,
+            longest=longest,
+            progress=report,
+        )
+    return shown_as(PoincareSection, found)
+
+
+def bifurcation(
+    system: System | Model,
+    parameter: Any,
+    values: ArrayLike,
+    *,
+    section: Any = None,
+    starts: Any = None,
+    points: int = 64,
+    skip: int = 200,
+    follow: bool = True,
+    parameters: Mapping[Any, Any] | None = None,
+    method: Any = None,
+    rtol: float | None = None,
+    step: float | None = None,
+    progress: bool = False,
+) -> Bifurcation | EquilibriumBranches:
+    """Return the bifurcation diagram of a system along a parameter.
+
+    `values` are a list, or (low, high, count), in any order. What is shown depends on the system. One that is driven in
+    time is looked at after each period of its driving, which is found in its sines and cosines, or given as `section`.
+    With an event as `section`, as `poincare` takes it, any system is looked at where it happens. At each value the
+    orbits from `starts` are followed `skip` times and then `points` times, which are kept; with `follow` they begin
+    where those at the value before ended, so that rising and falling values show hysteresis. The result has `states`
+    (k, m, points, 2n) and `cycles` (k, m), with how many points each orbit comes again.
+
+    A system without driving and without a section is shown by its equilibria: `branches`, with formulas where these
+    are found, and where they are stable.
+
+    Ctrl-C keeps what is there. Raises StatementError for what is no parameter, and for an empty range.
+    """
+    model, runs = _runs(system, (method, rtol, step), USUAL, parameters, progress)
+    name = parameter_of(model.statement, parameter)
+    chosen = values_of(values, name)
+    place = [p.name for p in model.statement.parameters].index(name)
+    for value in chosen.tolist():
+        with_value(runs, place, value)  # a value that the parameter may not have is refused before the first run
+    if section is None and not depends_on_time(model.statement):
+        if starts is not None:
+            raise StatementError(
+                f"{model.statement.name} is not driven, and its equilibria have no starts: give section=..., an event "
+                "at which its motion is looked at, or leave starts out."
+            )
+        with counter(3, "value", wanted=progress) as report:
+            return shown_as(EquilibriumBranches, equilibrium_branches(name, chosen, _at(model, runs, name), report))
+    with counter(len(chosen), "value", wanted=progress) as report:
+        found = sweep(runs, name, chosen, section, starts, points=points, skip=skip, follow=follow, progress=report)
+    return shown_as(Bifurcation, found)
+
+
+def first_passage(
+    system: System | Model,
+    grid: Mapping[Any, Any],
+    event: Any = None,
+    *,
+    initial: Mapping[Any, Any] | None = None,
+    t_end: float | None = None,
+    parameters: Mapping[Any, Any] | None = None,
+    method: Any = None,
+    rtol: float | None = None,
+    step: float | None = None,
+    workers: int | None = None,
+    progress: bool = False,
+) -> FirstPassage:
+    """Return when an event first happens, for each start on a plane: the flip of a double pendulum, an escape.
+
+    `grid` gives two entries of the state with their ranges and numbers of values, {theta1: (-3, 3, 200), theta2: (-3,
+    3, 200)}; the other entries are those of `initial`, over the system's own. `event` is an expression or a list of
+    them; without it, it is an angle that passes pi, or another odd number of half turns. Runs go on until `t_end`, on
+    as many threads as `workers` says, by default one for each processor.
+
+    The result has `times` (m, k), NaN where there was no passage, and `which` (m, k), the event. Ctrl-C keeps what is
+    there: cells all over the plane, since coarse grids come first. Raises StatementError for a plane that cannot be,
+    and where no coordinate is an angle.
+    """
+    model, runs = _runs(system, (method, rtol, step), USUAL, parameters, progress)
+    with counter(_cells(model, grid), "run", wanted=progress) as report:
+        found = passage_of(runs, grid, event, initial, t_end, workers=workers, progress=report)
+    return shown_as(FirstPassage, found)
+
+
+def basins(
+    system: System | Model,
+    grid: Mapping[Any, Any],
+    *,
+    initial: Mapping[Any, Any] | None = None,
+    attractors: Any = None,
+    t_end: float | None = None,
+    parameters: Mapping[Any, Any] | None = None,
+    method: Any = None,
+    rtol: float | None = None,
+    step: float | None = None,
+    workers: int | None = None,
+    progress: bool = False,
+) -> Basins:
+    """Return the basins of attraction on a plane of starts: where the motion from each of them ends.
+
+    `grid`, `initial` and `workers` are those of `first_passage`. Attractors are equilibria, and for a system that is
+    driven in time cycles of up to 8 periods of its driving; they are found on the way, unless `attractors` gives states
+    next to them. A run ends within a thousandth of the plane of one, or unsettled at `t_end`, 200 periods of small
+    motions, or of the driving, by default.
+
+    The result has `attractors`, each with `states` (p, 2n), `labels` (m, k), places among these, -1 for runs that did
+    not settle, and `times` (m, k). Ctrl-C keeps what is there. Raises StatementError for a system that conserves its
+    energy, in which nothing settles.
+    """
+    model, runs = _runs(system, (method, rtol, step), USUAL, parameters, progress)
+    with counter(_cells(model, grid), "run", wanted=progress) as report:
+        found = basins_of(runs, grid, initial, attractors, t_end, workers=workers, progress=report)
+    return shown_as(Basins, found)
+
+
+def energy_exchange(solution: Solution, by: str = "energies", *, at: Mapping[Any, Any] | None = None) -> EnergyExchange:
+    """Return how energy moves along a run.
+
+    `by` is "energies", the kinetic and the potential energy, "modes", the energy of each normal mode, or
+    "coordinates", that of each coordinate alone and of their coupling. The last two are of small motions about the
+    equilibrium `at`, as `system.modes` takes it. The result has `t` (k,), `parts` {name: (k,)} and their sum `total`.
+    Raises StatementError for what is no equilibrium.
+    """
+    if not isinstance(solution, Solution):
+        raise StatementError(f"{shown(solution)} is no solution: give what system.run(...) returns.")
+    return shown_as(EnergyExchange, exchange_of(solution.model, solution.trajectory, solution.parameters, by, at))
+
+
+def _runs(
+    system: System | Model,
+    how: tuple[Any, Any, Any],
+    tight: float,
+    parameters: Mapping[Any, Any] | None,
+    progress: bool,
+) -> tuple[Model, Runs]:
+    """Return the model of a system, and runs of it by a method with its tolerance or step."""
+    if not isinstance(system, (System, Model)):
+        raise StatementError(f"{shown(system)} is no system: give an lg.System, such as lg.scene('pendulum').")
+    method, rtol, step = how
+    if rtol is None and (method is None or (isinstance(method, str) and find(method).claims.adaptive)):
+        rtol = tight
+    with compiling(system.statement.name, wanted=flag(progress, "progress")):
+        model = system if isinstance(system, Model) else system.compile()
+    return model, Runs(model, model.parameter_array(parameters), RunOptions(method, rtol, None, step))
+
+
+def _at(model: Model, runs: Runs, name: str) -> Callable[[float], tuple[Statement, Model]]:
+    """Return what gives the statement and a model with a value for a parameter."""
+    statement = model.statement
+    values = dict(zip(statement.parameters, runs.parameters.tolist(), strict=True))
+    chosen = next(p for p in statement.parameters if p.name == name)
+
+    def stated(value: float) -> tuple[Statement, Model]:
+        made = System.from_statement(replace(statement, defaults=MappingProxyType({**values, chosen: value})))
+        return made.statement, made.compile("numpy", check=False)
+
+    return stated
+
+
+def _positive(given: Any, what: str) -> float:
+    found = real_number(given, what)
+    if found <= 0:
+        raise StatementError(f"{what} is {found:g}: give a positive number.")
+    return found
+
+
+def _length(starts: Any) -> int:
+    many = isinstance(starts, (list, tuple)) or (isinstance(starts, np.ndarray) and starts.ndim > 0)
+    return max(len(starts), 1) if many else 1
+
+
+def _cells(model: Model, grid: Any) -> int:
+    """Return the number of runs of a map, for its progress."""
+    first, second = plane_of(model.statement, grid, "grid", CELLS)
+    return first.count * second.count

@@ -1,0 +1,54 @@
+"""Angles: coordinates in which the motion is periodic with 2 pi, so that pictures are wrapped."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+import sympy
+
+from lagrange.machine.backend import FloatArray
+from lagrange.mechanics.identity import vanishes
+from lagrange.mechanics.plain_form import PlainForm
+from lagrange.statement.statement import Statement
+
+TURN = 2.0 * math.pi
+"""The period of an angle."""
+
+
+@lru_cache(maxsize=64)
+def angles(statement: Statement) -> tuple[bool, ...]:
+    """Return for each coordinate whether a turn of 2 pi changes neither the Lagrangian nor a force.
+
+    A coordinate in which nothing depends on it, as that of a free particle, is none.
+    """
+    form = PlainForm(statement)
+    parts = [form.lagrangian, *form.forces, *(form.read(one.expression) for one in statement.constraints)]
+    return tuple(_is_angle(form, q, parts) for q in form.q)
+
+
+def _is_angle(form: PlainForm, q: sympy.Symbol, parts: list[sympy.Expr]) -> bool:
+    among = [part for part in parts if part.has(q)]
+    trigonometric = any(part.has(sympy.sin, sympy.cos, sympy.tan) for part in among)
+    return trigonometric and all(vanishes(form, part.xreplace({q: q + 2 * sympy.pi}) - part) for part in among)
+
+
+def is_angle(statement: Statement, row: int) -> bool:
+    """Return whether an entry of the state, by its row, is an angle; no velocity is one."""
+    return row < len(statement.names) and angles(statement)[row]
+
+
+def wrapped(values: FloatArray, low: float) -> FloatArray:
+    """Return angles in the turn that begins at `low`, NaN where they are not finite."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(low + (values - low) % TURN)
+
+
+def difference(a: FloatArray, b: FloatArray, periodic: tuple[bool, ...]) -> FloatArray:
+    """Return a - b of states (..., 2n), of angles the nearest of all turns."""
+    found = a - b
+    for i, whole in enumerate(periodic):
+        if whole:
+            found[..., i] -= TURN * (found[..., i] / TURN).round()
+    return found

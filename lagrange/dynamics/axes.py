@@ -1,0 +1,99 @@
+"""Axes of pictures in state space: which entries of the state stand on them, and from where to where."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import sympy
+
+from lagrange.errors import StatementError, listing, shown, suggestion
+from lagrange.machine.backend import FloatArray
+from lagrange.statement.declare import state_rows
+from lagrange.statement.number import real_array, whole_number
+from lagrange.statement.parameters import label_of
+from lagrange.statement.statement import Statement
+
+MOST_VALUES = 4096
+"""Most values on an axis: a map of so many on both takes 17 million runs."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """An entry of the state, by name and row, with its range; `count` values stand on it."""
+
+    name: str
+    row: int
+    low: float
+    high: float
+    count: int
+
+    @property
+    def values(self) -> FloatArray:
+        """The values, (count,)."""
+        return np.linspace(self.low, self.high, self.count)
+
+    @property
+    def width(self) -> float:
+        """The length of the range."""
+        return self.high - self.low
+
+
+Plane = tuple[Axis, Axis]
+"""The axis to the right, and the axis upwards."""
+
+
+def row_of(statement: Statement, key: Any, what: str) -> int:
+    """Return the row of the state that a coordinate, a velocity or a name means; `what` names who says so."""
+    rows = state_rows(statement.coordinates)
+    if isinstance(key, (str, sympy.Basic)) and key in rows:
+        return rows[key]
+    label = label_of(key)
+    known = statement.state_names
+    raise StatementError(
+        f"{what} names {label!r}, which is no coordinate or velocity of {statement.name}; they are {listing(known)}."
+        + suggestion(label, known)
+    )
+
+
+def plane_of(statement: Statement, given: Any, what: str, count: int) -> Plane:
+    """Return the two axes of {entry: (low, high)} or {entry: (low, high, count)}; the first goes to the right."""
+    if not isinstance(given, Mapping):
+        raise StatementError(f"{what} is {shown(given)}: give {_example(statement)}.")
+    if len(given) != 2:
+        raise StatementError(
+            f"{what} has {len(given)} entr{'y' if len(given) == 1 else 'ies'}, and a picture has two axes: give "
+            f"{_example(statement)}."
+        )
+    first, second = (axis_of(statement, key, span, what, count) for key, span in given.items())
+    if first.row == second.row:
+        raise StatementError(f"{what} names {first.name} twice: give two entries of the state.")
+    return first, second
+
+
+def axis_of(statement: Statement, key: Any, span: Any, what: str, count: int) -> Axis:
+    """Return the axis of an entry of the state with (low, high) or (low, high, count)."""
+    row = row_of(statement, key, what)
+    name = statement.state_names[row]
+    low, high, several = range_of(span, f"the range of {name}", count)
+    return Axis(name, row, low, high, several)
+
+
+def range_of(span: Any, what: str, count: int) -> tuple[float, float, int]:
+    """Return (low, high, count) from a pair or a triple. Raises StatementError for an empty range."""
+    size = len(span) if isinstance(span, (tuple, list, np.ndarray)) else 0
+    if size not in (2, 3):
+        raise StatementError(f"{what} is {shown(span)}: give (low, high), or (low, high, count).")
+    numbers = real_array(list(span), what)
+    low, high = float(numbers[0]), float(numbers[1])
+    if not (np.isfinite([low, high]).all() and low < high):
+        raise StatementError(f"{what} is empty: {low:g} to {high:g}. Give (low, high) with low < high.")
+    several = count if size == 2 else whole_number(span[2], f"the number of values in {what}", 2, MOST_VALUES)
+    return low, high, several
+
+
+def _example(statement: Statement) -> str:
+    name = statement.names[0]
+    return f"a dict of two entries of the state, such as {{{name!r}: (-3, 3), '{name}_dot': (-5, 5)}}"

@@ -1,0 +1,135 @@
+"""Equilibria of a motion in a plane (x, v), each with its kind, by the eigenvalues of the linear equations.
+
+Source: S. H. Strogatz, Nonlinear Dynamics and Chaos, 2nd ed., 2015, sections 5.2 and 6.3.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lagrange.errors import RunError
+from lagrange.machine.backend import FloatArray
+from lagrange.machine.model import Model
+
+SAMPLES = 4001
+"""Places on the axis at which the acceleration at rest is looked at; two zeros closer than that may be missed."""
+
+ZERO = 1e-9
+"""A real or imaginary part that is rounding, relative to the largest eigenvalue."""
+
+FLAT_SLOPE = 1e-6
+"""The slope of the acceleration where an equilibrium is degenerate, relative to its largest value over the range."""
+
+FLAT_FORCE = 1e-10
+"""The acceleration at a zero without a change of sign, relative to the largest on the axis."""
+
+SADDLE, CENTRE, LINEAR_CENTRE, DEGENERATE = "saddle", "centre", "linear centre", "degenerate"
+
+
+@dataclass(frozen=True, eq=False)
+class FixedPoint:
+    """An equilibrium: the state (2n,), its kind, and eigenvalues (2,) with their vectors, the columns of (2, 2).
+
+    Kinds are "saddle", "centre", "stable spiral", "unstable spiral", "stable node", "unstable node" and "degenerate",
+    where an eigenvalue is zero and decides nothing. A "linear centre" has imaginary eigenvalues in a system that does
+    not conserve its energy: terms of higher order decide.
+    """
+
+    state: FloatArray
+    kind: str
+    eigenvalues: FloatArray
+    eigenvectors: FloatArray
+
+    @property
+    def stable(self) -> bool | None:
+        """Whether motions near it stay near, None where the linear equations do not tell."""
+        if self.kind in (DEGENERATE, LINEAR_CENTRE):
+            return None
+        return self.kind == CENTRE or self.kind.startswith("stable")
+
+
+def fixed_points(model: Model, parameters: FloatArray, low: float, high: float) -> tuple[tuple[FixedPoint, ...], str]:
+    """Return the equilibria of a system with one coordinate between two places, and a note where they are no points."""
+    spacing = (high - low) / (SAMPLES - 1)
+    x = np.linspace(low - spacing / 2, high + spacing / 2, SAMPLES + 1)  # one may stand at an end of the range
+    a = _at_rest(model, parameters, x)
+    finite = np.isfinite(a)
+    largest = float(np.abs(a[finite]).max(initial=0.0))
+    if largest == 0.0 or np.count_nonzero(a[finite] == 0.0) > SAMPLES // 2:
+        return (), "Every place is an equilibrium, or none is: no force acts at rest."
+    roots = [*_crossings(model, parameters, x, a), *_touches(model, parameters, x, a, largest)]
+    distinct: list[float] = []
+    for root in sorted(0.0 if abs(root) < 1e-15 * (high - low) else root for root in roots):
+        if not distinct or root - distinct[-1] > spacing / 2:
+            distinct.append(root)
+    flat = FLAT_SLOPE * largest / (high - low)
+    return tuple(fixed_point(model, parameters, np.array([root, 0.0]), flat) for root in distinct), ""
+
+
+def fixed_point(model: Model, parameters: FloatArray, state: FloatArray, flat: float = 0.0) -> FixedPoint:
+    """Return the record of an equilibrium of a system with one coordinate; slopes up to `flat` count as zero."""
+    jacobian = model.jacobian(0.0, state, parameters)
+    if not np.isfinite(jacobian).all():
+        nothing = np.full(2, np.nan)
+        return FixedPoint(state, DEGENERATE, nothing, np.full((2, 2), np.nan))
+    values, vectors = np.linalg.eig(jacobian)
+    kind = DEGENERATE if abs(jacobian[1, 0]) <= flat else kind_of(values, conservative=model.conservative)
+    return FixedPoint(state, kind, values, vectors)
+
+
+def kind_of(values: FloatArray, *, conservative: bool) -> str:
+    """Return the kind of an equilibrium with two eigenvalues."""
+    size = float(np.abs(values).max())
+    if size == 0.0 or not np.abs(values).min():
+        return DEGENERATE
+    real, imaginary = values.real / size, values.imag / size
+    if np.abs(imaginary).max() <= ZERO:
+        if real.min() < 0 < real.max():
+            return SADDLE
+        return "stable node" if real.max() < 0 else "unstable node"
+    if np.abs(real).max() <= ZERO:
+        return CENTRE if conservative else LINEAR_CENTRE
+    return "stable spiral" if real.max() < 0 else "unstable spiral"
+
+
+def _at_rest(model: Model, parameters: FloatArray, x: FloatArray) -> FloatArray:
+    """Return the acceleration at rest at places (k,), NaN where there is none."""
+    try:
+        return np.asarray(model.accelerations(x[None, :], np.zeros((1, len(x))), 0.0, parameters)[0])
+    except RunError:
+        return np.full(len(x), np.nan)
+
+
+def _crossings(model: Model, parameters: FloatArray, x: FloatArray, a: FloatArray) -> list[float]:
+    """Return where the acceleration changes its sign: bisected, all at once, to neighbouring doubles."""
+    exact = x[a == 0.0].tolist()
+    at = np.nonzero(a[:-1] * a[1:] < 0)[0]
+    low, high, sign = x[at], x[at + 1], a[at] > 0
+    size = np.maximum(np.abs(a[at]), np.abs(a[at + 1]))
+    for _ in range(80):
+        middle = low + (high - low) / 2
+        same = (_at_rest(model, parameters, middle) > 0) == sign
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    ends = np.array([np.abs(_at_rest(model, parameters, low)), np.abs(_at_rest(model, parameters, high))])
+    best = np.where(ends[0] <= ends[1], low, high)
+    # A force that jumps, or has a pole, changes its sign without a zero.
+    return [*exact, *best[ends.min(axis=0) <= 1e-6 * size].tolist()]
+
+
+def _touches(model: Model, parameters: FloatArray, x: FloatArray, a: FloatArray, largest: float) -> list[float]:
+    """Return where the acceleration comes to zero and turns back: least values, refined by golden sections."""
+    size = np.abs(a)
+    inner = np.nonzero((size[1:-1] < size[:-2]) & (size[1:-1] <= size[2:]) & (a[:-2] * a[2:] > 0))[0] + 1
+    found = []
+    for k in inner.tolist():
+        low, high = float(x[k - 1]), float(x[k + 1])
+        for _ in range(60):
+            probes = np.linspace(low, high, 9)
+            least = int(np.argmin(np.abs(_at_rest(model, parameters, probes))))
+            low, high = float(probes[max(0, least - 1)]), float(probes[min(8, least + 1)])
+        place = np.array([(low + high) / 2])
+        if abs(float(_at_rest(model, parameters, place)[0])) <= FLAT_FORCE * largest:
+            found.append(float(place[0]))
+    return found

@@ -1,0 +1,84 @@
+"""The shapes of modes as numbers, on the coordinates and on the stated positions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import sympy
+
+from lagrange.errors import StatementError, listing
+from lagrange.machine.backend import FloatArray
+from lagrange.mechanics.modes import Modes
+from lagrange.mechanics.plain_form import PlainForm, number
+from lagrange.statement.declare import ORIGIN
+from lagrange.statement.statement import Statement
+
+
+@dataclass(frozen=True, eq=False)
+class ModeShapes:
+    """Shapes of m modes about an equilibrium, each scaled to a largest component of one.
+
+    `components` (m, n) are changes of all coordinates, in the order of `names`. `frequencies` and `decay` (m,) are
+    those of the modes, a frequency complex where the mode does not oscillate. `points` has each named position (2,) or
+    (3,) at the equilibrium, and `displacements` its changes (m, 2) or (m, 3) for the components.
+    """
+
+    statement: Statement
+    names: tuple[str, ...]
+    frequencies: FloatArray
+    decay: FloatArray
+    components: FloatArray
+    points: Mapping[str, FloatArray]
+    displacements: Mapping[str, FloatArray]
+
+
+def mode_shapes(modes: Modes, statement: Statement) -> ModeShapes:
+    """Return the shapes of modes in numbers. Raises StatementError where a parameter has no value."""
+    form, lin = PlainForm(statement), modes.linearization
+    known = {p: sympy.Rational(x) for p, x in statement.defaults.items()}
+    missing = [p.name for p in statement.parameters if p not in statement.defaults]
+    if missing:
+        raise StatementError(
+            f"shapes are drawn at values of the parameters, and {listing(missing)} "
+            f"{'has' if len(missing) == 1 else 'have'} none: state {statement.name} with "
+            f"parameters={{{missing[0]!r}: 1.0}}."
+        )
+    basis = np.array([[number(x, known).real for x in row] for row in lin.basis.tolist()], dtype=float)
+    raw = np.array([[number(x, known) for x in shape] for shape in modes.shapes]) @ basis.T
+    components = np.array([_real(row) for row in raw])
+    by_symbol = dict(zip(form.q, _place(modes, statement, known), strict=True))
+    values = {**known, **by_symbol, **dict.fromkeys(form.v, sympy.S.Zero)}
+    points: dict[str, FloatArray] = {}
+    displacements: dict[str, FloatArray] = {}
+    for name, position in statement.positions.items():
+        parts = [form.read(part) for part in position]
+        slopes = np.array([[number(part.diff(q), values).real for q in form.q] for part in parts])
+        points[name] = np.array([number(part, values).real for part in parts])
+        displacements[name] = components @ slopes.T
+    if points and any(ORIGIN in (link.start, link.end) for link in statement.links):
+        size = len(next(iter(points.values())))
+        points[ORIGIN], displacements[ORIGIN] = np.zeros(size), np.zeros((len(components), size))
+    return ModeShapes(
+        statement,
+        statement.names,
+        np.array([number(x, known) for x in modes.frequencies]),
+        np.array([number(x, known).real for x in modes.decay]),
+        components,
+        points,
+        displacements,
+    )
+
+
+def _real(row: FloatArray) -> FloatArray:
+    """Return a shape in the phase in which its largest component is real, scaled to one."""
+    largest = row[int(np.argmax(np.abs(row)))]
+    return np.asarray((row / largest).real) if largest else row.real
+
+
+def _place(modes: Modes, statement: Statement, known: Mapping[sympy.Symbol, sympy.Rational]) -> list[sympy.Expr]:
+    """Return the coordinates of the equilibrium, as numbers."""
+    at = modes.linearization.at
+    found = [at.get(q, at.get(name, 0)) for q, name in zip(statement.coordinates, statement.names, strict=True)]
+    return [sympy.Float(number(sympy.Integer(0) + x, known).real, 17) for x in found]

@@ -1,0 +1,212 @@
+"""Orbits in a plane (x, v): runs forwards and backwards in time until they leave a window, close or come to rest."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from lagrange.dynamics.angles import difference
+from lagrange.dynamics.axes import Plane
+from lagrange.dynamics.fixed_points import FixedPoint
+from lagrange.dynamics.runs import Runs
+from lagrange.machine.backend import FloatArray
+from lagrange.statement.coordinate import velocity_of
+from lagrange.statement.event import Event, event
+from lagrange.trajectory.paths.samples import divided
+from lagrange.trajectory.trajectory import FloatArray as States
+from lagrange.trajectory.trajectory import Status, Trajectory, run_until
+
+MARGIN = 0.02
+"""A run ends so far outside of the window, as a part of its width: its line then ends outside of the picture."""
+
+PERIODS = 20
+"""Mean periods of small motions that an orbit is followed for."""
+
+SAMPLES_PER_STEP = 32
+"""States in each step at which an orbit is looked at for its return and for equilibria: a step of a Taylor series holds
+three periods at most."""
+
+CLOSED = 1e-6
+"""Distance from its start, as a part of the window, at which an orbit is closed."""
+
+ARRIVED = 5e-4
+"""Distance from an equilibrium, as a part of the window, at which an orbit ends there."""
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """The part of the plane that is looked at; `periodic` says which coordinates come round after a turn."""
+
+    plane: Plane
+    periodic: tuple[bool, ...]
+    reach: float
+    """The longest time that an orbit is followed in each direction of time."""
+
+    @property
+    def turns(self) -> bool:
+        """Whether the axis to the right is an angle."""
+        first = self.plane[0]
+        return first.row < len(self.periodic) and self.periodic[first.row]
+
+    @property
+    def rows(self) -> tuple[int, int]:
+        """The rows of the state that stand on the axes."""
+        return self.plane[0].row, self.plane[1].row
+
+    @property
+    def widths(self) -> FloatArray:
+        """The widths of the axes, (2,)."""
+        return np.array([axis.width for axis in self.plane])
+
+    def exits(self, runs: Runs) -> list[Event]:
+        """Return the events of leaving it. An angle leaves it nowhere: what goes out comes in on the other side."""
+        statement = runs.model.statement
+        entries = (*statement.coordinates, *(velocity_of(q) for q in statement.coordinates))
+        axes = [axis for axis in self.plane if not (axis.row < len(self.periodic) and self.periodic[axis.row])]
+        return [
+            event(
+                (entries[axis.row] - (axis.low - MARGIN * axis.width))
+                * (entries[axis.row] - (axis.high + MARGIN * axis.width)),
+                direction=1,
+                terminal=True,
+            )
+            for axis in axes
+        ]
+
+    def holds(self, state: FloatArray) -> bool:
+        """Return whether a state is inside."""
+        return all(
+            axis.low <= state[axis.row] <= axis.high or (axis.row < len(self.periodic) and self.periodic[axis.row])
+            for axis in self.plane
+        )
+
+    def distance(self, states: States, place: FloatArray) -> FloatArray:
+        """Return distances of states (k, 2n) from a place (2n,) on the plane, as parts of the window, (k,)."""
+        rows = list(self.rows)
+        return np.asarray(np.linalg.norm(difference(states, place, self.periodic)[:, rows] / self.widths, axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Orbit:
+    """A run through the plane: times (k,) that rise, states (k, 2n) there, and how it ended.
+
+    `at(times)` gives states (j, 2n) between. `closed` says that it came back to its start. Angles are not wrapped.
+    """
+
+    t: FloatArray
+    states: FloatArray
+    status: Status
+    message: str
+    closed: bool
+    parts: tuple[Trajectory, ...]
+
+    def at(self, times: FloatArray) -> FloatArray:
+        """Return the states at times (j,) within the orbit, (j, 2n)."""
+        chosen = np.clip(np.asarray(times, dtype=float), self.t[0], self.t[-1])
+        found = np.empty((len(chosen), self.states.shape[1]))
+        for part in self.parts:
+            low, high = sorted(part.span)
+            inside = (chosen >= low) & (chosen <= high)
+            if inside.any():
+                found[inside] = part.dense(chosen[inside]).T
+        return found
+
+    @cached_property
+    def span(self) -> tuple[float, float]:
+        """The first and the last time."""
+        return float(self.t[0]), float(self.t[-1])
+
+
+def orbit(
+    runs: Runs, window: Window, start: FloatArray, exits: Sequence[Event], begin: float, *, both_ways: bool
+) -> Orbit:
+    """Return the orbit through a state, followed forwards and, unless it closes, backwards too."""
+    forwards = runs(start, begin, begin + window.reach, events=exits)
+    forwards, closed = _closed(window, forwards) if both_ways else (forwards, False)
+    if closed or not both_ways or forwards.status is Status.INTERRUPTED:
+        return orbit_of((forwards,), closed=closed)
+    backwards = runs(start, begin, begin - window.reach, events=exits)
+    return orbit_of((backwards, forwards), closed=False)
+
+
+def orbit_of(parts: Sequence[Trajectory], *, closed: bool) -> Orbit:
+    """Return the orbit of runs that lie behind one another in time, the last of which began it."""
+    ordered = [_rising(part) for part in parts]
+    t = np.concatenate([ordered[0][0], *(times[1:] for times, _ in ordered[1:])])
+    states = np.concatenate([ordered[0][1], *(rows[1:] for _, rows in ordered[1:])])
+    last = next((part for part in parts if not part.status.complete), parts[-1])
+    return Orbit(t, states, last.status, last.message, closed, tuple(parts))
+
+
+def _rising(run: Trajectory) -> tuple[FloatArray, FloatArray]:
+    """Return the steps of a run with the end at which it stopped, in rising time."""
+    t, states = run.t, run.y.T
+    return (t, states) if run.span[1] >= run.span[0] else (t[::-1], states[::-1])
+
+
+def sampled(run: Trajectory, per_step: int = SAMPLES_PER_STEP) -> tuple[FloatArray, FloatArray]:
+    """Return times (k,) in the direction of a run, several in each step, and the states there, (k, 2n)."""
+    if len(run.t) < 2:
+        return run.t, run.y.T
+    times = divided(run.t, per_step)
+    return times, run.dense(times).T
+
+
+def cut(run: Trajectory, end: float) -> Trajectory:
+    """Return a run up to a time on the way, with the state there as its last."""
+    if not (min(run.span) < end < max(run.span)):
+        return run
+    short = run_until(run, end)
+    at_end = run.dense(np.array([end]))
+    return replace(short, t=np.append(short.t, end), y=np.hstack([short.y, at_end]), status=Status.SUCCESS)
+
+
+def _closed(window: Window, run: Trajectory) -> tuple[Trajectory, bool]:
+    """Return a run up to its first return to where it began, and whether there is one."""
+    times, states = sampled(run)
+    if len(times) < 3:
+        return run, False
+    start, way = states[0], states[1] - states[0]
+    rows = list(window.rows)
+
+    def ahead(given: FloatArray) -> FloatArray:
+        """Return how far states are past the start, along the first piece of the way."""
+        moved = difference(given, start, window.periodic)[:, rows] / window.widths
+        return np.asarray(moved @ (way[rows] / window.widths))
+
+    passed = ahead(states)
+    near = window.distance(states, start) < 0.25
+    for k in np.nonzero((passed[:-1] < 0) & (passed[1:] >= 0) & near[:-1] & near[1:])[0].tolist():
+        low, high = float(times[k]), float(times[k + 1])
+        for _ in range(60):
+            middle = low + (high - low) / 2
+            if ahead(run.dense(np.array([middle])).T)[0] < 0:
+                low = middle
+            else:
+                high = middle
+        if window.distance(run.dense(np.array([high])).T, start)[0] <= CLOSED:
+            return cut(run, high), True
+    return run, False
+
+
+def until_arrival(window: Window, run: Trajectory, places: Sequence[FixedPoint]) -> Trajectory:
+    """Return a run up to where it first comes close to an equilibrium, if it does."""
+    times, states = sampled(run)
+    best = math.inf
+    end = run.span[1]
+    for place in places:
+        distance = window.distance(states, place.state)
+        away = np.nonzero(distance > 10 * ARRIVED)[0]
+        if not len(away):
+            continue
+        close = away[0] + np.nonzero(distance[away[0] :] < ARRIVED)[0]
+        if not len(close):
+            continue
+        k = int(close[0])
+        if abs(times[k] - run.span[0]) < best:
+            best, end = abs(times[k] - run.span[0]), float(times[k])
+    return cut(run, end)

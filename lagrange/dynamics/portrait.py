@@ -1,0 +1,376 @@
+"""Phase portraits: the field on a plane of state space, its zero lines, equilibria, separatrices, and orbits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lagrange.dynamics.angles import angles, wrapped
+from lagrange.dynamics.axes import Axis, Plane, plane_of, row_of
+from lagrange.dynamics.driving import depends_on_time
+from lagrange.dynamics.fixed_points import FixedPoint, fixed_points
+from lagrange.dynamics.nullclines import zero_lines
+from lagrange.dynamics.orbits import PERIODS, Orbit, Window, orbit, sampled
+from lagrange.dynamics.runs import Report, Runs, initial_of, starts_of, time_scale
+from lagrange.dynamics.separatrices import Separatrix, separatrices_of
+from lagrange.errors import RunError, StatementError, counted, listing, shown
+from lagrange.machine.backend import FloatArray
+from lagrange.machine.model import Model
+from lagrange.statement.number import real_number
+from lagrange.statement.statement import Statement
+from lagrange.trajectory.trajectory import Status
+
+FIELD = 25
+"""Arrows of the field along each axis."""
+
+NULLCLINE_CELLS = 240
+"""Cells along each axis in which zero lines are sought: a line through them is off by less than a pixel."""
+
+CELLS = 22
+"""Cells along each axis for orbits: one is begun in each cell that no other has passed, from the middle outwards."""
+
+MOST_ORBITS, MOST_PROJECTED = 60, 8
+"""Most orbits that are begun where the user gives no starts; fewer where they may cross."""
+
+FEW_PERIODS = 2
+"""Mean periods for which orbits are followed where they may cross, forwards alone."""
+
+SAMPLES_PER_CELL = 64
+"""States in each step by which the cells are marked that an orbit passes."""
+
+SAME = 1e-9
+"""Distance of two equilibria that are one, as a part of the window."""
+
+BESIDE = np.array([0.1, 0.0])
+"""Where a motion begins beside an equilibrium."""
+
+MOST_RESTS = 16
+"""Changes of sign of the force between -1000 and 1000 beyond which equilibria do not say what to look at."""
+
+
+@dataclass(frozen=True, eq=False)
+class PortraitData:
+    """The parts of a phase portrait; states have 2n entries, coordinates and then velocities.
+
+    `x` (k,) and `y` (m,) are the places of the field's arrows, `u` and `v` (m, k) the rates of the entries on the axes
+    there. `nullclines` are lines (j, 2) on which the rate of the entry to the right, or upwards, is zero, by the name
+    of the entry. `equilibria` have a state and a kind, `separatrices` an orbit each, and `orbits` pass through `starts`
+    (s, 2n). `turns` says that the axis to the right is an angle. `held` are the entries that the plane holds fixed.
+    """
+
+    statement: Statement
+    plane: Plane
+    turns: bool
+    held: Mapping[str, float]
+    time: float | None
+    x: FloatArray
+    y: FloatArray
+    u: FloatArray
+    v: FloatArray
+    nullclines: Mapping[str, tuple[FloatArray, ...]]
+    equilibria: tuple[FixedPoint, ...]
+    separatrices: tuple[Separatrix, ...]
+    starts: FloatArray
+    orbits: tuple[Orbit, ...]
+    status: Status
+    message: str
+
+
+class _Portrait:
+    """The work on a portrait, part by part."""
+
+    def __init__(self, runs: Runs, plane: Plane, base: FloatArray, time: float, reach: float | None) -> None:
+        model = runs.model
+        self.runs, self.plane, self.base, self.time = runs, plane, base, time
+        self.periodic = angles(model.statement)
+        states = np.array([self.state(x, y) for x in plane[0].values[::6] for y in plane[1].values[::6]])
+        scale = time_scale(model, states, runs.parameters, model.statement.run.t_end / PERIODS)
+        self.driven = depends_on_time(model.statement)
+        self.alone = len(model.statement.coordinates) == 1 and not self.driven
+        periods = PERIODS if self.alone else FEW_PERIODS
+        self.window = Window(plane, self.periodic, periods * scale if reach is None else reach)
+
+    def state(self, x: float, y: float) -> FloatArray:
+        """Return the state of a place on the plane."""
+        state = self.base.copy()
+        state[self.plane[0].row], state[self.plane[1].row] = x, y
+        return state
+
+    def rates(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return the rates of the entries on the axes at places (k,) and (k,), (2, k)."""
+        states = np.repeat(self.base[:, None], len(x), axis=1)
+        states[self.plane[0].row], states[self.plane[1].row] = x, y
+        try:
+            found = self.runs.model.rhs(self.time, states, self.runs.parameters)
+        except RunError:
+            # Somewhere the mass matrix is singular: the others are looked at one by one.
+            found = np.column_stack([self._rates_at(column) for column in states.T])
+        return found[[self.plane[0].row, self.plane[1].row]]
+
+    def _rates_at(self, state: FloatArray) -> FloatArray:
+        try:
+            return self.runs.model.rhs(self.time, np.ascontiguousarray(state), self.runs.parameters)
+        except RunError:
+            return np.full(len(state), np.nan)
+
+    def field(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return the places and rates of the arrows."""
+        x, y = (np.linspace(axis.low, axis.high, 2 * axis.count + 1)[1::2] for axis in self.plane)
+        columns, rows = np.meshgrid(x, y)
+        u, v = self.rates(columns.ravel(), rows.ravel())
+        return x, y, u.reshape(columns.shape), v.reshape(columns.shape)
+
+    def nullclines(self) -> dict[str, tuple[FloatArray, ...]]:
+        """Return the zero lines of the two rates, sought half a cell beyond the window: they may lie on its border."""
+        x, y = (_beyond(axis) for axis in self.plane)
+        first, second = self.plane
+        return {
+            first.name: zero_lines(lambda a, b: self.rates(a, b)[0], x, y),
+            second.name: zero_lines(lambda a, b: self.rates(a, b)[1], x, y),
+        }
+
+    def distinct(self, places: Sequence[FixedPoint]) -> list[int]:
+        """Return the equilibria without those that are others after a turn, such as pi and -pi."""
+        found: list[int] = []
+        for k, place in enumerate(places):
+            others = np.array([places[i].state for i in found]).reshape(-1, len(place.state))
+            if not (self.window.distance(others, place.state) < SAME).any():
+                found.append(k)
+        return found
+
+    def seeds(self) -> FloatArray:
+        """Return the middles of all cells, those of the window's middle first, (CELLS**2, 2n)."""
+        middles = [np.linspace(axis.low, axis.high, 2 * CELLS + 1)[1::2] for axis in self.plane]
+        columns, rows = np.meshgrid(*middles)
+        away = np.hypot(*(np.indices(columns.shape) - (CELLS - 1) / 2))
+        order = np.argsort(away.ravel(), kind="stable")
+        return np.array([self.state(columns.ravel()[k], rows.ravel()[k]) for k in order])
+
+
+def _beyond(axis: Axis) -> FloatArray:
+    """Return the grid of an axis with half a cell more at either end."""
+    cell = axis.width / NULLCLINE_CELLS
+    return np.linspace(axis.low - cell / 2, axis.high + cell / 2, NULLCLINE_CELLS + 2)
+
+
+def portrait(
+    runs: Runs,
+    window: Any,
+    at: Mapping[Any, Any] | None,
+    starts: Any,
+    *,
+    time: float = 0.0,
+    reach: float | None = None,
+    progress: Report | None = None,
+) -> PortraitData:
+    """Return the portrait of a model on a plane; see `lagrange.phase_portrait`."""
+    statement = runs.model.statement
+    if statement.constraints:
+        raise StatementError(
+            f"{statement.name} has constraints, and its states fill no plane: eliminate(...) coordinates first."
+        )
+    held = held_entries(runs.model, at, window)
+    base = initial_of(runs.model, None)
+    for row, value in held.items():
+        base[row] = value
+    plane = default_plane(runs, base) if window is None else plane_of(statement, window, "window", FIELD)
+    free = [row for row in range(2 * len(statement.coordinates)) if row not in held]
+    if sorted(axis.row for axis in plane) != free:
+        names = statement.state_names
+        raise StatementError(
+            f"window has {listing(axis.name for axis in plane)}, and at leaves {listing(names[row] for row in free)} "
+            "free: give these in window."
+        )
+    work = _Portrait(runs, plane, base, time, reach)
+    return _made(work, held, starts, progress)
+
+
+def _made(work: _Portrait, held: Mapping[int, float], starts: Any, progress: Report | None) -> PortraitData:
+    runs, plane, names = work.runs, work.plane, work.runs.model.statement.state_names
+    places, note = fixed_points(runs.model, runs.parameters, plane[0].low, plane[0].high) if work.alone else ((), "")
+    places = tuple(place for place in places if plane[1].low <= 0.0 <= plane[1].high)
+    branches: list[Separatrix] = []
+    orbits: list[Orbit] = []
+    given = None if starts is None else starts_of(runs.model, starts, work.base)
+    chosen = [] if given is None else list(given)
+    interrupted = False
+    try:
+        exits = work.window.exits(runs)
+        for number in work.distinct(places):
+            branches += separatrices_of(runs, work.window, places, number, exits)
+        for start in _unvisited(work, branches, orbits, progress) if given is None else chosen:
+            orbits.append(orbit(runs, work.window, start, exits, work.time, both_ways=work.alone))
+            if given is None:
+                chosen.append(start)
+            if progress is not None and given is not None:
+                progress(float(len(orbits)))
+            if orbits[-1].status is Status.INTERRUPTED:
+                break
+    except KeyboardInterrupt:
+        interrupted = True
+    status, message = _ended(work, orbits, len(chosen), note, interrupted=interrupted)
+    x, y, u, v = work.field()
+    return PortraitData(
+        statement=runs.model.statement,
+        plane=plane,
+        turns=work.window.turns,
+        held={names[row]: value for row, value in held.items()},
+        time=work.time if work.driven else None,
+        x=x,
+        y=y,
+        u=u,
+        v=v,
+        nullclines=work.nullclines(),
+        equilibria=places,
+        separatrices=tuple(branches),
+        starts=np.array(chosen[: len(orbits)]).reshape(len(orbits), len(names)),
+        orbits=tuple(orbits),
+        status=status,
+        message=message,
+    )
+
+
+def _unvisited(
+    work: _Portrait, branches: Sequence[Separatrix], orbits: Sequence[Orbit], progress: Report | None
+) -> Iterator[FloatArray]:
+    """Yield the middles of cells that nothing drawn so far has passed, nor its neighbours; report how many have."""
+    taken = np.zeros((CELLS + 2, CELLS + 2), dtype=bool)
+    most = MOST_ORBITS if work.alone else MOST_PROJECTED
+    for branch in branches:
+        _mark(work, taken, branch.orbit)
+    for start in work.seeds():
+        row, column = _cells(work, start[None, :])
+        if taken[row[0], column[0]] or not np.isfinite(work.rates(*start[list(work.window.rows), None])).all():
+            continue
+        if len(orbits) >= most:
+            return
+        yield start
+        _mark(work, taken, orbits[-1])
+        if progress is not None:
+            progress(float(taken[1:-1, 1:-1].sum()))
+
+
+def _mark(work: _Portrait, taken: FloatArray, passed: Orbit) -> None:
+    """Mark the cells that an orbit passes, and those beside them."""
+    for part in passed.parts:
+        rows, columns = _cells(work, sampled(part, SAMPLES_PER_CELL)[1])
+        for down, right in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)):
+            taken[np.clip(rows + down, 0, CELLS + 1), np.clip(columns + right, 0, CELLS + 1)] = True
+
+
+def _cells(work: _Portrait, states: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the rows and columns of the cells of states (k, 2n), from 1 on; those outside have a border of one."""
+    found = []
+    for axis in reversed(work.plane):
+        values = states[:, axis.row]
+        if axis.row < len(work.periodic) and work.periodic[axis.row]:
+            values = wrapped(values, axis.low)
+        found.append(np.clip(np.floor((values - axis.low) / axis.width * CELLS).astype(int) + 1, 0, CELLS + 1))
+    return found[0], found[1]
+
+
+def _ended(
+    work: _Portrait, orbits: Sequence[Orbit], wanted: int, note: str, *, interrupted: bool
+) -> tuple[Status, str]:
+    """Return the status of a portrait, and sentences on what it shows."""
+    statement = work.runs.model.statement
+    interrupted = interrupted or any(one.status is Status.INTERRUPTED for one in orbits)
+    status = Status.INTERRUPTED if interrupted else Status.SUCCESS
+    words = [f"interrupted after {counted(len(orbits), 'orbit')}, which are kept."] if interrupted else []
+    stopped = [one for one in orbits if one.status not in (Status.SUCCESS, Status.EVENT)]
+    if stopped and not interrupted:
+        words.append(f"{len(stopped)} of {counted(wanted, 'orbit')} did not get to the end: {stopped[0].message}")
+    if note:
+        words.append(note)
+    if work.driven:
+        words.append(
+            f"{statement.name} depends on time: the field is that of t = {work.time:g}, and orbits begin there and may "
+            "cross. lg.poincare(...) with the period of the driving shows them as points."
+        )
+    elif not work.alone:
+        words.append(
+            "The plane is a slice: orbits begin on it and leave it, and are drawn as they are seen from above."
+        )
+    return status, " ".join(words)
+
+
+def held_entries(model: Model, at: Mapping[Any, Any] | None, window: Any) -> dict[int, float]:
+    """Return the rows of the state that a plane holds fixed, with their values."""
+    statement = model.statement
+    if at is not None and not isinstance(at, Mapping):
+        raise StatementError(f"at is {shown(at)}: give a dict from coordinates and velocities to values.")
+    held = {}
+    for key, value in (at or {}).items():
+        row = row_of(statement, key, "at")
+        held[row] = real_number(value, f"the value of {statement.state_names[row]} in at")
+    left = 2 * len(statement.coordinates) - len(held)
+    if window is None and left == 2 and len(statement.coordinates) > 1:
+        free = [name for row, name in enumerate(statement.state_names) if row not in held]
+        raise StatementError(
+            f"no window is given, and for a slice of {counted(len(statement.coordinates), 'coordinate')} there is no "
+            f"default: give window={{{free[0]!r}: (-3, 3), {free[1]!r}: (-5, 5)}}."
+        )
+    if left != 2:
+        raise StatementError(_too_many(statement, left))
+    return held
+
+
+def _too_many(statement: Statement, left: int) -> str:
+    """Return the sentence for a plane that is not determined by what is held."""
+    names = statement.state_names
+    n = len(statement.coordinates)
+    if n == 1:
+        return f"at holds an entry of the state, and {statement.name} has two: leave it out."
+    others = ", ".join(f"{name!r}: 0" for k, name in enumerate(names) if k % n)
+    return (
+        f"{statement.name} has {counted(n, 'coordinate')}, and {counted(left, 'entry')} of its state "
+        f"{'is' if left == 1 else 'are'} free: a portrait has two axes. Hold all others, as at={{{others}}}, or take a "
+        "section of the motion with lg.poincare(...)."
+    ).replace("entrys", "entries")
+
+
+def default_plane(runs: Runs, base: FloatArray) -> Plane:
+    """Return a window for a system with one coordinate: its equilibria and the motions between them are in it.
+
+    An angle has a whole turn. Of another coordinate it is what the equilibria and the motion from the initial state
+    take up, and half as much on either side; the motion begins beside an equilibrium, if the initial state is one.
+    """
+    model = runs.model
+    (name,) = model.statement.names
+    turns = angles(model.statement)[0]
+    scale = time_scale(model, base[None, :], runs.parameters, model.statement.run.t_end / 3)
+    low, high = (-math.pi, math.pi) if turns else _extent(runs, base, scale)
+    speeds = [0.0]
+    for x in np.linspace(low, high, 13)[1:-1]:
+        run = runs(np.array([x, 0.0]), 0.0, 2 * scale)
+        inside = np.full(run.y.shape[1], turns) | ((run.y[0] >= low) & (run.y[0] <= high))
+        speeds.append(float(np.abs(run.y[1, inside]).max(initial=0.0)))
+    finite = [x for x in speeds if math.isfinite(x)]
+    top = 1.4 * max(finite) or (high - low) / scale
+    return Axis(name, 0, low, high, FIELD), Axis(f"{name}_dot", 1, -top, top, FIELD)
+
+
+def _extent(runs: Runs, base: FloatArray, scale: float) -> tuple[float, float]:
+    """Return a range for a coordinate that is no angle."""
+    model, sizes = runs.model, np.logspace(-3, 3, 1200)
+    x = np.concatenate([-sizes[::-1], [0.0], sizes])
+    try:
+        a = model.accelerations(x[None, :], np.zeros((1, len(x))), 0.0, runs.parameters)[0]
+    except RunError:
+        a = np.full(len(x), np.nan)
+    rests = x[:-1][(a[:-1] * a[1:] < 0) | (a[:-1] == 0.0)]
+    rests = rests[:MOST_RESTS] if len(rests) <= MOST_RESTS else np.zeros(0)
+    starts = [base]
+    if abs(float(model.accelerations(base[:1], base[1:], 0.0, runs.parameters)[0])) < 1e-9 and not base[1]:
+        starts = [base + BESIDE, base - BESIDE]
+    # A motion that is driven settles somewhere else than it begins.
+    longest = (30 if depends_on_time(model.statement) else 3) * scale
+    passed = [runs(begin, 0.0, longest).y[0] for begin in starts]
+    among = np.concatenate([rests, *(x[np.isfinite(x)] for x in passed)])
+    low, high = float(among.min()), float(among.max())
+    room = 0.3 * (high - low) or 1.0
+    return low - room, high + room

@@ -1,0 +1,311 @@
+"""Poincare sections: the states of many orbits where an event happens, or after each period of a driving.
+
+Source: E. Ott, Chaos in Dynamical Systems, 2nd ed., 2002, section 1.3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import sympy
+
+from lagrange.dynamics.axes import row_of
+from lagrange.dynamics.energy_level import margin, on_level
+from lagrange.dynamics.nullclines import zero_lines
+from lagrange.dynamics.runs import Report, Runs, initial_of, starts_of, time_scale
+from lagrange.errors import StatementError, counted
+from lagrange.machine.backend import FloatArray
+from lagrange.machine.model import Model
+from lagrange.statement.coordinate import t
+from lagrange.statement.event import Event, declare_events
+from lagrange.statement.number import real_number, whole_number
+from lagrange.statement.statement import Statement
+from lagrange.trajectory.trajectory import Status, Trajectory
+
+CROSSINGS_PER_RUN = 2000
+"""Crossings after which an orbit goes on in a new run, so that the memory for its steps is bounded."""
+
+PERIODS_PER_CROSSING = 2.0
+"""Mean periods of small motions that the first run of an orbit has for each crossing."""
+
+LONGEST_WAIT = 200
+"""Mean periods without a crossing after which an orbit is given up."""
+
+BORDER_CELLS = 200
+"""Cells along each axis in which the border of a section is sought."""
+
+BORDER_ROOMS = (0.5, 1.5, 4.0, 10.0, 25.0)
+"""How far beyond the points it is sought, in parts of their extent, until it closes; where it is open there is none."""
+
+
+@dataclass(frozen=True, eq=False)
+class SectionData:
+    """The points of a section, for each of m starts: `times` (k,) and `states` (k, 2n), k crossings.
+
+    `starts` (m, 2n) are the states at which orbits began, `statuses` and `messages` how each ended: EVENT with all of
+    its crossings, SUCCESS where the section was not passed so often. `event` is what was passed, None for a section at
+    times `period` apart. `energy` is that of the starts where it was given, and `border` are the closed lines (j, 2)
+    around the states of that energy, in the plane of `axes`, the entries to draw. `drift` is the largest change of the
+    energy, relative to its size, for a system that conserves it.
+    """
+
+    statement: Statement
+    event: Event | None
+    period: float | None
+    starts: FloatArray
+    times: tuple[FloatArray, ...]
+    states: tuple[FloatArray, ...]
+    statuses: tuple[Status, ...]
+    messages: tuple[str, ...]
+    axes: tuple[str, str]
+    energy: float | None
+    border: tuple[FloatArray, ...]
+    drift: float | None
+    status: Status
+    message: str
+
+    @property
+    def points(self) -> FloatArray:
+        """The states of all orbits behind one another, (k, 2n)."""
+        return np.concatenate(self.states) if self.states else np.empty((0, self.starts.shape[1]))
+
+
+@dataclass(frozen=True, eq=False)
+class Crossings:
+    """The times (k,) and states (k, 2n) of one orbit on a section, and how it ended."""
+
+    times: FloatArray
+    states: FloatArray
+    status: Status
+    message: str
+
+
+def section_of(given: Any, model: Model, parameters: FloatArray) -> Event | float:
+    """Return the event of a section, or the period of one at equal times: a number, or an expression in parameters."""
+    if isinstance(given, Event):
+        return declare_events([given], model.statement)[0]
+    constant = isinstance(given, sympy.Expr) and not given.has(t)
+    if constant or (not isinstance(given, (sympy.Basic, str, bytes)) and not callable(given)):
+        values = dict(zip(model.statement.parameters, parameters.tolist(), strict=True))
+        by_name = {p: values[q] for p in getattr(given, "free_symbols", ()) for q in values if p.name == q.name}
+        period = real_number(given.xreplace(by_name) if constant else given, "the period of the section")
+        if period <= 0:
+            raise StatementError(f"the period of the section is {period:g}: give a positive time.")
+        return period
+    return declare_events([given], model.statement)[0]
+
+
+def section(
+    runs: Runs,
+    given: Any,
+    starts: Any,
+    *,
+    crossings: Any = 500,
+    skip: Any = 0,
+    energy: Any = None,
+    solve_for: Any = None,
+    longest: Any = None,
+    progress: Report | None = None,
+) -> SectionData:
+    """Return the section of a model's orbits; see `lagrange.poincare`."""
+    model = runs.model
+    count, dropped = whole_number(crossings, "crossings", 1), whole_number(skip, "skip", 0)
+    passed = section_of(given, model, runs.parameters)
+    event = passed if isinstance(passed, Event) else None
+    states = starts_of(model, starts, initial_of(model, None))
+    level, row = _level(model, energy, solve_for)
+    if level is not None and row is not None:
+        states = on_level(model, runs.parameters, states, row, level, event)
+    wait = None if longest is None else real_number(longest, "longest, the time to wait for a crossing,")
+    cross = Crosser(runs, passed, count + dropped, states, wait)
+    done: list[Crossings] = []
+    try:
+        for start in states:
+            done.append(_without_first(cross(start), dropped))
+            if progress is not None:
+                progress(float(len(done)))
+            if done[-1].status is Status.INTERRUPTED:
+                break
+    except KeyboardInterrupt:
+        done.append(Crossings(np.empty(0), np.empty((0, model.layout.size)), Status.INTERRUPTED, "was interrupted."))
+    axes = drawn_axes(model.statement, event)
+    status, message = _ended(done, len(states), event, model.statement)
+    return SectionData(
+        statement=model.statement,
+        event=event,
+        period=None if isinstance(passed, Event) else passed,
+        starts=states[: len(done)],
+        times=tuple(one.times for one in done),
+        states=tuple(one.states for one in done),
+        statuses=tuple(one.status for one in done),
+        messages=tuple(one.message for one in done),
+        axes=axes,
+        energy=level,
+        border=_border(runs, states[0], axes, level, row, done),
+        drift=_drift(runs, states, done),
+        status=status,
+        message=message,
+    )
+
+
+class Crosser:
+    """Follows orbits to a number of crossings of one section, by one prepared event."""
+
+    def __init__(
+        self, runs: Runs, passed: Event | float, count: int, states: FloatArray, longest: float | None = None
+    ) -> None:
+        statement = runs.model.statement
+        self.runs, self.count = runs, count
+        self.period = passed if isinstance(passed, float) else None
+        self.event = None if isinstance(passed, float) else replace(passed, terminal=min(count, CROSSINGS_PER_RUN))
+        self.scale = time_scale(runs.model, states, runs.parameters, statement.run.t_end / 10)
+        self.wait = LONGEST_WAIT * self.scale if longest is None else longest
+
+    def __call__(self, start: FloatArray, begin: float = 0.0) -> Crossings:
+        """Return the crossings of the orbit from a state (2n,)."""
+        return self._at_times(start, begin) if self.period is not None else self._at_events(start, begin)
+
+    def _at_times(self, start: FloatArray, begin: float) -> Crossings:
+        times = begin + (self.period or 0.0) * np.arange(1.0, self.count + 1.0)
+        run = self.runs(start, begin, float(times[-1]), t_eval=times)
+        return Crossings(run.t, run.y.T, run.status, run.message)
+
+    def _at_events(self, start: FloatArray, begin: float) -> Crossings:
+        times: list[FloatArray] = []
+        states: list[FloatArray] = []
+        left, since, y, leg, first = self.count, begin, start, self._first_leg(), begin
+        while True:
+            run = self.runs(y, begin, begin + leg, events=[self.event])
+            times.append(run.t_events[0][:left])
+            states.append(run.y_events[0][:left])
+            left -= len(times[-1])
+            since = float(times[-1][-1]) if len(times[-1]) else since
+            ended = run.status is not Status.SUCCESS and run.status is not Status.EVENT
+            if left == 0 or ended or run.span[1] - since >= self.wait or not run.y.size:
+                return Crossings(np.concatenate(times), np.concatenate(states), *self._end(run, left, since))
+            begin, y = run.span[1], np.ascontiguousarray(run.y[:, -1])
+            seen = self.count - left
+            leg = max(self.wait / 2, 1.2 * left * (begin - first) / seen) if seen else self.wait
+
+    def _first_leg(self) -> float:
+        return PERIODS_PER_CROSSING * self.scale * min(self.count, CROSSINGS_PER_RUN)
+
+    def _end(self, run: Trajectory, left: int, since: float) -> tuple[Status, str]:
+        """Return the status of an orbit, and a sentence."""
+        if left == 0:
+            return Status.EVENT, "all crossings are there."
+        if run.status.complete:
+            return Status.SUCCESS, (
+                f"passed the section {counted(self.count - left, 'time')}, and not again between t = {since:.6g} and "
+                f"{run.span[1]:.6g}; longest=... waits for more than {self.wait:.3g}."
+            )
+        return run.status, run.message
+
+
+def _without_first(found: Crossings, dropped: int) -> Crossings:
+    return replace(found, times=found.times[dropped:], states=found.states[dropped:]) if dropped else found
+
+
+def _level(model: Model, energy: Any, solve_for: Any) -> tuple[float | None, int | None]:
+    """Return the energy of the starts, and the row of the velocity that follows from it."""
+    if energy is None and solve_for is None:
+        return None, None
+    if energy is None or solve_for is None:
+        raise StatementError(
+            "give energy and solve_for together: the energy of all starts, and the velocity that follows from it, such "
+            f"as energy=1.0, solve_for='{model.statement.names[0]}_dot'."
+        )
+    row = row_of(model.statement, solve_for, "solve_for")
+    if row < len(model.statement.coordinates):
+        raise StatementError(f"solve_for is the coordinate {model.statement.names[row]}: give a velocity.")
+    return real_number(energy, "energy"), row
+
+
+def drawn_axes(statement: Statement, event: Event | None) -> tuple[str, str]:
+    """Return the entries of the state that are drawn: a coordinate that the event has not, and its velocity."""
+    names = statement.names
+    plain = None if event is None else event.expression.xreplace(dict(statement.plain))
+    among = set() if plain is None else {symbol.name for symbol in plain.free_symbols}
+    free = [name for name in names if name not in among and f"{name}_dot" not in among]
+    chosen = (free or list(names))[0]
+    return chosen, f"{chosen}_dot"
+
+
+def _border(
+    runs: Runs,
+    start: FloatArray,
+    axes: tuple[str, str],
+    energy: float | None,
+    row: int | None,
+    done: Sequence[Crossings],
+) -> tuple[FloatArray, ...]:
+    """Return the lines around what has the energy, for two coordinates of which one is drawn."""
+    points = np.concatenate([one.states for one in done]) if done else np.empty((0, 0))
+    names = runs.model.statement.state_names
+    if energy is None or row is None or len(names) != 4 or len(points) < 2:
+        return ()
+    columns = [names.index(name) for name in axes]
+    if row in columns:
+        return ()
+    low, high = points[:, columns].min(axis=0), points[:, columns].max(axis=0)
+
+    def inside(a: FloatArray, b: FloatArray) -> FloatArray:
+        states = np.repeat(start[:, None], len(a), axis=1)
+        states[columns[0]], states[columns[1]] = a, b
+        return margin(runs.model, runs.parameters, states, row, energy)
+
+    for room in BORDER_ROOMS:
+        beyond = room * (high - low) + 1e-12
+        x, y = (np.linspace(a - r, b + r, BORDER_CELLS) for a, b, r in zip(low, high, beyond, strict=True))
+        closed = tuple(line for line in zero_lines(inside, x, y) if (line[0] == line[-1]).all())
+        if closed:
+            return closed
+    return ()
+
+
+def _drift(runs: Runs, states: FloatArray, done: Sequence[Crossings]) -> float | None:
+    """Return the largest change of the energy from start to crossing, relative to the largest energy, if conserved."""
+    model = runs.model
+    if not model.conservative or not done:
+        return None
+    worst, size = 0.0, 1e-300
+    for start, one in zip(states, done, strict=False):
+        whole = np.vstack([start[None, :], one.states])
+        q, v = model.layout.split(np.ascontiguousarray(whole.T))
+        energies = np.asarray(model.energy(q, v, 0.0, runs.parameters))
+        worst, size = max(worst, float(np.abs(energies - energies[0]).max())), max(size, float(np.abs(energies).max()))
+    return worst / size
+
+
+def _ended(done: Sequence[Crossings], wanted: int, event: Event | None, statement: Statement) -> tuple[Status, str]:
+    """Return the status of a section, and a sentence."""
+    total = sum(len(one.times) for one in done)
+    what = "point" if event is None else "crossing"
+    if len(done) < wanted or any(one.status is Status.INTERRUPTED for one in done):
+        return Status.INTERRUPTED, (
+            f"interrupted: {counted(total, what)} of {len(done)} among {counted(wanted, 'orbit')} are there, and kept."
+        )
+    short = [(k, one) for k, one in enumerate(done) if one.status is not Status.EVENT and event is not None]
+    short = short or [(k, one) for k, one in enumerate(done) if not one.status.complete]
+    words = f"{counted(total, what)} of {counted(wanted, 'orbit')}."
+    if not short:
+        return Status.SUCCESS, words
+    place, first = short[0]
+    if event is not None and not total:
+        words = f"no orbit passes {surface(event, statement)}{_direction(event)}."
+    failed = [one.status for one in done if not one.status.complete]
+    return (failed or [Status.SUCCESS])[0], f"{words} Start {place}: {first.message}" + (
+        f" {len(short) - 1} more ended early." if len(short) > 1 else ""
+    )
+
+
+def surface(event: Event, statement: Statement) -> str:
+    """Return the equation of a switching surface by the names of coordinates, cut where it is long."""
+    return f"{str(event.expression.xreplace(dict(statement.plain)))[:60]} = 0"
+
+
+def _direction(event: Event) -> str:
+    return {1: " rising", -1: " falling"}.get(event.direction, "")

@@ -1,0 +1,219 @@
+"""Bifurcation diagrams: where the motion is on a section, after it has settled, at each value of a parameter.
+
+Source: S. H. Strogatz, Nonlinear Dynamics and Chaos, 2nd ed., 2015, section 10.2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from lagrange.dynamics.angles import angles, difference
+from lagrange.dynamics.axes import MOST_VALUES
+from lagrange.dynamics.driving import depends_on_time, driving_period
+from lagrange.dynamics.runs import Report, Runs, initial_of, starts_of, time_scale
+from lagrange.dynamics.section import Crosser, Crossings, drawn_axes, section_of
+from lagrange.errors import StatementError, counted, listing, shown, suggestion
+from lagrange.machine.backend import FloatArray
+from lagrange.statement.event import Event
+from lagrange.statement.number import flag, real_array, whole_number
+from lagrange.statement.parameters import label_of
+from lagrange.statement.statement import Statement
+from lagrange.trajectory.trajectory import Status
+
+SAME = 1e-6
+"""Distance of two points that are one, as a part of the extent of all points on the axes."""
+
+
+ROUNDING = 1e-12
+"""Differences that are rounding, relative to the size of a coordinate, or of its velocity in a mean period."""
+
+
+@dataclass(frozen=True, eq=False)
+class SweepData:
+    """The settled motion on a section at values (k,) of a parameter, from each of m starts.
+
+    `states` (k, m, s, 2n) are the last s points of each orbit, NaN where there are fewer. `cycles` (k, m) are the
+    lengths p of cycles, the least with which every point comes again, 0 where none up to s/2 does. `statuses` has a
+    list for each value. `event` is what was passed, None for points at `periods` (k,) of the driving. With `followed`
+    each orbit begins where that at the value before ended.
+    """
+
+    statement: Statement
+    parameter: str
+    values: FloatArray
+    states: FloatArray
+    cycles: FloatArray
+    statuses: tuple[tuple[Status, ...], ...]
+    event: Event | None
+    periods: FloatArray | None
+    followed: bool
+    axes: tuple[str, str]
+    status: Status
+    message: str
+
+
+def parameter_of(statement: Statement, given: Any) -> str:
+    """Return the name of a parameter. Raises StatementError for anything else."""
+    known = [p.name for p in statement.parameters]
+    label = label_of(given)
+    if label in known:
+        return label
+    if label in statement.names or label.removesuffix("_dot") in statement.names:
+        raise StatementError(
+            f"{label} is no parameter but an entry of the state of {statement.name}: give its parameters "
+            f"{listing(known)}; other starts are starts=[...]."
+        )
+    raise StatementError(
+        f"{label!r} is no parameter of {statement.name}; its parameters are {listing(known)}."
+        + suggestion(label, known)
+    )
+
+
+def values_of(given: Any, name: str) -> FloatArray:
+    """Return the values (k,) of a parameter, from an array, or (low, high, count)."""
+    if isinstance(given, tuple) and len(given) == 3:
+        low, high = real_array([given[0], given[1]], f"the range of {name}").tolist()
+        if not np.isfinite([low, high]).all() or low == high:
+            raise StatementError(f"the range of {name} is empty: {low:g} to {high:g}. Give two ends that differ.")
+        return np.linspace(low, high, whole_number(given[2], f"the number of values of {name}", 2, MOST_VALUES))
+    found = real_array(given, f"the values of {name}")
+    if found.ndim != 1 or not len(found):
+        raise StatementError(
+            f"the values of {name} are {shown(given)}: give a list, or (low, high, count), such as (0.1, 0.4, 200)."
+        )
+    if len(found) > MOST_VALUES:
+        raise StatementError(
+            f"there are {len(found)} values of {name}, more than a picture has columns: give {MOST_VALUES} at most."
+        )
+    if not np.isfinite(found).all():
+        raise StatementError(f"the values of {name} are not all finite: give finite numbers.")
+    return found
+
+
+def sweep(
+    runs: Runs,
+    parameter: str,
+    values: FloatArray,
+    given: Any,
+    starts: Any,
+    *,
+    points: Any,
+    skip: Any,
+    follow: Any,
+    progress: Report | None = None,
+) -> SweepData:
+    """Return the settled motion along a parameter; see `lagrange.bifurcation`."""
+    model, statement = runs.model, runs.model.statement
+    count, dropped = whole_number(points, "points", 2), whole_number(skip, "skip", 0)
+    followed = flag(follow, "follow")
+    place = [p.name for p in statement.parameters].index(parameter)
+    base = starts_of(model, starts, initial_of(model, None))
+    arrays = [with_value(runs, place, value) for value in values.tolist()]
+    scale = time_scale(model, base, runs.parameters, statement.run.t_end)
+    passed = _section(runs, given, arrays[0])
+    periods = np.full(len(values), np.nan)
+    states = np.full((len(values), len(base), count, model.layout.size), np.nan)
+    statuses: list[tuple[Status, ...]] = []
+    begins = [(0.0, start) for start in base]
+    try:
+        for k, array in enumerate(arrays):
+            passed = _section(runs, given, array)
+            periods[k] = np.nan if isinstance(passed, Event) else passed
+            cross = Crosser(replace(runs, parameters=array), passed, count + dropped, base)
+            found = [cross(start, begin) for begin, start in begins]
+            statuses.append(tuple(one.status for one in found))
+            if Status.INTERRUPTED in statuses[-1]:
+                break
+            for i, one in enumerate(found):
+                last = one.states[dropped:]
+                states[k, i, : len(last)] = last
+            if followed:
+                begins = [_next(one, start, passed, statement) for one, start in zip(found, base, strict=True)]
+            if progress is not None:
+                progress(float(k + 1))
+    except KeyboardInterrupt:
+        statuses.append((Status.INTERRUPTED,))
+    event = passed if isinstance(passed, Event) else None
+    axes = drawn_axes(statement, event)
+    status, message = _ended(statuses, len(values), parameter, len(base))
+    return SweepData(
+        statement=statement,
+        parameter=parameter,
+        values=values,
+        states=states,
+        cycles=_cycles(states, angles(statement), scale),
+        statuses=tuple(statuses),
+        event=event,
+        periods=None if event is not None else periods,
+        followed=followed,
+        axes=axes,
+        status=status,
+        message=message,
+    )
+
+
+def with_value(runs: Runs, place: int, value: float) -> FloatArray:
+    """Return the parameters with another value for one of them; a value that it may not have is refused."""
+    array = runs.parameters.copy()
+    array[place] = value
+    return runs.model.parameter_array(array)
+
+
+def _section(runs: Runs, given: Any, parameters: FloatArray) -> Event | float:
+    if given is not None:
+        return section_of(given, runs.model, parameters)
+    values = dict(zip(runs.model.statement.parameters, parameters.tolist(), strict=True))
+    return driving_period(runs.model.statement, values)
+
+
+def _next(found: Crossings, start: FloatArray, passed: Event | float, statement: Statement) -> tuple[float, FloatArray]:
+    """Return the time and the state from which an orbit goes on at the next value of the parameter."""
+    if not found.status.complete or not len(found.states):
+        return 0.0, start
+    # A point at a multiple of the period begins the next period; an event happens at any phase of a driving.
+    begin = float(found.times[-1]) if isinstance(passed, Event) and depends_on_time(statement) else 0.0
+    return begin, np.ascontiguousarray(found.states[-1])
+
+
+def _cycles(states: FloatArray, periodic: tuple[bool, ...], scale: float) -> FloatArray:
+    """Return the least p with which every point comes again after p, (k, m), 0 where none does.
+
+    `scale` is a period of small motions, by which coordinates and velocities are compared.
+    """
+    known = states[np.isfinite(states).all(axis=-1)]
+    if not len(known):
+        return np.zeros(states.shape[:2], dtype=int)
+    size = np.maximum(np.ptp(known, axis=0), 1e-300)
+    size[: len(periodic)][list(periodic)] = np.minimum(size[: len(periodic)][list(periodic)], 2 * np.pi)
+    # An entry that is one value everywhere, as that on the section, tells nothing: its differences are rounding.
+    n, largest = len(periodic), np.abs(known).max(axis=0)
+    largest = np.maximum(largest, np.concatenate([largest[n:] * scale, largest[:n] / scale]))
+    size = np.maximum(size, ROUNDING * largest / SAME)
+    whole = states.reshape(-1, *states.shape[2:])
+    found = np.zeros(len(whole), dtype=int)
+    left = np.nonzero(np.isfinite(whole).all(axis=(1, 2)))[0]
+    for p in range(1, states.shape[2] // 2 + 1):
+        # Most rows are told apart by their first points.
+        apart = np.abs(difference(whole[left, p], whole[left, 0], periodic)) / size
+        for row in left[(apart <= SAME).all(axis=1)].tolist():
+            apart = np.abs(difference(whole[row, p:], whole[row, :-p], periodic)) / size
+            found[row] = p if (apart <= SAME).all() else 0
+        left = left[found[left] == 0]
+    return found.reshape(states.shape[:2])
+
+
+def _ended(statuses: Sequence[tuple[Status, ...]], wanted: int, parameter: str, starts: int) -> tuple[Status, str]:
+    flat = [one for row in statuses for one in row]
+    if Status.INTERRUPTED in flat:
+        return Status.INTERRUPTED, (
+            f"interrupted: {len(statuses) - 1} of {counted(wanted, 'value')} of {parameter} are done, and kept."
+        )
+    bad = [(k, one) for k, row in enumerate(statuses) for one in row if not one.complete]
+    words = f"{counted(wanted, 'value')} of {parameter}, {counted(starts, 'orbit')} each."
+    if bad:
+        words += f" {len(bad)} ended early, as {listing(sorted({one.name for _, one in bad}))}."
+    return (bad[0][1] if bad else Status.SUCCESS), words

@@ -1,0 +1,79 @@
+"""What the scripts of a page know of a system beside its functions: names, places, bounds and initial values."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from lagrange.equations.structure import Structure
+from lagrange.page.motion import MOST_STEPS, TOLERANCE, MotionSource
+from lagrange.page.sliders import Slider
+from lagrange.show.figures.space_view import AZIMUTH, ELEVATION
+from lagrange.show.figures.spring import spring
+from lagrange.show.notation.names import plain_text
+from lagrange.show.notation.text import UnicodeNotation
+from lagrange.show.units import length_unit, unit_of
+from lagrange.statement.declare import ORIGIN
+from lagrange.statement.statement import Statement
+
+LONGEST_RUN, SHORTEST_RUN = 60.0, 1.0
+"""A scene that runs for so long is shown at one unit of time in a second, as in seconds it would be; any other in
+`SHOWN` seconds."""
+SHOWN = 20.0
+
+
+def description(
+    statement: Statement,
+    structure: Structure,
+    motion: MotionSource,
+    initial: Sequence[float],
+    sliders: Sequence[Slider],
+) -> dict[str, Any]:
+    """Return the data of a page; directions of space and springs are those of figures."""
+    begin, end = statement.span
+    return {
+        "name": plain_text(statement.name),
+        "states": _states(statement),
+        "parameters": list(motion.parameters),
+        "initial": list(initial),
+        "sliders": [{"kind": one.kind, "place": one.place, "value": one.value, "angle": one.angle} for one in sliders],
+        **_points(statement),
+        "view": [math.radians(AZIMUTH), math.radians(ELEVATION)],
+        "spring": spring(np.zeros(2), np.array([1.0, 0.0]), 1.0).T.round(4).tolist(),
+        "tolerance": TOLERANCE,
+        "most_steps": MOST_STEPS,
+        "t_end": statement.run.t_end,
+        "rate": rate(statement.run.t_end),
+        "span": [begin if math.isfinite(begin) else None, end if math.isfinite(end) else None],
+        "kept": structure.energy_kept is True,
+        "unit": {"t": unit_of(statement, "t"), "length": length_unit(statement)},
+    }
+
+
+def _states(statement: Statement) -> list[dict[str, str]]:
+    """Return the name of each entry of the state, as it is typed and as it is drawn, and its unit."""
+    notation = UnicodeNotation([*statement.names, *(symbol.name for symbol in statement.parameters)])
+    entries = [(name, f"{name}{'_dot' * dots}", dots) for dots in (0, 1) for name in statement.names]
+    return [
+        {"name": typed, "letter": notation.letter(name, dots), "unit": unit_of(statement, typed)}
+        for name, typed, dots in entries
+    ]
+
+
+def _points(statement: Statement) -> dict[str, Any]:
+    """Return the named points, their dimension, and the links by the places of their ends; the origin is the last."""
+    names = list(statement.positions)
+    dimension = max(map(len, statement.positions.values()), default=0)
+    places = {name: place for place, name in enumerate([*names, ORIGIN])}
+    links = [[places[one.start], places[one.end], one.kind] for one in statement.links]
+    return {"points": names, "dimension": dimension, "links": links}
+
+
+def rate(t_end: float) -> float:
+    """Return how much time is shown in a second: one unit, or for runs of other lengths a part of the run."""
+    length = abs(t_end)
+    shown = 1.0 if SHORTEST_RUN <= length <= LONGEST_RUN else float(f"{length / SHOWN:.1g}")
+    return math.copysign(shown, t_end)

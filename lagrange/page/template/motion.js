@@ -1,0 +1,293 @@
+// The motion: states at equal intervals, computed by the exported functions, and what is recorded of them.
+
+/** Intervals in a second at speed 1. */
+const PER_SECOND = 240;
+
+/** States that are kept: a minute of them. */
+const KEPT = 14400;
+
+/** States that are computed ahead for the size of the picture. */
+const SURVEYED = 400;
+
+/** Up to this part of its terms a constraint may be violated at the start: the steps bring the state onto it. */
+const ON_CONSTRAINTS = 9.5367431640625e-7;
+
+/** Parts in which a value is changed where constraints hold the start. */
+const CHANGES = 16;
+
+/** Why a run of dop853 stopped, by what it returned. */
+const STOPS = {
+    1: (at) => `The motion takes too many steps ${at}: something moves too fast there. Choose other values, or reset.`,
+    2: (at) => `The motion leaves the finite numbers ${at}. Choose other values, or reset.`,
+    3: (at) => `A matrix is singular ${at}: the accelerations are not determined there. Choose other values, or reset.`,
+    4: (at) => `The steps become too small ${at}: a force grows without bound or jumps there. Choose other values, or reset.`,
+    6: (at) => `The equations of a step have no solution ${at}. Choose other values, or reset.`,
+    9: (at) => `The state cannot be kept on the constraints ${at}. Choose other values, or reset.`,
+};
+
+class Motion {
+    constructor(model, data) {
+        this.model = model;
+        this.data = data;
+        this.parameters = Float64Array.from(data.parameters);
+        this.initial = Float64Array.from(data.initial);
+        this.p = new Float64Array(Math.max(model.PREPARED, 1));
+        this.interval = data.rate / PER_SECOND;
+        this.from = data.span[0] === null ? 0 : Math.max(0, data.span[0]);
+        this.width = data.points.length * data.dimension;
+        this.t = new Float64Array(1);
+        this.y = new Float64Array(model.STATE);
+        this.times = new Float64Array(KEPT);
+        this.states = new Float64Array(KEPT * model.STATE);
+        this.energies = new Float64Array(KEPT * 3);
+        this.places = new Float64Array(KEPT * this.width);
+        this.between = { t: new Float64Array(1), y: new Float64Array(model.STATE), places: new Float64Array(this.width) };
+        this.restart();
+    }
+
+    /** Return to the start, with the values that are set. */
+    restart() {
+        this.count = 0;
+        this.said = "";
+        this.drift = 0;
+        this.low = new Float64Array(this.model.STATE + 3).fill(Infinity);
+        this.high = new Float64Array(this.model.STATE + 3).fill(-Infinity);
+        this.t[0] = this.from;
+        this.y.set(this.initial);
+        if (this.model.prepare(this.parameters, this.p)) {
+            this.said = STOPS[3]("for these parameters");
+            return;
+        }
+        const rates = new Float64Array(this.model.STATE);
+        if (this.model.rhs(this.from, this.y, this.p, rates)) {
+            this.said = STOPS[3]("at the start");
+        } else if (!rates.every(Number.isFinite)) {
+            this.said = "The accelerations have no finite value at the start. Choose other values.";
+        }
+        this.record();
+    }
+
+    /** Advance by one interval; returns whether it was reached. */
+    advance() {
+        if (this.said) {
+            return false;
+        }
+        const until = this.from + this.count * this.interval;
+        const [begin, end] = this.data.span;
+        if ((end !== null && until > end) || (begin !== null && until < begin)) {
+            this.said = `The given functions of time have values up to t = ${shown(this.t[0])}. Reset to see it again.`;
+            return false;
+        }
+        if (!this.run(this.t, until, this.y)) {
+            return false;
+        }
+        this.record();
+        return !this.said;
+    }
+
+    /** Run a state to a time, or say why it stopped. */
+    run(t, until, y) {
+        const { tolerance, most_steps: most } = this.data;
+        const outcome = this.model.dop853(t, until, y, this.p, tolerance, tolerance, most);
+        if (outcome !== 0) {
+            this.said = (STOPS[outcome] || ((at) => `The run stops ${at}.`))(`near t = ${shown(t[0])}`);
+        }
+        return outcome === 0;
+    }
+
+    /** Record the state: nothing that is not finite is ever drawn. */
+    record() {
+        const { STATE } = this.model;
+        const at = this.count % KEPT;
+        const places = new Float64Array(this.width);
+        const wrong = this.located(this.t[0], this.y, places) || !places.every(Number.isFinite) || !this.y.every(Number.isFinite);
+        if (wrong) {
+            this.said ||= `A position has no finite value near t = ${shown(this.t[0])}. Choose other values, or reset.`;
+            return;
+        }
+        this.times[at] = this.t[0];
+        this.states.set(this.y, at * STATE);
+        this.places.set(places, at * this.width);
+        this.energies.set(this.energy(), at * 3);
+        for (let k = 0; k < STATE + 3; k++) {
+            const value = k < STATE ? this.y[k] : this.energies[at * 3 + k - STATE];
+            this.low[k] = Math.min(this.low[k], value);
+            this.high[k] = Math.max(this.high[k], value);
+        }
+        this.count += 1;
+        this.measure(at);
+    }
+
+    /** Return E, T and V of the state. */
+    energy() {
+        const found = [NaN, NaN, NaN];
+        const out = new Float64Array(2);
+        found[0] = this.model.energy(this.t[0], this.y, this.p, out) ? NaN : out[0];
+        if (this.model.energies && !this.model.energies(this.t[0], this.y, this.p, out)) {
+            found.splice(1, 2, out[0], out[1]);
+        }
+        return found;
+    }
+
+    /** Keep the largest drift of the energy, relative to the first energy, or to the kinetic energy where that is small. */
+    measure(at) {
+        const energy = this.energies[at * 3];
+        const largest = this.high[this.model.STATE + 1];
+        this.first = this.count === 1 ? energy : this.first;
+        const small = Number.isFinite(largest) && Math.abs(this.first) < 1e-3 * Math.abs(largest);
+        this.scale = (small ? Math.abs(largest) : Math.abs(this.first)) || 1;
+        this.largest = this.count === 1 ? 0 : Math.max(this.largest, Math.abs(energy - this.first));
+        this.drift = this.largest / this.scale;
+    }
+
+    /** Write where the points are at a state; returns whether a matrix is singular. */
+    located(t, y, places) {
+        return this.width > 0 && this.model.positions(t, y, this.p, places);
+    }
+
+    /** Return where everything is a part of an interval behind the last state that is recorded. */
+    now(share) {
+        const { t, y, places } = this.between;
+        t[0] = this.t[0];
+        y.set(this.y);
+        // Where it is not reached, the next whole interval says why.
+        if (share > 0 && !this.said && !this.reaches(t, this.t[0] + share * this.interval, y)) {
+            t[0] = this.t[0];
+            y.set(this.y);
+        }
+        const last = ((this.count - 1) % KEPT) * this.width;
+        if (this.located(t[0], y, places) || !places.every(Number.isFinite)) {
+            places.set(this.places.subarray(last, last + this.width));
+        }
+        return this.between;
+    }
+
+    /** Return what computes ahead where the points go in the run of the scene: it adds to `found`, and says if it is done. */
+    survey() {
+        const t = Float64Array.of(this.from);
+        const y = this.initial.slice();
+        const found = [];
+        let done = this.width === 0 || Boolean(this.said);
+        const add = () => {
+            const places = new Float64Array(this.width);
+            done = this.located(t[0], y, places) || !places.every(Number.isFinite);
+            if (!done) {
+                found.push(places);
+                const until = this.from + (this.data.t_end * found.length) / SURVEYED;
+                done = found.length > SURVEYED || !this.reaches(t, until, y);
+            }
+        };
+        const until = (deadline) => {
+            while (!done && performance.now() < deadline) {
+                add();
+            }
+            return done;
+        };
+        return { found, until };
+    }
+
+    /** Run a state to a time without a word about how it ends. */
+    reaches(t, until, y) {
+        const kept = this.said;
+        const reached = this.run(t, until, y);
+        this.said = kept;
+        return reached;
+    }
+
+    /** Return states at times, from the start, computed from one to the next; null from where the run stops. */
+    trajectory(times) {
+        const t = Float64Array.of(this.from);
+        const y = this.initial.slice();
+        return times.map((until) => (until === t[0] || this.reaches(t, until, y) ? Array.from(y) : null));
+    }
+
+    /** Set a parameter; the start stays on the constraints if there is a state near that is on them. */
+    setParameter(place, value) {
+        const before = this.parameters[place];
+        const start = this.followed((y, share) => {
+            this.parameters[place] = part(before, value, share);
+            return !this.model.prepare(this.parameters, this.p) && this.onto(y) ? y : null;
+        });
+        this.parameters[place] = value;
+        this.begin(start, "these parameters");
+    }
+
+    /** Set an entry of the start; with constraints the others follow by the least change. */
+    setInitial(place, value) {
+        const before = this.initial[place];
+        const start = this.followed((y, share) => this.held(y, place, part(before, value, share)));
+        this.begin(start, `${this.data.states[place].letter} = ${shown(value)}`);
+    }
+
+    /** Begin from a start, or from the present one and say that none is near. */
+    begin(start, what) {
+        this.initial.set(start || this.initial);
+        this.restart();
+        if (!start) {
+            this.said ||= `The constraints have no state near this one with ${what}.`;
+        }
+    }
+
+    /** Return the start after a change, made in small parts where there are constraints: they have other states far off. */
+    followed(change) {
+        let y = this.initial.slice();
+        const parts = this.model.projection ? CHANGES : 1;
+        for (let k = 1; k <= parts && y !== null; k++) {
+            y = change(y, k / parts);
+        }
+        return y;
+    }
+
+    /** Return a state near one on the constraints in which an entry has a value, or null: by the secant method. */
+    held(from, place, value) {
+        let entry = value;
+        let slope = 1;
+        let last = null;
+        for (let k = 0; k < 40 && Number.isFinite(entry); k++) {
+            const y = from.slice();
+            y[place] = entry;
+            if (!this.onto(y)) {
+                return null;
+            }
+            const off = value - y[place];
+            if (Math.abs(off) <= 1e-12 * Math.max(1, Math.abs(value))) {
+                return y;
+            }
+            if (last !== null && y[place] !== last.found) {
+                slope = (entry - last.entry) / (y[place] - last.found);
+            }
+            last = { entry, found: y[place] };
+            entry += slope * off;
+        }
+        return null;
+    }
+
+    /** Move a state onto the constraints by Newton's method; returns whether it is there. */
+    onto(y) {
+        const { STATE, projection } = this.model;
+        if (!projection) {
+            return true;
+        }
+        const found = new Float64Array(STATE + 2);
+        for (let k = 0; k < 30; k++) {
+            if (projection(this.from, y, this.p, found, 0) || !found.every(Number.isFinite)) {
+                return false;
+            }
+            if (found[STATE] <= 4e-16) {
+                return true;
+            }
+            if (k > 20 && found[STATE] <= ON_CONSTRAINTS) {
+                return true;
+            }
+            for (let i = 0; i < STATE; i++) {
+                y[i] += found[i];
+            }
+        }
+        return found[STATE] <= ON_CONSTRAINTS;
+    }
+}
+
+/** Return what is a share of the way from one number to another; the last is the other itself. */
+function part(from, to, share) {
+    return share === 1 ? to : from + share * (to - from);
+}

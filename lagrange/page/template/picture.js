@@ -1,0 +1,274 @@
+// The picture: a grid or a floor, trails, rods, springs and points.
+
+/** The width of a spring as a part of the picture's smaller side, and the least in pixels. */
+const SPRING = 0.044;
+const LEAST_SPRING = 10;
+
+/** Bands of a trail, from the oldest, which is the faintest. */
+const BANDS = 16;
+
+/** Parts of a trail at most. */
+const PARTS = 2400;
+
+/** How long is looked ahead at once when values change, and in a frame, in ms. */
+const LOOK_AHEAD = 25;
+const LOOK_ON = 4;
+
+class Picture {
+    constructor(canvas, motion, look) {
+        this.canvas = canvas;
+        this.motion = motion;
+        this.look = look;
+        this.data = motion.data;
+        this.view = new View(motion.data.dimension || 2, motion.data.view);
+        this.trail = 2400;
+    }
+
+    /** Take the values that are set: where will the points go? */
+    survey(first) {
+        this.ahead = this.motion.survey();
+        this.first = first;
+        this.surveyed = false;
+        this.lookAhead(LOOK_AHEAD);
+    }
+
+    /** Look further ahead for some milliseconds, unless the whole run of the scene is known. */
+    lookAhead(time) {
+        if (this.surveyed) {
+            return;
+        }
+        this.surveyed = this.ahead.until(performance.now() + time);
+        const samples = this.ahead.found;
+        if (samples.length > 0 || this.first) {
+            this.view.survey(this.withOrigin(samples), this.first);
+        }
+        this.first = false;
+        const moved = (one, place) => this.place(one, place).some((x, k) => Math.abs(x - this.place(samples[0], place)[k]) > 1e-9 * this.view.first);
+        this.fixed = this.data.points.map((_, place) => samples.length > 1 && !samples.some((one) => moved(one, place)));
+    }
+
+    /** Whether the motion has grown so far beyond the run of the scene that it leaves the picture. */
+    left(limit) {
+        return this.surveyed && this.data.dimension > 0 && this.view.growth() >= limit;
+    }
+
+    /** Return places with the origin among them, where something is linked to it. */
+    withOrigin(samples) {
+        return this.linked() ? [...samples, new Float64Array(this.data.dimension)] : samples;
+    }
+
+    linked() {
+        const last = this.data.points.length;
+        return this.data.links.some(([a, b]) => a === last || b === last);
+    }
+
+    place(places, point) {
+        return places.subarray(point * this.data.dimension, (point + 1) * this.data.dimension);
+    }
+
+    /** Draw everything as it is at places; `share` is how fast the frame follows what leaves it. */
+    draw(places, share) {
+        const { context, width, height } = sized(this.canvas);
+        const { view } = this;
+        view.include(places);
+        view.fit(width, height, share);
+        context.lineJoin = context.lineCap = "round";
+        if (view.dimension === 3) {
+            this.drawFloor(context, places);
+            this.drawAxes(context, height);
+        } else {
+            this.drawGrid(context, width, height);
+        }
+        this.drawTrails(context, places);
+        const origin = new Float64Array(this.data.dimension);
+        const end = (point) => (point === this.data.points.length ? view.at(origin, 0) : view.at(places, point * this.data.dimension));
+        this.drawLinks(context, end, Math.min(width, height));
+        this.drawPoints(context, end, Math.min(width, height));
+    }
+
+    drawGrid(context, width, height) {
+        const { view, look } = this;
+        const [middle, scale] = [view.middle, view.scale];
+        const rows = [[middle[0] - width / 2 / scale, middle[0] + width / 2 / scale], [middle[1] - height / 2 / scale, middle[1] + height / 2 / scale]];
+        const distance = markDistance(Math.min(width, height) / scale, 5);
+        context.font = look.font;
+        context.lineWidth = 1;
+        rows.forEach(([low, high], axis) => {
+            const found = marks(low, high, (high - low) / distance);
+            found.places.forEach((value, k) => {
+                const [x, y] = view.pixel(axis === 0 ? [value, 0] : [0, value]);
+                context.strokeStyle = look.grid;
+                context.beginPath();
+                context.moveTo(axis === 0 ? x : 0, axis === 0 ? 0 : y);
+                context.lineTo(axis === 0 ? x : width, axis === 0 ? height : y);
+                context.stroke();
+                context.fillStyle = look.quiet;
+                context.textAlign = axis === 0 ? "center" : "left";
+                context.textBaseline = axis === 0 ? "bottom" : "middle";
+                const inside = axis === 0 ? x > 34 && x < width - 20 : y > 12 && y < height - 26;
+                if (inside) {
+                    context.fillText([found.texts[k], found.factor].filter(Boolean).join("·"), axis === 0 ? x : 7, axis === 0 ? height - 5 : y);
+                }
+            });
+        });
+        const unit = this.data.unit.length;
+        context.textAlign = "right";
+        context.textBaseline = "bottom";
+        context.fillText(unit ? `x, y in ${unit}` : "", width - 8, height - 22);
+    }
+
+    /** Draw a floor below a motion in space with the shadows of the points, for its depth. */
+    drawFloor(context, places) {
+        const { view, look } = this;
+        const [xs, ys, zs] = view.bounds.map(([low, high]) => (low <= high ? [low, high] : [-1, 1]));
+        const size = Math.max(xs[1] - xs[0], ys[1] - ys[0], zs[1] - zs[0]) || 1;
+        const half = 0.6 * size;
+        const [x0, y0] = [(xs[0] + xs[1]) / 2, (ys[0] + ys[1]) / 2];
+        const line = (from, to) => {
+            context.moveTo(...view.pixel(view.seen(from, 0)));
+            context.lineTo(...view.pixel(view.seen(to, 0)));
+        };
+        context.strokeStyle = look.grid;
+        context.lineWidth = 1;
+        context.beginPath();
+        for (let k = -3; k <= 3; k++) {
+            const part = (half * k) / 3;
+            line([x0 + part, y0 - half, zs[0]], [x0 + part, y0 + half, zs[0]]);
+            line([x0 - half, y0 + part, zs[0]], [x0 + half, y0 + part, zs[0]]);
+        }
+        context.stroke();
+        context.fillStyle = look.quiet;
+        context.globalAlpha = 0.35;
+        for (let at = 0; at < places.length; at += 3) {
+            const [x, y] = view.pixel(view.seen([places[at], places[at + 1], zs[0]], 0));
+            context.beginPath();
+            context.ellipse(x, y, 6, Math.max(1, 6 * Math.abs(Math.sin(view.elevation))), 0, 0, 2 * Math.PI);
+            context.fill();
+        }
+        context.globalAlpha = 1;
+    }
+
+    /** Show which way x, y and z point, in a corner. */
+    drawAxes(context, height) {
+        const { view, look } = this;
+        context.font = look.font;
+        context.textAlign = "center";
+        context.textBaseline = "middle";
+        context.lineWidth = 1.5;
+        ["x", "y", "z"].forEach((name, k) => {
+            const axis = [0, 0, 0];
+            axis[k] = 1;
+            const [u, v] = view.seen(axis, 0);
+            const [x, y] = [46, height - 46];
+            context.strokeStyle = look.quiet;
+            context.beginPath();
+            context.moveTo(x, y);
+            context.lineTo(x + 26 * u, y - 26 * v);
+            context.stroke();
+            context.fillStyle = look.ink;
+            context.fillText(name, x + 36 * u, y - 36 * v);
+        });
+    }
+
+    drawTrails(context, places) {
+        const { motion, view, look } = this;
+        const { dimension } = this.data;
+        const length = Math.min(this.trail, motion.count, KEPT);
+        if (length < 1) {
+            return;
+        }
+        const stride = Math.max(1, Math.ceil(length / PARTS));
+        const first = Math.ceil((motion.count - length) / stride) * stride;
+        context.lineWidth = 1.6;
+        this.data.points.forEach((_, point) => {
+            if (this.fixed[point]) {
+                return;
+            }
+            context.strokeStyle = look.colours[point];
+            const pixel = (k) => view.at(motion.places, (k % KEPT) * motion.width + point * dimension);
+            const band = Math.max(stride, Math.ceil(length / BANDS / stride) * stride);
+            for (let begin = first; begin < motion.count; begin += band) {
+                const end = Math.min(begin + band, motion.count - 1);
+                context.globalAlpha = 0.08 + 0.72 * ((begin - first) / length) ** 1.5;
+                context.beginPath();
+                context.moveTo(...pixel(begin));
+                for (let k = begin + stride; k < end; k += stride) {
+                    context.lineTo(...pixel(k));
+                }
+                context.lineTo(...pixel(end));
+                if (end === motion.count - 1) {
+                    context.lineTo(...view.at(places, point * dimension));
+                }
+                context.stroke();
+            }
+        });
+        context.globalAlpha = 1;
+    }
+
+    drawLinks(context, end, size) {
+        for (const [a, b, kind] of this.data.links) {
+            const [from, to] = [end(a), end(b)];
+            context.strokeStyle = this.look.ink;
+            context.globalAlpha = 0.75;
+            context.lineWidth = kind === "spring" ? Math.max(1.5, size / 280) : Math.max(2.5, size / 150);
+            context.beginPath();
+            context.moveTo(...from);
+            if (kind === "spring") {
+                drawSpring(context, this.data.spring, from, to, Math.max(LEAST_SPRING, SPRING * size));
+            }
+            context.lineTo(...to);
+            context.stroke();
+        }
+        context.globalAlpha = 1;
+    }
+
+    drawPoints(context, end, size) {
+        const { look } = this;
+        const radius = Math.min(11, Math.max(6, size / 48));
+        const origin = this.data.points.length;
+        if (this.data.dimension > 0) {
+            const [x, y] = end(origin);
+            context.fillStyle = this.linked() ? look.ink : look.quiet;
+            const half = this.linked() ? 0.55 * radius : 0.3 * radius;
+            context.fillRect(x - half, y - half, 2 * half, 2 * half);
+        }
+        this.data.points.forEach((_, point) => {
+            const [x, y] = end(point);
+            context.fillStyle = look.colours[point];
+            context.strokeStyle = look.paper;
+            context.lineWidth = 2;
+            context.beginPath();
+            if (this.fixed[point]) {
+                context.rect(x - 0.6 * radius, y - 0.6 * radius, 1.2 * radius, 1.2 * radius);
+            } else {
+                context.arc(x, y, radius, 0, 2 * Math.PI);
+            }
+            context.fill();
+            context.stroke();
+        });
+    }
+}
+
+/** Draw a spring between two pixels through its corners, each a part of its length and one of its width aside. */
+function drawSpring(context, corners, from, to, width) {
+    const [dx, dy] = [to[0] - from[0], to[1] - from[1]];
+    const length = Math.hypot(dx, dy) || 1;
+    const [nx, ny] = [(-dy / length) * width, (dx / length) * width];
+    for (const [along, aside] of corners) {
+        context.lineTo(from[0] + along * dx + aside * nx, from[1] + along * dy + aside * ny);
+    }
+}
+
+/** Give a canvas the pixels of its place on the page; returns its context, wiped, and its size. */
+function sized(canvas) {
+    const ratio = window.devicePixelRatio || 1;
+    const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+    if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
+        canvas.width = Math.round(width * ratio);
+        canvas.height = Math.round(height * ratio);
+    }
+    const context = canvas.getContext("2d");
+    context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    context.clearRect(0, 0, width, height);
+    return { context, width, height };
+}

@@ -1,0 +1,133 @@
+// From places in the plane or in space to pixels.
+
+/** The part of the picture that stays free around the motion, on each side. */
+const MARGIN = 0.1;
+
+/** A motion that is flatter than this part of its size is seen from the side. */
+const FLAT = 1e-9;
+
+class View {
+    /** See places of a dimension; space from an azimuth and an elevation in radians. */
+    constructor(dimension, [azimuth, elevation]) {
+        this.dimension = dimension;
+        this.azimuth = azimuth;
+        this.elevation = elevation;
+        this.box = null;
+        this.shown = null;
+        this.samples = [];
+        this.turn(0, 0);
+    }
+
+    /** Turn the view of space by angles. */
+    turn(across, up) {
+        this.azimuth -= across;
+        this.elevation = Math.min(Math.PI / 2, Math.max(-Math.PI / 2, this.elevation + up));
+        const [a, e] = [this.azimuth, this.elevation];
+        this.right = [-Math.sin(a), Math.cos(a), 0];
+        this.up = [-Math.sin(e) * Math.cos(a), -Math.sin(e) * Math.sin(a), Math.cos(e)];
+        if (this.samples.length > 0) {
+            this.enclose(this.samples);
+            this.shown = { ...this.box };
+        }
+    }
+
+    /** Return a place as it is seen: how far to the right, and how far up. */
+    seen(places, at) {
+        const [x, y] = [places[at], places[at + 1]];
+        if (this.dimension === 2) {
+            return [x, y];
+        }
+        const z = places[at + 2];
+        const { right, up } = this;
+        return [right[0] * x + right[1] * y + right[2] * z, up[0] * x + up[1] * y + up[2] * z];
+    }
+
+    /** Look at the places of a run; `first` chooses the side from which a flat one is seen. */
+    survey(samples, first) {
+        this.samples = samples;
+        this.bounds = extents(samples, this.dimension);
+        if (first && this.dimension === 3) {
+            this.face();
+        }
+        this.enclose(samples);
+        if (first || this.shown === null) {
+            this.shown = { ...this.box };
+        }
+    }
+
+    /** See a motion in a plane of coordinates from the front of that plane. */
+    face() {
+        const sizes = this.bounds.map(([low, high]) => high - low);
+        const flat = sizes.indexOf(Math.min(...sizes));
+        if (sizes[flat] <= FLAT * Math.max(...sizes)) {
+            const sides = [[0, 0], [-Math.PI / 2, 0], [-Math.PI / 2, Math.PI / 2]];
+            [this.azimuth, this.elevation] = sides[flat];
+            this.turn(0, 0);
+        }
+    }
+
+    /** Have all places in the box. */
+    enclose(samples) {
+        this.box = { left: Infinity, right: -Infinity, low: Infinity, high: -Infinity };
+        samples.forEach((places) => this.include(places));
+        const { left, right, low, high } = this.box;
+        if (!(Math.max(right - left, high - low) > 0)) {
+            const [u, v] = left <= right ? [left, low] : [0, 0];
+            const half = 0.5 * Math.max(Math.abs(u), Math.abs(v)) || 1;
+            this.box = { left: u - half, right: u + half, low: v - half, high: v + half };
+        }
+        this.first = Math.max(this.box.right - this.box.left, this.box.high - this.box.low);
+    }
+
+    /** Have the box grow to the places of one time. */
+    include(places) {
+        for (let at = 0; at < places.length; at += this.dimension) {
+            const [u, v] = this.seen(places, at);
+            this.box.left = Math.min(this.box.left, u);
+            this.box.right = Math.max(this.box.right, u);
+            this.box.low = Math.min(this.box.low, v);
+            this.box.high = Math.max(this.box.high, v);
+        }
+    }
+
+    /** How much the box has grown since the start. */
+    growth() {
+        return Math.max(this.box.right - this.box.left, this.box.high - this.box.low) / this.first;
+    }
+
+    /** Move what is shown towards the box by a share, and fit it into a canvas. */
+    fit(width, height, share) {
+        for (const side of Object.keys(this.box)) {
+            this.shown[side] += share * (this.box[side] - this.shown[side]);
+        }
+        const { left, right, low, high } = this.shown;
+        const free = 1 - 2 * MARGIN;
+        this.scale = Math.min((free * width) / Math.max(right - left, 1e-300), (free * height) / Math.max(high - low, 1e-300));
+        this.scale = Math.min(this.scale, 1e300);
+        this.middle = [(left + right) / 2, (low + high) / 2];
+        this.centre = [width / 2, height / 2];
+    }
+
+    /** Return the pixel of what is seen at a place. */
+    pixel([u, v]) {
+        return [this.centre[0] + this.scale * (u - this.middle[0]), this.centre[1] - this.scale * (v - this.middle[1])];
+    }
+
+    /** Return the pixel of a place. */
+    at(places, at) {
+        return this.pixel(this.seen(places, at));
+    }
+}
+
+/** Return the bounds of places in each direction. */
+function extents(samples, dimension) {
+    const found = Array.from({ length: dimension }, () => [Infinity, -Infinity]);
+    for (const places of samples) {
+        places.forEach((value, k) => {
+            const bounds = found[k % dimension];
+            bounds[0] = Math.min(bounds[0], value);
+            bounds[1] = Math.max(bounds[1], value);
+        });
+    }
+    return found;
+}

@@ -1,0 +1,121 @@
+"""The commands `lagrange plot` and `lagrange animate`: a run of a scene as a picture, still or moving."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lagrange.arguments import DONE, Answer, add_command, add_json, add_start, given_number, load_scene, start
+from lagrange.errors import StatementError
+from lagrange.run_command import add_method, code_of, method
+from lagrange.show.animation.file_kinds import named_kind
+from lagrange.show.files.atomic_file import old_mode, real_path, write_atomically
+from lagrange.show.files.resolution import FILE_DPI
+
+if TYPE_CHECKING:
+    from lagrange.show.solution import Solution
+
+PICTURES = (".png", ".svg", ".pdf")
+"""Endings of files of still pictures."""
+
+
+def add_pictures(commands: Any) -> None:
+    """Add the commands to the command line."""
+    plot_ = add_command(commands, "plot", plot, "run a scene and write a picture of the run")
+    plot_.add_argument(
+        "--out", metavar="FILE", help="picture to write: .png, .svg or .pdf (default: the name of the scene with .png)"
+    )
+    plot_.add_argument(
+        "--what",
+        metavar="LIST",
+        help="names with commas: coordinates, velocities, phase, energies, drift, invariants, path, multipliers, "
+        "violation, or a coordinate (default: what there is to see)",
+    )
+    plot_.add_argument("--style", choices=("light", "dark"), default="light", help="colours (default: light)")
+    animate_ = add_command(commands, "animate", animate, "run a scene and write it as a picture that moves")
+    animate_.add_argument(
+        "--out",
+        metavar="FILE",
+        help="file to write: .html for a page with a player, .gif, or .mp4, which needs ffmpeg (default: the name of "
+        "the scene with .html)",
+    )
+    animate_.add_argument("--speed", metavar="X", help="time of the run per time on the screen (default: 1 if it fits)")
+    animate_.add_argument("--fps", metavar="N", help="frames per second, 1 to 60 (default: 30)")
+    animate_.add_argument("--size", metavar="WxH", help="width and height in pixels, such as 640x480")
+    animate_.add_argument("--style", choices=("auto", "light", "dark"), default="auto", help="colours (default: auto)")
+    animate_.add_argument("--trail", metavar="T", help="time that trails go back; 0 for none")
+    for command in (plot_, animate_):
+        add_start(command)
+        add_method(command)
+        add_json(command)
+
+
+def plot(request: argparse.Namespace) -> Answer:
+    """Run a scene, write its picture, and say where it is."""
+    wanted = _file(request, ".png")
+    if wanted.suffix.lower() not in PICTURES:
+        raise StatementError(f"--out {request.out}: name a file that ends in .png, .svg or .pdf.")
+    what = None if request.what is None else [name.strip() for name in request.what.split(",")]
+    solution = _solution(request)
+    kind = wanted.suffix.lower()[1:]
+    figure = solution.plot(what, style=request.style)
+    written = write_atomically(wanted, lambda file: figure.savefig(file, format=kind, dpi=FILE_DPI))
+    said = f"{_remark(solution)}written to {written}"
+    return Answer(code_of(solution), said, {"file": str(written), **_how(solution)})
+
+
+def animate(request: argparse.Namespace) -> Answer:
+    """Run a scene, write its animation, and say what it shows and where it is."""
+    wanted = named_kind(_file(request, ".html"))
+    options = {key: given_number(f"--{key}", getattr(request, key)) for key in ("speed", "trail")}
+    fps, size = given_number("--fps", request.fps), _size(request.size)
+    solution = _solution(request)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # the notes below say it
+        made = solution.animate(
+            wanted,
+            fps=30.0 if fps is None else fps,
+            size=size,
+            style=request.style,
+            progress=not request.json,
+            **options,
+        )
+    shown = {"frames": len(made.t), "seconds": made.seconds, "speed": made.speed, "notes": list(made.notes)}
+    data = {"file": str(made.path), **shown, **_how(solution)}
+    return Answer(code_of(solution), _remark(solution) + repr(made), data)
+
+
+def _solution(request: argparse.Namespace) -> Solution:
+    begun, how = start(request), method(request)
+    return load_scene(request.scene).run(**begun, **how, progress=not request.json)
+
+
+def _file(request: argparse.Namespace, ending: str) -> Path:
+    """Return the file to write: that which was named, or one in this folder with the name of the scene."""
+    if request.out == "":
+        raise StatementError(f"--out: the name of the file is empty. Give one, such as --out run{ending}.")
+    wanted = Path(Path(request.scene).stem + ending if request.out is None else request.out)
+    old_mode(real_path(wanted))  # what cannot be written is refused before the run, which may take long
+    return wanted
+
+
+def _size(text: str | None) -> tuple[int, int] | None:
+    """Return width and height of an option such as 640x480, None if it was not given."""
+    if text is None:
+        return None
+    match = re.fullmatch(r"([0-9]{1,6})[x×]([0-9]{1,6})", text.strip())
+    if not match:
+        raise StatementError(f"--size: {text[:80]!r} is no size. Write width and height in pixels, such as 640x480.")
+    return int(match[1]), int(match[2])
+
+
+def _remark(solution: Solution) -> str:
+    """Return how a run ended that did not get to its end, in a line of its own."""
+    return "" if code_of(solution) == DONE else f"{solution.message}\n"
+
+
+def _how(solution: Solution) -> dict[str, Any]:
+    return {"status": solution.status.value, "message": solution.message}

@@ -1,0 +1,60 @@
+"""The command `lagrange scenes`: the library, from the files alone."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from tomllib import loads
+from typing import Any
+
+from lagrange.arguments import DONE, Answer, add_command, add_json
+from lagrange.show.notation.names import plain_text
+from lagrange.show.terminal.table import text_table
+
+SCENES = Path(__file__).resolve().parent / "scenes"
+
+
+def add_scenes(commands: Any) -> None:
+    """Add the command to the command line."""
+    scenes_ = add_command(commands, "scenes", scenes, "list the library of scenes", takes_scene=False)
+    scenes_.add_argument(
+        "--long", action="store_true", help="with coordinates, constraints, end, method and source of each"
+    )
+    add_json(scenes_)
+
+
+def scenes(request: argparse.Namespace) -> Answer:
+    """Return the scenes of the library. Only the files are read, which takes no time."""
+    found = [_entry(path, long=request.long) for path in sorted(SCENES.glob("*.toml"))]
+    if request.long:
+        return Answer(DONE, "\n\n".join(map(_paragraph, found)), found)
+    table = text_table(("scene", "what it shows"), [(scene["name"], plain_text(scene["about"])) for scene in found])
+    return Answer(DONE, table, found)
+
+
+def _entry(path: Path, *, long: bool) -> dict[str, Any]:
+    scene = loads(path.read_text("utf-8"))
+    entry = {"name": path.stem, "about": scene.get("about", ""), "source": scene.get("source", "")}
+    if not long:
+        return entry
+    stated = scene.get("constraints", {})
+    run = scene.get("run", {})
+    return entry | {
+        "coordinates": list(scene["coordinates"]),
+        "constraints": [f"{name}: {text}" for name, text in stated.items()] if isinstance(stated, dict) else stated,
+        "positions": list(scene.get("positions", {})),
+        "t_end": run.get("t_end", 10.0),
+        "method": run.get("method", "taylor"),
+    }
+
+
+def _paragraph(entry: dict[str, Any]) -> str:
+    lines = [
+        ("coordinates", ", ".join(entry["coordinates"])),
+        ("constraints", "; ".join(map(plain_text, entry["constraints"])) or "none"),
+        ("positions", ", ".join(entry["positions"]) or "none"),
+        ("method", f"{entry['method']} to t = {entry['t_end']}"),
+        ("source", plain_text(entry["source"])),
+    ]
+    title = f"{entry['name']}: {plain_text(entry['about'])}"
+    return "\n".join([title, *(f"  {name:11}  {text}" for name, text in lines)])

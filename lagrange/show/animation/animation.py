@@ -1,0 +1,188 @@
+"""An animation of a run: it shows itself in a notebook, and is written as HTML, GIF or MP4."""
+
+from __future__ import annotations
+
+import html
+import os
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+
+from lagrange.errors import StatementError, counted
+from lagrange.show.animation import player
+from lagrange.show.animation.canvas import Canvas, Pixels
+from lagrange.show.animation.file_kinds import named_kind
+from lagrange.show.animation.gif import write_gif
+from lagrange.show.animation.layout import sheet_of, wish
+from lagrange.show.animation.motion import motion_of
+from lagrange.show.animation.mp4 import has_ffmpeg, write_mp4
+from lagrange.show.animation.sheet import Sheet
+from lagrange.show.animation.timing import Timing, timing
+from lagrange.show.figures.style import DARK, LIGHT
+from lagrange.show.files.atomic_file import write_atomically
+from lagrange.show.notation.names import plain_text
+from lagrange.show.terminal.progress import progress_bar
+from lagrange.statement.choice import one_of
+from lagrange.statement.number import flag, whole_number
+from lagrange.trajectory.trajectory import FloatArray
+
+if TYPE_CHECKING:
+    from lagrange.show.solution import Solution
+
+LARGEST_SHOWN = 300_000
+"""Characters of a player in a notebook, which keeps what it shows; with more it shows the first frame instead."""
+
+STYLES = ("auto", "light", "dark")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Animation:
+    """Frames of a run at the times `t`, (K,), with `states` (2n, K) and named `points` (2, K) or (3, K) at them.
+
+    `notes` say what is not as it was asked for; `path` is the file that was written, if any.
+    """
+
+    name: str
+    timing: Timing
+    states: FloatArray
+    points: Mapping[str, FloatArray]
+    sheet: Sheet
+    style: str = "auto"
+    notes: tuple[str, ...] = ()
+    path: Path | None = field(default=None)
+
+    @property
+    def t(self) -> FloatArray:
+        """The times of the frames, (K,)."""
+        return self.timing.t
+
+    @property
+    def fps(self) -> float:
+        """Frames per second."""
+        return self.timing.fps
+
+    @property
+    def speed(self) -> float:
+        """Time of the run per time on the screen."""
+        return self.timing.speed
+
+    @property
+    def seconds(self) -> float:
+        """How long the motion lasts on the screen."""
+        return self.timing.seconds
+
+    def frame(self, number: int) -> Pixels:
+        """Return a frame by its number as pixels, (height, width, 4): red, green, blue and 255."""
+        return self._canvas.frame(whole_number(number, "the number of the frame", 0, len(self.t) - 1)).copy()
+
+    def to_html(self) -> str:
+        """Return one page of HTML with the player: it needs no network and nothing installed."""
+        return player.page(
+            self.sheet, style=self.style, interval=self.timing.interval, title=self.name, notes=self.notes
+        )
+
+    def save(self, path: str | os.PathLike[str], *, progress: bool = False) -> Animation:
+        """Write the file that the ending of its name asks for: .html, .gif, .mp4, or .png for the first frame.
+
+        It is written whole or not at all. Returns the animation with the path. Without ffmpeg the HTML is written in
+        place of the MP4, under the same name with .html, and a warning says so. Raises StatementError for a path that
+        cannot be written, RunError if the disk is full.
+        """
+        flag(progress, "progress")
+        wanted, notes = _writable(path)
+        span = float(self.t[0]), float(self.t[-1])
+        with progress_bar(span, wanted=progress) as update:
+
+            def tell(number: int) -> None:
+                if update is not None:
+                    update(float(self.t[number]))
+
+            tell(0)
+            written = write_atomically(wanted, partial(self._write, wanted.suffix.lower(), tell))
+        for note in notes:
+            warnings.warn(note, stacklevel=3)
+        return replace(self, path=written, notes=(*self.notes, *notes))
+
+    def _write(self, suffix: str, tell: Callable[[int], None], file: BinaryIO) -> None:
+        interval = self.timing.interval
+        if suffix == ".html":
+            file.write(self.to_html().encode())
+        elif suffix == ".gif":
+            write_gif(file, self._canvas, DARK if self.style == "dark" else LIGHT, interval, tell)
+        elif suffix == ".mp4":
+            write_mp4(file, self._canvas, interval, tell)
+        else:
+            file.write(player.png(self._canvas.frame(0)))
+
+    @cached_property
+    def _canvas(self) -> Canvas:
+        return Canvas(self.sheet, DARK if self.style == "dark" else LIGHT)
+
+    def _repr_html_(self) -> str:
+        page = replace(self, notes=()).to_html()
+        notes = "".join(f"<p>{html.escape(note)}</p>" for note in self.notes)
+        if len(page) <= LARGEST_SHOWN:
+            return player.frame(page, self.sheet) + notes
+        said = f"The player has {len(page) // 1000:,} kB, too much for a notebook: .save('{self.name}.html') writes it."
+        return f"{player.still(self.frame(0), self.name)}<p>{html.escape(said)}</p>{notes}"
+
+    def __repr__(self) -> str:
+        speed = "in real time" if self.speed == 1 else f"at {self.speed:g} times real time"
+        lines = [
+            f"animation of {self.name}: {counted(len(self.t), 'frame')}, {self.seconds:.3g} s {speed}, "
+            f"t = {self.t[0]:.6g} to {self.t[-1]:.6g}",
+            *self.notes,
+            *([f"written to {self.path}"] if self.path else []),
+        ]
+        return "\n".join(lines)
+
+
+def animate(
+    solution: Solution,
+    path: str | os.PathLike[str] | None = None,
+    *,
+    fps: float = 30.0,
+    speed: float | None = None,
+    size: Any = None,
+    style: str = "auto",
+    trail: float | None = None,
+    progress: bool = False,
+) -> Animation:
+    """Return the animation of a run, written to `path` if there is one; see `Solution.animate`."""
+    one_of(style, STYLES, "style = {given}: give one of {known}.")
+    wanted = wish(size, trail)
+    if path is not None:
+        _writable(path)
+    if not len(solution.t):
+        raise StatementError("there is nothing to animate: the run ended before the first of its output times.")
+    chosen = timing((float(solution.t[0]), float(solution.t[-1])), fps, speed)
+    with np.errstate(all="ignore"):
+        motion = motion_of(solution, chosen)
+    statement = solution.model.statement
+    sheet = sheet_of(statement, motion, chosen, wanted)
+    missing = "No positions are stated: the coordinates are drawn over time. positions={...} states points to draw."
+    notes = chosen.notes if motion.points else (missing, *chosen.notes)
+    points = {name: point[:, motion.frames] for name, point in motion.points.items()}
+    made = Animation(plain_text(statement.name), chosen, motion.states[:, motion.frames], points, sheet, style, notes)
+    return made if path is None else made.save(path, progress=progress)
+
+
+def _writable(path: str | os.PathLike[str]) -> tuple[Path, tuple[str, ...]]:
+    """Return the path to write, and a note if it is another one. Raises StatementError for no kind of file."""
+    wanted = named_kind(path)
+    if wanted.suffix.lower() != ".mp4" or has_ffmpeg():
+        return wanted, ()
+    other = wanted.with_suffix(".html")
+    if other.exists():
+        raise StatementError(
+            f"{wanted} needs the program ffmpeg, which is not installed, and {other}, which would do instead, is there "
+            "already: name a file that ends in .html or .gif."
+        )
+    return other, (
+        f"ffmpeg is not installed, which {wanted.name} needs: {other.name} is written instead, with a player.",
+    )

@@ -1,0 +1,24 @@
+"""Files that an animation is written to, by the ending of their names."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from lagrange.errors import StatementError, shown
+
+SUFFIXES = (".html", ".gif", ".mp4", ".png")
+"""A page with a player, moving pictures, and the first frame."""
+
+
+def named_kind(path: str | os.PathLike[str]) -> Path:
+    """Return the path of a file whose name says what to write. Raises StatementError for another."""
+    if not isinstance(path, (str, os.PathLike)):
+        raise StatementError(f"the path is {shown(path)} ({type(path).__name__}): give the path of a file.")
+    wanted = Path(path)
+    if wanted.suffix.lower() not in SUFFIXES:
+        raise StatementError(
+            f"{shown(str(path))} does not say what to write: its name ends in .html for a page with a player, .gif or "
+            ".mp4 for a picture that moves, .png for the first frame."
+        )
+    return wanted

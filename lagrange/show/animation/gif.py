@@ -1,0 +1,106 @@
+"""GIF files: frames in few colours, of which only what has changed is stored."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from typing import BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lagrange.show.animation.canvas import Canvas, Pixels
+from lagrange.show.animation.sheet import palette
+from lagrange.show.figures.style import Style, parts_of
+
+SHORTEST = 2
+"""Hundredths of a second of a frame: browsers show what is shorter for a tenth."""
+
+_BLENDS = 9
+"""Shades between the paper and each colour, for the edges of lines and for trails."""
+
+_CLEAR = 255
+"""The number of no colour: the frame before is seen."""
+
+_FOREVER = b"\x21\xff\x0bNETSCAPE2.0\x03\x01\x00\x00\x00"
+"""The extension that repeats the animation without end."""
+
+_AT_ONCE = 2048
+
+
+def write_gif(file: BinaryIO, canvas: Canvas, style: Style, interval: float, tell: Callable[[int], None]) -> None:
+    """Write all frames; `tell` is called with the number of each that is drawn.
+
+    A frame is the rectangle of what has changed, and clear where nothing has: runs of one number, which take no room.
+    """
+    from PIL import GifImagePlugin
+    from PIL.Image import fromarray
+
+    every = max(1, int(np.ceil(SHORTEST / 100 / interval - 1e-9)))
+    numbers = range(0, canvas.sheet.frames, every)
+    # Rounded as a whole, so that the motion lasts what it should.
+    ends = np.rint(100 * interval * every * np.arange(len(numbers) + 1)).astype(int)
+    colours = _Colours(palette(style, canvas.sheet.lines))
+    width, height = canvas.sheet.size
+    file.write(b"GIF89a" + struct.pack("<HHBBB", width, height, 0xF7, 0, 0) + colours.table.tobytes() + _FOREVER)
+    before: NDArray[np.uint32] = np.zeros((height, width), dtype=np.uint32)
+    for number, duration in zip(numbers, np.diff(ends).tolist(), strict=True):
+        frame = canvas.frame(number)
+        whole = frame.view(np.uint32)[:, :, 0]
+        changed = whole != before
+        top, bottom = _ends(changed.any(axis=1))
+        left, right = _ends(changed[top:bottom].any(axis=0))
+        part = slice(top, bottom), slice(left, right)
+        numbered = np.full(changed[part].shape, _CLEAR, dtype=np.uint8)
+        numbered[changed[part]] = colours.numbers(frame[part][changed[part]])
+        image = fromarray(numbered)
+        image.putpalette(colours.table.tobytes())
+        for block in GifImagePlugin.getdata(
+            image, (left, top), duration=10 * duration, disposal=1, transparency=_CLEAR, interlace=0
+        ):
+            file.write(block)
+        before = whole.copy()
+        tell(number)
+    file.write(b";")
+
+
+def _ends(changed: NDArray[np.bool_]) -> tuple[int, int]:
+    """Return the first place that is true and the one behind the last; a place where there is none."""
+    found = np.flatnonzero(changed)
+    return (int(found[0]), int(found[-1]) + 1) if len(found) else (0, 1)
+
+
+class _Colours:
+    """Finds for each pixel the nearest of 255 colours: those of a sheet in shades towards the paper."""
+
+    def __init__(self, own: tuple[str, ...]) -> None:
+        base = np.rint(255.0 * np.array([parts_of(colour) for colour in own]))
+        paper = base[0]
+        blends = max(2, min(_BLENDS, 254 // (len(base) - 1)))
+        shares = np.arange(1, blends + 1) / blends
+        shades = [paper + share * (colour - paper) for colour in base[1:] for share in shares]
+        found = np.unique(np.rint([paper, *shades]).astype(np.uint8), axis=0)[:_CLEAR]
+        self.table = np.zeros((256, 3), dtype=np.uint8)
+        self.table[: len(found)] = found
+        grid = np.indices((32, 32, 32), dtype=np.float32).reshape(3, -1).T * (255 / 31)
+        entries = found.astype(np.float32)
+        far = (entries**2).sum(axis=1)
+        self._nearest = np.concatenate(
+            [
+                (far - 2 * grid[begin : begin + _AT_ONCE] @ entries.T).argmin(axis=1).astype(np.uint8)
+                for begin in range(0, len(grid), _AT_ONCE)
+            ]
+        )
+        whole = np.rint(base).astype(np.uint8)  # large areas have these colours, and keep them
+        self._nearest[_cells(whole)] = [int((found == colour).all(axis=1).argmax()) for colour in whole]
+
+    def numbers(self, pixels: Pixels) -> NDArray[np.uint8]:
+        """Return the colours of pixels (K, 4) by their numbers, (K,)."""
+        return self._nearest[_cells(pixels)]
+
+
+def _cells(pixels: NDArray[np.uint8]) -> NDArray[np.uint16]:
+    """Return the places of colours in a table of 32 by 32 by 32."""
+    red, green, blue = (pixels[:, k].astype(np.uint16) >> np.uint16(3) for k in range(3))
+    cells: NDArray[np.uint16] = (red << np.uint16(10)) | (green << np.uint16(5)) | blue
+    return cells

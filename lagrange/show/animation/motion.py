@@ -1,0 +1,90 @@
+"""What moves in an animation: positions, coordinates and energies at the frames, and between them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lagrange.errors import LagrangeError, StatementError
+from lagrange.show.animation.timing import Timing
+from lagrange.show.measures.points import points_at
+from lagrange.trajectory.trajectory import FloatArray
+
+if TYPE_CHECKING:
+    from lagrange.show.solution import Solution
+
+MOST_SAMPLES = 12_000
+"""Times at which a motion is evaluated, at most, unless there are more frames: 12,000 take some 50 ms."""
+
+MOST_DETAIL = 16
+"""Samples for each frame, at most: a path turns by a few degrees between two of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A run at S = (K - 1) detail + 1 times: those of K frames, and detail - 1 between two of them.
+
+    `states` are (2n, S), the named `points` (2, S) or (3, S), and the `energies` by name (S,): kinetic and potential
+    where the two were stated, and the energy that is conserved. Both may be empty.
+    """
+
+    t: FloatArray
+    states: FloatArray
+    points: Mapping[str, FloatArray]
+    energies: Mapping[str, FloatArray]
+    detail: int
+    scale: float = 0.0
+    """The size of the energies' terms: what moves by their round-off is level."""
+
+    @property
+    def frames(self) -> slice:
+        """What takes the frames out of the samples."""
+        return slice(None, None, self.detail)
+
+
+def motion_of(solution: Solution, timing: Timing) -> Motion:
+    """Return the motion at the frames of a run and between them, from its dense output.
+
+    Raises StatementError where a named point has no place.
+    """
+    frames = timing.t
+    detail = 1
+    while len(frames) > 1 and detail < MOST_DETAIL and 2 * detail * len(frames) <= MOST_SAMPLES:
+        detail *= 2
+    places = np.arange((len(frames) - 1) * detail + 1) / detail
+    t = np.interp(places, np.arange(len(frames)), frames)
+    t[::detail] = frames
+    states = solution.at(t)
+    points = points_at(solution.model, t, states, solution.parameters)
+    for name, point in points.items():
+        lost = np.flatnonzero(~np.isfinite(point).all(axis=0))
+        if len(lost):
+            raise StatementError(
+                f"{name} has no finite position at t = {t[lost[0]]:.6g}, so that it cannot be drawn: end the run "
+                "before, or state another position."
+            )
+    if not points and not np.isfinite(states).all():
+        raise StatementError("the run has a state that is no finite number, which cannot be drawn: end the run before.")
+    return Motion(
+        t, states, points, _energies(solution, t, states), detail, solution.drift.scale if solution.has_energy else 0.0
+    )
+
+
+def _energies(solution: Solution, t: FloatArray, states: FloatArray) -> dict[str, FloatArray]:
+    """Return the energies that have a value everywhere; none where the energy itself has not."""
+    if not solution.has_energy:
+        return {}
+    model, statement = solution.model, solution.model.statement
+    try:
+        found = {"energy": np.asarray(model.energy(*model.layout.split(states), t, solution.parameters))}
+        if statement.potential != 0:  # a Lagrangian has no parts, and without V the kinetic energy is the whole
+            parts = {"kinetic": statement.kinetic, "potential": statement.potential}
+            found = {
+                name: model.evaluate_expression(part, t, states, solution.parameters) for name, part in parts.items()
+            } | found
+    except LagrangeError:
+        return {}
+    return found if all(np.isfinite(row).all() for row in found.values()) else {}

@@ -1,0 +1,62 @@
+"""MP4 files, by the program ffmpeg."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable
+from typing import BinaryIO
+
+from lagrange.errors import RunError
+from lagrange.show.animation.canvas import Canvas
+
+PROGRAM = "ffmpeg"
+
+
+def has_ffmpeg() -> bool:
+    """Return whether ffmpeg is installed."""
+    return shutil.which(PROGRAM) is not None
+
+
+def write_mp4(file: BinaryIO, canvas: Canvas, interval: float, tell: Callable[[int], None]) -> None:
+    """Write all frames to a file that has a name; `tell` is called with the number of each that is drawn.
+
+    Raises RunError with the last line of ffmpeg's where it fails.
+    """
+    width, height = canvas.sheet.size
+    command = [
+        *(PROGRAM, "-v", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgba", "-s", f"{width}x{height}"),
+        *("-framerate", f"{1 / interval:.9g}", "-i", "-", "-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2"),
+        *("-c:v", "libx264", "-crf", "18", "-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4", file.name),
+    ]
+    with tempfile.TemporaryFile() as said:
+        # A session of its own: Ctrl-C comes to us alone, and we end it.
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=said, stderr=said, start_new_session=True)
+        try:
+            _feed(process, canvas, tell)
+            process.wait()
+        finally:
+            if process.poll() is None:
+                process.kill()
+                process.wait()
+        if process.returncode:
+            said.seek(0)
+            words = said.read().decode(errors="replace").strip().splitlines()
+            raise RunError(
+                f"ffmpeg made no MP4 ({words[-1] if words else f'exit code {process.returncode}'}). Nothing was "
+                "written; name a file that ends in .gif or .html."
+            )
+
+
+def _feed(process: subprocess.Popen[bytes], canvas: Canvas, tell: Callable[[int], None]) -> None:
+    pipe = process.stdin
+    if pipe is None:
+        return
+    try:
+        with pipe:
+            for number in range(canvas.sheet.frames):
+                pipe.write(canvas.frame(number).tobytes())
+                tell(number)
+    except BrokenPipeError:
+        process.wait()  # it has ended, and its exit code and words say why

@@ -1,0 +1,125 @@
+"""When the frames of an animation are shown: at which times of the run, and how fast."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from lagrange.errors import StatementError
+from lagrange.statement.number import real_number
+from lagrange.trajectory.trajectory import FloatArray
+
+MOST_FRAMES = 3000
+"""An animation has at most so many frames: 100 s at 30 frames a second. As a GIF they take some 20 MB."""
+
+LEAST_FPS, MOST_FPS = 1.0, 60.0
+"""Frames per second: below, nothing moves; above, no common screen shows them."""
+
+SHORTEST = 1.0
+"""A run that takes less seconds than this is slowed down, unless a speed was given."""
+
+_SPELLED = 1e12
+"""Counts from which on all digits say no more."""
+
+_TINY = 1e-290
+"""A run that lasts less has no speed that a double can state."""
+
+_ROUND = (1.0, 2.0, 5.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Timing:
+    """Times of the run at the frames, (K,), and the seconds for which each is on the screen.
+
+    The first frame is at the start. `speed` is time of the run per time on the screen; `notes` say in sentences what
+    is not as it was asked for.
+    """
+
+    t: FloatArray
+    interval: float
+    speed: float
+    notes: tuple[str, ...] = ()
+
+    @property
+    def fps(self) -> float:
+        """Frames per second, so that the last frame comes at the end of the run to the digit."""
+        return 1.0 / self.interval
+
+    @property
+    def seconds(self) -> float:
+        """How long the motion lasts on the screen: from the first frame to the last."""
+        return self.interval * (len(self.t) - 1)
+
+
+def timing(span: tuple[float, float], fps: float = 30.0, speed: float | None = None) -> Timing:
+    """Return the frames of a run from span[0] to span[1]; times may fall.
+
+    Without `speed` the run is shown in real time, one unit of time a second, if it then has from 1 s to as many seconds
+    as `MOST_FRAMES` last; else at a round speed at which it has. With it what is beyond `MOST_FRAMES` is cut off.
+    """
+    fps = real_number(fps, "fps")
+    if not LEAST_FPS <= fps <= MOST_FPS:
+        raise StatementError(
+            f"fps = {fps:g}: give a number of frames per second from {LEAST_FPS:g} to {MOST_FPS:g}; screens "
+            "show no more."
+        )
+    whole = abs(span[1] - span[0])
+    if speed is None:
+        pace = _fitting(whole, fps)
+    elif (pace := real_number(speed, "speed")) <= 0:
+        raise StatementError(f"speed = {pace:g}: give a positive number; 1 is real time, 2 twice as fast.")
+    if whole == 0:
+        return Timing(np.array([span[0]]), 1.0 / fps, pace)
+    seconds = whole / pace
+    wanted = seconds * fps
+    if speed is not None and wanted < 1.0:
+        raise StatementError(
+            f"speed = {pace:g} shows the run in {seconds:.3g} s, which is less than a frame: give {whole * fps:.3g} or "
+            "less."
+        )
+    if wanted < MOST_FRAMES:
+        frames = max(1, round(wanted))
+        return Timing(np.linspace(span[0], span[1], frames + 1), seconds / frames, pace, _said(speed, pace, whole))
+    return _cut(span, fps, pace)
+
+
+def _cut(span: tuple[float, float], fps: float, speed: float) -> Timing:
+    """Return the first frames of a run that has too many."""
+    direction = math.copysign(speed / fps, span[1] - span[0])
+    t: FloatArray = span[0] + direction * np.arange(float(MOST_FRAMES))
+    needed = abs(span[1] - span[0]) / speed * fps
+    whole = _rounded_up(speed * needed / (MOST_FRAMES - 1))
+    note = (
+        f"The first {MOST_FRAMES:,} of {_counted(needed + 1)} frames are shown, to t = {t[-1]:.6g}: more are too many. "
+        f"speed = {whole:g} shows the whole run."
+    )
+    return Timing(t, 1.0 / fps, speed, (note,))
+
+
+def _counted(frames: float) -> str:
+    return f"{frames:,.0f}" if frames < _SPELLED else f"{frames:.3g}"
+
+
+def _said(speed: float | None, pace: float, whole: float) -> tuple[str, ...]:
+    if speed is not None or pace == 1.0:
+        return ()
+    how = f"{pace:g} units" if pace > 1 else f"{pace:g} of a unit"
+    return (f"The run lasts {whole:.6g} units of time: {how} are shown in a second. speed = 1 is real time.",)
+
+
+def _fitting(whole: float, fps: float) -> float:
+    """Return real time, 1, or a round speed at which the run is neither too long nor over at once."""
+    longest = (MOST_FRAMES - 1) / fps
+    if whole < _TINY or SHORTEST <= whole <= longest:
+        return 1.0
+    if whole > longest:
+        return _rounded_up(whole / min(longest, 30.0))
+    return 1.0 / _rounded_up(5.0 / whole)
+
+
+def _rounded_up(value: float) -> float:
+    """Return the least of 1, 2 and 5 times a power of ten that is not below the value."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return next(digit * power for digit in (*_ROUND, 10.0) if digit * power >= value * (1 - 1e-12))

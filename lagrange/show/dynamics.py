@@ -1,0 +1,252 @@
+"""What is computed of dynamics as a person uses it: records with a card, a picture, and a file of it."""
+
+from __future__ import annotations
+
+import os
+from abc import ABC, abstractmethod
+from collections import Counter
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from lagrange.dynamics.basins import BasinsData
+from lagrange.dynamics.branches import BranchesData
+from lagrange.dynamics.energy_exchange import MODES, ExchangeData
+from lagrange.dynamics.mode_shapes import ModeShapes, mode_shapes
+from lagrange.dynamics.passage import PassageData
+from lagrange.dynamics.portrait import PortraitData
+from lagrange.dynamics.section import SectionData, surface
+from lagrange.dynamics.sweep import SweepData
+from lagrange.errors import StatementError, counted, listing, shown
+from lagrange.mechanics.modes import Modes
+from lagrange.show.figures.energy_figure import plot_exchange
+from lagrange.show.figures.map_figure import plot_basins, plot_passage
+from lagrange.show.figures.modes_figure import plot_modes
+from lagrange.show.figures.portrait_figure import plot_portrait
+from lagrange.show.figures.section_figure import plot_branches, plot_section, plot_sweep
+from lagrange.show.files.atomic_file import write_atomically
+from lagrange.show.files.picture import picture
+from lagrange.show.files.resolution import FILE_DPI
+from lagrange.show.notebook.html_card import image, pairs, sentences
+from lagrange.show.terminal.table import text_table
+from lagrange.statement.statement import Statement
+from lagrange.trajectory.trajectory import Status
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_MOST_PLACES = 8
+"""Equilibria and attractors that a card lists."""
+
+
+class Drawn(ABC):
+    """A record with a card and a picture; `status` says whether all of it is there, `message` what is not."""
+
+    statement: Statement
+    status: Status
+    message: str
+
+    @abstractmethod
+    def plot(self, *, ax: Any = None, style: str = "light") -> Figure:
+        """Return the picture, on axes of Matplotlib if they are given, "light" or "dark"."""
+
+    @abstractmethod
+    def _lines(self) -> list[tuple[str, str]]:
+        """Return the lines of the card, each with a name."""
+
+    def to_png(self, path: str | os.PathLike[str], *, dpi: int = FILE_DPI, style: str = "light") -> Path:
+        """Write the picture of `plot()`; see `Race.to_png`."""
+        return write_atomically(path, picture(self.plot(style=style), dpi))
+
+    def __repr__(self) -> str:
+        return f"{self._heading()}\n{text_table(('', ''), self._card())}"
+
+    def _repr_html_(self) -> str:
+        card = pairs(self._heading(), self._card())
+        try:
+            return card + image(self.plot(), f"plot of {self._heading()}")
+        except StatementError as nothing_to_draw:
+            return card + sentences([str(nothing_to_draw)])
+
+    def _heading(self) -> str:
+        return f"{self.statement.name}: {self.status.value}"
+
+    def _card(self) -> list[tuple[str, str]]:
+        return [*self._lines(), *([("message", self.message)] if self.message else [])]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PhasePortrait(Drawn, PortraitData):
+    """A phase portrait; see `lagrange.phase_portrait`."""
+
+    def plot(self, *, ax: Any = None, style: str = "light") -> Figure:
+        """Return the figure: the field, zero lines, orbits, separatrices and equilibria."""
+        return plot_portrait(self, ax, style)
+
+    def _lines(self) -> list[tuple[str, str]]:
+        held = listing(f"{name} = {value:g}" for name, value in self.held.items())
+        places = [
+            (
+                place.kind,
+                listing(f"{name} = {x:.6g}" for name, x in zip(self.statement.names, place.state, strict=False)),
+            )
+            for place in self.equilibria[:_MOST_PLACES]
+        ]
+        return [
+            ("plane", listing(f"{one.name} {one.low:.4g} to {one.high:.4g}" for one in self.plane)),
+            *([("held", held)] if self.held else []),
+            *places,
+            ("separatrices", str(len(self.separatrices))),
+            ("orbits", f"{len(self.orbits)}, {sum(one.closed for one in self.orbits)} closed"),
+        ]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PoincareSection(Drawn, SectionData):
+    """A Poincare section; see `lagrange.poincare`."""
+
+    def plot(self, x: Any = None, y: Any = None, *, ax: Any = None, style: str = "light") -> Figure:
+        """Return the figure: a point for each crossing, a colour for each orbit; `x` and `y` are entries to draw."""
+        return plot_section(self, x, y, ax, style)
+
+    def _lines(self) -> list[tuple[str, str]]:
+        where = f"every {self.period:.6g}" if self.event is None else surface(self.event, self.statement)
+        lines = [("section", where), ("orbits", str(len(self.states))), ("points", str(len(self.points)))]
+        return lines + ([("energy drift", f"{self.drift:.1e}")] if self.drift is not None else [])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Bifurcation(Drawn, SweepData):
+    """A bifurcation diagram of settled motions; see `lagrange.bifurcation`."""
+
+    def plot(self, entry: Any = None, *, ax: Any = None, style: str = "light") -> Figure:
+        """Return the figure: points of the settled motion against the parameter; `entry` is one of the state."""
+        return plot_sweep(self, entry, ax, style)
+
+    def _lines(self) -> list[tuple[str, str]]:
+        count = Counter(self.cycles.ravel().tolist())
+        known = listing(f"{p} at {number}" for p, number in sorted(count.items()) if p)
+        return [
+            ("parameter", f"{self.parameter}, {_range(self.values)}"),
+            ("points", f"{self.states.shape[2]} of {counted(self.states.shape[1], 'orbit')} at each value"),
+            ("cycles", f"of length {known}" if known != "none" else known),
+            *([("no cycle", f"at {count[0]}")] if count[0] else []),
+        ]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class EquilibriumBranches(Drawn, BranchesData):
+    """Equilibria along a parameter; see `lagrange.bifurcation`."""
+
+    def plot(self, entry: Any = None, *, ax: Any = None, style: str = "light") -> Figure:
+        """Return the figure: a line for each branch, dashed where it is unstable; `entry` is a coordinate."""
+        return plot_branches(self, entry, ax, style)
+
+    def _lines(self) -> list[tuple[str, str]]:
+        lines = [("parameter", f"{self.parameter}, {_range(self.values)}")]
+        for branch in self.branches[:_MOST_PLACES]:
+            stated = zip(self.statement.names, branch.formula.values(), strict=True)
+            where = listing(f"{name} = {x}" for name, x in stated) if branch.formula else "by number"
+            lines.append(("branch", f"{where}; {_stability(branch.values, branch.stable)}"))
+        return lines
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FirstPassage(Drawn, PassageData):
+    """First passages on a plane of starts; see `lagrange.first_passage`."""
+
+    def plot(self, *, ax: Any = None, style: str = "light") -> Figure:
+        """Return the figure: a colour for the time of the first passage from each start."""
+        return plot_passage(self, ax, style)
+
+    def _lines(self) -> list[tuple[str, str]]:
+        known = self.times[np.isfinite(self.times)]
+        first = f"{known.min():.4g} to {known.max():.4g}" if known.size else "none"
+        return [("event", " or ".join(self.labels)), ("starts", _plane(self)), ("first passages", first)]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Basins(Drawn, BasinsData):
+    """Basins of attraction on a plane of starts; see `lagrange.basins`."""
+
+    def plot(self, *, ax: Any = None, style: str = "light") -> Figure:
+        """Return the figure: a colour for the attractor of each start, paler where the motion takes longer."""
+        return plot_basins(self, ax, style)
+
+    def _lines(self) -> list[tuple[str, str]]:
+        names = self.statement.state_names
+        lines = [("starts", _plane(self))]
+        for k, attractor in enumerate(self.attractors[:_MOST_PLACES]):
+            state = listing(f"{name} = {x:.4g}" for name, x in zip(names, attractor.states[0], strict=True) if x)
+            kind = "equilibrium" if self.period is None else f"cycle of {counted(attractor.period, 'period')}"
+            lines.append((kind, f"{state if state != 'none' else 'rest at zero'}: {(self.labels == k).mean():.1%}"))
+        return lines
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class EnergyExchange(Drawn, ExchangeData):
+    """Energies along a run; see `lagrange.energy_exchange`."""
+
+    def plot(self, *, ax: Any = None, style: str = "light") -> Figure:
+        """Return the figure: a line for each energy, and their sum."""
+        return plot_exchange(self, ax, style)
+
+    def _lines(self) -> list[tuple[str, str]]:
+        def name(k: int, given: str) -> str:
+            return f"{given} ({abs(self.frequencies[k]):.4g})" if self.by == MODES else given
+
+        parts = [
+            (name(k, part), f"{values.min():.4g} to {values.max():.4g}")
+            for k, (part, values) in enumerate(self.parts.items())
+        ]
+        return [("times", f"{len(self.t)}, {self.t[0]:g} to {self.t[-1]:g}"), *parts]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ShownModes(Modes):
+    """The modes of a system with their picture; see `System.modes`."""
+
+    def shapes_in_numbers(self) -> ModeShapes:
+        """Return the shapes at the values of the parameters, on all coordinates and on the stated positions.
+
+        Raises StatementError where a parameter has no value.
+        """
+        return mode_shapes(self, self.linearization.statement)
+
+    def plot(self, *, ax: Any = None, style: str = "light") -> Figure:
+        """Return the figure: for each mode bars of its components, and the stated positions moved by it.
+
+        On `ax` the components of all modes are bars beside one another. Raises StatementError where a parameter has no
+        value.
+        """
+        return plot_modes(self.shapes_in_numbers(), ax, style)
+
+
+_Record = TypeVar("_Record")
+
+
+def shown_as(kind: type[_Record], data: Any) -> _Record:
+    """Return a record of data as another one, which has its picture."""
+    base = next((base for base in kind.__mro__ if type(data) is base), None)
+    if base is None:
+        raise StatementError(f"a {kind.__name__} is made of what was computed, not of {shown(data)}.")
+    return kind(**{field.name: getattr(data, field.name) for field in fields(data)})
+
+
+def _stability(values: np.ndarray, stable: np.ndarray) -> str:
+    """Return from where to where no eigenvalue of a branch has a positive real part."""
+    within = values[stable == 1]
+    if not len(within):
+        return "unstable"
+    alone = "" if (stable != 0).all() else " alone"
+    return f"no growing motion from {within.min():.4g} to {within.max():.4g}{alone}"
+
+
+def _range(values: np.ndarray) -> str:
+    return f"{counted(len(values), 'value')} from {values[0]:g} to {values[-1]:g}"
+
+
+def _plane(found: FirstPassage | Basins) -> str:
+    return listing(f"{one.count} of {one.name} from {one.low:.4g} to {one.high:.4g}" for one in found.plane)

@@ -1,0 +1,1 @@
+"""Figures: runs, races, stability regions, eigenvalues."""

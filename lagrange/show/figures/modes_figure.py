@@ -1,0 +1,158 @@
+"""The picture of mode shapes: bars of their components, and the stated positions moved by them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lagrange.dynamics.mode_shapes import ModeShapes
+from lagrange.errors import StatementError, counted
+from lagrange.show.figures.colours import colours
+from lagrange.show.figures.panel import panel_on, say_below
+from lagrange.show.figures.shown_figure import new_figure
+from lagrange.show.figures.space_view import view_of
+from lagrange.show.figures.spring import spring
+from lagrange.show.figures.style import Style, dress, on_paper, style_of
+from lagrange.show.notation.names import letters
+from lagrange.statement.declare import ORIGIN
+from lagrange.statement.link import SPRING
+from lagrange.trajectory.trajectory import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+MOST_MODES = 8
+"""Modes that are drawn; a figure of more is taller than a page."""
+
+LARGEST = 0.22
+"""The largest displacement that is drawn, as a part of the extent of the positions at rest."""
+
+
+def plot_modes(shapes: ModeShapes, ax: Any, style: Any) -> Figure:
+    """Return the figure of modes: a row for each, its components as bars and, where positions are stated, its shape.
+
+    On axes of the user's the components of all modes are bars beside one another.
+    """
+    look = style_of(style)
+    if not len(shapes.components):
+        raise StatementError(f"{shapes.statement.name} has no mode to draw.")
+    if ax is not None:
+        figure, axis = panel_on(ax, look, (6.0, 4.0))
+        _all_bars(axis, shapes, look)
+        return figure
+    count = min(MOST_MODES, len(shapes.components))
+    columns = 2 if shapes.points else 1
+    figure = on_paper(
+        new_figure(figsize=(8.6 if columns == 2 else 6.0, 0.8 + 1.75 * count), layout="constrained"), look
+    )
+    grid = figure.subplots(count, columns, squeeze=False, width_ratios=(1.0, 1.6)[:columns])
+    seen = _seen(shapes)
+    for k in range(count):
+        _bars(grid[k, 0], shapes, k, look)
+        if columns == 2:
+            _shape(grid[k, 1], shapes, seen, k, look)
+    left = len(shapes.components) - count
+    say_below(figure, None, look, f"{counted(left, 'more mode')} not drawn." if left else "")
+    return figure
+
+
+def _title(shapes: ModeShapes, k: int) -> str:
+    value, decay = complex(shapes.frequencies[k]), float(shapes.decay[k])
+    if value == 0:
+        return f"mode {k + 1}: moves freely" if not decay else f"mode {k + 1}: decays, rate {decay:.4g}"
+    if abs(value.imag) > abs(value.real):
+        word = "grows" if abs(value.imag) > decay else "decays"
+        return f"mode {k + 1}: {word}, rate {abs(abs(value.imag) - decay):.4g}"
+    rate = f", decay {decay:.3g}" if decay else ""
+    return rf"mode {k + 1}: $\omega$ = {value.real:.5g}{rate}"
+
+
+def _bars(axis: Axes, shapes: ModeShapes, k: int, look: Style) -> None:
+    values = shapes.components[k]
+    places = np.arange(len(values))
+    axis.bar(places, values, width=0.6, color=[look.colours[0] if v >= 0 else look.colours[1] for v in values])
+    axis.axhline(0.0, color=look.quiet, linewidth=0.8)
+    dress(axis, look, _title(shapes, k))
+    axis.grid(visible=False, axis="x")
+    axis.set(ylim=(-1.15, 1.15), yticks=[-1, 0, 1])
+    _name_coordinates(axis, shapes, places)
+
+
+def _name_coordinates(axis: Axes, shapes: ModeShapes, places: NDArray[Any]) -> None:
+    known = letters(shapes.names)
+    step = 1 + (len(places) - 1) // 12
+    axis.set_xticks(places[::step], [f"${known[name]}$" for name in shapes.names][::step])
+
+
+def _all_bars(axis: Axes, shapes: ModeShapes, look: Style) -> None:
+    count, n = shapes.components.shape
+    places, width = np.arange(n), 0.8 / count
+    for k, colour in enumerate(colours(count, look.colours)):
+        shift = (k - (count - 1) / 2) * width
+        axis.bar(places + shift, shapes.components[k], width=0.9 * width, color=colour, label=_title(shapes, k))
+    axis.axhline(0.0, color=look.quiet, linewidth=0.8)
+    dress(axis, look, f"{shapes.statement.name}: shapes of modes")
+    axis.grid(visible=False, axis="x")
+    _name_coordinates(axis, shapes, places)
+    axis.legend(fontsize=8, frameon=False, labelcolor=look.ink)
+
+
+def _seen(shapes: ModeShapes) -> tuple[dict[str, FloatArray], dict[str, FloatArray], float]:
+    """Return points (2,) and displacements (m, 2) as they are drawn, and the extent of the points."""
+    if not shapes.points:
+        return {}, {}, 0.0
+    places = {
+        name: np.column_stack([point, point[:, None] + shapes.displacements[name].T])
+        for name, point in shapes.points.items()
+    }
+    view = view_of(places)
+    points = {name: view.of(point[:, None])[:, 0] for name, point in shapes.points.items()}
+    changes = {name: view.of(rows.T).T for name, rows in shapes.displacements.items()}
+    return points, changes, float(np.ptp(np.array(list(points.values())), axis=0).max()) or 1.0
+
+
+def _shape(
+    axis: Axes,
+    shapes: ModeShapes,
+    seen: tuple[Mapping[str, FloatArray], Mapping[str, FloatArray], float],
+    k: int,
+    look: Style,
+) -> None:
+    """Draw the positions at rest, quietly, and as they are moved, with arrows."""
+    points, moved, extent = seen
+    largest = max(float(np.linalg.norm(rows[k])) for rows in moved.values())
+    scale = LARGEST * extent / largest if largest > 1e-12 else 0.0
+    at = {name: point + scale * moved[name][k] for name, point in points.items()}
+    for places, colour, width in ((points, look.grid, 1.4), (at, look.quiet, 1.6)):
+        for start, end, kind in shapes.statement.links:
+            ends = places[start], places[end]
+            line = spring(*ends, 0.05 * extent) if kind == SPRING else np.array(ends).T
+            axis.plot(*line, color=colour, linewidth=width, zorder=1 if colour == look.grid else 2)
+    for name, point in points.items():
+        if name == ORIGIN:
+            axis.plot(*point, "s", color=look.ink, markersize=4, zorder=3)
+            continue
+        axis.plot(*point, "o", markerfacecolor=look.paper, markeredgecolor=look.quiet, markersize=9, zorder=3)
+        axis.plot(*at[name], "o", color=look.colours[0], markersize=9, zorder=4)
+        if np.linalg.norm(at[name] - point) > 0.02 * extent:
+            arrow = {"arrowstyle": "-|>", "color": look.colours[1], "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0}
+            axis.annotate("", (at[name][0], at[name][1]), (point[0], point[1]), arrowprops=arrow, zorder=5)
+    dress(axis, look)
+    axis.grid(visible=False)
+    axis.set(xticks=[], yticks=[], aspect="equal")
+    axis.spines[["left", "bottom"]].set_visible(False)
+    _room(axis, points, moved, extent)
+
+
+def _room(axis: Axes, points: Mapping[str, FloatArray], moved: Mapping[str, FloatArray], extent: float) -> None:
+    """Frame all modes alike: the points at rest with room for the largest displacement, and no narrow strip."""
+    whole = np.array(list(points.values()))
+    middle = (whole.max(axis=0) + whole.min(axis=0)) / 2
+    half = np.maximum((whole.max(axis=0) - whole.min(axis=0)) / 2, 0.12 * extent) + 1.15 * LARGEST * extent
+    still = np.array([np.abs(rows).max(axis=0) for rows in moved.values()]).max(axis=0) <= 1e-12
+    half = np.where(still, half - 0.85 * LARGEST * extent, half)
+    axis.set(xlim=(middle[0] - half[0], middle[0] + half[0]), ylim=(middle[1] - half[1], middle[1] + half[1]))

@@ -1,0 +1,174 @@
+"""The panel of paths: where named points went, in the plane or in space, with the links between them at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lagrange.show.figures.colours import colours
+from lagrange.show.figures.curve import Pixels
+from lagrange.show.figures.floor import Box, draw_floor
+from lagrange.show.figures.paths import Paths, limits, paths_of
+from lagrange.show.figures.space_view import View
+from lagrange.show.figures.spring import spring
+from lagrange.show.figures.style import Style, dress, legend, mixed, parts_of
+from lagrange.show.units import length_unit, with_unit
+from lagrange.statement.declare import ORIGIN
+from lagrange.statement.link import SPRING
+from lagrange.trajectory.trajectory import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from lagrange.show.solution import Solution
+
+_DEPTHS = 6
+"""Depths of a path in space: what is near is wider and darker."""
+
+_FARTHEST = 0.28
+"""The part of its colour that the farthest depth has."""
+
+_CELLS = 220
+"""Cells of the density along the longer side of the panel."""
+
+
+@dataclass(frozen=True, eq=False)
+class PathPanel:
+    """The paths of named points of some runs, all seen in one view."""
+
+    solutions: tuple[Solution, ...]
+    labels: tuple[str, ...]
+    view: View
+
+    @property
+    def shape(self) -> str:
+        """The form of the panel: row, column or square."""
+        return self.view.shape
+
+    def draw(self, axis: Axes, pixels: Pixels, style: Style) -> None:
+        """Draw paths in a panel, open circles where they begin, points and links where they end."""
+        runs = [paths_of(run, self.view, pixels) for run in self.solutions]
+        statement = self.solutions[0].model.statement
+        unit = length_unit(statement)
+        dress(axis, style)
+        box = None
+        if self.view.spatial:
+            box = Box.around(np.concatenate([space for run in runs for space in run.space], axis=1))
+            draw_floor(axis, self.view, box, unit, style)
+        for place, run in enumerate(runs):
+            if run.before.shape[1]:
+                draw_density(axis, run, style)
+            _draw_run(axis, run, self._shades(run, place, style), self.labels[place], box, style, place)
+        self._frame(axis, runs, unit)
+        title = _title(runs[0], self.shape)
+        axis.set_title(title, loc="left", fontsize=10, color=style.ink)
+        if len(axis.get_legend_handles_labels()[1]) > 1:
+            legend(axis, style, title, 10)
+
+    def _shades(self, run: Paths, place: int, style: Style) -> dict[str, str]:
+        """Return the colour of each point that moves: its own, or that of the run where one point moves."""
+        moving = [name for name, fixed in zip(run.names, run.fixed, strict=True) if not fixed]
+        if len(moving) == 1 and len(self.solutions) > 1:
+            return {moving[0]: colours(len(self.solutions), style.colours)[place]}
+        return dict(zip(moving, colours(len(moving), style.colours), strict=True))
+
+    def _frame(self, axis: Axes, runs: list[Paths], unit: str) -> None:
+        """Leave room around all points, and name the directions of the plane."""
+        axis.margins(0.06)
+        if self.shape == "square":
+            if self.view.spatial:
+                axis.set_aspect("equal", adjustable="box")  # without a frame, so that its title stands near it
+            elif all(run.to_scale for run in runs):
+                axis.set_aspect("equal", adjustable="datalim")
+        elif self.shape == "row":
+            axis.set(ylim=(-1.0, 1.0), yticks=[])
+            axis.spines["left"].set_visible(False)
+        else:
+            axis.set(xlim=(-1.0, 1.0), xticks=[])
+            axis.spines["bottom"].set_visible(False)
+        axis.set_xlabel(with_unit(self.view.labels[0], unit) if self.shape != "column" else "", labelpad=2.0)
+        axis.set_ylabel(with_unit(self.view.labels[1], unit) if self.shape != "row" else "", labelpad=2.0)
+
+
+def _title(paths: Paths, shape: str) -> str:
+    if shape != "square":
+        return f"path{chr(10) if shape == 'column' else '; '}open circles: start"
+    begun = f" from t = {paths.times[0]:.4g} on, shaded: before" if paths.before.shape[1] else ""
+    scale = "" if paths.to_scale or paths.view.spatial else ", not to scale"
+    return f"path{begun}{scale}{chr(10) if begun else '; '}open circles: start"
+
+
+def _draw_run(
+    axis: Axes, paths: Paths, shades: dict[str, str], label: str, box: Box | None, style: Style, place: int
+) -> None:
+    size = float(np.max(paths.extents)) if paths.view.shape == "square" else 15.0
+    for start, end, kind in paths.links:
+        ends = paths.of(start)[:, -1], paths.of(end)[:, -1]
+        line = spring(*ends, 0.04 * size) if kind == SPRING else np.array(ends).T
+        axis.plot(*line, color=style.quiet, linewidth=1.6, zorder=3)
+    for k, name in enumerate(paths.names):
+        if paths.fixed[k]:
+            marker = "s" if any(name in link[:2] for link in paths.links) else "P"
+            shown = "_nolegend_" if name == ORIGIN or place else name
+            axis.plot(*paths.of(name)[:, -1], marker, color=style.ink, ms=4.5, zorder=5, label=shown, linestyle="none")
+            continue
+        shade = shades[name]
+        if box is None:
+            axis.plot(*paths.of(name), color=shade, linewidth=0.9, zorder=2)
+        else:
+            _draw_in_space(axis, paths, k, box, shade, style)
+        axis.plot(*paths.starts[k], "o", mfc=style.paper, mec=shade, ms=5, zorder=4)
+        shown = " ".join(part for part in (name if len(shades) > 1 or not label else "", label) if part)
+        axis.plot(*paths.of(name)[:, -1], "o", color=shade, ms=7, zorder=5, label=shown)
+
+
+def _draw_in_space(axis: Axes, paths: Paths, k: int, box: Box, shade: str, style: Style) -> None:
+    """Draw a path with its shadow on the floor; what is near is wider and darker."""
+    view, space = paths.view, paths.space[k]
+    floor = np.array([*space[:2], np.full(space.shape[1], box.low[2])])
+    axis.plot(*view.of(floor), color=mixed(style.quiet, style.paper, 0.45), linewidth=0.8, zorder=1)
+    drop = np.array([space[:, -1], floor[:, -1]]).T
+    axis.plot(*view.of(drop), color=style.quiet, linewidth=0.8, linestyle=":", zorder=1.5)
+    nearness = view.nearness(space)
+    low, high = (float(end(view.nearness(box.corners))) for end in (np.min, np.max))
+    for depth, line in enumerate(by_depth(paths.points[k], (nearness - low) / (high - low))):
+        share = _FARTHEST + (1 - _FARTHEST) * depth / (_DEPTHS - 1)
+        colour = mixed(shade, style.paper, share)
+        axis.plot(*line, color=colour, linewidth=0.4 + 1.2 * share, zorder=2 + 0.1 * depth)
+
+
+def by_depth(points: FloatArray, nearness: FloatArray) -> Iterator[FloatArray]:
+    """Yield the parts of a path (2, K) in each range of nearness (K,) from 0 to 1, the farthest first.
+
+    Each is a line (2, C) with NaN between its parts.
+    """
+    middle = (nearness[1:] + nearness[:-1]) / 2
+    depths = np.clip(np.nan_to_num(_DEPTHS * middle), 0, _DEPTHS - 1).astype(int)
+    for depth in range(_DEPTHS):
+        chords = np.flatnonzero(depths == depth)
+        last = np.append(np.diff(chords) > 1, True)[: len(chords)]
+        count = np.where(last, 3, 1)
+        places = np.repeat(chords, count)
+        within = np.arange(len(places)) - np.repeat(np.cumsum(count) - count, count)
+        line = points[:, places + np.minimum(within, 1)]
+        line[:, within == 2] = np.nan
+        yield line
+
+
+def draw_density(axis: Axes, paths: Paths, style: Style) -> None:
+    """Shade where points were before the part of their paths that is drawn: darker where they were for longer."""
+    low, high = limits(np.concatenate([paths.before, *paths.points], axis=1))
+    cell = float(np.max(high - low)) / _CELLS
+    shape = np.maximum(np.ceil((high - low) / cell).astype(int), 1)
+    ends = low + cell * shape
+    column, row = np.clip(((paths.before - low[:, None]) / cell).astype(int), 0, shape[:, None] - 1)
+    counts = np.bincount(column * shape[1] + row, minlength=shape.prod()).reshape(shape)
+    share = np.log1p(counts) / np.log1p(counts.max())
+    ink, paper = (np.array(parts_of(colour)) for colour in (style.quiet, style.paper))
+    image = paper + (0.65 * share.T[:, :, None]) * (ink - paper)
+    alpha = np.where(counts.T > 0, 1.0, 0.0)[:, :, None]
+    extent = (float(low[0]), float(ends[0]), float(low[1]), float(ends[1]))
+    axis.imshow(np.concatenate([image, alpha], axis=2), extent=extent, origin="lower", aspect="auto", zorder=1.1)

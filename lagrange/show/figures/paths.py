@@ -1,0 +1,148 @@
+"""Paths of named points on paper: where they went, within a pixel, and how much of it is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from sympy.core.function import AppliedUndef
+
+from lagrange.show.figures.curve import Pixels, first_times, in_plane, lengths, outputs_alone
+from lagrange.show.figures.space_view import View, view_of
+from lagrange.show.measures.points import points_at
+from lagrange.statement.coordinate import t as time
+from lagrange.statement.declare import ORIGIN
+from lagrange.statement.link import Link
+from lagrange.statement.statement import Statement
+from lagrange.trajectory.trajectory import FloatArray
+
+if TYPE_CHECKING:
+    from lagrange.show.solution import Solution
+
+SLENDER = 12
+"""Paths that are so many times as long as they are wide are not drawn to scale: they would be a narrow strip."""
+
+_LONGEST = 80.0
+"""Sides of a panel that a line goes at most: three times as many would cover half of it."""
+
+_DENSITY = 300_000
+"""States of the density that is drawn of what was before."""
+
+
+@dataclass(frozen=True, eq=False)
+class Paths:
+    """Paths of points on paper (p, 2, K) at times (K,), how they are seen, and the links between them.
+
+    `space` are the same points as stated, (p, 2, K) or (p, 3, K), and `starts` where they began, (p, 2). `fixed` points
+    are those that do not depend on coordinates or time. Of a long run the paths are the last part, and `before` are
+    points (2, k) of the part before it.
+    """
+
+    times: FloatArray
+    points: FloatArray
+    space: FloatArray
+    starts: FloatArray
+    before: FloatArray
+    names: tuple[str, ...]
+    fixed: tuple[bool, ...]
+    view: View
+    links: tuple[Link, ...]
+
+    def of(self, name: str) -> FloatArray:
+        """Return the path of a point, (2, K)."""
+        return np.asarray(self.points[self.names.index(name)])
+
+    @cached_property
+    def extents(self) -> FloatArray:
+        """How far all paths extend to the right and up, (2,)."""
+        low, high = limits(np.concatenate([*self.points, self.starts.T, self.before], axis=1))
+        return high - low
+
+    @property
+    def to_scale(self) -> bool:
+        """Whether lengths are equal in both directions, which would make some paths a narrow strip."""
+        low, high = sorted(self.extents.tolist())
+        return bool(low > high / SLENDER or low <= 1e-9 * high)
+
+
+def limits(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the lowest and the highest of the finite points (d, K), (d,) each."""
+    good = points[:, np.isfinite(points).all(axis=0)]
+    return (good.min(axis=1), good.max(axis=1)) if good.shape[1] else (np.zeros(len(points)), np.zeros(len(points)))
+
+
+def fixed_points(statement: Statement) -> dict[str, bool]:
+    """Return of each named point, and the origin, whether it depends on neither a coordinate nor the time."""
+    found = {
+        name: not any(part.atoms(AppliedUndef) or part.has(time) for part in parts)
+        for name, parts in statement.positions.items()
+    }
+    return {**found, ORIGIN: True}
+
+
+def named_points(solution: Solution, t: FloatArray) -> dict[str, FloatArray]:
+    """Return where the named points are at times (K,), (2, K) or (3, K) each; empty where none was stated."""
+    return points_at(solution.model, t, solution.at(t), solution.parameters)
+
+
+def common_view(solutions: tuple[Solution, ...]) -> View | None:
+    """Return the view in which the paths of some runs are seen together; None where no point was stated."""
+    runs = [named_points(run, first_times(run.trajectory)) for run in solutions]
+    found = {f"{name} {k}": points for k, run in enumerate(runs) for name, points in run.items()}
+    return view_of(found) if found else None
+
+
+def paths_of(solution: Solution, view: View, pixels: Pixels) -> Paths:
+    """Return the paths of the named points of a run within a pixel, in a panel of some size.
+
+    Of a run that goes on for longer than a line can show, the last part.
+    """
+    names = tuple(named_points(solution, solution.t[:1]))
+
+    def seen(t: FloatArray) -> FloatArray:
+        return np.array([view.of(point) for point in named_points(solution, t).values()])
+
+    def seen_with_shadows(t: FloatArray) -> FloatArray:
+        points = named_points(solution, t)
+        flat = [point[:2] for point in points.values()] if view.spatial else []
+        return np.array([view.of(point) for point in [*points.values(), *flat]])
+
+    first = first_times(solution.trajectory)
+    drawn, before = first, np.empty((2, 0))
+    if not outputs_alone(solution.trajectory):
+        drawn = _last_part(first, seen(first))
+        if drawn[0] != first[0]:
+            before = np.concatenate([*_moving(solution, seen(np.linspace(first[0], drawn[0], _DENSITY)))], axis=1)
+        drawn = in_plane(seen_with_shadows, drawn, pixels, equal=False)[0]
+    space = np.array([*named_points(solution, drawn).values()])
+    fixed = fixed_points(solution.model.statement)
+    return Paths(
+        drawn,
+        np.array([view.of(point) for point in space]),
+        space,
+        seen(solution.t[:1])[:, :, 0],
+        before,
+        names,
+        tuple(fixed[name] for name in names),
+        view,
+        solution.model.statement.links,
+    )
+
+
+def _moving(solution: Solution, points: FloatArray) -> list[FloatArray]:
+    """Return of the points (p, 2, K), those that are not fixed."""
+    fixed: Mapping[str, bool] = fixed_points(solution.model.statement)
+    names = named_points(solution, solution.t[:1])
+    return [point for name, point in zip(names, points, strict=True) if not fixed[name]]
+
+
+def _last_part(t: FloatArray, points: FloatArray) -> FloatArray:
+    """Return the last of the times, in which no point (p, 2, K) goes further than a line can show."""
+    low, high = limits(np.concatenate([*points], axis=1))
+    gone, size = lengths(points), float(np.max(high - low))
+    if size <= 0 or gone[-1] <= _LONGEST * size:
+        return t
+    return t[np.searchsorted(gone, gone[-1] - _LONGEST * size) :]

@@ -1,0 +1,206 @@
+"""The picture of runs: panels over time on the left, planes and paths on the right."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import ceil, sqrt
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lagrange.errors import StatementError, counted, listing, shown
+from lagrange.show.figures.contents import Contents, Panel, chosen_coordinates
+from lagrange.show.figures.curve import Pixels
+from lagrange.show.figures.empty_figure import size_of
+from lagrange.show.figures.panel import figure_of
+from lagrange.show.figures.shown_figure import new_figure
+from lagrange.show.figures.style import Style, on_paper, style_of
+from lagrange.show.figures.time_panel import TimePanel
+from lagrange.show.files.picture import LEAST_DPI, MOST_DPI
+from lagrange.statement.number import whole_number
+from lagrange.trajectory.trajectory import Status
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
+
+    from lagrange.show.solution import Solution
+
+DPI = 200
+"""Dots to an inch for which curves are drawn, unless a picture has more: files have 150, notebooks 160."""
+
+_LEFT, _RIGHT, _NARROW = 6.0, 4.6, 1.9
+"""Inches of panels over time, of a plane, and of paths on an upright line."""
+
+_ONE_COLUMN = 4
+"""More coordinates than this stand in two columns."""
+
+
+def plot_runs(
+    solutions: Sequence[Solution],
+    what: Any = None,
+    *,
+    of: Any = None,
+    ax: Any = None,
+    size: Any = None,
+    style: Any = "light",
+    labels: Sequence[str] | None = None,
+    dpi: int = DPI,
+) -> Figure:
+    """Return a figure of runs; see `Solution.plot`. Raises StatementError for what cannot be drawn."""
+    look, dpi = style_of(style), max(whole_number(dpi, "dpi", LEAST_DPI, MOST_DPI), DPI)
+    for run in solutions:
+        if not len(run.t):
+            raise StatementError("there is nothing to plot: the run ended before the first of its output times.")
+    _check_alike(solutions)
+    names = labels_of(solutions, labels)
+    items = [*what] if isinstance(what, (list, tuple)) else [what]
+    chosen = chosen_coordinates(of, solutions[0].model.statement.names)
+    contents = Contents(solutions, names, chosen, merged=ax is not None)
+    if not items:
+        raise StatementError("what = [] is nothing to plot: give a name, a SymPy expression, or a list of them.")
+    panels = [panel for item in items for panel in (contents.overview() if item is None else contents.of(item))]
+    if ax is not None:
+        if size is not None:
+            raise StatementError("size is that of a new figure, and ax is in a figure already: give one of them.")
+        return _draw_into(ax, panels, look, dpi)
+    figure = _laid_out(panels, None if size is None else size_of(size), look, dpi)
+    figure.suptitle(_title(solutions), x=0.01, ha="left", fontsize=11, color=look.ink)
+    return on_paper(figure, look)
+
+
+def labels_of(solutions: Sequence[Solution], given: Sequence[str] | None) -> list[str]:
+    """Return what runs are called: what was given, else methods, parameters or first values that differ."""
+    if given is not None:
+        found = [given] if isinstance(given, str) else list(given)
+        if len(found) != len(solutions) or not all(isinstance(one, str) for one in found):
+            raise StatementError(
+                f"labels are {shown(given)}: give a text for each of {counted(len(solutions), 'run')}."
+            )
+        return [one.replace("$", r"\$") for one in found]
+    if len(solutions) == 1:
+        return [""]
+    methods = [run.method for run in solutions]
+    if len(set(methods)) == len(methods):
+        return methods
+    for values in ([dict(run.parameters) for run in solutions], [_first(run) for run in solutions]):
+        keys = [key for key in values[0] if len({one.get(key) for one in values}) == len(values)]
+        if keys:
+            return [f"{keys[0]} = {one[keys[0]]:.6g}" for one in values]
+    return [f"run {k}" for k in range(1, len(solutions) + 1)]
+
+
+def _first(run: Solution) -> dict[Any, float]:
+    return dict(zip(run.names, run.y[:, 0].tolist(), strict=True))
+
+
+def _check_alike(solutions: Sequence[Solution]) -> None:
+    first = solutions[0].model.statement
+    for run in solutions[1:]:
+        other = run.model.statement
+        if other.names != first.names:
+            raise StatementError(
+                f"{first.name} has the coordinates {listing(first.names)} and {other.name} {listing(other.names)}: "
+                "runs in one figure have the same ones. Draw each into its axes with ax=."
+            )
+
+
+def _draw_into(ax: Any, panels: Sequence[Panel], style: Style, dpi: int) -> Figure:
+    """Draw panels into a user's axes, one each, and return their figure."""
+    axes = [*ax] if isinstance(ax, (list, tuple)) else [*ax.flat] if isinstance(ax, np.ndarray) else [ax]
+    figures = [figure_of(axis) for axis in axes]
+    if len(axes) != len(panels):
+        raise StatementError(
+            f"ax is {counted(len(axes), 'panel')} and what is asked for takes {len(panels)}: choose with what= and "
+            f"of=, or give {len(panels)} axes."
+        )
+    for axis, figure, panel in zip(axes, figures, panels, strict=True):
+        box, share = axis.get_window_extent(), dpi / figure.dpi
+        panel.draw(axis, Pixels(max(box.width * share, 1.0), max(box.height * share, 1.0)), style)
+    return figures[0]
+
+
+def _laid_out(panels: Sequence[Panel], size: tuple[float, float] | None, style: Style, dpi: int) -> Figure:
+    """Return a new figure with panels over time and rows on the left, and planes and columns on the right."""
+    left = [panel for panel in panels if isinstance(panel, TimePanel)]
+    rows = [panel for panel in panels if not isinstance(panel, TimePanel) and panel.shape == "row"]
+    right = [panel for panel in panels if not isinstance(panel, TimePanel) and panel.shape != "row"]
+    own = _Left(left, rows)
+    columns = ceil(sqrt(len(right))) if not (left or rows) else 1
+    down = ceil(len(right) / max(columns, 1))
+    upright = bool(right) and all(panel.shape == "column" for panel in right)
+    widths = (_LEFT * bool(left or rows), columns * (_NARROW if upright else _RIGHT) * bool(right))
+    width, height = size or (sum(widths), round(max(own.height, down * 4.2 if right else 0.0), 1))
+    figure = new_figure(figsize=(width, height), layout="constrained")
+    share = width / sum(widths)
+    if not right:
+        own.draw(figure, (width, height), style, dpi)
+        return figure
+    halves = figure.add_gridspec(1, 2, width_ratios=widths) if left or rows else None
+    if halves is not None:
+        own.draw(figure.add_subfigure(halves[0]), (widths[0] * share, height), style, dpi)
+    side = figure if halves is None else figure.add_subfigure(halves[1])
+    for panel, axis in zip(right, side.subplots(down, columns, squeeze=False).flat, strict=False):
+        panel.draw(axis, Pixels(widths[1] * share / columns * dpi, height / down * dpi), style)
+    for axis in side.axes[len(right) :]:
+        axis.set_visible(False)
+    return figure
+
+
+class _Left:
+    """Panels over time, which share it, the narrow ones in two columns if they are many, and rows of paths below."""
+
+    def __init__(self, panels: Sequence[TimePanel], rows: Sequence[Panel]) -> None:
+        narrow = [panel for panel in panels if not panel.wide]
+        self.columns = 1 if len(narrow) <= _ONE_COLUMN else 2
+        self.narrow = narrow if self.columns == 2 else []
+        self.wide = [panel for panel in panels if panel.wide or self.columns == 1]
+        self.rows = rows
+        self.down = ceil(len(self.narrow) / 2)
+
+    @property
+    def ratios(self) -> list[float]:
+        """The heights of the rows of panels, that of a coordinate is 1."""
+        return [1.0] * self.down + [panel.height for panel in self.wide] + [0.55] * len(self.rows)
+
+    @property
+    def height(self) -> float:
+        """The height in inches that they want."""
+        return max(2.6, 0.9 + (1.15 if self.down <= _ONE_COLUMN else 0.85) * sum(self.ratios))
+
+    def draw(self, figure: Figure | SubFigure, size: tuple[float, float], style: Style, dpi: int) -> None:
+        """Draw them all in a part of a figure, of a width and a height in inches."""
+        grid = figure.add_gridspec(len(self.ratios), self.columns, height_ratios=self.ratios)
+        pixels = Pixels(size[0] * dpi, size[1] * max(self.ratios) / sum(self.ratios) * dpi)
+        places = [grid[k % self.down, k // self.down] for k in range(len(self.narrow))]
+        places += [grid[self.down + k, :] for k in range(len(self.wide))]
+        axes = [figure.add_subplot(place) for place in places]
+        for panel, axis in zip([*self.narrow, *self.wide], axes, strict=True):
+            panel.draw(axis, pixels, style)
+        named = {len(axes) - 1, *(k * self.down - 1 for k in (1, 2) if self.down)}
+        for k, axis in enumerate(axes):
+            if k not in named:
+                _inner(axis)
+            if k:
+                axis.sharex(axes[0])
+        for k, row in enumerate(self.rows):
+            row.draw(figure.add_subplot(grid[self.down + len(self.wide) + k, :]), pixels, style)
+
+
+def _inner(axis: Axes) -> None:
+    """Leave the time to the panel below."""
+    axis.tick_params(labelbottom=False)
+    axis.set_xlabel("")
+
+
+def _title(solutions: Sequence[Solution]) -> str:
+    first = solutions[0]
+    if len(solutions) > 1:
+        early = [run for run in solutions if not run.status.complete]
+        ended = f"   {counted(len(early), 'run')} not complete" if early else ""
+        return f"{first.model.statement.name}   {counted(len(solutions), 'run')}{ended}"
+    title = f"{first.model.statement.name}   {first.method}, {counted(first.steps, 'step')}"
+    if first.status.complete:
+        return title
+    what = "not the motion" if first.status is Status.UNRELIABLE else "ended early"
+    return f"{title}   {what}: {first.status.value}"

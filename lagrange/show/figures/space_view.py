@@ -1,0 +1,88 @@
+"""How points of the plane and of space are seen on paper: their projection, and what its directions are called."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from lagrange.trajectory.trajectory import FloatArray
+
+AZIMUTH, ELEVATION = -60.0, 25.0
+"""Degrees from which paths in space are seen."""
+
+_STILL = 1e-9
+"""A direction in which points extend by less than this part of their largest extent is one in which nothing moves."""
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A projection to paper: `matrix` (2, d) takes points (d, K), d = 2 or 3, to what is right and up.
+
+    `labels` are the names of those directions, empty where the view is from a side, and then `depth` (3,) takes points
+    to how near they are, else it is None. `extended` says in which directions of the paper the points extend.
+    """
+
+    matrix: FloatArray
+    labels: tuple[str, str]
+    depth: FloatArray | None = None
+    extended: tuple[bool, bool] = (True, True)
+
+    @property
+    def shape(self) -> str:
+        """The form of a panel: "row" or "column" where all points lie on one line, else "square"."""
+        if self.extended[0] == self.extended[1]:
+            return "square"
+        return "row" if self.extended[0] else "column"
+
+    @property
+    def spatial(self) -> bool:
+        """Whether the view is from a side, with three directions in it."""
+        return self.depth is not None
+
+    def of(self, points: FloatArray) -> FloatArray:
+        """Return points (d, K) on paper, (2, K); points of the plane among those of space have z = 0."""
+        return np.asarray(self.matrix[:, : len(points)] @ points)
+
+    def nearness(self, points: FloatArray) -> FloatArray:
+        """Return how near points (d, K) are, (K,), in their units; 0 in a plane."""
+        return np.zeros(points.shape[1]) if self.depth is None else np.asarray(self.depth[: len(points)] @ points)
+
+
+def view_of(points: Mapping[str, FloatArray]) -> View:
+    """Return how named points, each (2, K) or (3, K) along a run, are seen.
+
+    The plane is seen as it is, and points of space that keep to a plane of two axes are seen at right angles to it.
+    Else the view is from azimuth -60 and elevation 25 degrees, without perspective.
+    """
+    dimension = max(len(point) for point in points.values())
+    full = [np.vstack([point, np.zeros((dimension - len(point), point.shape[1]))]) for point in points.values()]
+    together = np.concatenate(full, axis=1)
+    extents = _extents(together)
+    still = extents <= _STILL * max(float(extents.max()), 1e-300)
+    if dimension == 2 or still.any():
+        kept = np.array([0, 1]) if dimension == 2 else _kept(extents)
+        right, up = (not still[k] for k in kept)
+        return View(np.eye(dimension)[kept], ("xyz"[kept[0]], "xyz"[kept[1]]), None, (bool(right), bool(up)))
+    return from_side(AZIMUTH, ELEVATION)
+
+
+def from_side(azimuth: float, elevation: float) -> View:
+    """Return the view of space from an azimuth and an elevation in degrees, without perspective."""
+    a, e = np.radians((azimuth, elevation))
+    across = (-np.sin(a), np.cos(a), 0.0)
+    up = (-np.sin(e) * np.cos(a), -np.sin(e) * np.sin(a), np.cos(e))
+    towards = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    return View(np.array([across, up]), ("", ""), towards)
+
+
+def _kept(extents: FloatArray) -> FloatArray:
+    """Return the two axes of space along which points extend most, in their order."""
+    return np.sort(np.argsort(-extents, kind="stable")[:2])
+
+
+def _extents(points: FloatArray) -> FloatArray:
+    """Return how far the finite points (d, K) extend along each axis, (d,)."""
+    good = points[:, np.isfinite(points).all(axis=0)]
+    return np.ptp(good, axis=1) if good.shape[1] else np.zeros(len(points))

@@ -1,0 +1,143 @@
+"""Files that are either written whole or not at all."""
+
+from __future__ import annotations
+
+import errno
+import numbers
+import os
+import stat
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import islice
+from pathlib import Path
+from typing import BinaryIO
+
+from lagrange.errors import RunError, StatementError, shown
+from lagrange.show.files.temporary import abandoned, lock, locked, sync_folder, uninterrupted
+
+_FULL = {errno.ENOSPC: "the disk is full", errno.EDQUOT: "the disk quota is used up", errno.EFBIG: "it is too large"}
+
+_ROWS_AT_ONCE = 4096
+
+Writer = Callable[[BinaryIO], object]
+"""What fills a file that was opened for it."""
+
+
+def write_atomically(path: str | os.PathLike[str], write: Writer) -> Path:
+    """Let `write` fill a temporary file in the same folder, sync it and move it to `path`, which is returned.
+
+    Whatever stops it, there is either the whole new file or what was there before. A link is followed; an existing
+    file keeps its permissions. What a killed process left of the same file is removed. Raises StatementError for a
+    path that cannot be written, RunError if the disk is full or fails.
+    """
+    target = real_path(path)
+    try:
+        return _write(target, write)
+    except OSError as error:
+        raise in_words(target, error) from error
+
+
+def write_rows(file: BinaryIO, names: Sequence[str], columns: Sequence[Iterable[object]]) -> None:
+    """Write columns under their names to a file, as CSV. Numbers are written to round-trip."""
+    lines = _lines(names, columns)
+    while block := list(islice(lines, _ROWS_AT_ONCE)):
+        file.write("".join(block).encode())
+
+
+def cell(value: object) -> str:
+    """Return a CSV cell (RFC 4180): a number as its shortest round-trip text, a text so that no spreadsheet runs it.
+
+    A text that starts with ``= + - @`` or a control character gets an apostrophe in front: spreadsheets would take it
+    for a formula.
+    """
+    if isinstance(value, numbers.Integral):
+        return str(int(value))
+    if isinstance(value, numbers.Real):
+        return repr(float(value))
+    text = str(value)
+    if text.lstrip(" ").startswith(("=", "+", "-", "@", "\t", "\r", "\n")):
+        text = "'" + text
+    quoted = not text or any(mark in text for mark in ',"\r\n')
+    return '"' + text.replace('"', '""') + '"' if quoted else text
+
+
+def _lines(names: Sequence[str], columns: Sequence[Iterable[object]]) -> Iterator[str]:
+    yield ",".join(map(cell, names)) + "\n"
+    for row in zip(*columns, strict=True):
+        yield ",".join(map(cell, row)) + "\n"
+
+
+def _write(target: Path, write: Writer) -> Path:
+    mode = old_mode(target)
+    part: Path | None = None
+    try:
+        with locked(target.parent), uninterrupted():
+            part = _free_name(target)
+            file = part.open("xb")
+            lock(file.fileno())
+        with file:
+            fill(file, write)
+            with locked(target.parent), uninterrupted():
+                file.close()
+                if mode is not None:
+                    part.chmod(mode)
+                part.replace(target)
+                part = None
+    except BaseException:
+        if part is not None:
+            with uninterrupted():
+                part.unlink(missing_ok=True)
+        raise
+    sync_folder(target.parent)
+    return target
+
+
+def _free_name(target: Path) -> Path:
+    """Return a name for the temporary file, always the same one unless another process writes this file as well."""
+    part = target.with_name(f".{target.name[:32]}.part")
+    if abandoned(part):
+        part.unlink()
+    return target.with_name(f".{target.name[:32]}.{os.urandom(8).hex()}.part") if os.path.lexists(part) else part
+
+
+def fill(file: BinaryIO, write: Writer) -> None:
+    """Let `write` fill a file, up to the disk."""
+    write(file)
+    file.flush()
+    os.fsync(file.fileno())
+
+
+def real_path(path: str | os.PathLike[str]) -> Path:
+    """Return the path with its links followed. Raises StatementError for what is no path."""
+    if not isinstance(path, (str, os.PathLike)):
+        raise StatementError(f"the path is {shown(path)} ({type(path).__name__}): give the path of a file or folder.")
+    try:
+        return Path(os.path.realpath(path))
+    except ValueError as error:
+        raise StatementError(f"Cannot write {os.fspath(path)!r}: {error}. Name another file.") from None
+
+
+def old_mode(target: Path) -> int | None:
+    """Return the old file's permissions, None if there is none; refuse to replace what is not a file."""
+    if not target.parent.is_dir():
+        raise StatementError(f"Cannot write {target}: there is no folder {target.parent}. Make it or name another.")
+    if not target.exists():
+        return None
+    found = target.stat().st_mode
+    if stat.S_ISDIR(found):
+        raise StatementError(f"Cannot write {target}: it is a folder. Name a file in it.")
+    if not stat.S_ISREG(found):
+        raise StatementError(f"Cannot write {target}: it is a device or a pipe, not a file. Name a file.")
+    return stat.S_IMODE(found)
+
+
+def in_words(target: Path, error: OSError) -> StatementError | RunError:
+    """Return the system's refusal to write a file as an error that says what to do."""
+    reason = _FULL.get(error.errno or 0)
+    if reason:
+        return RunError(f"Cannot write {target}: {reason}. Nothing was written; free some space or write elsewhere.")
+    if isinstance(error, PermissionError) or error.errno == errno.EROFS:
+        return StatementError(
+            f"Cannot write {target}: the folder {target.parent} may not be written to. Name another folder."
+        )
+    reason = error.strerror or str(error)
+    return RunError(f"Cannot write {target}: {reason}. Nothing was written; name another file or folder.")

@@ -1,0 +1,52 @@
+"""A figure as a picture file, and as bytes of a bounded number."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from typing import TYPE_CHECKING
+
+from lagrange.show.files.atomic_file import Writer
+from lagrange.show.files.resolution import FILE_DPI
+from lagrange.statement.number import whole_number
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+LEAST_DPI, MOST_DPI = 10, 1200
+"""Dots per inch of a picture: no letter can be drawn with fewer; drawing with more takes over a gigabyte of memory."""
+
+MOST_BYTES = 300_000
+"""Bytes of a picture in a notebook. That of a double pendulum takes 90,000; thirty of them still make a notebook that
+can be mailed."""
+
+
+def picture(figure: Figure, dpi: int = FILE_DPI) -> Writer:
+    """Return what writes a figure as PNG."""
+    dpi = whole_number(dpi, "dpi", LEAST_DPI, MOST_DPI)
+    return lambda file: figure.savefig(file, format="png", dpi=dpi)
+
+
+def bounded_png(figure: Figure, dpi: int) -> bytes:
+    """Return a figure as PNG of at most `MOST_BYTES`: in 256 colours, then with fewer dots, where it takes more."""
+    drawn = _drawn(figure, dpi)
+    if len(drawn) <= MOST_BYTES:
+        return drawn
+    few = _in_few_colours(drawn)
+    if len(few) <= MOST_BYTES or dpi <= LEAST_DPI:
+        return few
+    return bounded_png(figure, max(LEAST_DPI, dpi * 3 // 4))
+
+
+def _drawn(figure: Figure, dpi: int) -> bytes:
+    file = BytesIO()
+    figure.savefig(file, format="png", dpi=dpi)
+    return file.getvalue()
+
+
+def _in_few_colours(png: bytes) -> bytes:
+    from PIL import Image  # comes with Matplotlib
+
+    file = BytesIO()
+    with Image.open(BytesIO(png)) as image:
+        image.quantize(256).save(file, format="png", optimize=True)
+    return file.getvalue()

@@ -1,0 +1,1 @@
+"""What is measured along a run: drifts, invariants, constraint violations and constraint forces."""

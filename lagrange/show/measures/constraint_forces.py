@@ -1,0 +1,165 @@
+"""Multipliers and constraint forces along a run: by name, as generalized forces, and as vectors on stated points."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+from typing import Any, NoReturn
+
+import numpy as np
+
+from lagrange.errors import RunError, StatementError, listing
+from lagrange.graph.differentiate import tangents
+from lagrange.machine.model import Model
+from lagrange.statement.choice import one_of
+from lagrange.trajectory.trajectory import FloatArray
+
+MOST_POINTS = 3
+"""So many points at a time are tried; distances relate two, angles three."""
+
+SAMPLES = 9
+"""States of a run, equally spaced, at which it is decided on what points a constraint acts."""
+
+ROUND_OFF = 1e-9
+"""Part of a row of G that may be left, and singular value relative to the largest that counts as zero: far above the
+rounding of doubles, far below what a part of G makes that is of another direction."""
+
+
+class MultipliersByName(dict[str, FloatArray]):
+    """The multipliers of constraints, (N,) each; a name that is none raises StatementError."""
+
+    def __missing__(self, name: Any) -> NoReturn:
+        one_of(name, self, "{given} is no constraint of this system; they are {known}.")
+        raise KeyError(name)
+
+
+@dataclass(frozen=True, eq=False)
+class ConstraintForces:
+    """What constraints exert at the states y (2n, N) at times t (N,)."""
+
+    model: Model
+    t: FloatArray
+    y: FloatArray
+    parameters: Mapping[Any, float]
+
+    @property
+    def names(self) -> list[str]:
+        """The names of the constraints."""
+        return [one.name for one in self.model.statement.constraints]
+
+    @cached_property
+    def multipliers(self) -> MultipliersByName:
+        """The multipliers by name, empty without constraints; NaN at a state at which they are not determined."""
+        if not self.names:
+            return MultipliersByName()
+        found = self._from(0, len(self.t))
+        return MultipliersByName(zip(self.names, found, strict=True))
+
+    def _at_states(self, which: slice) -> FloatArray:
+        """Return the multipliers at some of the states, (m, k)."""
+        q, v = self.model.layout.split(self.y[:, which])
+        return self.model.multipliers(q, v, self.t[which], self.parameters)
+
+    def _from(self, begin: int, end: int) -> FloatArray:
+        """Return the multipliers at the states from one to before another, (m, k), NaN where they are not determined.
+
+        Such a state is looked for by halving: mostly it is the last one, at which a run ended.
+        """
+        try:
+            return self._at_states(slice(begin, end))
+        except RunError:
+            middle = (begin + end) // 2
+            if end - begin == 1:
+                return np.full((len(self.names), 1), np.nan)
+            return np.concatenate([self._from(begin, middle), self._from(middle, end)], axis=1)
+
+    def generalized(self, name: str) -> FloatArray:
+        """Return G^T lambda of one constraint, (n, N)."""
+        return self._gradient(name) * self.multipliers[name]
+
+    def on_point(self, name: str, point: str) -> FloatArray:
+        """Return the force of one constraint on a stated point, a vector (2, N) or (3, N); see `Solution`."""
+        rows = self._gradient(name)
+        points = self.model.statement.positions
+        if not points:
+            raise StatementError(
+                f"{self.model.statement.name} has no named points: state positions={{'bob': (x, y)}}, or take the "
+                "generalized forces, constraint_force(name)."
+            )
+        one_of(point, points, "{given} is no named point of this system; they are {known}.")
+        chosen = self._acted_on(name, rows)
+        if point not in chosen:
+            return np.zeros((len(points[point]), len(self.t)))
+        slopes = np.concatenate([self._slopes[label] for label in chosen])
+        begin = sum(len(points[label]) for label in chosen[: chosen.index(point)])
+        forces = np.empty((len(slopes), len(self.t)))
+        for k in range(len(self.t)):
+            forces[:, k] = np.linalg.lstsq(slopes[:, :, k].T, rows[:, k], rcond=None)[0]
+        return forces[begin : begin + len(points[point])] * self.multipliers[name]
+
+    def _gradient(self, name: str) -> FloatArray:
+        """Return the row of G of a constraint, (n, N)."""
+        if not self.names:
+            raise StatementError(f"{self.model.statement.name} has no constraints, and so no constraint forces.")
+        one_of(name, self.names, "{given} is no constraint of this system; they are {known}.")
+        q, v = self.model.layout.split(self.y)
+        rows = np.asarray(self.model.evaluate("constraint_gradient", q, v, self.t, self.parameters))
+        found: FloatArray = rows[self.names.index(name)]
+        return found
+
+    @cached_property
+    def _slopes(self) -> dict[str, FloatArray]:
+        """The derivatives dr/dq of each named point, (2 or 3, n, N)."""
+        equations = self.model.equations
+        found: dict[str, FloatArray] = {}
+        for label, point in self.model.statement.positions.items():
+            nodes = [equations.translate(entry) for entry in point]
+            columns = [tangents(nodes, {symbol: equations.graph.one}) for symbol in equations.q]
+            kernel = self.model.function("slopes", tuple(column(node) for node in nodes for column in columns))
+            state = self.model.layout.split(self.y)
+            values = kernel.columns(self.t, state, self.model.parameter_array(self.parameters))
+            found[label] = values.reshape(len(nodes), len(columns), len(self.t))
+        return found
+
+    def _acted_on(self, name: str, rows: FloatArray) -> tuple[str, ...]:
+        """Return the points whose motion alone the constraint relates, the fewest.
+
+        Then phi is a function of their positions r, and the force on each is lambda dphi/dr. Raises StatementError
+        where there are no such points, or several sets of them.
+        """
+        places = np.unique(np.linspace(0, len(self.t) - 1, SAMPLES).astype(int)) if len(self.t) else np.arange(0)
+        moving = [label for label, slopes in self._slopes.items() if np.abs(slopes[:, :, places]).max(initial=0.0) > 0]
+        for count in range(1, MOST_POINTS + 1):
+            found = [chosen for chosen in combinations(moving, count) if self._relates(chosen, rows, places)]
+            if len(found) == 1:
+                return found[0]
+            if found:
+                sets = [" with ".join(chosen) for chosen in found]
+                raise StatementError(
+                    f"the force of {name} on points is not determined: {listing(sets)} can each carry it. Name fewer "
+                    "points, or take the generalized forces, constraint_force(name)."
+                )
+        raise StatementError(
+            f"the force of {name} on points is not determined: it is no constraint on the motion of named points alone "
+            f"({listing(self._slopes)}). Name the points that it acts on, each free to move in every direction where "
+            "there is no constraint, or take the generalized forces, constraint_force(name)."
+        )
+
+    def _relates(self, chosen: Sequence[str], rows: FloatArray, places: Any) -> bool:
+        """Return whether a row of G is a combination of the derivatives of some points, and of one only."""
+        return all(_unique(slopes, rows[:, k]) for k, slopes in self._at(chosen, places))
+
+    def _at(self, chosen: Sequence[str], places: Any) -> Iterator[tuple[int, FloatArray]]:
+        for k in places.tolist():
+            yield k, np.concatenate([self._slopes[label][:, :, k] for label in chosen])
+
+
+def _unique(slopes: FloatArray, row: FloatArray) -> bool:
+    """Return whether row = slopes^T F has a solution F, and one only."""
+    if len(slopes) > slopes.shape[1] or not (np.isfinite(slopes).all() and np.isfinite(row).all()):
+        return False
+    force, _, rank, _ = np.linalg.lstsq(slopes.T, row, rcond=ROUND_OFF)
+    left = np.abs(slopes.T @ force - row).max()
+    return int(rank) == len(slopes) and bool(left <= ROUND_OFF * np.abs(row).max())

@@ -1,0 +1,98 @@
+"""How much a quantity that should stay constant moved, against an honest scale."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lagrange.errors import RunError
+from lagrange.machine.model import Model
+from lagrange.trajectory.trajectory import FloatArray, Trajectory
+
+_NEAR_ZERO = 1e-3
+"""An initial energy below this part of the energies that are exchanged is no scale: it is what two of them leave."""
+
+
+@dataclass(frozen=True, repr=False)
+class EnergyDrift:
+    """The energy along a run: where it started, or was at the first output if no start is known, and max |E - E0|.
+
+    `relative` is that over `scale`: |E0|, or, where E0 is close to zero, the largest |v.p| / 2, which for
+    most systems is the largest kinetic energy. It is a statement about accuracy only if `conserved`, which says
+    whether the equations keep the energy; it is None where that was not found.
+    """
+
+    conserved: bool | None
+    first: float
+    last: float
+    absolute: float
+    scale: float
+    against: str
+
+    def __repr__(self) -> str:
+        return f"<EnergyDrift: {self.sentence()}>"
+
+    @property
+    def relative(self) -> float:
+        """The drift over its scale, or the drift itself if nothing moves."""
+        return self.absolute / self.scale if self.scale > 0 else self.absolute
+
+    @property
+    def unkept(self) -> str:
+        """What is said of an energy that is not known to be conserved."""
+        return "the system does not conserve it" if self.conserved is False else "not found to be conserved"
+
+    def sentence(self) -> str:
+        """Return the drift in words, or what the energy does where nothing keeps it."""
+        if not self.conserved:
+            return f"from {self.first:.6g} to {self.last:.6g} ({self.unkept})"
+        return f"{self.relative:.1e} of {self.against}"
+
+
+def since_start(run: Trajectory) -> tuple[FloatArray, FloatArray, bool]:
+    """Return times and states of the outputs, behind those of the start, and whether the start is known."""
+    first, t, y = run.span[0], run.t, run.y
+    if not len(t) or t[0] == first:
+        return t, y, True
+    try:
+        start = run.dense(np.array([first]))
+    except RunError:
+        return t, y, False
+    return np.append(first, t), np.column_stack([start, y]), True
+
+
+def energy_drift(
+    model: Model, t: FloatArray, y: FloatArray, from_start: bool, parameters: Mapping[Any, float]
+) -> EnergyDrift:
+    """Return the drift of the energy of states y (2n, N) at times t (N,); `from_start` says whether the first is it."""
+    with np.errstate(all="ignore"):  # a run that left the finite numbers says so itself
+        energy = np.asarray(model.energy(*model.layout.split(y), t, parameters))
+        return _drift(model, energy, t, y, parameters, from_start=from_start)
+
+
+def _drift(
+    model: Model,
+    energy: FloatArray,
+    t: FloatArray,
+    y: FloatArray,
+    parameters: Mapping[Any, float],
+    *,
+    from_start: bool,
+) -> EnergyDrift:
+    q, v = model.layout.split(y)
+    momenta = np.asarray(model.momenta(q, v, t, parameters))
+    exchanged = 0.5 * float(np.max(np.abs(np.sum(v * momenta, axis=0))))
+    first, absolute = float(energy[0]), float(np.max(np.abs(energy - energy[0])))
+    small = abs(first) < _NEAR_ZERO * exchanged
+    scale, against = (
+        (exchanged, "the largest |v.p|/2")
+        if small
+        else (
+            abs(first),
+            "the initial energy" if from_start else "the energy at the first output",
+        )
+    )
+    return EnergyDrift(model.equations.structure.energy_kept, first, float(energy[-1]), absolute, scale, against)

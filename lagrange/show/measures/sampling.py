@@ -1,0 +1,59 @@
+"""Times at which a run is looked at, and its states there."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lagrange.errors import StatementError, shown
+from lagrange.statement.number import real_array, real_number
+from lagrange.trajectory.trajectory import FloatArray, Trajectory
+
+_CLIPPED = 1e-12
+"""Times beyond an end by less than this part of the span are that end, written with other round-off."""
+
+MOST_LINES = 10_000_000
+"""Times at a stated rate: a file with so many lines has some gigabytes."""
+
+
+def states_at(run: Trajectory, t: ArrayLike, width: int) -> FloatArray:
+    """Return the states of a run at one time, (2n,), or at K times in any order, (2n, K); `width` is 2n.
+
+    Raises StatementError for a time that the run did not reach: nothing is extrapolated.
+    """
+    times = real_array(t, "t", width=width)
+    if times.ndim > 1 or not np.isfinite(times).all():
+        raise StatementError(f"{shown(t)} is not a time: give a finite number or a list of them.")
+    low, high = sorted(run.span)
+    slack = _CLIPPED * (high - low)
+    if times.size and not (low - slack <= times.min() and times.max() <= high + slack):
+        outside = float(times.min() if times.min() < low - slack else times.max())
+        raise StatementError(f"t = {outside:.6g} is outside the run, which went from {low:.6g} to {high:.6g}.")
+    with np.errstate(all="ignore"):
+        states = run.dense(np.clip(np.atleast_1d(times).astype(float), low, high))
+    return states if times.ndim else states[:, 0]
+
+
+def times_at(run: Trajectory, rate: Any) -> FloatArray:
+    """Return times from the first output on, `rate` to a unit of time, up to the last output.
+
+    Raises StatementError for a rate that is not positive or gives too many times.
+    """
+    rate = real_number(rate, "rate")
+    if rate <= 0:
+        raise StatementError(f"rate = {rate:g}: give a positive number of lines to a unit of time, such as 100.")
+    if not len(run.t):
+        return run.t
+    first, last = float(run.t[0]), float(run.t[-1])
+    steps = abs(last - first) * rate
+    if steps > MOST_LINES:
+        raise StatementError(
+            f"rate = {rate:g} gives {steps:.3g} lines from t = {first:g} to {last:g}: give one that makes at most "
+            f"{MOST_LINES:.0e}."
+        )
+    forward = 1.0 if last >= first else -1.0
+    times: FloatArray = first + forward * np.arange(math.floor(steps * (1 + _CLIPPED)) + 1) / rate
+    return np.clip(times, min(first, last), max(first, last))

@@ -1,0 +1,1 @@
+"""Formulas on paper: order, signs, fractions and roots, in text, Unicode, LaTeX and MathML."""

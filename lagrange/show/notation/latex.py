@@ -1,0 +1,131 @@
+"""Formulas in LaTeX, with the packages of the AMS alone."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from lagrange.show.notation.names import letter_of, upright
+from lagrange.show.notation.pieces import ATOM, CIRCULAR, POWER, Notation, Piece
+
+COMMANDS = CIRCULAR - frozenset(("sech", "csch"))
+"""Functions that LaTeX has a command for, beside ln, min and max."""
+RELATIONS = {"<=": r"\le", ">=": r"\ge", "!=": r"\ne"}
+
+
+class LatexNotation(Notation):
+    """LaTeX, in math mode."""
+
+    opening, closing = r"\bigl(", r"\bigr)"
+
+    def letter(self, name: str, dots: int = 0, indices: Sequence[str] = ()) -> str:
+        r"""Return \ddot\theta_1, or p_\theta."""
+        letter = letter_of(name, literal=name in self.literal)
+        parts = [part for part in (letter.index, " ".join(map(self.letter, indices))) if part]
+        head = f"\\{'d' * dots}ot{_argument(letter.head, alone=False)}" if dots else letter.head
+        return head + (f"_{_argument(', '.join(parts))}" if parts else "")
+
+    def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
+        r"""Return \mathcal{L}, or an upright word."""
+        spelled = f"\\mathcal{{{letter}}}" if letter.isupper() else upright(word)
+        return spelled + (f"_{_argument(' '.join(map(self.letter, indices)))}" if indices else "")
+
+    def number(self, digits: str, exponent: int | None = None) -> Piece:
+        r"""Return 6.674 \cdot 10^{-11}."""
+        if exponent is None:
+            return Piece(digits, simple=True)
+        return Piece(f"{digits} \\cdot 10^{{{exponent}}}", POWER)
+
+    def constant(self, name: str) -> str:
+        r"""Return \pi, e or \infty."""
+        return {"pi": r"\pi", "infinity": r"\infty"}.get(name, name)
+
+    def brackets(self, inside: str) -> str:
+        r"""Return (inside), in parentheses that grow about a fraction: \left(inside\right)."""
+        return f"\\left({inside}\\right)" if "\\frac" in inside or "\\begin" in inside else f"({inside})"
+
+    def joined(self, texts: Sequence[str]) -> str:
+        """Return factors with a space between them."""
+        return " ".join(texts)
+
+    def fraction(self, above: Piece, below: Piece) -> Piece:
+        r"""Return \frac{above}{below}."""
+        return Piece(f"\\frac{{{above.text}}}{{{below.text}}}", POWER)
+
+    def raised(self, base: str, exponent: str) -> Piece:
+        """Return base^{exponent}; a letter with a dot and an index keeps both."""
+        return Piece(f"{base}^{_argument(exponent)}", POWER)
+
+    def root(self, inside: Piece) -> Piece:
+        r"""Return \sqrt{inside}."""
+        return Piece(f"\\sqrt{{{inside.text}}}")
+
+    def function(self, name: str, arguments: Sequence[Piece], exponent: str = "") -> Piece:
+        r"""Return \sin^{2} \theta, \cos\left(a - b\right), \left|x\right|, or e^{-t}."""
+        inside = ", ".join(argument.text for argument in arguments)
+        if name == "abs":
+            return self.power_of(f"\\left|{inside}\\right|", exponent)
+        if name == "exp":
+            return self.raised(f"\\exp{self.brackets(inside)}", exponent) if exponent else self.raised("e", inside)
+        if name in CIRCULAR and len(arguments) == 1:
+            head = (f"\\{name}" if name in COMMANDS else upright(name)) + (
+                f"^{_argument(exponent)}" if exponent else ""
+            )
+            closed = head + self.brackets(inside)
+            if arguments[0].simple:
+                return Piece(f"{head} {inside}", closed=closed, call=True)
+            return Piece(closed, call=True)
+        shown = {"log": r"\ln", "min": r"\min", "max": r"\max"}.get(name) or self.letter(name)
+        return self.power_of(shown + self.brackets(inside), exponent)
+
+    def power_of(self, value: str, exponent: str) -> Piece:
+        """Return a function's value, to a power if there is one."""
+        return self.raised(value, exponent) if exponent else Piece(value)
+
+    def cases(self, rows: Sequence[tuple[str, str]]) -> Piece:
+        """Return an environment of cases."""
+        lines = [f"{value} & {condition or chr(92) + 'text{otherwise}'}" for value, condition in rows]
+        return Piece("\\begin{cases} " + " \\\\ ".join(lines) + " \\end{cases}", ATOM)
+
+    def comparison(self, left: str, relation: str, right: str) -> str:
+        r"""Return left \le right."""
+        return f"{left} {RELATIONS.get(relation, relation)} {right}"
+
+    def text(self, words: str) -> str:
+        """Return words in a formula."""
+        return f"\\text{{{words}}}"
+
+    def in_line(self, above: str, below: str) -> str:
+        """Return above/below."""
+        return f"{above}/{below}"
+
+    def matrix(self, rows: Sequence[Sequence[str]]) -> str:
+        """Return a matrix in parentheses."""
+        return "\\begin{pmatrix} " + " \\\\ ".join(" & ".join(row) for row in rows) + " \\end{pmatrix}"
+
+    def transposed(self, matrix: str) -> str:
+        """Return G^T."""
+        return f"{matrix}^T"
+
+    def vector(self, entries: Sequence[str]) -> str:
+        """Return (a, b)."""
+        return self.brackets(", ".join(entries))
+
+    def partial(self, above: str, below: str) -> str:
+        r"""Return \frac{\partial L}{\partial \dot{\theta}}."""
+        return f"\\frac{{\\partial {above}}}{{\\partial {below}}}"
+
+    def rate(self, inside: str) -> str:
+        r"""Return \frac{d}{dt} \frac{\partial L}{\partial \dot{\theta}}."""
+        return f"\\frac{{d}}{{dt}} {inside}"
+
+    def signs(self, terms: Sequence[tuple[bool, str]], *, leading: bool = True) -> str:
+        """Return a + b - c."""
+        (negative, first), *rest = terms
+        start = ("-" if negative else "") if leading else ("{} - " if negative else "{} + ")
+        return start + first + "".join(f" {'-' if sign else '+'} {term}" for sign, term in rest)
+
+
+def _argument(text: str, *, alone: bool = True) -> str:
+    """Return what a command takes: a command needs no braces, nor does a letter that does not stand behind one."""
+    return text if (alone and len(text) == 1) or re.fullmatch(r"\\[A-Za-z]+", text) else f"{{{text}}}"

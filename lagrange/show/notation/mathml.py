@@ -1,0 +1,168 @@
+"""Formulas in MathML, which browsers set without help from elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+from lagrange.show.notation.names import UNICODE_GREEK, index_parts, latin
+from lagrange.show.notation.pieces import ATOM, CIRCULAR, POWER, SUM, Notation, Piece
+
+DOTS = ("", "\N{DOT ABOVE}", "\N{DIAERESIS}")
+RELATIONS = {"<=": "≤", ">=": "≥", "!=": "≠"}
+APPLY = "<mo>\N{FUNCTION APPLICATION}</mo>"
+SPACE = '<mspace width="0.17em"/>'
+"""The thin space that books set around the name of a function; browsers set none by themselves."""
+TALL = ("<mfrac", "<mtable", "<msqrt")
+"""What is higher than a line."""
+CALLS = tuple(f"<mrow>{power}<mi>{name}</mi>" for name in sorted(CIRCULAR) for power in ("", "<msup>"))
+"""How the value of a function with a name begins."""
+
+
+def row(*parts: str) -> str:
+    """Return parts beside one another, as one."""
+    return f"<mrow>{''.join(parts)}</mrow>"
+
+
+def operator(sign: str) -> str:
+    """Return a sign."""
+    return f"<mo>{escape(sign)}</mo>"
+
+
+class MathmlNotation(Notation):
+    """MathML; every text is one element, or several of a sum."""
+
+    def letter(self, name: str, dots: int = 0, indices: Sequence[str] = ()) -> str:
+        """Return a letter with its dots above and its indices below."""
+        head, parts = index_parts(name) if name not in self.literal else (latin(name), [])
+        spelled = f"<mi>{escape(head if name in self.literal else UNICODE_GREEK.get(head, head))}</mi>"
+        if dots:
+            spelled = f'<mover accent="true">{spelled}<mo>{DOTS[dots]}</mo></mover>'
+        own = [f"<{_kind(part)}>{escape(UNICODE_GREEK.get(part, part))}</{_kind(part)}>" for part in parts]
+        return self.below(spelled, [*own, *map(self.letter, indices)])
+
+    def below(self, head: str, parts: Sequence[str]) -> str:
+        """Return a letter with its indices."""
+        return f"<msub>{head}{parts[0] if len(parts) == 1 else row(*parts)}</msub>" if parts else head
+
+    def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
+        """Return a calligraphic capital, or the word."""
+        shown = chr(0x1D49C + ord(letter) - ord("A")) if letter in "DQTV" else {"L": "ℒ", "E": "ℰ"}.get(letter, word)
+        return self.below(f"<mi>{shown}</mi>", list(map(self.letter, indices)))
+
+    def number(self, digits: str, exponent: int | None = None) -> Piece:
+        """Return 6.674·10⁻¹¹."""
+        if exponent is None:
+            return Piece(f"<mn>{digits}</mn>", simple=True)
+        power = f"<msup><mn>10</mn><mn>{exponent}</mn></msup>"
+        return Piece(row(f"<mn>{digits}</mn>", operator("·"), power), POWER)
+
+    def constant(self, name: str) -> str:
+        """Return π, e or ∞."""
+        return f"<mi>{({'pi': 'π', 'infinity': '∞'}).get(name, name)}</mi>"
+
+    def brackets(self, inside: str) -> str:
+        """Return (inside); brackets about a line do not stretch, for browsers set those that do with wide gaps."""
+        if any(tall in inside for tall in TALL):
+            return row(operator("("), inside, operator(")"))
+        return row('<mo stretchy="false">(</mo>', inside, '<mo stretchy="false">)</mo>')
+
+    def joined(self, texts: Sequence[str]) -> str:
+        """Return factors side by side."""
+        return row(*(SPACE + text if k and text.startswith(CALLS) else text for k, text in enumerate(texts)))
+
+    def fraction(self, above: Piece, below: Piece) -> Piece:
+        """Return above over below."""
+        return Piece(f"<mfrac>{_one(above)}{_one(below)}</mfrac>", POWER)
+
+    def raised(self, base: str, exponent: str) -> Piece:
+        """Return a power; an exponent that is a number or a sign is one here too."""
+        shown = f"<mn>{exponent}</mn>" if exponent.lstrip("-").isdigit() else row(exponent)
+        return Piece(f"<msup>{base}{shown}</msup>", POWER)
+
+    def root(self, inside: Piece) -> Piece:
+        """Return the square root."""
+        return Piece(f"<msqrt>{inside.text}</msqrt>")
+
+    def function(self, name: str, arguments: Sequence[Piece], exponent: str = "") -> Piece:
+        """Return a function's value."""
+        inside = operator(",").join(argument.text for argument in arguments)
+        if name == "abs":
+            return self.power_of(row(operator("|"), inside, operator("|")), exponent)
+        if name == "exp":
+            shown = row("<mi>exp</mi>", self.brackets(inside))
+            return self.raised(shown, exponent) if exponent else self.raised("<mi>e</mi>", inside)
+        if name in CIRCULAR and len(arguments) == 1:
+            head = f"<mi>{name}</mi>" if not exponent else f"<msup><mi>{name}</mi><mn>{exponent}</mn></msup>"
+            closed = row(head, APPLY, self.brackets(inside))
+            if arguments[0].simple:
+                return Piece(row(head, APPLY, SPACE, inside), closed=closed, call=True)
+            return Piece(closed, call=True)
+        shown = f"<mi>{({'log': 'ln'}).get(name, name)}</mi>"
+        return self.power_of(row(shown, APPLY, self.brackets(inside)), exponent)
+
+    def power_of(self, value: str, exponent: str) -> Piece:
+        """Return a function's value, to a power if there is one."""
+        return self.raised(value, exponent) if exponent else Piece(value)
+
+    def cases(self, rows: Sequence[tuple[str, str]]) -> Piece:
+        """Return a table behind a brace."""
+        lines = [
+            f"<mtr><mtd>{row(value)}</mtd><mtd>{row(condition or '<mtext>otherwise</mtext>')}</mtd></mtr>"
+            for value, condition in rows
+        ]
+        return Piece(row(operator("{"), f"<mtable>{''.join(lines)}</mtable>"), ATOM)
+
+    def comparison(self, left: str, relation: str, right: str) -> str:
+        """Return left ≤ right."""
+        return left + operator(RELATIONS.get(relation, relation)) + right
+
+    def text(self, words: str) -> str:
+        """Return words in a formula."""
+        return f"<mtext>{words}</mtext>"
+
+    def in_line(self, above: str, below: str) -> str:
+        """Return above/below."""
+        return row(above, operator("/"), below)
+
+    def matrix(self, rows: Sequence[Sequence[str]]) -> str:
+        """Return a table in parentheses."""
+        lines = ("".join(f"<mtd>{row(entry)}</mtd>" for entry in line) for line in rows)
+        return self.brackets("<mtable>" + "".join(f"<mtr>{line}</mtr>" for line in lines) + "</mtable>")
+
+    def transposed(self, matrix: str) -> str:
+        """Return G with a T above."""
+        return f"<msup>{matrix}<mi>T</mi></msup>"
+
+    def vector(self, entries: Sequence[str]) -> str:
+        """Return (a, b)."""
+        return self.brackets(operator(",").join(entries))
+
+    def equal(self, sides: Sequence[str]) -> str:
+        """Return sides with signs of equality between them."""
+        return operator("=").join(sides)
+
+    def partial(self, above: str, below: str) -> str:
+        """Return the partial derivative as a fraction."""
+        return f"<mfrac>{row('<mo>∂</mo>', above)}{row('<mo>∂</mo>', below)}</mfrac>"
+
+    def rate(self, inside: str) -> str:
+        """Return d/dt of a partial derivative."""
+        return f"<mfrac><mi>d</mi>{row('<mi>d</mi>', '<mi>t</mi>')}</mfrac>" + inside
+
+    opening, closing = operator("("), operator(")")
+
+    def signs(self, terms: Sequence[tuple[bool, str]], *, leading: bool = True) -> str:
+        """Return a + b - c."""
+        (negative, first), *rest = terms
+        start = operator("\N{MINUS SIGN}") if negative else "" if leading else operator("+")
+        return start + first + "".join(operator("\N{MINUS SIGN}" if sign else "+") + term for sign, term in rest)
+
+
+def _one(piece: Piece) -> str:
+    """Return a piece as one element."""
+    return row(piece.text) if piece.level == SUM else piece.text
+
+
+def _kind(part: str) -> str:
+    return "mn" if part.isdigit() else "mi"

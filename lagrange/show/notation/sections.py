@@ -1,0 +1,287 @@
+"""The sections of a derivation, as in a textbook: what was stated, L, each coordinate, equations, solution."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from lagrange.errors import StatementError
+
+if TYPE_CHECKING:
+    from lagrange.equations.derivation import Derivation
+    from lagrange.statement.statement import Statement
+
+# SymPy is imported where it is needed: the command line reads its options before it knows what it is asked for.
+
+READABLE = 150
+"""Operations in one solved acceleration above which a page has a sentence instead; the double pendulum's take 60.
+
+150 operations fill five lines. `accelerations()` has all of them.
+"""
+LARGEST_MATRIX = 6
+"""Rows of a matrix that a page shows."""
+WIDEST_MATRIX = 50
+"""Operations in one row of a matrix, each column as wide as its longest entry; they fill a line."""
+
+
+@dataclass(frozen=True)
+class ShownQuantity:
+    """A letter such as T or phi, with coordinates, a constraint or a point for its indices."""
+
+    letter: str
+    indices: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Square:
+    """The square of a quantity."""
+
+    quantity: ShownQuantity
+
+
+@dataclass(frozen=True)
+class Partial:
+    """The derivative of a quantity by a coordinate or a velocity."""
+
+    quantity: ShownQuantity
+    by: Any
+
+
+@dataclass(frozen=True)
+class Rate:
+    """d/dt of a partial derivative."""
+
+    inside: Partial
+
+
+@dataclass(frozen=True)
+class Product:
+    """Factors beside one another: expressions and quantities."""
+
+    factors: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class Transpose:
+    """The transpose of a matrix."""
+
+    quantity: ShownQuantity
+
+
+@dataclass(frozen=True)
+class Sum:
+    """Terms, each with whether it is subtracted."""
+
+    terms: tuple[tuple[bool, Any], ...]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Expressions in rows: a matrix, or, as one row, a vector."""
+
+    rows: tuple[tuple[Any, ...], ...]
+    vector: bool = False
+
+
+@dataclass(frozen=True)
+class Formula:
+    """Sides that are equal: SymPy expressions, or any of the classes above."""
+
+    sides: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading, with the symbol that it is about if there is one, and what stands below: formulas and sentences."""
+
+    heading: str
+    rows: tuple[Formula | str, ...]
+    symbol: Any = None
+
+
+LAGRANGIAN = ShownQuantity("L")
+
+
+def sections(derivation: Derivation) -> Iterator[Section]:
+    """Yield the sections; a part that is too large to be written out is replaced by the sentence that says so."""
+    statement = derivation.statement
+    yield Section("Stated", tuple(_stated(statement)))
+    parts: list[tuple[str, Any, Callable[[], Iterator[Formula | str]]]] = [
+        ("Positions and velocities", None, lambda: _points(derivation)),
+        ("Lagrangian", None, lambda: _lagrangian(derivation)),
+    ]
+    for place, q in enumerate(statement.coordinates):
+        parts.append(("Coordinate", q, partial(_coordinate, derivation, place)))
+    parts += [
+        ("Equations of motion", None, lambda: _equations(derivation)),
+        ("Matrix form", None, lambda: _matrices(derivation)),
+        (
+            "Accelerations and multipliers" if statement.constraints else "Accelerations",
+            None,
+            lambda: _accelerations(derivation),
+        ),
+        ("Energy", None, lambda: iter([Formula((ShownQuantity("E"), derivation.energy))])),
+    ]
+    for heading, symbol, part in parts:
+        rows: tuple[Formula | str, ...]
+        try:
+            rows = tuple(part())
+        except StatementError as refusal:
+            rows = (f"Not written out: {refusal}",)
+        if rows:
+            yield Section(heading, rows, symbol)
+
+
+def constraint_quantity(one: Any) -> ShownQuantity:
+    """Return phi of a constraint on coordinates, psi of one on velocities, with its name."""
+    return ShownQuantity("phi" if one.holonomic else "psi", (one.name,))
+
+
+def _stated(statement: Statement) -> Iterator[Formula | str]:
+    if statement.about:
+        yield statement.about
+    if statement.source:
+        yield f"Source: {statement.source}"
+    if statement.lagrangian_alone:
+        yield Formula((LAGRANGIAN, statement.lagrangian))
+    else:
+        yield Formula((ShownQuantity("T"), statement.kinetic))
+        yield Formula((ShownQuantity("V"), statement.potential))
+    for name, force in zip(statement.names, statement.forces, strict=True):
+        if force != 0:
+            yield Formula((ShownQuantity("Q", (name,)), force))
+    if statement.dissipation != 0:
+        yield Formula((ShownQuantity("D"), statement.dissipation))
+    for known in statement.known_motions:
+        yield known if isinstance(known, str) else Formula(known)
+    for one in statement.constraints:
+        yield Formula((constraint_quantity(one), one.expression))
+
+
+def _points(derivation: Derivation) -> Iterator[Formula | str]:
+    from sympy import Rational
+
+    for point in derivation.points:
+        yield Formula((ShownQuantity("r", (point.name,)), Grid((point.position,), vector=True)))
+        yield Formula((ShownQuantity("v", (point.name,)), Grid((point.velocity,), vector=True)))
+        squared = Square(ShownQuantity("v", (point.name,)))
+        half = Product((Rational(1, 2), point.mass, squared))
+        yield Formula((squared, point.squared_speed))
+        yield Formula((ShownQuantity("T", (point.name,)), half))
+
+
+def _lagrangian(derivation: Derivation) -> Iterator[Formula | str]:
+    statement = derivation.statement
+    if statement.lagrangian_alone:
+        yield Formula((LAGRANGIAN, derivation.lagrangian))
+        return
+    for letter, stated, merged in (
+        ("T", statement.kinetic, derivation.kinetic),
+        ("V", statement.potential, derivation.potential),
+    ):
+        if stated != merged:
+            yield Formula((ShownQuantity(letter), merged))
+    difference = Sum(((False, ShownQuantity("T")), (True, ShownQuantity("V"))))
+    yield Formula((LAGRANGIAN, difference, derivation.lagrangian))
+
+
+def _coordinate(derivation: Derivation, place: int) -> Iterator[Formula | str]:
+    """Yield the parts of one Euler-Lagrange equation, and the equation with their names."""
+    statement = derivation.statement
+    q, name = statement.coordinates[place], statement.names[place]
+    velocity, force = statement.velocities[place], statement.forces[place]
+    slope = Partial(LAGRANGIAN, velocity)
+    yield Formula((ShownQuantity("p", (name,)), slope, derivation.momenta[q]))
+    yield Formula((Rate(slope), derivation.momentum_rates[q]))
+    yield Formula((Partial(LAGRANGIAN, q), derivation.gradient[q]))
+    left: list[tuple[bool, Any]] = [(False, Rate(slope)), (True, Partial(LAGRANGIAN, q))]
+    right: list[tuple[bool, Any]] = []
+    if derivation.drag[q] != 0:
+        drag = Partial(ShownQuantity("D"), velocity)
+        yield Formula((drag, derivation.drag[q]))
+        left.append((False, drag))
+    if force != 0:
+        yield Formula((ShownQuantity("Q", (name,)), force))
+        right.append((False, ShownQuantity("Q", (name,))))
+    for one in statement.constraints:
+        exerted = derivation.constraint_forces[one.name][q]
+        if exerted != 0:
+            push = Product((one.multiplier, Partial(constraint_quantity(one), q if one.holonomic else velocity)))
+            yield Formula((push, exerted))
+            right.append((False, push))
+    yield Formula((Sum(tuple(left)), Sum(tuple(right))))
+
+
+def _equations(derivation: Derivation) -> Iterator[Formula | str]:
+    for law in (*derivation.equations, *derivation.constraints):
+        yield Formula((law.lhs, law.rhs))
+
+
+def _matrices(derivation: Derivation) -> Iterator[Formula | str]:
+    """Yield M a = h with its matrices, of systems with more coordinates than one."""
+    statement = derivation.statement
+    names = statement.names
+    if len(names) == 1:
+        return
+    if len(names) > LARGEST_MATRIX:
+        yield f"M a = h has {len(names)} rows, which are the equations of motion; mass_matrix has its matrix."
+        return
+    mass, right, gradient = (ShownQuantity(letter) for letter in "MhG")
+    accelerations = Grid((tuple(list(statement.plain.values())[2::3]),), vector=True)
+    multipliers = Grid((tuple(one.multiplier for one in statement.constraints),), vector=True)
+    pushed = [(False, Product((Transpose(gradient), multipliers)))] if statement.constraints else []
+    yield Formula((Product((mass, accelerations)), Sum(((False, right), *pushed))))
+    entries = [tuple(derivation.mass_matrix.row(i)) for i in range(len(names))]
+    yield from _matrix("M", entries, names, symmetric=True)
+    yield from _matrix("h", [(h,) for h in derivation.right_sides.values()], names)
+    rows = [
+        tuple(derivation.constraint_forces[one.name][q] / one.multiplier for q in statement.coordinates)
+        for one in statement.constraints
+    ]
+    if rows:
+        yield from _matrix("G", rows, [one.name for one in statement.constraints], names)
+
+
+def _matrix(
+    letter: str,
+    rows: Sequence[tuple[Any, ...]],
+    names: Sequence[str],
+    others: Sequence[str] = (),
+    *,
+    symmetric: bool = False,
+) -> Iterator[Formula]:
+    """Yield a matrix, or its entries one by one where they are too wide to stand beside one another.
+
+    `names` are those of the rows, `others` those of the columns, the same where they are not given.
+    """
+    if sum(max(int(entry.count_ops()) for entry in column) for column in zip(*rows, strict=True)) <= WIDEST_MATRIX:
+        yield Formula((ShownQuantity(letter), Grid(tuple(rows))))
+        return
+    columns = others or names
+    for i, row in enumerate(rows):
+        for j, entry in enumerate(row):
+            if entry != 0 and not (symmetric and j < i):
+                indices = (names[i],) if len(row) == 1 and not others else (names[i], columns[j])
+                yield Formula((ShownQuantity(letter, indices), entry))
+
+
+def _accelerations(derivation: Derivation) -> Iterator[Formula | str]:
+    statement = derivation.statement
+    known = {one.name: one.multiplier for one in statement.constraints}
+    solved = [
+        *zip(list(statement.plain.values())[2::3], derivation.accelerations.values(), strict=True),
+        *((known[name], value) for name, value in derivation.multipliers.items()),
+    ]
+    long = [symbol for symbol, value in solved if value.count_ops() > READABLE]
+    for symbol, value in solved:
+        if symbol not in long:
+            yield Formula((symbol, value))
+    if long:
+        which = "The other formulas are" if len(long) < len(solved) else "The formulas are"
+        longest = max(int(value.count_ops()) for _, value in solved)
+        yield (
+            f"{which} too long to be read: the longest has {longest} operations, and a page shows up to {READABLE}. "
+            "accelerations() has them as expressions; compile() gives them as numbers."
+        )

@@ -1,0 +1,297 @@
+"""The picture under sliders: positions, or coordinates, beside the energy, drawn again within a twentieth of a second.
+
+The figure, its panels and its lines are made once; a change gives the lines other points. They are drawn over the axes
+with their numbers, which are kept, and drawn again only where a curve leaves them: Matplotlib takes ten times as long
+for letters as for curves.
+"""
+
+from __future__ import annotations
+
+from io import BytesIO
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lagrange.show.figures.colours import colours
+from lagrange.show.figures.shown_figure import SCREEN_DPI, new_figure
+from lagrange.show.figures.space_view import View, view_of
+from lagrange.show.figures.spring import spring
+from lagrange.show.figures.style import Style, dress, on_paper
+from lagrange.show.measures.points import points_at
+from lagrange.show.notation.names import letters, plain_text
+from lagrange.show.units import length_unit, unit_of, with_unit
+from lagrange.statement.declare import ORIGIN
+from lagrange.statement.link import SPRING
+from lagrange.statement.statement import Statement
+from lagrange.trajectory.trajectory import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.lines import Line2D
+
+    from lagrange.show.solution import Solution
+
+SAMPLES = 1500
+"""Points of a curve: three for each pixel of time. More take longer than they show."""
+
+_SIZE, _DPI = (8.4, 3.7), 120
+_LEFT, _RIGHT = (0.085, 0.15, 0.37, 0.74), (0.57, 0.15, 0.4, 0.74)
+SHOWN_WIDTH = round(SCREEN_DPI * _SIZE[0])
+"""Pixels of a notebook that the picture is wide."""
+
+_ROOM = 0.08
+"""Empty room around what is drawn, as a part of it."""
+_TOO_SMALL = 0.45
+"""Limits stay while what is drawn fills more than this part of them: a picture that jumps at each change is no help."""
+
+MOST_NAMED = 8
+"""More points or coordinates than this have no legend."""
+
+
+class ExploredPicture:
+    """Two panels of a system, for one run after the other and any time in it."""
+
+    def __init__(self, statement: Statement, style: Style) -> None:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.patches import Rectangle
+
+        self.statement, self.style = statement, style
+        self._figure = on_paper(new_figure(figsize=_SIZE, dpi=_DPI), style)
+        untyped: Any = FigureCanvasAgg
+        self._canvas = untyped(self._figure)
+        self._place: Axes = self._figure.add_axes(_LEFT)
+        self._energy: Axes = self._figure.add_axes(_RIGHT)
+        dress(self._place, style)
+        dress(self._energy, style, "energy")
+        time = with_unit("t", unit_of(statement, "t"))
+        self._energy.set_xlabel(time)
+        for ticks in (self._place.xaxis, self._place.yaxis, self._energy.xaxis, self._energy.yaxis):
+            ticks.set_major_formatter(_tick)
+        self._energy.locator_params(axis="y", nbins=5)
+        (self._curve,) = self._energy.plot([], [], color=style.ink, linewidth=1.2, animated=True)
+        panels = [self._energy] if statement.positions else [self._energy, self._place]
+        self._cursors = {axis: axis.axvline(0.0, color=style.quiet, linewidth=1.0, animated=True) for axis in panels}
+        named = list(statement.positions)
+        self._names = tuple(named) or statement.names
+        own = colours(len(self._names), style.colours)
+        self._paths = [self._place.plot([], [], color=c, linewidth=1.0, alpha=0.6, animated=True)[0] for c in own]
+        self._dots = [
+            self._place.plot([], [], "o", color=c, markersize=8, animated=True, label=plain_text(name), zorder=5)[0]
+            for c, name in zip(own, self._names, strict=True)
+        ]
+        self._links: list[Line2D] = [
+            self._place.plot([], [], color=style.quiet, linewidth=1.8, animated=True, zorder=3)[0]
+            for _ in statement.links
+        ]
+        (self._origin,) = self._place.plot([], [], "s", color=style.ink, markersize=4, animated=True, zorder=4)
+        if not named:
+            self._place.set_xlabel(time)
+        if not named and len(self._names) == 1:
+            (name,) = self._names
+            self._place.set_ylabel(with_unit(f"${letters([name])[name]}$", unit_of(statement, name)))
+        if 1 < len(self._names) <= MOST_NAMED:
+            self._legend()
+        self._times: FloatArray = np.zeros(1)
+        self._points: dict[str, FloatArray] = {}
+        self._rows: FloatArray = np.zeros((len(statement.names), 1))
+        self._view: View | None = None
+        self._placed = False
+        sheet: Any = {"transform": self._figure.transFigure, "facecolor": style.paper, "edgecolor": "none"}
+        self._sheets = {
+            self._place: Rectangle((0.0, 0.0), 0.5, 1.0, **sheet),
+            self._energy: Rectangle((0.5, 0.0), 0.5, 1.0, **sheet),
+        }
+        self._stale: dict[Axes, bool] = dict.fromkeys(self._sheets, True)
+        self._canvas.draw()
+        self._kept = self._canvas.copy_from_bbox(self._figure.bbox)
+
+    def _legend(self) -> None:
+        labels = [
+            f"${letters([name])[name]}$" if not self.statement.positions else plain_text(name) for name in self._names
+        ]
+        self._place.legend(
+            self._dots,
+            labels,
+            fontsize=8,
+            frameon=False,
+            ncols=4,
+            loc="lower left",
+            bbox_to_anchor=(0.0, 1.0),
+            borderaxespad=0.2,
+            labelcolor=self.style.ink,
+        )
+
+    def show(self, solution: Solution) -> None:
+        """Take a run, whose picture is then drawn at any time. A run without output leaves the last one."""
+        if not len(solution.t):
+            return
+        start, end = solution.trajectory.span
+        self._times = np.linspace(start, end, SAMPLES)
+        states = solution.at(self._times)
+        self._rows = states[: len(self.statement.names)]
+        self._points = points_at(solution.model, self._times, states, solution.parameters)
+        if self._points:
+            self._show_points()
+        else:
+            for line, row in zip(self._paths, self._rows, strict=True):
+                line.set_data(self._times, row)
+            self._limit(self._place, self._times, self._rows)
+        self._show_energy(solution, states)
+
+    def _show_points(self) -> None:
+        view = view_of(self._points)
+        if self._view is None or view.labels != self._view.labels:
+            unit = length_unit(self.statement)
+            self._place.set_xlabel(with_unit(view.labels[0], unit))
+            self._place.set_ylabel(with_unit(view.labels[1], unit))
+            if view.spatial:
+                _draw_directions(self._place, view, self.style)
+            self._stale[self._place] = True
+        self._view = view
+        self._points = {name: view.of(point) for name, point in self._points.items()}
+        for line, name in zip(self._paths, self._names, strict=True):
+            line.set_data(*self._points[name])
+        together = np.concatenate(list(self._points.values()), axis=1)
+        self._limit_to_scale(together[:, np.isfinite(together).all(axis=0)])
+
+    def _show_energy(self, solution: Solution, states: FloatArray) -> None:
+        if not solution.has_energy:
+            self._curve.set_data([], [])
+            self._titled("energy: it has no value at some state")
+            return
+        model, drift = solution.model, solution.drift
+        energy = np.asarray(model.energy(*model.layout.split(states), self._times, solution.parameters))
+        if drift.conserved:
+            energy = (energy - drift.first) / (drift.scale if drift.scale > 0 else 1.0)
+            self._titled(f"energy drift, relative to {drift.against}")
+        else:
+            self._titled(f"energy ({drift.unkept})")
+        self._curve.set_data(self._times, energy)
+        self._limit(self._energy, self._times, energy[None], about_zero=bool(drift.conserved))
+
+    def _titled(self, title: str) -> None:
+        if title != self._energy.get_title("left"):
+            self._energy.set_title(title, loc="left", fontsize=10, color=self.style.ink)
+            self._stale[self._energy] = True
+
+    def png(self, share: float) -> bytes:
+        """Return the picture at a part of the run between 0 and 1, as PNG."""
+        self._canvas.restore_region(self._kept)
+        if self._stale:
+            self._draw_axes()
+        for line in self._paths:
+            self._place.draw_artist(line)
+        self._energy.draw_artist(self._curve)
+        self._move(min(int(share * len(self._times)), len(self._times) - 1))
+        return self._encoded()
+
+    def _draw_axes(self) -> None:
+        """Draw the panels whose limits or titles are new, over their part of the paper, and keep what is there."""
+        renderer = self._canvas.get_renderer()
+        for axis in self._stale:
+            self._sheets[axis].draw(renderer)
+            axis.draw(renderer)
+        self._stale = {}
+        self._kept = self._canvas.copy_from_bbox(self._figure.bbox)
+
+    def _move(self, place: int) -> None:
+        """Put what moves where it is at one of the times, and draw it."""
+        time = self._times[place]
+        for axis, cursor in self._cursors.items():
+            cursor.set_xdata([time, time])
+            axis.draw_artist(cursor)
+        if self._points:
+            self._move_points(place)
+        else:
+            for dot, row in zip(self._dots, self._rows, strict=True):
+                dot.set_data([time], [row[place]])
+                self._place.draw_artist(dot)
+
+    def _move_points(self, place: int) -> None:
+        here = {name: point[:, place] for name, point in self._points.items()}
+        size = float(np.ptp(self._place.get_xlim()))
+        for line, (start, end, kind) in zip(self._links, self.statement.links, strict=True):
+            ends = here[start], here[end]
+            line.set_data(*(spring(*ends, 0.03 * size) if kind == SPRING else np.array(ends).T))
+            self._place.draw_artist(line)
+        if ORIGIN in here:
+            self._origin.set_data(*here[ORIGIN][:, None])
+            self._place.draw_artist(self._origin)
+        for dot, name in zip(self._dots, self._names, strict=True):
+            dot.set_data(*here[name][:, None])
+            self._place.draw_artist(dot)
+
+    def _encoded(self) -> bytes:
+        from PIL import Image
+
+        file = BytesIO()
+        pixels = np.asarray(self._canvas.buffer_rgba())[..., :3]
+        Image.fromarray(pixels).save(file, format="png", compress_level=1)
+        return file.getvalue()
+
+    def _limit(self, axis: Axes, t: FloatArray, rows: FloatArray, *, about_zero: bool = False) -> None:
+        """Set limits around curves over time, or leave those that fit."""
+        good = rows[np.isfinite(rows)]
+        low, high = (float(good.min()), float(good.max())) if good.size else (0.0, 1.0)
+        across = (float(t[0]), float(t[-1])) if t[0] != t[-1] else (t[0] - 0.5, t[0] + 0.5)
+        up = _about_zero(axis.get_ylim(), low, high) if about_zero else _kept(axis.get_ylim(), low, high)
+        self._set(axis, across, up)
+
+    def _set(self, axis: Axes, across: tuple[float, float], up: tuple[float, float]) -> None:
+        """Set limits; where they are new the background has to be drawn again."""
+        if (axis.get_xlim(), axis.get_ylim()) != (across, up):
+            axis.set_xlim(*across)
+            axis.set_ylim(*up)
+            self._stale[axis] = True
+
+    def _limit_to_scale(self, points: FloatArray) -> None:
+        """Set limits of the plane in which lengths are equal in both directions."""
+        if not points.shape[1]:
+            return
+        low, high = points.min(axis=1), points.max(axis=1)
+        middle, extent = (low + high) / 2, high - low
+        wide, high_in = _LEFT[2] * _SIZE[0], _LEFT[3] * _SIZE[1]
+        per_inch = float(max(extent[0] / wide, extent[1] / high_in)) * (1 + 2 * _ROOM) or 1.0 / wide
+        (x0, x1), (y0, y1) = self._place.get_xlim(), self._place.get_ylim()
+        now = (x1 - x0) / wide
+        inside = x0 <= low[0] and high[0] <= x1 and y0 <= low[1] and high[1] <= y1
+        if self._view is not None and self._placed and inside and per_inch > _TOO_SMALL * now:
+            return
+        self._placed = True
+        half = per_inch * np.array([wide, high_in]) / 2
+        (x0, y0), (x1, y1) = (middle - half).tolist(), (middle + half).tolist()
+        self._set(self._place, (x0, x1), (y0, y1))
+
+
+def _draw_directions(axis: Axes, view: View, style: Style) -> None:
+    """Show which way x, y and z point, in a corner, in place of numbers, which no direction of the picture has."""
+    axis.set(xticks=[], yticks=[])
+    for name, (right, up) in zip("xyz", view.matrix.T, strict=True):
+        tip, end = (0.12 + 0.1 * right, 0.12 + 0.12 * up), (0.12 + 0.13 * right, 0.12 + 0.16 * up)
+        arrow = {"arrowstyle": "->", "color": style.quiet}
+        axis.annotate("", tip, (0.1, 0.1), "axes fraction", "axes fraction", arrowprops=arrow)
+        axis.annotate(name, end, xycoords="axes fraction", ha="center", va="center", color=style.ink)
+
+
+def _tick(value: float, _: float) -> str:
+    """Return the number at a tick as plain text, which is drawn in a tenth of the time of a formula."""
+    return f"{value:.4g}".replace("e-0", "e-").replace("-", "\N{MINUS SIGN}")
+
+
+def _about_zero(limits: tuple[float, float], low: float, high: float) -> tuple[float, float]:
+    """Return limits of a drift, equal on both sides of zero: a power of ten, or half of it, with the largest inside."""
+    largest = max(abs(low), abs(high)) or 1e-16
+    if -limits[0] == limits[1] and largest < limits[1] < 30 * largest:
+        return limits
+    power = 10.0 ** np.ceil(np.log10(largest))
+    end = float(power / 2 if largest < power / 2 else power if largest < power else 5 * power)
+    return -end, end
+
+
+def _kept(limits: tuple[float, float], low: float, high: float) -> tuple[float, float]:
+    """Return limits around values: those that are there while the values fill them, else others with some room."""
+    extent = high - low
+    if limits[0] <= low and high <= limits[1] and extent > _TOO_SMALL * (limits[1] - limits[0]):
+        return limits
+    room = _ROOM * extent if extent > 0 else abs(high) * 0.1 or 1.0
+    return low - room, high + room

@@ -1,0 +1,70 @@
+"""Tables and pictures of results as HTML, of bounded length; all colours are those of the notebook."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Sequence
+from html import escape
+from typing import TYPE_CHECKING
+
+from lagrange.errors import counted
+from lagrange.show.figures.shown_figure import SCREEN_DPI
+from lagrange.show.files.picture import bounded_png
+from lagrange.show.notation.names import plain_text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MOST_TABLE = 12_000
+"""Characters of a table in a notebook: some hundred rows."""
+MOST_TEXT = 600
+"""Characters of a sentence or an entry; what goes beyond them print() has."""
+MOST_SENTENCES = 8
+"""Sentences about one result in a notebook."""
+_LEFT = "style='text-align:left'"
+
+
+def text(words: str) -> str:
+    """Return words of anybody's, each mark as itself, cut where they are long."""
+    line = plain_text(words)
+    return escape(line if len(line) <= MOST_TEXT else line[:MOST_TEXT] + " ...")
+
+
+def pairs(heading: str, rows: Sequence[tuple[str, str]]) -> str:
+    """Return a table of names and what is said of them."""
+    body = "".join(f"<tr><th {_LEFT}>{text(name)}</th><td {_LEFT}>{text(value)}</td></tr>" for name, value in rows)
+    return f"<table><caption {_LEFT}><b>{text(heading)}</b></caption>{body}</table>"
+
+
+def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table, and a sentence about the rows that are too many."""
+    head = "".join(f"<th {_LEFT}>{text(name)}</th>" for name in headings)
+    body, shown = "", 0
+    for row in rows:
+        line = "<tr>" + "".join(f"<td {_LEFT}>{text(cell)}</td>" for cell in row) + "</tr>"
+        if len(body) + len(line) > MOST_TABLE:
+            break
+        body += line
+        shown += 1
+    rest = "" if shown == len(rows) else f"<p>{counted(len(rows) - shown, 'more row')}: print() shows all.</p>"
+    return f"<table><tr>{head}</tr>{body}</table>{rest}"
+
+
+def folded(summary: str, inside: str) -> str:
+    """Return what is inside under a line that opens it."""
+    return f"<details><summary>{text(summary)}</summary>{inside}</details>"
+
+
+def sentences(lines: Sequence[str]) -> str:
+    """Return a paragraph for each sentence, and for those that are too many their number."""
+    shown = "".join(f"<p>{text(line)}</p>" for line in lines[:MOST_SENTENCES])
+    more = len(lines) - MOST_SENTENCES
+    return shown + (f"<p>{counted(more, 'more remark')}: print() shows all.</p>" if more > 0 else "")
+
+
+def image(figure: Figure, about: str) -> str:
+    """Return a figure as a picture inside the HTML, with words for who does not see it."""
+    data = b64encode(bounded_png(figure, 2 * SCREEN_DPI)).decode("ascii")
+    width = round(SCREEN_DPI * figure.get_size_inches()[0])
+    source = f"data:image/png;base64,{data}"
+    return f"<img src='{source}' width='{width}' style='max-width:100%;height:auto' alt='{text(about)}'>"

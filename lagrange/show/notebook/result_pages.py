@@ -1,0 +1,174 @@
+"""The pages of results in a notebook, each entered for its class."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import sympy
+
+from lagrange.errors import counted
+from lagrange.evidence.report import HEADINGS, Report
+from lagrange.mechanics.comparison import EquationsComparison
+from lagrange.mechanics.conserved import Conserved
+from lagrange.mechanics.equilibria import Equilibrium
+from lagrange.mechanics.hamilton import Hamiltonian
+from lagrange.mechanics.linearization import Linearization
+from lagrange.mechanics.modes import Modes
+from lagrange.show.notation.names import markdown_text
+from lagrange.show.notation.sections import Formula, Grid, ShownQuantity
+from lagrange.show.notebook.page_writer import MOST_OPERATIONS, PageWriter, Part, bold, folded, joined, left_out
+from lagrange.statement.notebook_page import notebook_page
+
+STABILITY = {True: "stable", False: "unstable", None: "stability not decided"}
+
+
+@notebook_page.register
+def report_page(report: Report) -> str:
+    """Return the table of a check, under the verdict; it is folded where everything holds."""
+    head, *remarks = report.remarks()
+    rows = [" | ".join(map(markdown_text, row.cells())) for row in report.rows]
+    wrong = [f"| {text.replace('FAILS', '**FAILS**')} |" for text in rows]
+    table = "\n".join([f"| {' | '.join(HEADINGS)} |", "|---" * len(HEADINGS) + "|", *wrong])
+    verdict = f"{bold(report.title())}: {markdown_text(head)}"
+    said = "\n".join(f"- {markdown_text(remark.strip())}" for remark in remarks)
+    parts: list[Part] = [("the verdict", verdict), ("the remarks", said)]
+    shown = folded(f"the {counted(len(rows), 'quantity').replace('quantitys', 'quantities')} compared", table)
+    return joined([*parts, ("the table", shown if report else table)], "`print(report)` has all of it.")
+
+
+@notebook_page.register
+def comparison_page(comparison: EquationsComparison) -> str:
+    """Return the verdict, and the state at which an equation does not hold."""
+    verdict = f"{bold('Right' if comparison else 'Wrong')}: {markdown_text(comparison.message)}"
+    if not comparison.counterexample:
+        return verdict
+    values = "\n".join(f"| {markdown_text(name)} | {x:.6g} |" for name, x in comparison.counterexample.items())
+    state = folded("a state at which it does not hold", f"| | value |\n|---|---|\n{values}")
+    return joined([("the verdict", verdict), ("the state", state)], "`comparison.counterexample` has it.")
+
+
+@notebook_page.register
+def conserved_page(conserved: Conserved) -> str:
+    """Return the quantity as a formula, and why it is conserved."""
+    return joined(conserved_parts(conserved, PageWriter(conserved.statement)), "`.expression` has it.")
+
+
+def conserved_parts(conserved: Conserved, writer: PageWriter) -> Iterator[Part]:
+    """Yield the page of a conserved quantity."""
+    name = f"{bold(conserved.name)}: {markdown_text(conserved.reason)}"
+    yield conserved.name, f"{name}\n\n{_formula(writer, None, conserved.expression, conserved.name)}"
+
+
+@notebook_page.register
+def equilibrium_page(equilibrium: Equilibrium) -> str:
+    """Return where the equilibrium is, whether it is stable and why, and its energy."""
+    return joined(equilibrium_parts(equilibrium, PageWriter(equilibrium.statement)), "its fields have it.")
+
+
+def equilibrium_parts(one: Equilibrium, writer: PageWriter) -> Iterator[Part]:
+    """Yield the page of an equilibrium."""
+    free = [q for q, x in one.coordinates.items() if q == x]
+    places = {q: x for q, x in {**one.coordinates, **one.velocities}.items() if q != x}
+    where = [writer.values(places)] if places else []
+    where += [f"any {', '.join(map(writer.inline, free))}"] if free else []
+    condition = "" if one.condition == sympy.true else f", where ${writer.condition(one.condition)}$"
+    verdict = f"{STABILITY[one.stable]}: {markdown_text(one.reason)} The energy there is {writer.inline(one.energy)}."
+    yield "an equilibrium", f"{bold('Equilibrium')} {'; '.join(where)}{condition}, {verdict}"
+
+
+@notebook_page.register
+def modes_page(modes: Modes) -> str:
+    """Return the frequencies with their shapes."""
+    return joined(_modes(modes), "`.frequencies` and `.shapes` have all.")
+
+
+def _modes(modes: Modes) -> Iterator[Part]:
+    writer = PageWriter(modes.linearization.statement)
+    names = ", ".join(map(writer.inline, modes.coordinates))
+    yield "the modes", f"{bold('Modes')} in {names}, {STABILITY[modes.stable]}: {markdown_text(modes.reason)}"
+    for k, (frequency, decay, shape) in enumerate(zip(modes.frequencies, modes.decay, modes.shapes, strict=True), 1):
+        slower = "" if decay == 0 else f",\\quad \\text{{decay }} {writer.side(_rounded(decay))}"
+        name = f"mode {k}"
+        if sum(int(x.count_ops()) for x in (frequency, *shape) if isinstance(x, sympy.Basic)) > MOST_OPERATIONS:
+            yield name, left_out(name, "it is too long", "`.shapes` has it.")
+            continue
+        column = writer.side(Grid(tuple((_rounded(x),) for x in shape)))
+        letter, number = f"\\omega_{{{k}}}", _number(frequency, modes, writer)
+        rate = f"{letter} = {writer.side(_rounded(frequency))}"
+        if len(rate) + len(column) < ONE_LINE:
+            yield name, f"$$\n{rate}{number}{slower},\\qquad {column}\n$$"
+        else:
+            head = f"{bold(f'Mode {k}')} ${letter}{number}$" if number else bold(f"Mode {k}")
+            yield name, f"{head}\n\n$$\n{rate}{slower}\n$$\n\n$$\n{column}\n$$"
+
+
+ONE_LINE = 160
+"""Characters of LaTeX above which a frequency and a shape stand on lines of their own."""
+
+
+def _number(frequency: Any, modes: Modes, writer: PageWriter) -> str:
+    """Return the number that a symbolic frequency is at the values of the parameters, where they all have one."""
+    value = sympy.N(frequency.subs(modes.linearization.statement.defaults))
+    if not (modes.symbolic and value.is_number and frequency.free_symbols):
+        return ""
+    return f" \\approx {writer.side(_rounded(value))}"
+
+
+@notebook_page.register
+def linearization_page(linear: Linearization) -> str:
+    """Return M, C, K and the inputs, with the point."""
+    return joined(_linearization(linear), "its fields `.M`, `.C`, `.K`, `.A` and `.B` have all.")
+
+
+def _linearization(linear: Linearization) -> Iterator[Part]:
+    writer = PageWriter(linear.statement)
+    yield "the point", f"{bold('Linearization')} at {writer.values(linear.at)}. {markdown_text(linear.note)}"
+    for name, matrix in {"M": linear.M, "C": linear.C, "K": linear.K, "input_matrix": linear.input_matrix}.items():
+        if not len(matrix):
+            continue
+        if sum(int(x.count_ops()) for x in matrix) > MOST_OPERATIONS or max(matrix.shape) > MOST_ROWS:
+            yield name, left_out(name, f"it has {matrix.rows} rows", f"`.{name}` has it.")
+            continue
+        letter = "F" if name == "input_matrix" else name
+        rows = tuple(tuple(_rounded(x) for x in matrix.row(i)) for i in range(matrix.rows))
+        yield name, f"$$\n{letter} = {writer.side(Grid(rows))}\n$$"
+
+
+MOST_ROWS = 8
+"""Rows of a matrix that a notebook shows."""
+
+
+@notebook_page.register
+def hamiltonian_page(hamiltonian: Hamiltonian) -> str:
+    """Return H, the momenta, and Hamilton's equations."""
+    return joined(_hamiltonian(hamiltonian), "`.expression`, `.momenta` and `.equations()` have all.")
+
+
+MOST_SIMPLIFIED = 60
+"""Operations of H whose derivatives are simplified for a notebook; the double pendulum has 56 and takes 1 s."""
+
+
+def _hamiltonian(hamiltonian: Hamiltonian) -> Iterator[Part]:
+    writer = PageWriter(hamiltonian.statement)
+    energy = hamiltonian.expression
+    yield "the Hamiltonian", f"{bold('Hamiltonian')}\n\n{_formula(writer, ShownQuantity('H'), energy, 'H')}"
+    if (size := int(energy.count_ops())) <= MOST_SIMPLIFIED:
+        yield "Hamilton's equations", writer.equations("Hamilton's equations", hamiltonian.equations())
+    else:
+        why = f"H has {size} operations, whose derivatives take long to simplify"
+        yield "", left_out("Hamilton's equations", why, "`print(*hamiltonian.equations(), sep='\\n')` has them.")
+
+
+def _formula(writer: PageWriter, left: Any, expression: Any, name: str) -> str:
+    """Return an expression as a formula, or a sentence where it is long."""
+    if (size := int(expression.count_ops())) > MOST_OPERATIONS:
+        return left_out(name, f"it has {size} operations", "`.expression` has it.")
+    return writer.formulas([Formula((expression,) if left is None else (left, expression))])
+
+
+def _rounded(value: Any) -> Any:
+    """Return a number with six digits; what is exact, and expressions, as they are."""
+    if not isinstance(value, sympy.Expr):
+        return value
+    return value.xreplace({one: sympy.Float(f"{float(one):.6g}") for one in value.atoms(sympy.Float)})

@@ -1,0 +1,90 @@
+"""Lists and dicts of formulas and records: Python's own in all, and a notebook typesets them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from sympy import Basic
+
+from lagrange.mechanics.conserved import Conserved
+from lagrange.mechanics.equilibria import Equilibrium
+from lagrange.show.notation.sections import Formula
+from lagrange.show.notebook.html_card import table
+from lagrange.show.notebook.page_writer import MOST_OPERATIONS, PageWriter, Part, joined, left_out
+from lagrange.show.notebook.result_pages import conserved_parts, equilibrium_parts
+from lagrange.statement.statement import Statement
+
+
+class EquationList(list[Any]):
+    """Equations, SymPy Eq each, in the symbols of a statement."""
+
+    def __init__(self, equations: Iterable[Any], statement: Statement) -> None:
+        super().__init__(equations)
+        self.statement = statement
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return EquationList, (list(self), self.statement)
+
+    def _repr_markdown_(self) -> str:
+        pairs = [(f"entry {k}", law.lhs, law.rhs) for k, law in enumerate(self)]
+        return joined(_formulas(pairs, self.statement), "`print(...)` has it.")
+
+
+class ExpressionDict(dict[Any, Any]):
+    """SymPy expressions by symbol; `shown` has what stands on the left for a key, such as its acceleration."""
+
+    def __init__(self, expressions: Mapping[Any, Any], statement: Statement, shown: Mapping[Any, Any]) -> None:
+        super().__init__(expressions)
+        self.statement, self.shown = statement, dict(shown)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return ExpressionDict, (dict(self), self.statement, self.shown)
+
+    def _repr_markdown_(self) -> str:
+        rows = [(f"that of {key}", self.shown.get(key, key), value) for key, value in self.items()]
+        return joined(_formulas(rows, self.statement), "`print(...)` has it.")
+
+
+class ConservedList(list[Conserved]):
+    """Conserved quantities."""
+
+    def _repr_markdown_(self) -> str | None:
+        if not self:
+            return None
+        writer = PageWriter(self[0].statement)
+        parts = (part for one in self for part in conserved_parts(one, writer))
+        return joined(parts, "`.expression` has it.")
+
+
+class EquilibriumList(list[Equilibrium]):
+    """Equilibria."""
+
+    def _repr_markdown_(self) -> str | None:
+        if not self:
+            return None
+        writer = PageWriter(self[0].statement)
+        parts = (part for one in self for part in equilibrium_parts(one, writer))
+        return joined(parts, "the fields of the record have it.")
+
+
+class SceneList(list[str]):
+    """The names of scenes, with a line about each for a notebook."""
+
+    def __init__(self, names: Iterable[str], about: Iterable[str] = ()) -> None:
+        super().__init__(names)
+        self.about = tuple(about)
+
+    def _repr_html_(self) -> str:
+        return table(("scene", "about"), list(zip(self, self.about, strict=False)))
+
+
+def _formulas(rows: Iterable[tuple[str, Any, Any]], statement: Statement) -> Iterator[Part]:
+    """Yield the formulas, each on lines of its own; a long one is a sentence."""
+    writer = PageWriter(statement)
+    for name, left, right in rows:
+        size = sum(int(side.count_ops()) for side in (left, right) if isinstance(side, Basic))
+        if size > MOST_OPERATIONS:
+            yield name, left_out(name, f"it has {size} operations", "`print(...)` has it.")
+        else:
+            yield name, writer.formulas([Formula((left, right))])

@@ -1,0 +1,208 @@
+"""Phase portraits: separatrices against closed forms, kinds of equilibria, zero lines to rounding, closed orbits."""
+
+from __future__ import annotations
+
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.special import ellipk
+from sympy import Eq, cos
+
+import lagrange as lg
+from lagrange.dynamics.orbits import CLOSED
+from lagrange.dynamics.runs import Runs
+from lagrange.dynamics.separatrices import LINEAR_ERROR
+from lagrange.errors import StatementError
+from tests.dynamics.planar import (
+    damped_pendulum,
+    driven_linear,
+    duffing,
+    escape,
+    interrupting,
+    pendulum,
+    star,
+    theta,
+    van_der_pol,
+    x,
+    y,
+)
+from tests.models import shared_scene
+
+
+def test_the_separatrix_of_the_pendulum_is_its_closed_form() -> None:
+    """It is theta' = 2 cos(theta/2), and each branch ends at the other saddle; starts are off by `LINEAR_ERROR`."""
+    found = lg.phase_portrait(pendulum())
+    assert [branch.stable for branch in found.separatrices].count(True) == 2
+    assert len(found.separatrices) == 4
+    for branch in found.separatrices:
+        angles, rates = branch.orbit.states.T
+        assert np.abs(np.abs(rates) - 2 * np.abs(np.cos(angles / 2))).max() <= LINEAR_ERROR * found.plane[1].width
+        assert np.ptp(angles) == pytest.approx(2 * np.pi, abs=0.02)
+    assert sorted(np.sign(branch.orbit.states[:, 1].mean()) for branch in found.separatrices) == [-1, -1, 1, 1]
+
+
+def test_a_separatrix_that_bends_at_its_saddle_is_on_the_level_of_its_energy() -> None:
+    """In x^2/2 - x^3/3 the manifolds leave the eigenvectors in the second order: 1/3 = v^2 + x^2 - 2 x^3/3."""
+    found = lg.phase_portrait(escape(), {x: (-0.8, 1.5), x.dot: (-1, 1)})
+    assert len(found.separatrices) == 4
+    for branch in found.separatrices:
+        place, rate = branch.orbit.states.T
+        # Beyond the saddle the motion runs away, and carries an offset along: it grows as the speed does.
+        assert np.abs(rate**2 + place**2 - 2 * place**3 / 3 - 1 / 3).max() <= 20 * LINEAR_ERROR
+        assert branch.distance < 0.01
+
+
+@pytest.mark.parametrize(
+    ("potential", "force", "kind", "stable"),
+    [
+        (2 * x**2, 0, "centre", True),
+        (2 * x**2, -0.1 * x.dot, "stable spiral", True),
+        (2 * x**2, 0.1 * x.dot, "unstable spiral", False),
+        (2 * x**2, -9 * x.dot, "stable node", True),
+        (2 * x**2, 9 * x.dot, "unstable node", False),
+        (-(x**2), -0.1 * x.dot, "saddle", False),
+        (x**4 / 4, 0, "degenerate", None),
+        (x**3 / 3, -0.1 * x.dot, "degenerate", None),
+        (2 * x**2, -(x.dot**3), "linear centre", None),
+    ],
+)
+def test_each_kind_of_equilibrium(potential: Any, force: Any, kind: str, stable: bool | None) -> None:
+    system = lg.System(kinetic=x.dot**2 / 2, potential=potential, forces={x: force}, coordinates=[x])
+    (place,) = lg.phase_portrait(system, {x: (-1, 2), x.dot: (-1, 1)}, starts=[{x: 0.5}], t_end=0.1).equilibria
+    assert (place.kind, place.stable) == (kind, stable)
+    # Where the force touches zero its place is known to the root of rounding.
+    assert np.abs(place.state).max() <= (1e-6 if potential.has(x**3) else 0.0)
+
+
+def test_equilibria_on_the_border_are_found_and_belong_together() -> None:
+    found = lg.phase_portrait(damped_pendulum())
+    assert [place.kind for place in found.equilibria] == ["saddle", "stable spiral", "saddle"]
+    assert [place.state[0] for place in found.equilibria] == pytest.approx([-np.pi, 0, np.pi], abs=1e-15)
+    assert {branch.saddle for branch in found.separatrices} == {0}
+    arriving = [branch.orbit.states[-1, 0] for branch in found.separatrices if not branch.stable]
+    assert np.abs((np.array(arriving) + np.pi) % (2 * np.pi) - np.pi).max() < 0.01
+
+
+def test_zero_lines_are_zeros_to_rounding() -> None:
+    """Those of van der Pol's equation: v = 0, and (1 - x^2) v = x, which has a branch on each side of two poles."""
+    found = lg.phase_portrait(van_der_pol(), {x: (-3, 3), x.dot: (-4, 4)}, starts=[{x: 1.0}], t_end=0.1)
+    (rest,) = found.nullclines["x"]
+    assert np.abs(rest[:, 1]).max() == 0.0
+    lines = found.nullclines["x_dot"]
+    assert len(lines) == 3
+    for place, rate in (line.T for line in lines):
+        terms = np.abs(rate) + np.abs(place**2 * rate) + np.abs(place)
+        assert (np.abs((1 - place**2) * rate - place) <= 8 * np.finfo(float).eps * terms).all()
+
+
+def test_a_closed_orbit_has_the_period_of_the_pendulum_and_comes_back() -> None:
+    found = lg.phase_portrait(pendulum(), starts=[{theta: 1.0}, {theta: 3.0}])
+    for orbit, amplitude in zip(found.orbits, (1.0, 3.0), strict=True):
+        assert orbit.closed
+        assert orbit.t[-1] == pytest.approx(4 * ellipk(np.sin(amplitude / 2) ** 2), rel=1e-6)
+        assert np.abs(orbit.states[-1] - orbit.states[0]).max() <= CLOSED * found.plane[1].width
+        assert np.array_equal(orbit.at(orbit.t), orbit.states)
+
+
+def test_an_orbit_runs_both_ways_until_it_leaves_the_window() -> None:
+    found = lg.phase_portrait(van_der_pol(), {x: (-3, 3), x.dot: (-4, 4)}, starts=[{x: 2.5, x.dot: 2.0}])
+    (orbit,) = found.orbits
+    assert orbit.t[0] < 0 < orbit.t[-1]
+    assert not orbit.closed
+    assert np.all(np.diff(orbit.t) > 0)
+    assert np.abs(orbit.states[:, 1]).max() == pytest.approx(4 * 1.04, rel=1e-3)
+    assert orbit.at(np.array([0.0]))[0] == pytest.approx([2.5, 2.0], abs=1e-12)
+
+
+def test_the_field_and_the_window_are_those_of_the_system() -> None:
+    found = lg.phase_portrait(lg.System(kinetic=x.dot**2 / 2, potential=x**4 / 4 - x**2 / 2))
+    assert [place.kind for place in found.equilibria] == ["centre", "saddle", "centre"]
+    assert found.u.shape == found.v.shape == (len(found.y), len(found.x))
+    assert np.array_equal(found.u, np.broadcast_to(found.y[:, None], found.u.shape))
+    assert found.v == pytest.approx(np.broadcast_to(found.x - found.x**3, found.v.shape), abs=1e-12)
+    assert any(orbit.closed for orbit in found.orbits)
+
+
+def test_a_slice_of_two_coordinates_holds_the_others_and_says_so() -> None:
+    system = shared_scene("double-pendulum")
+    held = {"theta2": 0.5, "theta2_dot": 0.1}
+    found = lg.phase_portrait(system, {"theta1": (-3, 3, 5), "theta1_dot": (-8, 8, 4)}, at=held)
+    assert found.u.shape == (4, 5)
+    states = np.array([[q, 0.5, v, 0.1] for v in found.y for q in found.x]).T
+    assert found.v.ravel() == pytest.approx(system.compile().rhs(0.0, states)[2])
+    assert not found.equilibria
+    assert "slice" in found.message
+    assert all(orbit.t[0] == 0.0 for orbit in found.orbits)
+
+
+def test_a_driven_system_is_shown_at_a_time_and_says_so() -> None:
+    found = lg.phase_portrait(driven_linear(), {x: (-1, 1), x.dot: (-2, 2)}, t=0.3)
+    place, rate = np.meshgrid(found.x, found.y)
+    assert found.v == pytest.approx(-rate / 2 + np.cos(0.9) - 4 * place)
+    assert "depends on time: the field is that of t = 0.3" in found.message
+    assert found.orbits[0].t[0] == 0.3
+
+
+def test_ctrl_c_keeps_what_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Runs, "__call__", interrupting(8)(Runs.__call__))
+    found = lg.phase_portrait(pendulum(), {theta: (-np.pi, np.pi), theta.dot: (-3, 3)})
+    assert found.status is lg.Status.INTERRUPTED
+    assert (len(found.separatrices), len(found.orbits)) == (4, 4)
+    assert found.message.startswith("interrupted after 4 orbits, which are kept.")
+    assert found.x.size
+
+
+def test_a_free_particle_rests_everywhere() -> None:
+    found = lg.phase_portrait(lg.System(kinetic=x.dot**2 / 2), {x: (-1, 1), x.dot: (-1, 1)})
+    assert not found.equilibria
+    assert "Every place is an equilibrium" in found.message
+
+
+def test_a_portrait_pickles() -> None:
+    found = pickle.loads(pickle.dumps(lg.phase_portrait(pendulum(), starts=[{theta: 1.0}])))
+    assert found.orbits[0].at(np.array([0.5])).shape == (1, 2)
+
+
+@pytest.mark.parametrize(
+    ("system", "arguments", "says"),
+    [
+        (star, {}, "has 2 coordinates, and 4 entries of its state are free.*at=\\{'y': 0, 'y_dot': 0\\}.*lg.poincare"),
+        (star, {"at": {y: 0, y.dot: 0}}, "no window is given.*window=\\{'x': \\(-3, 3\\), 'x_dot': \\(-5, 5\\)\\}"),
+        (star, {"at": {y: 0}}, "3 entries of its state are free"),
+        (
+            star,
+            {"at": {y: 0, y.dot: 0}, "window": {x: (0, 1), y: (0, 1)}},
+            "window has x and y, and at leaves x and x_dot",
+        ),
+        (pendulum, {"at": {theta: 0}}, "at holds an entry of the state, and pendulum has two: leave it out"),
+        (pendulum, {"at": [0]}, "at is \\[0\\]: give a dict"),
+        (pendulum, {"window": {theta: (-3, 3)}}, "window has 1 entry, and a picture has two axes"),
+        (pendulum, {"window": 3}, "window is 3: give a dict of two entries"),
+        (pendulum, {"window": {theta: (3, -3), theta.dot: (-1, 1)}}, "the range of theta is empty: 3 to -3"),
+        (pendulum, {"window": {theta: 3, theta.dot: (-1, 1)}}, "the range of theta is 3: give \\(low, high\\)"),
+        (pendulum, {"window": {theta: (-3, 3, 1), theta.dot: (-1, 1)}}, "number of values in the range of theta = 1"),
+        (pendulum, {"window": {"thet": (-3, 3), theta.dot: (-1, 1)}}, "window names 'thet'.*Did you mean 'theta'"),
+        (pendulum, {"window": {theta: (-3, 3), "theta": (-1, 1)}}, "window names theta twice"),
+        (pendulum, {"starts": [{"phi": 1}]}, "start 0: initial names 'phi', which is no coordinate"),
+        (pendulum, {"starts": []}, "starts is empty"),
+        (pendulum, {"starts": 4}, "starts is 4: give a list of dicts"),
+        (pendulum, {"starts": np.zeros((2, 3))}, "starts has shape \\(2, 3\\): give \\(m, 2\\).*theta theta_dot"),
+        (pendulum, {"starts": [[np.nan, 0.0]]}, "starts has entries that are not finite"),
+        (pendulum, {"t_end": -1.0}, "t_end, the time for which orbits are followed, is -1: give a positive number"),
+        (duffing, {"parameters": {"f": 1}}, "'f' is no parameter of this system"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(system: Any, arguments: dict[str, Any], says: str) -> None:
+    with pytest.raises(StatementError, match=says):
+        lg.phase_portrait(system(), **arguments)
+
+
+def test_constraints_and_what_is_no_system_are_refused() -> None:
+    text: Any = "pendulum"
+    with pytest.raises(StatementError, match="'pendulum' is no system: give an lg"):
+        lg.phase_portrait(text)
+    held = lg.System(kinetic=(x.dot**2 + y.dot**2) / 2, potential=cos(x), constraints=[Eq(x, y)])
+    with pytest.raises(StatementError, match="has constraints, and its states fill no plane: eliminate"):
+        lg.phase_portrait(held)

@@ -1,0 +1,177 @@
+"""Chromium without a window, driven through two pipes in its DevTools protocol: no other package is needed."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import select
+import shutil
+import tempfile
+import time
+from pathlib import Path
+from typing import Any, Self
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
+
+FLAGS = (
+    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-dev-shm-usage"),
+    "--remote-debugging-pipe",
+)
+READS, WRITES = 3, 4
+"""The descriptors from which the browser reads commands, and to which it writes answers."""
+
+ANSWER = 60.0
+"""Seconds for an answer, beyond which the browser counts as dead: the longest here takes some two."""
+
+ASKED = {"awaitPromise": True, "returnByValue": True, "allowUnsafeEvalBlockedByCSP": False}
+"""How scripts are evaluated: as the page's own policy allows."""
+
+PATIENCE = 20.0
+"""Seconds until something becomes true in a page; what takes longest here is half a second of motion."""
+
+COMPLAINTS = ("Runtime.exceptionThrown", "Log.entryAdded", "Runtime.consoleAPICalled")
+
+
+def program() -> str | None:
+    """Return the browser, None where none is installed."""
+    return next(filter(None, map(shutil.which, NAMES)), None)
+
+
+class Browser:
+    """A browser with a profile of its own."""
+
+    def __init__(self) -> None:
+        self.folder = tempfile.mkdtemp(prefix="browser-")
+        given, self._commands = os.pipe()
+        self._answers, taken = os.pipe()
+        path = program()
+        assert path is not None
+        high = [os.dup2(one, one + 20, inheritable=False) for one in (given, taken)]
+        actions = [
+            (os.POSIX_SPAWN_DUP2, high[0], READS),
+            (os.POSIX_SPAWN_DUP2, high[1], WRITES),
+            (os.POSIX_SPAWN_OPEN, 2, os.devnull, os.O_WRONLY, 0),
+        ]
+        arguments = [path, *FLAGS, f"--user-data-dir={self.folder}", "about:blank"]
+        self._process = os.posix_spawn(path, arguments, os.environ, file_actions=actions)
+        for one in (given, taken, *high):
+            os.close(one)
+        self._count, self._read = itertools.count(1), b""
+        self.events: list[dict[str, Any]] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.call("Browser.close")
+        os.waitpid(self._process, 0)
+        os.close(self._commands)
+        os.close(self._answers)
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def call(self, method: str, session: str | None = None, **given: Any) -> Any:
+        """Send a command and return its result; what happens meanwhile is kept in `events`."""
+        number = next(self._count)
+        message = {"id": number, "method": method, "params": given} | ({"sessionId": session} if session else {})
+        os.write(self._commands, json.dumps(message).encode() + b"\0")
+        while True:
+            answer = self._next()
+            if answer.get("id") == number:
+                assert "error" not in answer, answer["error"]
+                return answer["result"]
+            self.events.append(answer)
+
+    def _next(self) -> dict[str, Any]:
+        until = time.monotonic() + ANSWER
+        while b"\0" not in self._read:
+            ready, _, _ = select.select([self._answers], [], [], max(0.0, until - time.monotonic()))
+            assert ready, f"the browser did not answer for {ANSWER:g} s"
+            block = os.read(self._answers, 1 << 16)
+            assert block, "the browser has gone"
+            self._read += block
+        message, _, self._read = self._read.partition(b"\0")
+        found: dict[str, Any] = json.loads(message)
+        return found
+
+    def open(self, path: Path, width: int = 1280, height: int = 800, *, dark: bool = False) -> Tab:
+        """Open a file in a tab of a size; a narrow one is a phone."""
+        return Tab(self, path, width, height, dark=dark)
+
+
+class Tab:
+    """A page that is open."""
+
+    def __init__(self, browser: Browser, path: Path, width: int, height: int, *, dark: bool) -> None:
+        self.browser, self.path, self._first = browser, path, len(browser.events)
+        self._target = browser.call("Target.createTarget", url="about:blank")["targetId"]
+        self._session = browser.call("Target.attachToTarget", targetId=self._target, flatten=True)["sessionId"]
+        phone = width < 600
+        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=phone)
+        self.call("Emulation.setTouchEmulationEnabled", enabled=phone)
+        schemes = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
+        self.call("Emulation.setEmulatedMedia", features=schemes)
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self.call(f"{domain}.enable")
+        self.call("Page.navigate", url=path.as_uri())
+        self.wait("typeof lagrange === 'object'")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.browser.call("Target.closeTarget", targetId=self._target)
+
+    def call(self, method: str, **given: Any) -> Any:
+        """Send a command to the page."""
+        return self.browser.call(method, self._session, **given)
+
+    def value(self, script: str) -> Any:
+        """Return what a script gives, as JSON has it."""
+        found = self.call("Runtime.evaluate", expression=script, **ASKED)
+        assert "exceptionDetails" not in found, found["exceptionDetails"]
+        return found["result"].get("value")
+
+    def wait(self, script: str) -> None:
+        """Wait until a script gives what is true. Fails where the page has failed, or where it takes too long."""
+        until = time.monotonic() + PATIENCE
+        while not self.value(script):
+            failed = [one for one in self.complaints() if "exceptionDetails" in one]
+            assert not failed and time.monotonic() < until, f"{script} is not true; complaints: {self.complaints()}"
+            time.sleep(0.01)
+
+    def text(self, selector: str) -> str:
+        """Return the text of an element, when what was done before has been drawn."""
+        self.value("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        return str(self.value(f"document.querySelector({json.dumps(selector)}).textContent"))
+
+    def click(self, selector: str, times: int = 1) -> None:
+        """Click an element."""
+        self.value(f"for (let k = 0; k < {times}; k++) document.querySelector({json.dumps(selector)}).click()")
+
+    def type(self, selector: str, value: float, event: str = "change") -> None:
+        """Give an input a value, as a person does who types it (change) or drags it (input)."""
+        found = f"document.querySelector({json.dumps(selector)})"
+        self.value(f"{found}.value = {value!r}; {found}.dispatchEvent(new Event('{event}', {{ bubbles: true }}))")
+
+    def press(self, key: str, code: str | None = None) -> None:
+        """Press and release a key."""
+        typed = key if len(key) == 1 else ""
+        for kind in ("keyDown", "keyUp"):
+            self.call(
+                "Input.dispatchKeyEvent", type=kind, key=key, code=code or key, text=typed if kind == "keyDown" else ""
+            )
+
+    def complaints(self) -> list[str]:
+        """Return errors and warnings of the console, and requests for anything but the page itself."""
+        found = []
+        for event in self.browser.events[self._first :]:
+            given = event.get("params", {})
+            if event.get("sessionId") != self._session:
+                continue
+            if event["method"] in COMPLAINTS:
+                found.append(json.dumps(given)[:400])
+            if event["method"] == "Network.requestWillBeSent" and given["request"]["url"] != self.path.as_uri():
+                found.append(f"asked for {given['request']['url']}")
+        return found

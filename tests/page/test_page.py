@@ -1,0 +1,279 @@
+"""The page as a file: what is in it, what it may do, and what is refused."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from sympy import cos, erf
+
+import lagrange as lg
+from lagrange.cli import main
+from lagrange.page.description import rate
+from lagrange.page.document import SCRIPTS, TEMPLATE, in_script
+from lagrange.page.motion import contents
+from lagrange.page.sliders import angles, nice, parameter_bounds
+from lagrange.show.figures.space_view import AZIMUTH, ELEVATION, from_side
+from lagrange.show.figures.spring import spring
+from lagrange.show.files.script_data import as_json
+from tests.models import shared_scene
+
+Captured = pytest.CaptureFixture[str]
+
+
+def pendulum(**stated: Any) -> lg.System:
+    theta = lg.coordinate("theta")
+    m, g, l = lg.parameters("m g l")
+    known: dict[str, Any] = {
+        "kinetic": m * l**2 * theta.dot**2 / 2,
+        "potential": -m * g * l * cos(theta),
+        "parameters": {m: 1, g: 9.81, l: 1},
+        "initial": {theta: 2.0},
+        "name": "pendulum",
+    }
+    return lg.System(**(known | stated))
+
+
+def parts(page: Path) -> tuple[list[str], list[str]]:
+    """Return the scripts and the styles of a page."""
+    text = page.read_text("utf-8")
+    scripts, styles = (re.findall(rf"<{tag}\b[^>]*>(.*?)</{tag}>", text, re.DOTALL) for tag in ("script", "style"))
+    return scripts, styles
+
+
+def data(page: Path) -> dict[str, Any]:
+    """Return what the scripts know of the system."""
+    found: dict[str, Any] = json.loads(parts(page)[0][0])
+    return found
+
+
+def test_a_double_pendulum_takes_less_than_200_kb_and_nothing_from_elsewhere(tmp_path: Path) -> None:
+    page = shared_scene("double-pendulum").to_page(tmp_path / "page.html")
+    assert page == (tmp_path / "page.html").resolve()
+    assert page.stat().st_size < 200_000
+    text = page.read_text("utf-8")
+    assert not re.search(r"""\b(src|href|url|import)\b\s*[=(]""", text)
+    assert set(re.findall(r"https?://[^\"' ]*", text)) == {"http://www.w3.org/1998/Math/MathML"}
+
+
+@pytest.mark.parametrize("scene", ["double-pendulum", "four-bar", "two-point-vortices"])
+def test_the_page_has_the_exported_bytes(scene: str, tmp_path: Path) -> None:
+    system = shared_scene(scene)
+    (file,) = system.export("javascript", tmp_path, contents(system.statement)).files
+    page = system.to_page(tmp_path / "page.html")
+    module = parts(page)[0][2]
+    assert module.startswith(file.read_text())
+    assert module.removeprefix(file.read_text()).startswith(
+        "\nstartPage({ prepare, STATE, PREPARED, rhs, energy, dop853"
+    )
+
+
+def test_the_policy_allows_what_is_there_alone(tmp_path: Path) -> None:
+    page = shared_scene("pendulum").to_page(tmp_path / "page.html")
+    (policy,) = re.findall(r'http-equiv="Content-Security-Policy" content="([^"]*)"', page.read_text("utf-8"))
+    (_, *scripts), (style,) = parts(page)
+    hashes = [
+        f"'sha256-{base64.b64encode(hashlib.sha256(one.encode()).digest()).decode()}'" for one in (*scripts, style)
+    ]
+    rules = dict(rule.split(" ", 1) for rule in policy.split("; "))
+    assert rules == {
+        "default-src": "'none'",
+        "script-src": " ".join(hashes[:2]),
+        "style-src": hashes[2],
+        "base-uri": "'none'",
+        "form-action": "'none'",
+        "require-trusted-types-for": "'script'",
+        "trusted-types": "'none'",
+    }
+    assert not re.search(r"<[^>]*\s(style|on\w+)=", page.read_text("utf-8"))
+
+
+def test_the_same_statement_gives_the_same_page(tmp_path: Path) -> None:
+    first, second = (pendulum().to_page(tmp_path / name).read_bytes() for name in ("a.html", "b.html"))
+    assert first == second
+
+
+def test_every_file_of_the_template_is_used() -> None:
+    names = {path.name for path in TEMPLATE.iterdir()}
+    assert names == {"page.html", "page.css", *(f"{name}.js" for name in SCRIPTS)}
+    assert all(path.read_text("utf-8").count("\n") <= 400 for path in TEMPLATE.iterdir())
+
+
+def test_texts_in_a_script_end_no_script() -> None:
+    assert in_script("// </script> <!-- <SCRIPT> a < b") == "// <\\/script> <\\!-- <\\SCRIPT> a < b"
+    text = as_json({"name": "</script><!--&\u2028"})
+    assert json.loads(text) == {"name": "</script><!--&\u2028"}
+    assert not re.search("[<>&\u2028]", text)
+
+
+def test_what_is_given_is_in_the_page(tmp_path: Path) -> None:
+    system = pendulum()
+    page = system.to_page(tmp_path / "page.html", parameters={"l": 2.5}, initial={"theta_dot": 3.0})
+    assert data(page)["parameters"] == [1.0, 9.81, 2.5]
+    assert data(page)["initial"] == [2.0, 3.0]
+    assert "default_parameters = Object.freeze([1.0, 9.81, 2.5])" in page.read_text("utf-8")
+
+
+def test_springs_rods_and_points_are_in_the_page(tmp_path: Path) -> None:
+    found = data(shared_scene("double-pendulum").to_page(tmp_path / "page.html"))
+    assert (found["points"], found["dimension"]) == (["bob1", "bob2"], 2)
+    assert found["links"] == [[2, 0, "rod"], [0, 1, "rod"]]
+    found = data(shared_scene("elastic-pendulum").to_page(tmp_path / "page.html"))
+    assert found["links"] == [[1, 0, "spring"]]
+
+
+def test_springs_and_directions_of_space_are_those_of_figures(tmp_path: Path) -> None:
+    found = data(shared_scene("elastic-pendulum").to_page(tmp_path / "page.html"))
+    start, end = np.array([1.0, 2.0]), np.array([4.0, 6.0])
+    along, aside = np.array(found["spring"]).T
+    corners = start[:, None] + np.outer(end - start, along) + 0.5 * np.outer([-0.8, 0.6], aside)
+    assert corners == pytest.approx(spring(start, end, 0.5), abs=1e-3)  # four digits of a unit
+    seen = from_side(*np.degrees(found["view"]))
+    assert seen.matrix == pytest.approx(from_side(AZIMUTH, ELEVATION).matrix, abs=1e-15)
+
+
+def test_a_system_without_energies_or_positions(tmp_path: Path) -> None:
+    assert contents(shared_scene("two-point-vortices").statement) == ("rhs", "energy", "dop853", "positions")
+    page = pendulum().to_page(tmp_path / "page.html")
+    assert "No positions are stated for this system" in page.read_text("utf-8")
+    assert data(page)["dimension"] == 0
+
+
+def test_what_can_be_turned_says_so(tmp_path: Path) -> None:
+    said = '<p class="hint">Drag to turn</p>'
+    assert said in shared_scene("spherical-pendulum").to_page(tmp_path / "page.html").read_text("utf-8")
+    assert said not in shared_scene("pendulum").to_page(tmp_path / "page.html").read_text("utf-8")
+
+
+def test_formulas_that_are_too_long_are_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lagrange.page.formulas.LONGEST", 400)
+    text = pendulum().to_page(tmp_path / "page.html").read_text("utf-8")
+    assert text.count("These formulas are too long to be read here: `lagrange derive` prints them.") > 1
+    assert "<summary>Equations of motion</summary>" in text
+
+
+# --- sliders
+
+
+def test_bounds_of_sliders() -> None:
+    assert parameter_bounds(9.81) == (1.0, 30.0)
+    assert parameter_bounds(-1.0) == (-3.0, -0.1)
+    assert parameter_bounds(0.0) == (0.0, 1.0)
+    assert [nice(size) for size in (0.03, 0.11, 2.5, 1.0, 7.0, 5e-324)] == [0.03, 0.2, 3.0, 1.0, 10.0, 5e-324]
+
+
+def test_an_angle_goes_all_round_and_other_coordinates_keep_their_sign(tmp_path: Path) -> None:
+    assert {q.func.__name__ for q in angles(shared_scene("elastic-pendulum").statement)} == {"theta"}
+    assert not angles(shared_scene("kepler").statement)
+    text = shared_scene("elastic-pendulum").to_page(tmp_path / "page.html").read_text("utf-8")
+    bounds = {
+        spoken: (float(low), float(high))
+        for low, high, spoken in re.findall(r'min="([^"]*)" max="([^"]*)"[^>]*aria-label="([^"]*)"', text)
+    }
+    assert bounds["initial value of theta"] == pytest.approx((-3.141592653589793, 3.141592653589793))
+    assert bounds["initial value of r"] == pytest.approx((0.11, 2.09))
+    assert bounds["initial value of theta_dot"][1] > 0
+
+
+def test_sliders_that_are_asked_for_stand_first(tmp_path: Path) -> None:
+    system = pendulum()
+    (theta,) = system.coordinates
+    page = system.to_page(tmp_path / "page.html", sliders={theta.dot: (-2, 2), "l": (0.5, 2)})
+    assert [(one["kind"], one["place"]) for one in data(page)["sliders"]] == [
+        ("state", 1),
+        ("parameter", 2),
+        ("parameter", 0),
+        ("parameter", 1),
+        ("state", 0),
+    ]
+    assert 'id="slider1" min="0.5" max="2.0" step="any" value="1.0"' in page.read_text("utf-8")
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (
+            {"sliders": {"thetta": (0, 1)}},
+            "there is no slider of 'thetta', which is no parameter, coordinate or velocity ",
+        ),
+        ({"sliders": {"thetta": (0, 1)}}, "of pendulum: they are m, g, l, theta and theta_dot. Did you mean 'theta'?"),
+        ({"sliders": {3: (0, 1)}}, "there is no slider of '3'"),
+        ({"sliders": ["l"]}, "sliders is ['l']: give a dict from names to bounds, such as {'l': (0.5, 2)}."),
+        ({"sliders": {"l": 3}}, "the slider of l is 3: give its bounds (low, high), such as (0.5, 2)."),
+        ({"sliders": {"l": "ab"}}, "the slider of l is 'ab': give its bounds (low, high)"),
+        ({"sliders": {"l": (0, float("inf"))}}, "a bound of the slider of l is inf: give a finite number."),
+        ({"sliders": {"l": (2, 0)}}, "the slider of l goes from 2 to 0: give the lower bound first."),
+        ({"sliders": {"l": (2, 3)}}, "the slider of l goes from 2 to 3, and l is 1: give bounds that hold it"),
+        ({"parameters": {"z": 1}}, "z"),
+        ({"initial": {"phi": 1}}, "initial names 'phi', which is no coordinate or velocity"),
+        ({"path": "/nowhere/page.html"}, "Cannot write /nowhere/page.html: there is no folder /nowhere."),
+        ({"path": 3}, "the path is 3 (int)"),
+    ],
+)
+def test_a_wrong_request_is_refused_and_leaves_nothing(given: dict[str, Any], said: str, tmp_path: Path) -> None:
+    with pytest.raises(lg.StatementError, match=r".") as caught:
+        pendulum().to_page(**{"path": tmp_path / "page.html", **given})
+    assert said in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_function_that_javascript_has_not(tmp_path: Path) -> None:
+    theta = lg.coordinate("theta")
+    with pytest.raises(lg.StatementError) as caught:
+        pendulum(potential=erf(theta)).to_page(tmp_path / "page.html")
+    assert str(caught.value) == (
+        "a page of pendulum cannot be made: its energy contains erf, which JavaScript has no function for."
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_page_that_is_there_stays_where_the_new_one_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = tmp_path / "page.html"
+    page.write_text("mine")
+    monkeypatch.setattr("os.fsync", lambda _: (_ for _ in ()).throw(OSError(28, "full")))
+    with pytest.raises(lg.RunError, match="the disk is full"):
+        pendulum().to_page(page)
+    assert page.read_text() == "mine"
+    assert list(tmp_path.iterdir()) == [page]
+
+
+@pytest.mark.parametrize(
+    ("t_end", "shown"), [(10.0, 1.0), (60.0, 1.0), (1.0, 1.0), (0.03, 0.002), (365.0, 20.0), (-5.0, -1.0)]
+)
+def test_how_fast_time_passes(t_end: float, shown: float) -> None:
+    assert rate(t_end) == shown
+
+
+# --- the command
+
+
+def test_the_command_writes_a_page(tmp_path: Path, capsys: Captured) -> None:
+    file = tmp_path / "page.html"
+    given = ["--set", "l=2", "--initial", "theta=30deg", "--slider", "l=0.5:3"]
+    assert main(["page", "pendulum", "--out", str(file), *given]) == 0
+    assert re.fullmatch(rf"wrote {file} \(\d+ kB\): open it in a browser\.\n", capsys.readouterr().out)
+    assert data(file)["initial"][0] == pytest.approx(0.5235987755982988)
+    assert main(["page", "pendulum", "--out", str(file), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"file": str(file), "bytes": file.stat().st_size}
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["--slider", "l"], "--slider l: write NAME=LOW:HIGH, such as --slider l=0.5:2."),
+        (["--slider", "l=0:1", "--slider", "l=0:2"], "--slider gives l twice: give it once."),
+        (["--slider", "l=0:x"], "--slider l: 'x' is not a number."),
+        (["--slider", "ll=0:1"], "Did you mean 'l'?"),
+        (["--set", "q=1"], "q"),
+    ],
+)
+def test_a_wrong_command(given: list[str], said: str, tmp_path: Path, capsys: Captured) -> None:
+    assert main(["page", "pendulum", "--out", str(tmp_path / "page.html"), *given]) == 2
+    assert said in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,226 @@
+"""A law over all public result types: readable in text, and in a notebook bounded and without anybody's markup."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from sympy import Piecewise, cos, sin
+
+import lagrange as lg
+from lagrange.show.notebook.html_card import sentences, table
+from lagrange.show.notebook.page_writer import PageWriter
+from tests.public import surface
+from tests.show.examples import free
+from tests.show.notebook.shown import HOSTILE, chain, held, rich
+
+STATED = (
+    *(lg.Claims, lg.Event, lg.Problem, lg.methods.CVODE, lg.methods.Taylor, lg.methods.ScipyRK45, lg.methods.ScipyRK23),
+    *(lg.methods.ScipyDOP853, lg.methods.ScipyRadau, lg.methods.ScipyBDF, lg.methods.ScipyLSODA),
+)
+"""What users write themselves: its repr is how they write it."""
+
+DUMP = re.compile(r"[A-Z]\w+\(\w+=|.* object at 0x")
+
+
+def pendulum() -> lg.System:
+    theta = lg.coordinate("theta")
+    m, g, l = lg.parameters("m g l")
+    return lg.System(
+        kinetic=m * l**2 * theta.dot**2 / 2,
+        potential=-m * g * l * cos(theta),
+        parameters={m: 1.0, g: 9.81, l: 1.0},
+        dimensions={m: "kg", l: "m", g: "m/s**2", theta: "angle", lg.t: "s"},
+        initial={theta: 2.0},
+        positions={"bob": (l * sin(theta), -l * cos(theta))},
+        name=HOSTILE,
+    )
+
+
+SYSTEM = pendulum()
+AT = {"theta": 0}
+
+RESULTS: dict[str, tuple[Callable[[Path], Any], str]] = {
+    "system": (lambda folder: SYSTEM, "markdown"),
+    "equations": (lambda folder: SYSTEM.equations(), "markdown"),
+    "accelerations": (lambda folder: SYSTEM.accelerations(), "markdown"),
+    "momenta": (lambda folder: SYSTEM.momenta, "markdown"),
+    "derivation": (lambda folder: SYSTEM.derivation(), "markdown"),
+    "page": (lambda folder: SYSTEM.page(), "markdown"),
+    "model": (lambda folder: SYSTEM.compile(), ""),
+    "statement": (lambda folder: SYSTEM.statement, ""),
+    "conserved": (lambda folder: SYSTEM.conserved(), "markdown"),
+    "one conserved": (lambda folder: SYSTEM.conserved()[0], "markdown"),
+    "equilibria": (lambda folder: SYSTEM.equilibria(), "markdown"),
+    "one equilibrium": (lambda folder: SYSTEM.equilibria()[0], "markdown"),
+    "modes": (lambda folder: SYSTEM.modes(AT), "markdown"),
+    "linearization": (lambda folder: SYSTEM.linearize(AT), "markdown"),
+    "hamiltonian": (lambda folder: SYSTEM.hamiltonian(), "markdown"),
+    "right equations": (lambda folder: SYSTEM.compare("l*theta_ddot = -g*sin(theta)"), "markdown"),
+    "wrong equations": (lambda folder: SYSTEM.compare("l*theta_ddot = g*sin(theta)"), "markdown"),
+    "report": (lambda folder: SYSTEM.check(points=1), "markdown"),
+    "solution": (lambda folder: SYSTEM.run(1.0), "html"),
+    "plot": (lambda folder: SYSTEM.run(1.0).plot(), "png"),
+    "drift": (lambda folder: SYSTEM.run(1.0).drift, ""),
+    "trajectory": (lambda folder: SYSTEM.run(1.0).trajectory, ""),
+    "flow": (lambda folder: lg.flow(SYSTEM.compile()), ""),
+    "race": (lambda folder: race(), "html"),
+    "entry": (lambda folder: race()[0], ""),
+    "plot of a race": (lambda folder: race().plot(), "png"),
+    "eigenvalues": (lambda folder: SYSTEM.eigenvalues("l", np.array([1.0, 2.0]), AT), ""),
+    "plot of eigenvalues": (lambda folder: SYSTEM.plot_eigenvalues("l", np.array([1.0, 2.0]), AT), "png"),
+    "horizon": (lambda folder: lg.trust_horizon(SYSTEM, (0.0, 1.0)), ""),
+    "consistent state": (lambda folder: surface.held().consistent(), ""),
+    "constraint drift": (lambda folder: surface.held().run(0.1).constraint_drift, ""),
+    "exported": (lambda folder: SYSTEM.export("c", folder), ""),
+    "sympy": (lambda folder: SYSTEM.compile().as_sympy(), ""),
+    "scipy": (lambda folder: surface.model().as_sympy(), ""),
+    "targets": (lambda folder: lg.targets(), "html"),
+    "scenes": (lambda folder: lg.scenes(), "html"),
+    "methods": (lambda folder: lg.methods.table(), "markdown"),
+    "stability": (lambda folder: lg.methods.stability("rk4"), ""),
+    "plot of stability": (lambda folder: lg.methods.plot_stability("rk4"), "png"),
+    "a long chain": (lambda folder: chain(30), "markdown"),
+    "its derivation": (lambda folder: chain(30).derivation(), "markdown"),
+    "a run of thirty coordinates": (lambda folder: free(30), "html"),
+    "the run of a long chain": (lambda folder: chain(30).run(0.05, check=False), "html"),
+    "a chain with long formulas": (lambda folder: chain(7).derivation(), "markdown"),
+}
+"""Every result by what it is called, with how a notebook shows it beside its repr."""
+
+
+def race() -> lg.Race:
+    return lg.race(SYSTEM, 1.0, methods=["rk4", "dop853"], tolerances=[1e-6], steps=[0.1], repeats=1)
+
+
+LONG = pytest.mark.exhaustive
+"""What compiles a chain of thirty links, for some seconds."""
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=LONG if name == "the run of a long chain" else ()) for name in RESULTS]
+)
+def test_a_result_is_readable_and_bounded(name: str, tmp_path: Path) -> None:
+    make, kind = RESULTS[name]
+    result = make(tmp_path)
+    text = repr(result)
+    assert len(text) <= 20_000 and not DUMP.match(text)
+    shown = rich(result)
+    assert set(shown) == ({kind} if kind else set())
+    for way, what in shown.items():
+        held(way, what)
+
+
+@pytest.mark.parametrize("kind", [kind for kind in surface.INSTANCES if kind not in STATED], ids=lambda k: k.__name__)
+def test_no_public_class_shows_its_fields(kind: type) -> None:
+    made = surface.INSTANCES[kind]()
+    assert len(repr(made)) <= 20_000
+    assert not DUMP.match(repr(made))
+    for way, what in rich(made).items():
+        held(way, what)
+
+
+def test_what_is_left_out_of_a_long_chain_is_said() -> None:
+    page = chain(30)._repr_markdown_()
+    assert "T: not shown here, it has 6633 operations" in page
+    assert "the equations of motion: not shown here, they are derived from 8582 operations" in page
+    assert "`print(system.page())` has it as text" in page
+    assert "the energy is conserved" in page and "<details><summary>" not in page.split("Structure")[1]
+
+
+def test_a_system_shows_energies_values_with_units_equations_and_what_is_kept() -> None:
+    page = SYSTEM._repr_markdown_()
+    assert r"T &= \frac{1}{2} m l^2 \dot\theta^2" in page and r"V &= -m g l \cos \theta" in page
+    assert r"$m = 1$ kg" in page and r"$g = 9.81$ m/s\*\*2" in page
+    assert r"$\theta = 2$ rad, all else 0" in page
+    assert r"m l^2 \ddot\theta + m g l \sin \theta = 0" in page
+    assert "the energy is conserved" in page
+
+
+def test_a_parameter_without_a_value_is_said_to_have_none() -> None:
+    x, (m, k) = lg.coordinate("x"), lg.parameters("m k")
+    page = lg.System(m * x.dot**2 / 2, k * x**2 / 2, parameters={m: 2.0})._repr_markdown_()
+    assert "$m = 2$" in page and "$k$ without a value" in page and "**Initial state**  all 0" in page
+
+
+def test_a_page_is_the_text_that_it_was() -> None:
+    page = SYSTEM.page()
+    assert isinstance(page, str) and page == SYSTEM.page("text") == str(SYSTEM.derivation()) + structure(page)
+    again = pickle.loads(pickle.dumps(page))
+    assert again == page and again._repr_markdown_() == page._repr_markdown_()
+    assert "Structure" in str(page._repr_markdown_())
+    assert rich(SYSTEM.page("latex")) == rich(SYSTEM.page("unicode")) == {}
+    assert rich(SYSTEM.page("html")) == rich(SYSTEM.page("markdown")) == rich(page)
+
+
+def structure(page: str) -> str:
+    return page[page.index("\nStructure") :]
+
+
+class Printer:
+    """What IPython prints a plain text with."""
+
+    def __init__(self) -> None:
+        self.shown = ""
+
+    def text(self, text: str) -> None:
+        self.shown += text
+
+
+def test_a_page_shows_as_its_text_where_nothing_else_is_shown() -> None:
+    printer = Printer()
+    page = SYSTEM.page("unicode")
+    page._repr_pretty_(printer, cycle=False)
+    assert printer.shown == page
+    long = type(page)("x" * 30_000)
+    printer = Printer()
+    long._repr_pretty_(printer, cycle=False)
+    assert printer.shown.endswith("\n... 10000 more characters: print it") and len(printer.shown) < 20_100
+
+
+@pytest.mark.parametrize("copied", [copy.copy, lambda value: pickle.loads(pickle.dumps(value))], ids=["copy", "pickle"])
+def test_lists_and_dicts_are_pythons_own_and_copy(copied: Callable[[Any], Any]) -> None:
+    for made in (SYSTEM.equations(), SYSTEM.accelerations(), SYSTEM.conserved(), lg.scenes()):
+        again = copied(made)
+        assert again == made and rich(again) == rich(made) and repr(again) == repr(made)
+    assert SYSTEM.equations() == list(SYSTEM.equations()) and dict(SYSTEM.momenta) == SYSTEM.momenta
+
+
+def test_a_condition_is_no_tag() -> None:
+    g, l = lg.parameters("g l")
+    writer = PageWriter(SYSTEM.statement)
+    assert writer.condition(g < l) == r"g \lt  l"
+    assert "<" not in writer.side(Piecewise((g, g < l), (l, True)))
+
+
+def test_modes_have_their_numbers_beside_the_formulas() -> None:
+    stable = SYSTEM.modes(AT)._repr_markdown_()
+    assert r"\omega_{1} = \frac{\sqrt{g}}{\sqrt{l}} \approx 3.13209,\qquad \begin{pmatrix} 1 \end{pmatrix}" in str(
+        stable
+    )
+    above = SYSTEM.modes(SYSTEM.equilibria()[1].at)
+    assert r"\approx 3.13209 i,\qquad" in str(above._repr_markdown_())
+    wide = lg.scene("double-pendulum").modes({"theta1": 0, "theta2": 0})._repr_markdown_()
+    assert r"**Mode 1** $\omega_{1} \approx 2.3972$" in str(wide)
+    numbers = lg.scene("double-pendulum").modes({"theta1": 0.0, "theta2": 0.0})._repr_markdown_()
+    assert re.search(r"\\omega_\{1\} = 2\.3972", str(numbers)) and not re.search(r"\d\.\d{7}", str(numbers))
+
+
+def test_a_run_without_output_has_a_card_and_no_picture() -> None:
+    run = SYSTEM.run(1.0, t_eval=[1.0], max_steps=1)
+    shown = run._repr_html_()
+    assert not len(run.t) and "<img" not in shown and "max_steps" in shown
+
+
+def test_a_table_has_as_many_rows_as_there_is_room_for() -> None:
+    shown = table(("a", "b"), [["<x>", "y" * 900]] * 300)
+    assert len(shown) < 13_000 and shown.count("<tr>") < 30 and "<x>" not in shown
+    assert f"<p>{301 - shown.count('<tr>')} more rows: print() shows all.</p>" in shown
+    assert "print() shows all" not in table(("a",), [["1"]] * 3)
+    assert sentences(["s"] * 20).endswith("<p>12 more remarks: print() shows all.</p>")

@@ -1,0 +1,220 @@
+"""Files of animations: pages that play themselves, GIF, MP4; whole or not at all."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image, ImageSequence
+
+from lagrange.errors import RunError, StatementError
+from lagrange.show.animation import canvas, mp4
+from lagrange.show.animation.animation import Animation
+from tests.show.animations import double_pendulum, in_page, in_pixels
+from tests.show.examples import oscillator
+
+WHITE, BLUE = (255, 255, 255), (0x0B, 0x6E, 0x99)
+
+
+def left_in(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def near(colour: Any, expected: tuple[int, int, int]) -> bool:
+    return bool(np.abs(np.array(colour, dtype=int)[:3] - expected).max() <= 12)
+
+
+@pytest.mark.parametrize("name", ["a.html", "b.GIF", "c.png", "d.mp4"])
+def test_the_ending_of_the_name_says_what_is_written(name: str, tmp_path: Path) -> None:
+    if name.endswith("mp4") and not mp4.has_ffmpeg():
+        pytest.skip("ffmpeg is not installed")
+    made = double_pendulum((0.0, 0.2)).animate(tmp_path / name, speed=1, size=(200, 241))
+    assert made.path == tmp_path / name and left_in(tmp_path) == [name] and f"written to {made.path}" in repr(made)
+    start = {"html": b"<!DOCTYPE html>", "GIF": b"GIF89a", "png": b"\x89PNG", "mp4": b"\x00\x00\x00"}
+    assert (tmp_path / name).read_bytes().startswith(start[name[2:]])
+
+
+def frames_of(path: Path) -> list[tuple[int, Any]]:
+    """Return the milliseconds and the pixels (height, width, 3) of each frame of a GIF."""
+    with Image.open(path) as image:
+        return [
+            (one.info["duration"], np.asarray(one.convert("RGB"), dtype=int)) for one in ImageSequence.Iterator(image)
+        ]
+
+
+def test_frames_of_a_gif_are_the_frames_drawn(tmp_path: Path) -> None:
+    made = double_pendulum((0.0, 1.0)).animate(tmp_path / "a.gif", fps=24, size=(320, 300))
+    durations = []
+    for number, (duration, seen) in enumerate(frames_of(tmp_path / "a.gif")):
+        durations.append(duration)
+        frame = made.frame(number)[:, :, :3].astype(int)
+        assert np.abs(seen - frame).mean() < 1.0 and (seen[0, 0] == WHITE).all(), number
+        x, y = in_pixels(made)[0, :, number].astype(int)
+        assert near(seen[y, x], BLUE)
+    assert len(durations) == len(made.t) == 25 and b"NETSCAPE2.0" in (tmp_path / "a.gif").read_bytes()
+    assert {*durations} == {40, 50} and sum(durations[:-1]) == 1000, "hundredths of a second that add up"
+
+
+def test_a_gif_has_no_frames_that_browsers_slow_down(tmp_path: Path) -> None:
+    double_pendulum((0.0, 0.5)).animate(tmp_path / "a.gif", fps=60, speed=1, size=(200, 240))
+    durations = [duration for duration, _ in frames_of(tmp_path / "a.gif")]
+    assert len(durations) == 16 and min(durations) >= 20
+
+
+def test_an_mp4_lasts_as_long(tmp_path: Path) -> None:
+    if not shutil.which("ffprobe"):
+        pytest.skip("ffprobe is not installed")
+    made = double_pendulum((0.0, 1.0)).animate(tmp_path / "a.mp4", speed=2.0, size=(201, 241))
+    asked = ("-v", "error", "-count_frames", "-show_entries", "stream=nb_read_frames,width,height", "-of", "csv=p=0")
+    said = subprocess.run(["ffprobe", *asked, str(made.path)], capture_output=True, text=True, check=True, timeout=60)
+    assert said.stdout.strip() == f"202,242,{len(made.t)}"
+
+
+def test_without_ffmpeg_a_page_is_written_and_that_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("shutil.which", lambda _: None)
+    note = "ffmpeg is not installed, which a.mp4 needs: a.html is written instead, with a player."
+    with pytest.warns(UserWarning, match=note):
+        made = oscillator().animate(tmp_path / "a.mp4")
+    assert made.path == tmp_path / "a.html" and left_in(tmp_path) == ["a.html"] and note in made.notes
+    with pytest.raises(StatementError) as refusal:
+        oscillator().animate(tmp_path / "a.mp4")
+    assert str(refusal.value) == (
+        f"{tmp_path / 'a.mp4'} needs the program ffmpeg, which is not installed, and {tmp_path / 'a.html'}, which "
+        "would do instead, is there already: name a file that ends in .html or .gif."
+    )
+
+
+def test_what_ffmpeg_refuses_is_said_and_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    program = tmp_path / "broken"
+    program.write_text("#!/bin/sh\necho 'Unknown encoder libx264' >&2\nexit 3\n")
+    program.chmod(0o755)
+    monkeypatch.setattr(mp4, "PROGRAM", str(program))
+    with pytest.raises(RunError) as refusal:
+        double_pendulum().animate(tmp_path / "a.mp4", size=(200, 240))
+    assert str(refusal.value) == (
+        "ffmpeg made no MP4 (Unknown encoder libx264). Nothing was written; name a file that ends in .gif or .html."
+    )
+    assert left_in(tmp_path) == ["broken"]
+
+
+@pytest.mark.parametrize("suffix", ["gif", "mp4"])
+def test_an_interruption_leaves_what_was_there(suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if suffix == "mp4" and not mp4.has_ffmpeg():
+        pytest.skip("ffmpeg is not installed")
+    target = tmp_path / f"a.{suffix}"
+    target.write_text("old")
+    whole = canvas.Canvas.frame
+
+    def interrupted(self: canvas.Canvas, number: int) -> canvas.Pixels:
+        if number == 7:
+            raise KeyboardInterrupt
+        return whole(self, number)
+
+    monkeypatch.setattr(canvas.Canvas, "frame", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        double_pendulum().animate(target, size=(200, 240))
+    assert target.read_text() == "old" and left_in(tmp_path) == [target.name]
+
+
+def test_a_file_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(
+        StatementError, match=r"Cannot write .*: there is no folder .*nowhere\. Make it or name another"
+    ):
+        oscillator().animate(tmp_path / "nowhere" / "a.html")
+
+
+def test_a_page_needs_nothing_and_holds_no_script_of_a_scene(tmp_path: Path) -> None:
+    name = "</script><script>alert(1)</script><!--"
+    made = double_pendulum(name=name).animate()
+    page, shown = made.to_html(), made._repr_html_()
+    assert page.count("</script>") == 1 == page.count("<script>") and "<!--" not in page
+    assert "http:" not in page and "https:" not in page and "src=" not in page and "default-src 'none'" in page
+    assert name in [words[0] for words in in_page(page)["words"]]
+    assert shown.startswith("<iframe ") and 'sandbox="allow-scripts"' in shown and shown.count('"') == 8
+    assert "prefers-reduced-motion" in page and 'aria-label="Play"' in page
+
+
+def test_a_player_too_large_for_a_notebook_is_a_picture_and_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = double_pendulum().animate()
+    size = len(made.to_html())
+    monkeypatch.setattr("lagrange.show.animation.animation.LARGEST_SHOWN", size - 1)
+    shown = made._repr_html_()
+    assert shown.startswith('<img alt="double" src="data:image/png;base64,iVBOR')
+    said = f"The player has {size // 1000} kB, too much for a notebook: .save(&#x27;double.html&#x27;) writes it."
+    assert said in shown
+
+
+def test_colours_follow_the_reader_or_the_style() -> None:
+    auto, light, dark = (double_pendulum().animate(style=style) for style in ("auto", "light", "dark"))
+    assert "@media (prefers-color-scheme: dark)" in auto.to_html()
+    assert "prefers-color-scheme: dark) {" not in light.to_html() + dark.to_html()
+    assert (light.frame(0)[0, 0, :3] == 255).all() and near(dark.frame(0)[0, 0], (0x16, 0x19, 0x1D))
+    assert in_page(dark.to_html())["palettes"]["dark"][0] == "#16191d"
+
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+FLAGS = (
+    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--hide-scrollbars"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage"),
+    *("--force-prefers-reduced-motion", "--virtual-time-budget=2000", "--enable-logging=stderr", "--v=0"),
+)
+
+
+def browsed(made: Animation, folder: Path, *more: str) -> subprocess.CompletedProcess[str]:
+    """Open the page in a browser, and return what it printed."""
+    if not CHROMIUM:
+        pytest.skip("Chromium is not installed")
+    made.save(folder / "a.html")
+    own = (f"--user-data-dir={folder / 'profile'}", *more)
+    return subprocess.run(
+        [CHROMIUM, *FLAGS, *own, f"file://{folder / 'a.html'}"], capture_output=True, text=True, check=True, timeout=120
+    )
+
+
+def test_a_browser_draws_the_same_frame_and_waits_where_motion_is_to_be_reduced(tmp_path: Path) -> None:
+    made = double_pendulum().animate(style="light", size=(480, 440))
+    width, height = made.sheet.size
+    said = browsed(made, tmp_path, f"--window-size={width},{height + 46}", f"--screenshot={tmp_path / 'a.png'}")
+    assert "CONSOLE" not in said.stderr
+    with Image.open(tmp_path / "a.png") as picture:
+        seen = np.asarray(picture.convert("RGB"), dtype=int)[:height]
+    frame = made.frame(0)[:, :, :3].astype(int)
+    assert (np.abs(seen - frame).max(axis=2) > 90).mean() < 0.02, "letters alone are others"
+    for point, colour in zip(
+        in_pixels(made)[:2, :, 0].astype(int), ((0x0B, 0x6E, 0x99), (0xD1, 0x49, 0x5B)), strict=True
+    ):
+        assert near(seen[point[1], point[0]], colour)
+
+
+PRESSES = """<script>
+const key = name => document.dispatchEvent(new KeyboardEvent("keydown", {key: name, bubbles: true}));
+const said = [];
+const note = () => { draw(); said.push(control("seek").getAttribute("aria-valuetext")); };
+note(); key("ArrowRight"); note(); key("End"); note(); key("ArrowLeft"); note(); key("Home"); note();
+control("seek").value = 15; control("seek").oninput({target: control("seek")}); note();
+key(" "); said.push(control("play").getAttribute("aria-label")); key(" ");
+key("+"); said.push(control("speed").value); key("l"); said.push(control("loop").getAttribute("aria-pressed"));
+document.title = said.join(" | ");
+</script></body>"""
+
+
+def test_keys_and_controls_of_the_player(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = double_pendulum().animate()
+    page = made.to_html().replace("</body>", PRESSES)
+    monkeypatch.setattr(Animation, "to_html", lambda _: page)
+    said = browsed(made, tmp_path, "--dump-dom")
+    title = said.stdout.partition("<title>")[2].partition("</title>")[0]
+    assert title == ("t = 0.00 | t = 0.03 | t = 1.00 | t = 0.97 | t = 0.00 | t = 0.50 | Pause | 2 | false"), said.stderr
+
+
+def test_frames_are_drawn_without_pyplot() -> None:
+    code = (
+        "from tests.show.animations import double_pendulum as d; import sys; d().animate(size=(200, 240)).frame(1)\n"
+        "sys.exit('matplotlib.pyplot' in sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)

@@ -1,0 +1,88 @@
+"""Polylines are within a pixel of the curve that they draw: on functions that are known, and on runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from lagrange.show.figures.curve import Pixels, first_times, in_plane, over_time
+from lagrange.trajectory.trajectory import FloatArray
+from tests.show.examples import oscillator
+from tests.show.polylines import farthest
+
+PIXELS = Pixels(700.0, 300.0)
+
+
+def off(values: Callable[[FloatArray], FloatArray], start: FloatArray, exact: FloatArray) -> float:
+    """Return the distance in pixels from one row of values at the exact times to its line."""
+    ((t, row),) = over_time(lambda t: values(t)[None], start, PIXELS)
+    shown = values(exact)
+    scale = np.array([[PIXELS.width / np.ptp(exact)], [PIXELS.height / np.ptp(shown)]])
+    return farthest(exact, scale * [exact, shown], t, scale * [t, row])
+
+
+@pytest.mark.parametrize("end", [1.0, -40.0, 1000.0])
+def test_swings_and_sharp_turns_are_within_a_pixel(end: float) -> None:
+    start = np.linspace(0.0, end, 1 + int(20 * abs(end)))
+    exact = np.linspace(0.0, end, 60_000)
+    assert off(lambda t: np.sin(2 * np.pi * t), start, exact) < 0.5
+    assert off(lambda t: 1 / (1.05 - np.cos(2 * np.pi * t)), start, exact) < 0.5
+    assert off(lambda t: np.abs(np.sin(np.pi * t)), start, exact) < 0.5
+
+
+def test_few_samples_are_enough_of_a_line_and_many_share_columns() -> None:
+    start = np.linspace(0.0, 1.0, 50)
+    (line,) = over_time(lambda t: 3 * t[None], start, PIXELS)
+    assert line.shape[1] < 100
+    (dense,) = over_time(lambda t: np.sin(2e4 * t)[None], np.linspace(0.0, 1.0, 50_000), PIXELS)
+    assert dense.shape[1] <= 4 * 2 * PIXELS.width + 2
+    columns = (PIXELS.width * dense[0]).astype(int)
+    for column in (0, 100, 500):
+        heights = dense[1][columns == column]
+        assert heights.max() > 0.999 and heights.min() < -0.999
+
+
+def test_each_row_has_its_scale_unless_they_are_drawn_together() -> None:
+    def rows(t: FloatArray) -> FloatArray:
+        return np.array([np.sin(t), 1e-6 * np.sin(40 * t)])
+
+    start = np.linspace(0.0, 6.0, 60)
+    together, apart = (over_time(rows, start, PIXELS, together=flag) for flag in (True, False))
+    assert apart[1].shape[1] > 2 * together[1].shape[1]
+
+
+def test_a_jump_is_found_to_the_pixel_and_a_level_row_is_left_alone() -> None:
+    ((t, row),) = over_time(lambda t: np.where(t < 0.7123, 0.0, 1.0)[None], np.linspace(0.0, 1.0, 20), PIXELS)
+    assert len(t) < 400
+    pixel = 1 / PIXELS.width
+    assert 0.7123 - 0.5 * pixel < t[row == 0][-1] < 0.7123 <= t[row == 1][0] < 0.7123 + 0.5 * pixel
+    (level,) = over_time(lambda t: 5.0 + 1e-12 * np.sin(1e9 * t)[None], np.linspace(0.0, 1.0, 20), PIXELS)
+    assert level.shape[1] < 40
+
+
+def test_what_is_not_finite_stays_a_gap() -> None:
+    with np.errstate(all="ignore"):
+        ((t, row),) = over_time(lambda t: np.log(t - 0.5)[None], np.linspace(0.0, 1.0, 20_000), PIXELS)
+    assert np.isnan(row[t < 0.5]).all() and np.isfinite(row[t > 0.5]).all()
+
+
+def test_a_path_is_within_a_pixel_where_it_turns_sharply() -> None:
+    def path(t: FloatArray) -> FloatArray:
+        return np.array([[np.cos(t), 0.01 * np.sin(t)], [np.cos(3 * t), np.sin(2 * t)]])
+
+    times, points = in_plane(path, np.linspace(0.0, 20.0, 200), PIXELS, equal=False)
+    exact = np.linspace(0.0, 20.0, 20_000)
+    scale = np.array([[PIXELS.width / 2], [PIXELS.height / 2]])
+    for found, true in zip(points, path(exact), strict=True):
+        assert farthest(exact, scale * true, times, scale * found) < 0.5
+
+
+def test_first_times_are_the_outputs_and_those_between() -> None:
+    run = oscillator(np.linspace(0.0, 5.0, 11)).trajectory
+    assert set(run.t) <= set(first_times(run)) and len(first_times(run)) >= 500
+    many = oscillator(np.linspace(0.0, 5.0, 600_001)).trajectory
+    few = first_times(many)
+    assert set(few) <= set(many.t) and (few[0], few[-1]) == (0.0, 5.0) and 2e5 < len(few) < 3e5
+    assert len(set(np.diff(np.searchsorted(many.t, few)).tolist())) > 2, "the distances are irregular"

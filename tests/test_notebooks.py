@@ -1,0 +1,192 @@
+"""The notebooks run, say what is true, and are stored in one form."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import runpy
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import nbformat
+import pytest
+from nbclient import NotebookClient
+
+from tests.covering import spread
+
+ROOT = Path(__file__).resolve().parent.parent
+SCRIPT = runpy.run_path(str(ROOT / "docs" / "notebooks.py"))
+NOTEBOOKS = sorted((ROOT / "examples").glob("*.ipynb"))
+LINK = re.compile(r"\[[^\]]*\]\(([^)#\s]+)[^)]*\)")
+ALLOWED = frozenset(("lagrange", "sympy", "numpy", *sys.stdlib_module_names))
+LONGEST = 60.0
+"""Seconds that a notebook may take, on a machine that does other work as well."""
+
+notebooks = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+
+
+def cells(path: Path, kind: str) -> list[tuple[str, str]]:
+    """Return the names and the sources of the cells of one kind."""
+    found = json.loads(path.read_text("utf-8"))["cells"]
+    return [(cell["id"], "".join(cell["source"])) for cell in found if cell["cell_type"] == kind]
+
+
+def imported(source: str) -> set[str]:
+    """Return the packages that a cell imports."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(source)):
+        match node:
+            case ast.Import(names=aliases):
+                names |= {alias.name.partition(".")[0] for alias in aliases}
+            case ast.ImportFrom(module=str(module)):
+                names.add(module.partition(".")[0])
+    return names
+
+
+def tolerances_without_a_reason(source: str) -> list[int]:
+    """Return the lines of a cell that assert a bound in numbers with no comment above them or beside them."""
+    lines = source.splitlines()
+    bounds = [
+        node.lineno
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.Assert)
+        and any(isinstance(part, ast.Constant) and isinstance(part.value, float) for part in ast.walk(node.test))
+    ]
+    return [line for line in bounds if "# " not in lines[line - 1] and not _explained(lines[: line - 1])]
+
+
+def _explained(above: list[str]) -> bool:
+    """Whether there is a comment above a line, in the same group of lines."""
+    while above and above[-1].strip():
+        if above[-1].strip().startswith("#"):
+            return True
+        above = above[:-1]
+    return False
+
+
+def is_shown(data: dict[str, str]) -> bool:
+    """Return whether what a cell shows is a picture, a page or a formula, or text that is meant to be read."""
+    return len(data) > 1 or not re.search(r"<Figure size| object at 0x|^\w+\(", data["text/plain"])
+
+
+@pytest.fixture(scope="module")
+def kernel(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """The name of a kernel that is the Python of this test, whatever kernels the user has."""
+    folder = tmp_path_factory.mktemp("jupyter")
+    (folder / "kernels" / "this-python").mkdir(parents=True)
+    argv = [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}"]
+    spec = {"argv": argv, "display_name": "this Python", "language": "python", "env": {"PYTHONPATH": str(ROOT)}}
+    (folder / "kernels" / "this-python" / "kernel.json").write_text(json.dumps(spec), "utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("JUPYTER_PATH", str(folder))
+        yield "this-python"
+
+
+@pytest.mark.parametrize("path", spread(NOTEBOOKS, 4), ids=lambda path: path.stem)
+def test_the_notebook_runs(path: Path, kernel: str, tmp_path: Path) -> None:
+    notebook = nbformat.read(path, as_version=4)
+    began = time.perf_counter()
+    NotebookClient(
+        notebook, timeout=int(LONGEST), kernel_name=kernel, resources={"metadata": {"path": str(tmp_path)}}
+    ).execute()
+    taken = time.perf_counter() - began
+    outputs = [(cell.id, output) for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
+    assert [(name, output.text) for name, output in outputs if output.get("name") == "stderr"] == []
+    assert [(name, output.data) for name, output in outputs if "data" in output and not is_shown(output.data)] == []
+    assert (
+        sum("image/png" in output.data or "text/html" in output.data for _, output in outputs if "data" in output) >= 1
+    )
+    assert taken < LONGEST
+    SCRIPT["keep"](path, nbformat.writes(notebook))  # the documentation site shows it, and need not run it again
+
+
+@notebooks
+def test_the_notebook_is_stored_in_one_form(path: Path) -> None:
+    text = path.read_text("utf-8")
+    assert SCRIPT["stored"](text) == text, f"run docs/notebooks.py: {path.name} has outputs or metadata of its own"
+    nbformat.validate(nbformat.reads(text, as_version=4))
+
+
+@notebooks
+def test_cells_have_names_that_stay(path: Path) -> None:
+    names = [cell["id"] for cell in json.loads(path.read_text("utf-8"))["cells"]]
+    assert len(names) == len(set(names))
+    assert [name for name in names if not re.fullmatch(r"[a-z][a-z0-9]*(-[a-z0-9]+)*", name)] == []
+
+
+@notebooks
+def test_the_notebook_needs_nothing_but_the_package_and_what_it_is_made_of(path: Path) -> None:
+    assert set().union(*(imported(source) for _, source in cells(path, "code"))) - ALLOWED == set()
+
+
+@notebooks
+def test_every_tolerance_has_a_reason(path: Path) -> None:
+    asserted = [name for name, source in cells(path, "code") if "assert " in source]
+    assert len(asserted) >= 3
+    assert {name: lines for name, source in cells(path, "code") if (lines := tolerances_without_a_reason(source))} == {}
+
+
+@notebooks
+def test_every_link_of_the_notebook_leads_somewhere(path: Path) -> None:
+    targets = [target for _, source in cells(path, "markdown") for target in LINK.findall(source)]
+    assert [target for target in targets if "://" not in target and not (path.parent / target).exists()] == []
+
+
+def test_the_cells_keep_the_rules_of_the_examples() -> None:
+    for check in (["check", "--quiet"], ["format", "--check", "--quiet"]):
+        made = subprocess.run(
+            [sys.executable, "-m", "ruff", *check, *map(str, NOTEBOOKS)],
+            check=False,
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+        )
+        assert made.returncode == 0, made.stdout + made.stderr
+
+
+# --- the rules, on what breaks them ---------------------------------------------------------------------------------
+
+
+def test_outputs_counts_and_metadata_are_taken_out() -> None:
+    cell = {"cell_type": "code", "id": "a", "metadata": {"tags": ["x"]}, "source": "1\n", "outputs": [1]}
+    found = json.loads(SCRIPT["stored"](json.dumps({"cells": [cell | {"execution_count": 3}], "metadata": {"a": 1}})))
+    assert found["cells"] == [
+        {"cell_type": "code", "execution_count": None, "id": "a", "metadata": {}, "outputs": [], "source": ["1"]}
+    ]
+    assert found["metadata"] == SCRIPT["METADATA"]
+
+
+def test_an_import_from_elsewhere_is_seen() -> None:
+    assert imported("import matplotlib.pyplot as plt\nfrom scipy import special") - ALLOWED == {"matplotlib", "scipy"}
+
+
+def test_a_tolerance_without_a_reason_is_seen() -> None:
+    assert tolerances_without_a_reason("# The step is 0.1.\nx = 1\nassert x < 1e-3") == []
+    assert tolerances_without_a_reason("assert x < 1e-3  # as above") == []
+    assert tolerances_without_a_reason("# The step is 0.1.\nx = 1\n\nassert x < 1e-3") == [4]
+    assert tolerances_without_a_reason("assert x == 1") == []
+
+
+def test_what_is_shown_as_an_object_is_seen() -> None:
+    assert is_shown({"text/plain": "<Figure size 640x480>", "image/png": "..."})
+    assert is_shown({"text/plain": "[<Equilibrium: theta = 0; stable>]"})
+    for text in ("<Figure size 640x480 with 1 Axes>", "<Sheet object at 0x7f>", "Report(system='pendulum', rows=())"):
+        assert not is_shown({"text/plain": text})
+
+
+def test_what_a_notebook_gave_is_kept_for_its_text_and_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script = runpy.run_path(str(ROOT / "docs" / "notebooks.py"))
+    monkeypatch.setitem(script["kept"].__globals__, "ROOT", tmp_path)
+    notebook = tmp_path / "a.ipynb"
+    for text in ("1", "2"):
+        notebook.write_text(text, "utf-8")
+        assert not script["kept"](notebook).exists()
+        script["keep"](notebook, f"outputs of {text}")
+        assert script["kept"](notebook).read_text("utf-8") == f"outputs of {text}"
+    assert len(list((tmp_path / "build" / "notebooks").iterdir())) == 1
